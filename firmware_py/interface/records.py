@@ -1,0 +1,191 @@
+"""One record a CAN frame, in physical units; `vibro.dbc` gives each its id, scaling, range and period.
+
+The drive's frames are ODrive CANSimple 0.6 (revolutions, float32); the rest is this module's own. Frames of
+the sensors, the firmware and the operator end in a rolling counter (0…15) and a CRC-8, which the codec adds
+and checks and which no record carries.
+"""
+
+from typing import NamedTuple
+
+# --- drive, node 0: ODrive CANSimple 0.6 -------------------------------------------------------------
+
+
+class DriveHeartbeat(NamedTuple):
+    """0x01, drive → all, every 100 ms."""
+
+    axis_error: int
+    axis_state: int
+    procedure_result: int
+    trajectory_done: int
+
+
+class DriveEstop(NamedTuple):
+    """0x02, operator or firmware → drive and firmware; no data."""
+
+
+class DriveErrors(NamedTuple):
+    """0x03, drive → all."""
+
+    active_errors: int
+    disarm_reason: int
+
+
+class SetAxisState(NamedTuple):
+    """0x07, firmware → drive."""
+
+    requested_state: int
+
+
+class EncoderEstimates(NamedTuple):
+    """0x09, drive → all, every tick. Position is circular in the simulated drive: [0, 1) revolutions."""
+
+    position_rev: float
+    velocity_rev_s: float
+
+
+class SetControllerMode(NamedTuple):
+    """0x0B, firmware → drive. Torque control is mode 1, pass-through input mode 1."""
+
+    control_mode: int
+    input_mode: int
+
+
+class SetInputVelocity(NamedTuple):
+    """0x0D, any CANSimple client → drive."""
+
+    velocity_rev_s: float
+    torque_feedforward_n_m: float
+
+
+class SetInputTorque(NamedTuple):
+    """0x0E, firmware → drive, every tick."""
+
+    torque_n_m: float
+
+
+class SetLimits(NamedTuple):
+    """0x0F, firmware → drive."""
+
+    velocity_limit_rev_s: float
+    current_limit_a: float
+
+
+class DriveCurrent(NamedTuple):
+    """0x14, drive → all: torque-producing current."""
+
+    setpoint_a: float
+    measured_a: float
+
+
+class DriveTemperature(NamedTuple):
+    """0x15, drive → all."""
+
+    inverter_degc: float
+    motor_degc: float
+
+
+class DriveSupply(NamedTuple):
+    """0x17, drive → all."""
+
+    voltage_v: float
+    current_a: float
+
+
+class ClearErrors(NamedTuple):
+    """0x18, firmware → drive."""
+
+    identify: int
+
+
+class SetAbsolutePosition(NamedTuple):
+    """0x19, firmware → drive."""
+
+    position_rev: float
+
+
+# --- sensors ------------------------------------------------------------------------------------------
+
+
+class Accelerometer(NamedTuple):
+    """0x080, sensors → all, every tick. Low range ±16 g, high range ±200 g, both on the striker's axis."""
+
+    striker_low_m_s2: float
+    striker_high_m_s2: float
+    housing_m_s2: float
+
+
+class CoarsePosition(NamedTuple):
+    """0x081, sensors → all, every 20 ms where the scene has one."""
+
+    striker_position_m: float
+
+
+# --- operator -----------------------------------------------------------------------------------------
+
+
+class OperatorCommand(NamedTuple):
+    """0x0C0, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω."""
+
+    request: int
+    target_ratio: float
+
+
+class ParameterRequest(NamedTuple):
+    """0x0C1, operator → firmware."""
+
+    index: int
+    operation: int
+    value: float
+
+
+# --- firmware -----------------------------------------------------------------------------------------
+
+
+class FirmwareHeartbeat(NamedTuple):
+    """0x110, firmware → all, every 100 ms."""
+
+    mode: int
+    fault: int
+    acting_limit: int
+    regime: int
+    target_omega_rad_s: float
+
+
+class StrikerEstimate(NamedTuple):
+    """0x111, firmware → all, every 10 ms."""
+
+    position_m: float
+    velocity_m_s: float
+    crank_omega_rad_s: float
+
+
+class RegimeReport(NamedTuple):
+    """0x112, firmware → all, once a drive period. The phase is past the crank's forward dead centre."""
+
+    regime: int
+    impacts: int
+    impact_phase_deg: float
+    peak_acceleration_m_s2: float
+
+
+class ImpactEvent(NamedTuple):
+    """0x113, firmware → all, one an impact. `age_s`: from touch-down to this frame's tick."""
+
+    age_s: float
+    approach_speed_m_s: float
+    impulse_n_s: float
+
+
+class FaultEvent(NamedTuple):
+    """0x114, firmware → all, one a fault. `disarm_reason` repeats the drive's, where it gave one."""
+
+    fault: int
+    disarm_reason: int
+
+
+class ParameterValue(NamedTuple):
+    """0x115, firmware → all: the answer to a parameter request."""
+
+    index: int
+    status: int
+    value: float

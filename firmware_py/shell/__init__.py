@@ -1,0 +1,1 @@
+"""What surrounds the core: frames to inputs, outputs to frames, the parameter table."""

@@ -1,0 +1,1 @@
+"""Every bus behind one `open_bus(spec)`."""

@@ -1,0 +1,86 @@
+"""What a simulation hands back, whichever solver ran."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Phase(IntEnum):
+    """The striker's mode of motion; each has its own flow and its own exits."""
+
+    FLIGHT = 0
+    STICK = 1
+    REST_ON_STOP = 2
+    CONTACT = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MotionState:
+    """The module at one instant. The crank angle is carried modulo 2π, never as Ω t."""
+
+    t_s: float
+    x_m: float
+    v_m_s: float
+    crank_rad: float
+    omega_rad_s: float
+    phase: Phase
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyLedger:
+    """drive_work = stored_change + friction + impact_loss (+ stop_stored), all in joules."""
+
+    drive_work_j: float
+    stored_change_j: float
+    friction_j: float
+    impact_loss_j: float
+
+    @property
+    def exchanged_j(self) -> float:
+        """The energy that went through the ledger: the scale of its residual."""
+        return abs(self.drive_work_j) + abs(self.stored_change_j) + self.friction_j + self.impact_loss_j
+
+    @property
+    def residual(self) -> float:
+        """What does not balance, as a fraction of the energy exchanged; 0 where none was."""
+        error = self.drive_work_j - self.stored_change_j - self.friction_j - self.impact_loss_j
+        return abs(error) / self.exchanged_j if self.exchanged_j > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Impacts:
+    """One entry an impact: touch-down time, approach speed v⁻ > 0, speed after it, impulse, peak force.
+
+    `peak_force_n` is nan at a rigid stop, which has none. Arrays share one shape (n,).
+    """
+
+    t_s: NDArray[np.float64]
+    v_m_s: NDArray[np.float64]
+    v_after_m_s: NDArray[np.float64]
+    impulse_n_s: NDArray[np.float64]
+    peak_force_n: NDArray[np.float64]
+    crank_rad: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The motion on a grid of times the caller asked for; arrays of shape (n,)."""
+
+    t_s: NDArray[np.float64]
+    x_m: NDArray[np.float64]
+    v_m_s: NDArray[np.float64]
+    crank_rad: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationResult:
+    """A whole run of the plant alone."""
+
+    impacts: Impacts
+    final: MotionState
+    energy: EnergyLedger
+    method: str
+    samples: Samples | None = None
+    notes: tuple[str, ...] = field(default=())

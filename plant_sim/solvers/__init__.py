@@ -1,0 +1,1 @@
+"""One solver a file; `plant_sim.simulate` chooses among them."""

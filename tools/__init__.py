@@ -1,0 +1,1 @@
+"""What people sit down with: the command line, studies, tuning and inspection."""

@@ -1,0 +1,1 @@
+"""Designing and fitting the firmware's parameters."""
