@@ -1,0 +1,1 @@
+"""One file a command of `vibrohil`; each registers itself on `tools.cli.app`."""

@@ -1,0 +1,96 @@
+"""`vibrohil run SCENARIO`: one run of firmware and plant on a bus, with a verdict."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tools.output import EXIT_CHECK_FAILED, console, figure, figure_table, print_json, progress_console
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(run)
+
+
+def run(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
+    clock: Annotated[
+        Literal["real", "lockstep"], typer.Option(help="Wall clock with two processes, or lockstep in one.")
+    ] = "real",
+    bus: Annotated[
+        str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
+    ] = "auto",
+    out: Annotated[
+        Path | None, typer.Option(help="The run folder; by default a new one under runs/.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a value: scene., firmware. or script., dotted; repeatable."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run one scenario, record every signal, and judge it."""
+    from hil.bench import run_scenario
+    from hil.scenario import load_scenario
+
+    loaded = load_scenario(scenario, change or [])
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+        console=progress_console,
+        transient=True,
+    ) as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def progress(fraction: float, doing: str) -> None:
+            bar.update(task, completed=fraction, description=doing)
+
+        verdict = run_scenario(loaded, clock=clock, bus=bus, out_dir=out, seed=seed, progress=progress)
+    if as_json:
+        print_json(verdict)
+    else:
+        show(verdict)
+    if not verdict["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show(verdict: dict[str, Any]) -> None:
+    """Print a run's figures, its checks and its verdict."""
+    estimate, detector, tick = verdict["estimate"], verdict["detector"], verdict["tick_us"]
+    speeds = [impact["v_m_s"] for impact in verdict["impacts"]]
+    rows = [
+        ("clock", verdict["clock"], ""),
+        ("bus", f"{verdict['bus']}{' (SocketCAN)' if verdict['kernel_can'] else ''}", ""),
+        ("duration", verdict["duration_s"], "s"),
+        ("regime", verdict["regime"], ""),
+        ("impacts", len(speeds), ""),
+        ("last approach speed", speeds[-1] if speeds else None, "m/s"),
+        ("peak stop force", verdict["peak_force_n"], "N"),
+        ("position RMSE", None if estimate["x_rmse_m"] is None else 1e3 * estimate["x_rmse_m"], "mm"),
+        ("velocity RMSE", estimate["v_rmse_m_s"], "m/s"),
+        ("detector precision", detector["precision"], ""),
+        ("detector recall", detector["recall"], ""),
+        ("detection latency p50", detector["latency_ms"]["p50"], "ms"),
+        ("firmware work p50 / p99", f"{figure(tick['p50'])} / {figure(tick['p99'])}", "µs"),
+        ("overruns / bare loop's", f"{verdict['overruns']} / {figure(verdict['baseline_overruns'])}", ""),
+        ("met its timing", verdict["real_time"], ""),
+        ("times real time", verdict["realtime_factor"], ""),
+        ("bus load, worst case", 100 * verdict["bus_load"], "%"),
+    ]
+    console.print(figure_table(verdict["scenario"], rows))
+    checks = Table(box=None, pad_edge=False)
+    for name in ("check", "value", "limit", ""):
+        checks.add_column(name, no_wrap=name == "check")
+    for check in verdict["checks"]:
+        mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
+        checks.add_row(check["name"], figure(check["value"], check["unit"]), str(check["limit"]), mark)
+    console.print(checks)
+    for reason in verdict.get("reasons", []):
+        console.print(f"[bold red]{reason}[/]", highlight=False)
+    word = "[bold green]PASSED[/]" if verdict["passed"] else "[bold red]FAILED[/]"
+    console.print(f"{word}  {verdict['out']}", soft_wrap=True, highlight=False)

@@ -1,0 +1,66 @@
+"""What commands print: one JSON object for machines, tables for people, and how a wish goes wrong."""
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+EXIT_PASSED = 0
+EXIT_CHECK_FAILED = 1
+EXIT_INTERRUPTED = 2
+EXIT_INTERNAL_ERROR = 3
+EXIT_BAD_INPUT = 4
+EXIT_NOTHING_RAN = 5
+
+console = Console(stderr=False)
+progress_console = Console(stderr=True)
+
+
+class BadInput(ValueError):
+    """What the user gave cannot be used; the sentence says what was given, what is wanted and what to do."""
+
+
+def plain(value: Any) -> Any:
+    """`value` in JSON's own types: arrays become lists, what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_json(payload: Mapping[str, Any]) -> None:
+    """Print one JSON object, and nothing else, on standard output."""
+    sys.stdout.write(json.dumps(plain(payload), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def figure(value: Any, unit: str = "") -> str:
+    """A figure as people read it: four significant digits, its unit, an em dash where there is none."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "—"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{text} {unit}".rstrip()
+
+
+def figure_table(title: str, rows: Iterable[tuple[str, Any, str]]) -> Table:
+    """A two-column table of (name, value, unit)."""
+    table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
+    table.add_column(style="cyan", no_wrap=True)
+    table.add_column()
+    for name, value, unit in rows:
+        table.add_row(name, figure(value, unit))
+    return table
