@@ -1,0 +1,118 @@
+"""How this package compiles: one `jit`, and functions chosen by the type of a part at compile time.
+
+numba's cache looks only at the file of the function it caches. An edited callee in another file, a
+reordered record or a changed enum value would run stale machine code, so the cache folder is named by a
+hash of every source of the package: any edit opens a fresh folder.
+"""
+
+import functools
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numba
+from numba.core import config as numba_config
+from numba.core import types
+from numba.extending import overload
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_Generic = TypeVar("_Generic", bound=Callable[..., Any])
+_Law = TypeVar("_Law", bound=Callable[..., Any])
+
+
+class KernelCacheError(OSError):
+    """The folder for compiled kernels cannot be written."""
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels, under $VIBROHIL_CACHE_DIR or `vibrohil` in the user's cache folder."""
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    root = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
+    folder = root / f"plant_sim-{_source_hash()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise KernelCacheError(
+            f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "
+            "set VIBROHIL_CACHE_DIR to a writable folder"
+        ) from error
+    return folder
+
+
+def _source_hash() -> str:
+    package = Path(__file__).parent
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(package.rglob("*.py")):
+        digest.update(source.relative_to(package).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a kernel: no Python objects, no GIL, IEEE division, cached per source state and types."""
+    return _compiled(function, parallel=False)
+
+
+def parallel_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """`jit` with `numba.prange` loops spread over the cores."""
+    return _compiled(function, parallel=True)
+
+
+def _compiled(function: Callable[_P, _R], *, parallel: bool) -> Callable[_P, _R]:
+    # numba reads its global cache folder when it decorates; put back, for other packages have their own.
+    settings: Any = numba_config
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    try:
+        kernel: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=parallel)(
+            function
+        )
+    finally:
+        settings.CACHE_DIR = previous
+    return kernel
+
+
+def by_part(generic: _Generic) -> _Generic:
+    """A function with one law per type of its first argument, chosen when a kernel is compiled.
+
+    Laws are added with `@law(generic, PartType)`; a kernel that calls the generic function then holds only
+    the law of the scene's own part. The same call works interpreted.
+
+    >>> from typing import NamedTuple
+    >>> class Sphere(NamedTuple):
+    ...     radius_m: float
+    >>> @by_part
+    ... def volume_m3(body): ...
+    >>> @law(volume_m3, Sphere)
+    ... def _(body):
+    ...     return 4.0 / 3.0 * 3.14159 * body.radius_m**3
+    >>> round(volume_m3(Sphere(1.0)), 3)
+    4.189
+    """
+    laws: dict[type, Callable[..., Any]] = {}
+
+    @functools.wraps(generic)
+    def interpreted(part: Any, *arguments: Any) -> Any:
+        return laws[type(part)](part, *arguments)
+
+    def compiled(part: types.Type, *arguments: types.Type) -> Callable[..., Any] | None:
+        return laws.get(getattr(part, "instance_class", type(None)))
+
+    overload(interpreted, strict=False, jit_options={"error_model": "numpy"})(compiled)
+    interpreted.laws = laws  # type: ignore[attr-defined]  # read by `law` alone
+    return interpreted  # type: ignore[return-value]  # keeps the generic function's own signature for callers
+
+
+def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
+    """Register the decorated function as what `generic` does for these types of part."""
+
+    def register(function: _Law) -> _Law:
+        laws: dict[type, Callable[..., Any]] = generic.laws  # type: ignore[attr-defined]  # set by `by_part`
+        for part in parts:
+            laws[part] = function
+        return function
+
+    return register
