@@ -1,0 +1,138 @@
+"""Traces: what comes back, while a writer writes and after it was killed."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from enum import IntEnum
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from hil import trace
+
+
+class Mode(IntEnum):
+    OFF = 0
+    ON = 3
+
+
+class Inner(NamedTuple):
+    x_m: float
+    mode: Mode
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    hit: bool
+    count: int
+
+
+def test_nested_records_come_back_under_dotted_names(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("tick", int), ("outer", Outer), ("", Inner)]) as writer:
+        writer.append(7, Outer(Inner(1.5, Mode.ON), True, -2), Inner(2.5, Mode.OFF))
+    records = trace.read(path)
+    assert records.dtype.names == (
+        "tick",
+        "outer.inner.x_m",
+        "outer.inner.mode",
+        "outer.hit",
+        "outer.count",
+        "x_m",
+        "mode",
+    )
+    assert list(records[0]) == [7, 1.5, 3, True, -2, 2.5, 0]
+
+
+def test_file_grows_past_its_window_without_losing_a_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trace, "WINDOW_BYTES", 5000)
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("tick", int), ("x", float), ("flag", bool)]) as writer:
+        for tick in range(5000):
+            writer.append(tick, tick / 3, tick % 2 == 0)
+    records = trace.read(path)
+    np.testing.assert_array_equal(records["tick"], np.arange(5000))
+    np.testing.assert_array_equal(records["x"], np.arange(5000) / 3)
+    np.testing.assert_array_equal(records["flag"], np.arange(5000) % 2 == 0)
+
+
+def test_reader_sees_each_record_as_soon_as_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("tick", int)]) as writer:
+        for tick in range(10):
+            writer.append(tick)
+            assert list(trace.read(path)["tick"]) == list(range(tick + 1))
+        assert list(trace.read(path, start=8)["tick"]) == [8, 9]
+        assert len(trace.read(path, start=10)) == 0
+
+
+def test_closing_gives_back_the_space_that_no_record_took(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("tick", int)], expected_records=1_000_000) as writer:
+        writer.append(1)
+        assert path.stat().st_size > 8_000_000
+    assert path.stat().st_size < 100_000
+
+
+def test_file_that_is_no_trace_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    path.write_bytes(b"hello")
+    with pytest.raises(trace.TraceError, match="is no trace"):
+        trace.read(path)
+
+
+def test_columns_of_one_name_and_types_without_a_number_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(trace.TraceError, match="names columns twice: x"):
+        trace.TraceWriter(tmp_path / "a.trace", [("x", int), ("x", float)])
+    with pytest.raises(trace.TraceError, match=r"trace column x is of type <class 'str'>"):
+        trace.TraceWriter(tmp_path / "a.trace", [("x", str)])
+
+
+WRITE_FOREVER = """
+import sys
+from itertools import count
+from pathlib import Path
+from hil import trace
+trace.WINDOW_BYTES = 20_000
+writer = trace.TraceWriter(Path(sys.argv[1]), [("tick", int), ("twice", float)])
+print("writing", flush=True)
+for tick in count():
+    writer.append(tick, 2.0 * tick)
+"""
+
+
+def test_killed_writer_leaves_every_record_it_counted(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    for number in range(8):
+        path = tmp_path / f"{number}.trace"
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITE_FOREVER, str(path)], stdout=subprocess.PIPE, text=True
+        ) as writer:
+            assert writer.stdout is not None
+            assert writer.stdout.readline() == "writing\n"
+            time.sleep(rng.uniform(0.0, 0.05))
+            os.kill(writer.pid, signal.SIGKILL)
+        ticks = trace.read(path)
+        np.testing.assert_array_equal(ticks["tick"], np.arange(len(ticks)))
+        np.testing.assert_array_equal(ticks["twice"], 2.0 * np.arange(len(ticks)))
+
+
+def test_record_of_a_hundred_columns_takes_five_microseconds_at_most(tmp_path: Path) -> None:
+    block = NamedTuple("block", [(f"x{index}", float) for index in range(10)])
+    state = NamedTuple("state", [(f"b{index}", block) for index in range(10)])
+    value = state(*[block(*map(float, range(10)))] * 10)
+    best_s = float("inf")
+    with trace.TraceWriter(tmp_path / "a.trace", [("tick", int), ("state", state)], 20_000) as writer:
+        for _ in range(10):
+            started = time.perf_counter()
+            for tick in range(2000):
+                writer.append(tick, value)
+            best_s = min(best_s, (time.perf_counter() - started) / 2000)
+    assert best_s < 5e-6
