@@ -75,25 +75,95 @@ class ActingLimit(IntEnum):
 
 
 class AxisState(IntEnum):
-    """ODrive 0.6 axis states that the bench uses."""
+    """ODrive 0.6 axis states; the bench itself uses IDLE and CLOSED_LOOP_CONTROL."""
 
     UNDEFINED = 0
     IDLE = 1
+    STARTUP_SEQUENCE = 2
+    FULL_CALIBRATION_SEQUENCE = 3
+    MOTOR_CALIBRATION = 4
+    SENSORLESS_CONTROL = 5
+    ENCODER_INDEX_SEARCH = 6
+    ENCODER_OFFSET_CALIBRATION = 7
     CLOSED_LOOP_CONTROL = 8
+    LOCKIN_SPIN = 9
+    ENCODER_DIR_FIND = 10
+    HOMING = 11
+    ENCODER_HALL_POLARITY_CALIBRATION = 12
+    ENCODER_HALL_PHASE_CALIBRATION = 13
+    ANTICOGGING_CALIBRATION = 14
 
 
 class AxisError(IntEnum):
-    """ODrive 0.6 error bits that the bench uses."""
+    """ODrive 0.6 error bits; a field of errors is any combination of them."""
 
     NONE = 0
+    INITIALIZING = 0x00000001
+    SYSTEM_LEVEL = 0x00000002
+    TIMING_ERROR = 0x00000004
+    MISSING_ESTIMATE = 0x00000008
+    BAD_CONFIG = 0x00000010
+    DRV_FAULT = 0x00000020
+    MISSING_INPUT = 0x00000040
     DC_BUS_OVER_VOLTAGE = 0x00000100
     DC_BUS_UNDER_VOLTAGE = 0x00000200
     DC_BUS_OVER_CURRENT = 0x00000400
+    DC_BUS_OVER_REGEN_CURRENT = 0x00000800
+    CURRENT_LIMIT_VIOLATION = 0x00001000
     MOTOR_OVER_TEMP = 0x00002000
     INVERTER_OVER_TEMP = 0x00004000
     VELOCITY_LIMIT_VIOLATION = 0x00008000
+    POSITION_LIMIT_VIOLATION = 0x00010000
     WATCHDOG_TIMER_EXPIRED = 0x01000000
     ESTOP_REQUESTED = 0x02000000
+    SPINOUT_DETECTED = 0x04000000
+    BRAKE_RESISTOR_DISARMED = 0x08000000
+    THERMISTOR_DISCONNECTED = 0x10000000
+    CALIBRATION_ERROR = 0x40000000
+
+
+class ProcedureResult(IntEnum):
+    """ODrive 0.6: how the axis's last procedure ended."""
+
+    SUCCESS = 0
+    BUSY = 1
+    CANCELLED = 2
+    DISARMED = 3
+    NO_RESPONSE = 4
+    POLE_PAIR_CPR_MISMATCH = 5
+    PHASE_RESISTANCE_OUT_OF_RANGE = 6
+    PHASE_INDUCTANCE_OUT_OF_RANGE = 7
+    UNBALANCED_PHASES = 8
+    INVALID_MOTOR_TYPE = 9
+    ILLEGAL_HALL_STATE = 10
+    TIMEOUT = 11
+    HOMING_WITHOUT_ENDSTOP = 12
+    INVALID_STATE = 13
+    NOT_CALIBRATED = 14
+    NOT_CONVERGING = 15
+
+
+class ControlMode(IntEnum):
+    """ODrive 0.6: what the drive's controller regulates. The bench uses TORQUE_CONTROL."""
+
+    VOLTAGE_CONTROL = 0
+    TORQUE_CONTROL = 1
+    VELOCITY_CONTROL = 2
+    POSITION_CONTROL = 3
+
+
+class InputMode(IntEnum):
+    """ODrive 0.6: how the drive's controller treats its set-points. The bench uses PASSTHROUGH."""
+
+    INACTIVE = 0
+    PASSTHROUGH = 1
+    VEL_RAMP = 2
+    POS_FILTER = 3
+    MIX_CHANNELS = 4
+    TRAP_TRAJ = 5
+    TORQUE_RAMP = 6
+    MIRROR = 7
+    TUNING = 8
 
 
 class ParameterOperation(IntEnum):

@@ -133,7 +133,7 @@ class OperatorCommand(NamedTuple):
 class ParameterRequest(NamedTuple):
     """0x0C1, operator → firmware."""
 
-    index: int
+    parameter_index: int
     operation: int
     value: float
 
@@ -186,6 +186,6 @@ class FaultEvent(NamedTuple):
 class ParameterValue(NamedTuple):
     """0x115, firmware → all: the answer to a parameter request."""
 
-    index: int
+    parameter_index: int
     status: int
     value: float
