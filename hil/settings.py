@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE`: dotted changes to a scene, the firmware's parameters or a script, typed as TOML types them."""
+"""`--set KEY=VALUE`: dotted changes to a scene, the firmware's parameters or a script, as TOML values."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ def parse_value(text: str) -> Any:
 
 
 def apply_settings(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """A copy of `document` with each `a.b.c=value` of `settings` in place; the document's models judge the result.
+    """A copy of `document` with each `a.b.c=value` of `settings` in place.
 
     The first word must be one of the document's own tables (such as scene, firmware, script); tables below
     it are made as needed.

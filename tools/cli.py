@@ -16,7 +16,7 @@ from tools.output import (
     EXIT_INTERNAL_ERROR,
     EXIT_INTERRUPTED,
     EXIT_PASSED,
-    BadInput,
+    BadInputError,
     print_json,
     progress_console,
 )
@@ -38,12 +38,13 @@ for command in COMMANDS:
 def bad_input_types() -> tuple[type[Exception], ...]:
     """The errors that blame the input; looked up only once one has been raised."""
     from firmware_py.shell.parameters import ParameterError
-    from hil.bus import BusError
     from hil.scenario import ScenarioError
-    from hil.uml import UmlError
     from plant_sim.scene import SceneError
 
-    return (BadInput, SceneError, ScenarioError, ParameterError, BusError, UmlError)
+    from hil.bus import BusError
+    from hil.uml import UmlError
+
+    return (BadInputError, SceneError, ScenarioError, ParameterError, BusError, UmlError)
 
 
 def refuse(message: str, as_json: bool) -> int:

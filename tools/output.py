@@ -21,7 +21,7 @@ console = Console(stderr=False)
 progress_console = Console(stderr=True)
 
 
-class BadInput(ValueError):
+class BadInputError(ValueError):
     """What the user gave cannot be used; the sentence says what was given, what is wanted and what to do."""
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from tools.output import BadInput
+from tools.output import BadInputError
 
 
 def register(app: typer.Typer) -> None:
@@ -20,7 +20,7 @@ def kernel(
     from hil.uml import run_in_kernel
 
     if not command:
-        raise BadInput(
+        raise BadInputError(
             "no command given; wanted e.g. vibrohil kernel -- vibrohil run soft-start-multistable --bus vcan"
         )
     raise typer.Exit(run_in_kernel(command, memory=memory))

@@ -1,13 +1,14 @@
 """`vibrohil simulate SCENE`: the plant alone."""
 
 import time
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from tools.output import BadInput, console, figure_table, print_json
+from tools.output import BadInputError, console, figure_table, print_json
 
 
 def register(app: typer.Typer) -> None:
@@ -29,12 +30,15 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
-    from hil.settings import apply_settings
     from plant_sim.scene import load_scene, read_scene
     from plant_sim.simulate import simulate as simulate_plant
 
+    from hil.settings import apply_settings
+
     if not 0.0 < until < float("inf"):
-        raise BadInput(f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10")
+        raise BadInputError(
+            f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10"
+        )
     loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
     started = time.perf_counter()
     result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
@@ -100,7 +104,7 @@ def show(payload: dict[str, Any]) -> None:
                 f"{times[row]:.6f}",
                 f"{speeds[row]:.4f}",
                 f"{payload['impulses_n_s'][row]:.4f}",
-                "—" if peak != peak else f"{peak:.1f}",
+                "—" if isnan(peak) else f"{peak:.1f}",
             )
         console.print(table)
     for note in payload["notes"]:
