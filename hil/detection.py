@@ -1,0 +1,58 @@
+"""How well the firmware saw the impacts: its detections matched one to one with the true touch-downs.
+
+A detection belongs to the touch-down it follows by no more than `LONGEST_LATENCY_S`. Of all one-to-one
+matchings the one with most pairs, and of those with the least total latency, is taken: an assignment problem,
+solved in each group of neighbours on its own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+WEAKEST_V_M_S = 0.05
+"""A touch-down slower than this need not be seen; seeing it is no false alarm either."""
+LONGEST_LATENCY_S = 0.040
+"""A detection later than this is not of that impact: four contact times of the default stop."""
+LARGEST_LEAD_S = 0.001
+"""A detection may precede the located touch-down by a tick: the sensors are sampled, the event is not."""
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Pairs of indices into truth and detections, both of shape (pairs,), in order of time."""
+
+    truth: IntArray
+    detection: IntArray
+
+
+def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
+    """The best one-to-one matching of sorted touch-downs, shape (n,), with sorted detections, shape (m,)."""
+    truth_pairs: list[int] = []
+    detection_pairs: list[int] = []
+    times = np.concatenate([truth_t_s, detection_t_s])
+    is_truth = np.concatenate([np.ones(len(truth_t_s), bool), np.zeros(len(detection_t_s), bool)])
+    index = np.concatenate([np.arange(len(truth_t_s)), np.arange(len(detection_t_s))])
+    order = np.argsort(times, kind="stable")
+    far = np.flatnonzero(np.diff(times[order]) > LONGEST_LATENCY_S) + 1
+    for group in np.split(order, far):
+        truths, detections = index[group[is_truth[group]]], index[group[~is_truth[group]]]
+        if len(truths) == 0 or len(detections) == 0:
+            continue
+        latency = detection_t_s[detections][None, :] - truth_t_s[truths][:, None]
+        allowed = (latency >= -LARGEST_LEAD_S) & (latency <= LONGEST_LATENCY_S)
+        forbidden = LONGEST_LATENCY_S * (1 + min(latency.shape))  # dearer than any set of allowed pairs
+        rows, columns = linear_sum_assignment(np.where(allowed, np.abs(latency), forbidden))
+        for row, at in zip(rows, columns, strict=True):
+            if allowed[row, at]:
+                truth_pairs.append(int(truths[row]))
+                detection_pairs.append(int(detections[at]))
+    by_time = np.argsort(truth_pairs, kind="stable")
+    return Matching(
+        truth=np.array(truth_pairs, np.int64)[by_time], detection=np.array(detection_pairs, np.int64)[by_time]
+    )

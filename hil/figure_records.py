@@ -1,0 +1,204 @@
+"""What is known about a run once it is over: each figure with its unit and meaning.
+
+A figure that the run cannot give (no impact, no hold, no soft stop) is None, and a check on it fails. Checks,
+report and tables take units and meanings from here. Times are simulated seconds from the run's start unless a
+name says otherwise.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, is_dataclass
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+
+class Quantity(NamedTuple):
+    """A figure's unit ("1" for a ratio, "" for a name or a record) and its meaning."""
+
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Two quantiles and the largest of a sample."""
+
+    p50: Annotated[float | None, Quantity("µs", "median")]
+    p99: Annotated[float | None, Quantity("µs", "99th percentile")]
+    max: Annotated[float | None, Quantity("µs", "largest")]
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """From a touch-down to the tick that reports it."""
+
+    p50: Annotated[float | None, Quantity("ms", "median latency of a detection")]
+    p95: Annotated[float | None, Quantity("ms", "95th percentile of the detections' latency")]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopTiming:
+    """One loop's own clockwork."""
+
+    ticks: Annotated[int, Quantity("1", "ticks run")]
+    overruns: Annotated[int, Quantity("1", "ticks skipped because the next deadline had passed")]
+    late_wakeups: Annotated[int, Quantity("1", "wake-ups more than half a tick late")]
+    long_work: Annotated[int, Quantity("1", "ticks whose work took more than half a tick")]
+    work_us: Annotated[Spread, Quantity("", "work in a tick")]
+    wake_us: Annotated[Spread, Quantity("", "wake-up latency")]
+
+
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """The two loops of the bench."""
+
+    plant: Annotated[LoopTiming, Quantity("", "the plant's loop")]
+    firmware: Annotated[LoopTiming, Quantity("", "the firmware's loop")]
+
+
+@dataclass(frozen=True, slots=True)
+class TrueImpact:
+    """One touch-down of the true striker."""
+
+    t_s: float
+    v_m_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateFigures:
+    """The firmware's estimate against the truth of the same tick, over the hold."""
+
+    x_rmse_m: Annotated[float | None, Quantity("m", "RMS error of the striker's position")]
+    v_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the striker's velocity")]
+    x_worst_m: Annotated[float | None, Quantity("m", "largest error of the striker's position")]
+    nis_mean: Annotated[
+        float | None,
+        Quantity("1", "mean normalised innovation squared; 1 if the filter's covariance is honest"),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorFigures:
+    """The firmware's detections against the true touch-downs of at least 0.05 m/s, over the whole run."""
+
+    precision: Annotated[
+        float | None, Quantity("1", "detections that belong to an impact, of all detections")
+    ]
+    recall: Annotated[float | None, Quantity("1", "impacts that were detected, of all that should have been")]
+    latency_ms: Annotated[Latency, Quantity("", "from touch-down to the tick that reports it")]
+    speed_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the reported approach speed")]
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedFigures:
+    """The crank's true speed over the second half of the hold."""
+
+    mean_rad_s: Annotated[float | None, Quantity("rad/s", "mean crank speed")]
+    error: Annotated[float | None, Quantity("1", "mean crank speed over its mean target, less one")]
+    ripple: Annotated[float | None, Quantity("1", "half of the peak-to-peak crank speed over its mean")]
+
+
+@dataclass(frozen=True, slots=True)
+class SafeStateFigures:
+    """What happened once the drive was to be off."""
+
+    cause: Annotated[
+        str | None,
+        Quantity("", "stop, fault, e-stop, firmware-silent or plant-silent; none while still driving"),
+    ]
+    at_s: Annotated[float | None, Quantity("s", "when the drive was to be off")]
+    torque_zero_after_s: Annotated[float | None, Quantity("s", "until the motor's torque was zero for good")]
+    command_zero_after_s: Annotated[
+        float | None, Quantity("s", "until the firmware's torque command was zero for good")
+    ]
+    blows_after: Annotated[
+        int | None, Quantity("1", "impacts after that moment: a torque of zero is no promise of none")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """All figures of a run."""
+
+    scenario: Annotated[str, Quantity("", "the scenario's name")]
+    clock: Annotated[str, Quantity("", "real or lockstep")]
+    bus: Annotated[str, Quantity("", "the bus it ran on")]
+    kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
+    real_time: Annotated[bool, Quantity("", "whether a real-time run met its timing")]
+    duration_s: Annotated[float, Quantity("s", "simulated duration")]
+    ticks: Annotated[int, Quantity("1", "ticks the firmware ran")]
+    overruns: Annotated[int, Quantity("1", "ticks skipped, both loops")]
+    baseline_overruns: Annotated[int | None, Quantity("1", "ticks a bare sleep loop skipped beside the run")]
+    late_wakeups: Annotated[int, Quantity("1", "wake-ups more than half a tick late, both loops")]
+    long_work: Annotated[int, Quantity("1", "ticks whose work took more than half a tick, both loops")]
+    tick_us: Annotated[Spread, Quantity("", "work in a firmware tick")]
+    wake_us: Annotated[Spread, Quantity("", "wake-up latency of the firmware's loop")]
+    loops: Annotated[Loops, Quantity("", "timing of each loop")]
+    bus_load: Annotated[
+        float | None, Quantity("1", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing")
+    ]
+    realtime_factor: Annotated[float | None, Quantity("1", "simulated over elapsed time")]
+    impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
+    impact_count: Annotated[int, Quantity("1", "true touch-downs of the run")]
+    regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
+    regime_believed: Annotated[str, Quantity("", "what the firmware believed at the end of the hold")]
+    hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]
+    hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
+    impacts_per_period: Annotated[
+        float | None, Quantity("1", "impacts per turn of the crank during the hold")
+    ]
+    capture_s: Annotated[
+        float | None, Quantity("s", "first impact from which on every drive period of the hold had one")
+    ]
+    largest_v_m_s: Annotated[float | None, Quantity("m/s", "largest approach speed of the run")]
+    largest_v_on_the_way_m_s: Annotated[
+        float | None, Quantity("m/s", "largest approach speed before the hold")
+    ]
+    impact_v_m_s: Annotated[
+        float | None, Quantity("m/s", "median approach speed over the second half of the hold")
+    ]
+    peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
+    estimate: Annotated[EstimateFigures, Quantity("", "the firmware's estimate against the truth")]
+    detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
+    speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]
+    fault: Annotated[str, Quantity("", "the first fault the firmware latched, or none")]
+    final_mode: Annotated[str, Quantity("", "the mode the firmware ended in")]
+    motor_torque_after_stop_n_m: Annotated[
+        float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive was to be off")
+    ]
+    safe_state: Annotated[SafeStateFigures, Quantity("", "what happened once the drive was to be off")]
+    energy_residual: Annotated[
+        float | None, Quantity("1", "what the plant's energy ledger leaves unbalanced, of all exchanged")
+    ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Nested dictionaries of JSON's own types."""
+        return asdict(self)
+
+
+class FigureSpec(NamedTuple):
+    """What a figure is called, measured in, and means."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
+    """The leaf figures below a record, by dotted name."""
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        kind, quantity = get_args(hint)
+        if isinstance(kind, type) and is_dataclass(kind):
+            yield from walk(kind, f"{prefix}{name}.")
+        elif get_origin(kind) is not tuple:
+            yield FigureSpec(f"{prefix}{name}", quantity.unit, quantity.meaning)
+
+
+CATALOGUE: Mapping[str, FigureSpec] = {spec.name: spec for spec in walk(Figures)}
+"""Every figure a check may name."""
+
+
+def value_of(figures: Mapping[str, Any], name: str) -> Any:
+    """The figure at a dotted name of `Figures.as_json()`."""
+    value: Any = figures
+    for part in name.split("."):
+        value = value[part]
+    return value

@@ -1,0 +1,124 @@
+"""A run folder read back: the traces that figures, log and report are made of, and nothing else."""
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import trace
+
+Records = NDArray[np.void]
+"""A structured array, one record a tick (or an impact), columns by the names of the trace."""
+
+FloatArray = NDArray[np.float64]
+
+CANDUMP_LINE = re.compile(rb"\((\d+)\.(\d{6,9})\) \S+ ([0-9A-Fa-f]+)#([0-9A-Fa-f]*)\r?\n")
+
+
+@dataclass(frozen=True)
+class BusLog:
+    """The frames of `can.log`: seconds since the run's start, identifiers, lengths in bytes; shapes (n,)."""
+
+    t_s: FloatArray
+    can_id: NDArray[np.int64]
+    length: NDArray[np.int64]
+    payloads: tuple[bytes, ...]
+
+
+@dataclass(frozen=True)
+class RunTraces:
+    """All a run left behind. A trace whose process never wrote is an empty array without columns."""
+
+    plant: Records
+    firmware: Records
+    impacts: Records
+    operator: Records
+    bus: BusLog
+    run: Mapping[str, Any] = field(default_factory=dict)
+    outcome: Mapping[str, Any] = field(default_factory=dict)
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+
+
+NO_RECORDS: Records = np.zeros(0, dtype=[])
+
+NO_BUS = BusLog(
+    t_s=np.zeros(0),
+    can_id=np.zeros(0, np.int64),
+    length=np.zeros(0, np.int64),
+    payloads=(),
+)
+
+
+def column(records: Records, name: str) -> FloatArray:
+    """One column as floats; an empty trace gives an empty column, an unknown name raises."""
+    names = records.dtype.names or ()
+    if name in names:
+        return np.asarray(records[name], dtype=np.float64)
+    if len(records) == 0:
+        return np.zeros(0)
+    near = ", ".join(difflib.get_close_matches(name, names, n=3)) or ", ".join(names)
+    raise KeyError(f"the trace has no column {name!r}; it has {near}")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object, or an empty one where the file is not there."""
+    if not path.exists():
+        return {}
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+def read_trace(path: Path) -> Records:
+    """A trace, or an empty one where its process never got to write it."""
+    return trace.read(path) if path.exists() else NO_RECORDS
+
+
+def parse_candump(text: bytes, start_s: float) -> BusLog:
+    """candump's log lines, `(seconds.micros) channel ID#DATA`; times come out relative to `start_s`.
+
+    >>> log = parse_candump(b"(10.001000) vcan0 080#0102\\n", start_s=10.0)
+    >>> round(float(log.t_s[0]), 6), hex(log.can_id[0]), log.payloads
+    (0.001, '0x80', (b'\\x01\\x02',))
+    """
+    start_whole = int(start_s)
+    start_fraction = start_s - start_whole
+    t_s, can_id, payloads = [], [], []
+    for match in CANDUMP_LINE.finditer(text):
+        whole, fraction, identifier, data = match.groups()
+        t_s.append(int(whole) - start_whole + (int(fraction) / 10 ** len(fraction) - start_fraction))
+        can_id.append(int(identifier, 16))
+        payloads.append(bytes.fromhex(data.decode()))
+    return BusLog(
+        t_s=np.array(t_s, np.float64),
+        can_id=np.array(can_id, np.int64),
+        length=np.array([len(payload) for payload in payloads], np.int64),
+        payloads=tuple(payloads),
+    )
+
+
+def read_bus(path: Path, start_s: float) -> BusLog:
+    """`can.log`, or an empty log; a last line cut short by a kill is left out."""
+    return parse_candump(path.read_bytes(), start_s) if path.exists() else NO_BUS
+
+
+def read_run(run_dir: Path) -> RunTraces:
+    """Everything in `run_dir`, also of a run that was killed or is still going."""
+    run = read_json(run_dir / "run.json")
+    scenario = run_dir / "scenario.toml"
+    return RunTraces(
+        plant=read_trace(run_dir / "plant.trace"),
+        firmware=read_trace(run_dir / "firmware.trace"),
+        impacts=read_trace(run_dir / "impacts.trace"),
+        operator=read_trace(run_dir / "operator.trace"),
+        bus=read_bus(run_dir / "can.log", float(run.get("wall_start_s", 0.0))),
+        run=run,
+        outcome=read_json(run_dir / "outcome.json"),
+        scenario=tomllib.loads(scenario.read_text()) if scenario.exists() else {},
+    )

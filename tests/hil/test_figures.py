@@ -1,0 +1,286 @@
+"""Figures against made-up traces whose answers are known."""
+
+import numpy as np
+import pytest
+from run_folder import (
+    END_S,
+    HOLD_S,
+    LATENCY_S,
+    OMEGA_RAD_S,
+    READY_S,
+    STOP_S,
+    T_S,
+    V_M_S,
+    MadeUpRun,
+    make_run,
+    write_run,
+)
+
+from firmware_py.interface.enums import Fault, Mode, Regime
+from hil import detection, true_regime
+from hil.figures import figures_of
+from hil.run_traces import column, parse_candump
+
+
+def drop_after(columns, t_s):
+    """A process that died at `t_s`."""
+    return {name: values[columns["t_s"] <= t_s] for name, values in columns.items()}
+
+
+def drop_ticks(columns, ticks):
+    keep = ~np.isin(columns["tick"], ticks)
+    return {name: values[keep] for name, values in columns.items()}
+
+
+@pytest.fixture
+def made_up() -> MadeUpRun:
+    return make_run()
+
+
+def test_the_made_up_run_gives_its_known_figures(made_up, tmp_path):
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.regime == figures.regime_believed == "impact"
+    assert (figures.duration_s, figures.ticks) == (END_S, round(END_S / T_S))
+    assert figures.hold_start_s == pytest.approx(HOLD_S, abs=T_S)
+    assert figures.hold_end_s == pytest.approx(STOP_S, abs=T_S)
+    assert figures.impacts_per_period == 1.0
+    assert figures.impact_count == len(figures.impacts) == len(made_up.impacts["t_s"])
+    assert figures.impact_v_m_s == figures.largest_v_m_s == pytest.approx(V_M_S)
+    assert figures.largest_v_on_the_way_m_s is None
+    assert figures.capture_s == made_up.impacts["t_s"][0]
+    assert figures.peak_force_n == 250.0
+    assert figures.estimate.x_rmse_m == pytest.approx(1e-3)
+    assert figures.estimate.v_rmse_m_s == pytest.approx(1e-2)
+    assert figures.estimate.x_worst_m == pytest.approx(1e-3)
+    assert figures.detector.precision == figures.detector.recall == 1.0
+    assert figures.detector.latency_ms.p50 == pytest.approx(1e3 * LATENCY_S, abs=1.0)
+    assert figures.detector.speed_rmse_m_s == pytest.approx(0.02)
+    assert figures.speed.mean_rad_s == pytest.approx(OMEGA_RAD_S)
+    assert figures.speed.error == pytest.approx(0.0, abs=1e-9)
+    assert figures.fault == "none"
+    assert figures.final_mode == "ready"
+    assert figures.safe_state.cause == "stop"
+    assert figures.safe_state.at_s == pytest.approx(READY_S, abs=T_S)
+    assert figures.motor_torque_after_stop_n_m == 0.0
+    assert figures.energy_residual == pytest.approx(0.0, abs=1e-12)
+    assert figures.real_time
+    assert figures.realtime_factor == pytest.approx(1.0)
+    # Two frames a tick, of 8 and 4 bytes: 135 + 95 bits in 1 ms.
+    assert figures.bus_load == pytest.approx(0.230)
+
+
+def test_lockstep_gives_the_same_figures_of_physics(made_up, tmp_path):
+    real = figures_of(write_run(made_up, tmp_path / "real")).as_json()
+    made_up.run["clock"] = "lockstep"
+    lockstep = figures_of(write_run(made_up, tmp_path / "lockstep")).as_json()
+
+    assert {key for key in real if real[key] != lockstep[key]} == {"clock", "real_time"}
+
+
+def test_skipped_ticks_are_overruns_of_their_loop(made_up, tmp_path):
+    made_up.firmware = drop_ticks(made_up.firmware, [2500, 2501, 4000])
+    made_up.plant = drop_ticks(made_up.plant, [100])
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.overruns == 4
+    assert (figures.loops.plant.overruns, figures.loops.firmware.overruns) == (1, 3)
+    assert figures.estimate.x_rmse_m == pytest.approx(1e-3), "ticks are joined by number, not by row"
+
+
+@pytest.mark.parametrize(
+    ("skipped", "baseline", "uml", "met"),
+    [
+        (11, 2, False, True),
+        (12, 2, False, False),
+        (12, 3, False, True),
+        (70, 0, True, True),
+        (71, 0, True, False),
+    ],
+)
+def test_real_time_is_judged_beside_a_bare_loop(made_up, tmp_path, skipped, baseline, uml, met):
+    # 7000 ticks due: 0.1 % are 7, 1 % are 70.
+    made_up.firmware = drop_ticks(made_up.firmware, 1000 + 2 * np.arange(skipped))
+    made_up.outcome["baseline_overruns"] = baseline
+    made_up.run["user_mode_linux"] = uml
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert (figures.overruns, figures.real_time) == (skipped, met)
+
+
+def test_late_wake_ups_and_long_work_are_counted_apart(made_up, tmp_path):
+    made_up.firmware["wake_latency_us"][:3] = 501.0
+    made_up.plant["work_us"][:5] = 700.0
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert (figures.late_wakeups, figures.long_work) == (3, 5)
+    assert figures.overruns == 0
+
+
+def test_a_rigid_stop_has_no_peak_force(made_up, tmp_path):
+    made_up.impacts["peak_force_n"][:] = np.nan
+    assert figures_of(write_run(made_up, tmp_path)).peak_force_n is None
+
+
+def test_missed_and_false_detections(made_up, tmp_path):
+    ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
+    made_up.firmware["outputs.impact"][ticks[:2]] = False
+    made_up.firmware["outputs.impact"][ticks[4] + 150] = True
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    n = len(ticks)
+    assert figures.detector.recall == pytest.approx((n - 2) / n)
+    assert figures.detector.precision == pytest.approx((n - 2) / (n - 1))
+
+
+def test_weak_blows_need_not_be_seen_and_are_no_false_alarm(made_up, tmp_path):
+    made_up.impacts["v_m_s"][:3] = 0.04
+    ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
+    made_up.firmware["outputs.impact"][ticks[0]] = False
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.detector.recall == 1.0
+    assert figures.detector.precision == 1.0
+
+
+def test_firmware_death_is_found_and_the_torque_after_it_measured(made_up, tmp_path):
+    made_up.firmware = drop_after(made_up.firmware, 4.0)
+    t_s = made_up.plant["t_s"]
+    made_up.plant["motor_torque_n_m"] = np.where(t_s < 4.05, 0.2, 0.0)
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.safe_state.cause == "firmware-silent"
+    assert figures.safe_state.torque_zero_after_s == pytest.approx(0.05, abs=2 * T_S)
+    assert figures.motor_torque_after_stop_n_m == 0.0
+    assert figures.safe_state.blows_after == np.count_nonzero(made_up.impacts["t_s"] > 4.0)
+
+
+def test_torque_that_stays_on_is_reported(made_up, tmp_path):
+    made_up.firmware = drop_after(made_up.firmware, 4.0)
+    made_up.plant["motor_torque_n_m"][:] = -0.2
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.safe_state.torque_zero_after_s is None
+    assert figures.motor_torque_after_stop_n_m == pytest.approx(0.2)
+
+
+def test_plant_death_is_judged_by_the_command(made_up, tmp_path):
+    made_up.plant = drop_after(made_up.plant, 4.0)
+    t_s = made_up.firmware["t_s"]
+    made_up.firmware["outputs.mode"][t_s > 4.03] = Mode.FAULT
+    made_up.firmware["outputs.fault"][t_s > 4.03] = Fault.SENSOR_TIMEOUT
+    made_up.firmware["outputs.torque_n_m"] = np.where(t_s < 4.03, 0.1, 0.0)
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.safe_state.cause == "plant-silent"
+    assert figures.safe_state.command_zero_after_s == pytest.approx(0.03, abs=2 * T_S)
+    assert figures.fault == "sensor-timeout"
+
+
+def test_a_run_that_never_held_has_no_figures_of_a_hold(made_up, tmp_path):
+    made_up.firmware["outputs.mode"][:] = Mode.READY
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    assert figures.regime == "uncertain"
+    assert figures.estimate.x_rmse_m is None
+    assert figures.safe_state.cause is None
+
+
+def test_an_empty_run_folder_still_gives_figures(tmp_path):
+    figures = figures_of(tmp_path)
+    assert (figures.ticks, figures.duration_s, figures.regime) == (0, 0.0, "uncertain")
+    assert not figures.real_time
+
+
+def test_an_unknown_column_is_an_error_that_names_its_neighbours():
+    records = np.zeros(1, dtype=[("work_us", "f8")])
+    with pytest.raises(KeyError, match="work_us"):
+        column(records, "work_ms")
+
+
+def test_a_cut_last_line_of_the_bus_log_is_left_out():
+    log = parse_candump(b"(5.100000) can0 080#00FF\n(5.200000) can0 081#0", start_s=5.0)
+    assert log.t_s == pytest.approx([0.1])
+    assert log.payloads == (b"\x00\xff",)
+
+
+# --- regime, by truth --------------------------------------------------------------------------------
+
+OMEGA = 10.0
+PERIOD_S = 2 * np.pi / OMEGA
+
+
+def decide(impacts, *, periods=20, speed=1.0):
+    """The regime of impacts given as (period number, phase in periods, v⁻)."""
+    t_s = np.arange(0.0, periods * PERIOD_S, 1e-3)
+    crank_rad = np.mod(OMEGA * t_s, 2 * np.pi)
+    v_m_s = speed * np.cos(OMEGA * t_s)
+    table = np.array(impacts, float).reshape(-1, 3)
+    hits_s = (table[:, 0] + table[:, 1]) * PERIOD_S
+    cut = true_regime.cut_periods(t_s, crank_rad, hits_s)
+    return true_regime.decide(t_s, v_m_s, cut, hits_s, table[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("impacts", "wanted"),
+    [
+        ([], Regime.NON_IMPACT),
+        ([(k, 0.3, 0.9) for k in range(20)], Regime.IMPACT),
+        # Jitter around the crank's own zero must not move impacts into the neighbouring period.
+        ([(k, 0.02 * (-1) ** k, 0.9) for k in range(1, 20)], Regime.IMPACT),
+        ([(k, 0.3, 0.9) for k in range(0, 20, 2)], Regime.PERIOD_N),
+        ([(k, 0.3, 0.9 if k % 2 else 0.5) for k in range(20)], Regime.PERIOD_N),
+        ([(k, 0.3, 0.9 if k % 3 else 0.5) for k in range(20)], Regime.PERIOD_N),
+        ([(k, 0.3, 0.9) for k in range(8)], Regime.LOST),
+        ([(k, 0.1 * j, 0.5 / 2**j) for k in range(20) for j in range(6)], Regime.CHATTERING),
+        ([(k, 0.3, 0.9) for k in (10, 11, 14, 15, 17, 18)], Regime.UNCERTAIN),
+    ],
+)
+def test_regime_by_truth(impacts, wanted):
+    assert decide(impacts) is wanted
+
+
+def test_a_striker_at_rest_is_stuck():
+    assert decide([], speed=1e-6) is Regime.STUCK
+
+
+def test_too_few_periods_decide_nothing():
+    assert decide([(0, 0.3, 0.9), (1, 0.3, 0.9)], periods=3) is Regime.UNCERTAIN
+
+
+# --- matching ----------------------------------------------------------------------------------------
+
+
+def brute_force(truth, found):
+    """Most pairs, then least total latency, over every order-preserving choice."""
+    best = (0, 0.0)
+
+    def extend(i, j, pairs, cost):
+        nonlocal best
+        if (pairs, -cost) > (best[0], -best[1]):
+            best = (pairs, cost)
+        for a in range(i, len(truth)):
+            for b in range(j, len(found)):
+                latency = found[b] - truth[a]
+                if -detection.LARGEST_LEAD_S <= latency <= detection.LONGEST_LATENCY_S:
+                    extend(a + 1, b + 1, pairs + 1, cost + abs(latency))
+
+    extend(0, 0, 0, 0.0)
+    return best
+
+
+def test_matching_is_optimal():
+    random = np.random.default_rng(3)
+    for _ in range(60):
+        truth = np.sort(random.uniform(0.0, 0.15, random.integers(0, 6)))
+        found = np.sort(random.uniform(0.0, 0.18, random.integers(0, 6)))
+        pairs = detection.match(truth, found)
+        cost = np.abs(found[pairs.detection] - truth[pairs.truth]).sum()
+        wanted_pairs, wanted_cost = brute_force(truth, found)
+        assert len(pairs.truth) == wanted_pairs
+        assert cost == pytest.approx(wanted_cost, abs=1e-12)
+
+
+def test_a_detection_belongs_to_one_touch_down_only():
+    pairs = detection.match(np.array([1.0, 1.002]), np.array([1.006]))
+    assert pairs.truth.tolist() == [1]
