@@ -1,0 +1,90 @@
+"""Checks: bounds on figures, and whether a run met them. A figure that is missing or NaN never passes."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from hil.figure_records import CATALOGUE, value_of
+
+Value = bool | int | float | str
+
+
+class Check(BaseModel):
+    """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the value wanted.
+
+    `unit`, where given, must be the figure's own: a bound in millimetres on a figure in metres is refused.
+
+    >>> Check(name="detector.recall", low=0.9).limit
+    '≥ 0.9'
+    >>> Check(name="regime", equals="impact").limit
+    '= impact'
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    name: str
+    low: float | None = None
+    high: float | None = None
+    equals: Value | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _names_a_figure_and_one_limit(self) -> Self:
+        spec = CATALOGUE.get(self.name)
+        if spec is None:
+            near = difflib.get_close_matches(self.name, CATALOGUE, n=3, cutoff=0.4)
+            known = ", ".join(near) if near else ", ".join(CATALOGUE)
+            raise ValueError(f"check {self.name!r} names no figure of a run; did you mean {known}?")
+        if self.unit is not None and self.unit != spec.unit:
+            raise ValueError(f"check {self.name!r} has unit {self.unit!r}; the figure is in {spec.unit!r}")
+        bounded = self.low is not None or self.high is not None
+        if bounded == (self.equals is not None):
+            raise ValueError(f"check {self.name!r} wants either low and/or high, or equals")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"check {self.name!r} cannot pass: low {self.low} is above high {self.high}")
+        return self
+
+    @property
+    def limit(self) -> str:
+        """The limit as people read it."""
+        if self.equals is not None:
+            return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
+        if self.low is None:
+            return f"≤ {self.high:g}"
+        return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """One check's outcome: what was measured, in which unit, against which limit."""
+
+    name: str
+    passed: bool
+    value: Value | None
+    unit: str
+    limit: str
+
+
+def within(check: Check, value: Any) -> bool:
+    """Whether `value` meets the check; what is missing or not finite does not."""
+    if check.equals is not None:
+        alike = isinstance(value, bool) == isinstance(check.equals, bool)
+        return alike and bool(value == check.equals)
+    if value is None or isinstance(value, bool | str) or not math.isfinite(value):
+        return False
+    return (check.low is None or value >= check.low) and (check.high is None or value <= check.high)
+
+
+def evaluate(checks: Iterable[Check], figures: Mapping[str, Any]) -> list[CheckResult]:
+    """Each check against the figures, given as `Figures.as_json()`."""
+    results = []
+    for check in checks:
+        value = value_of(figures, check.name)
+        results.append(
+            CheckResult(check.name, within(check, value), value, CATALOGUE[check.name].unit, check.limit)
+        )
+    return results

@@ -1,0 +1,81 @@
+"""Checks: two-sided, deaf to NaN, and strict about names."""
+
+import pytest
+from pydantic import ValidationError
+
+from hil.checks import Check, evaluate
+
+
+def figures(**values):
+    return {"regime": "impact", "real_time": True, "impact_count": 8, "peak_force_n": 250.0, **values}
+
+
+@pytest.mark.parametrize(
+    ("check", "value", "passed"),
+    [
+        ({"low": 200.0, "high": 300.0}, 250.0, True),
+        ({"low": 200.0, "high": 300.0}, 200.0, True),
+        ({"low": 200.0, "high": 300.0}, 300.0, True),
+        ({"low": 200.0, "high": 300.0}, 199.9, False),
+        ({"low": 200.0, "high": 300.0}, 300.1, False),
+        ({"low": 0.0}, 250.0, True),
+        ({"high": 0.0}, 250.0, False),
+        ({"low": 0.0}, float("nan"), False),
+        ({"high": 0.0}, float("nan"), False),
+        ({"low": 0.0}, float("inf"), False),
+        ({"low": 0.0}, None, False),
+        ({"equals": 250}, 250.0, True),
+        ({"equals": 250.0}, float("nan"), False),
+        ({"equals": 250.0}, None, False),
+    ],
+)
+def test_bounds(check, value, passed):
+    (result,) = evaluate([Check(name="peak_force_n", **check)], figures(peak_force_n=value))
+    assert result.passed is passed
+    assert (result.name, result.unit) == ("peak_force_n", "N")
+
+
+@pytest.mark.parametrize(
+    ("name", "equals", "passed"),
+    [
+        ("regime", "impact", True),
+        ("regime", "lost", False),
+        ("real_time", True, True),
+        ("real_time", False, False),
+        ("real_time", 1, False),
+        ("impact_count", 8, True),
+        ("impact_count", True, False),
+    ],
+)
+def test_equality(name, equals, passed):
+    (result,) = evaluate([Check(name=name, equals=equals)], figures())
+    assert result.passed is passed
+
+
+@pytest.mark.parametrize(
+    ("check", "complaint"),
+    [
+        ({"name": "detector.recal", "low": 0.9}, r"did you mean detector\.recall"),
+        ({"name": "detector", "low": 0.9}, "names no figure"),
+        ({"name": "impacts", "low": 1.0}, "names no figure"),
+        ({"name": "regime"}, "either low and/or high, or equals"),
+        ({"name": "regime", "equals": "impact", "low": 1.0}, "either low and/or high, or equals"),
+        ({"name": "peak_force_n", "low": 2.0, "high": 1.0}, "cannot pass"),
+        ({"name": "peak_force_n", "low": float("nan")}, "finite"),
+        ({"name": "peak_force_n", "high": 1.0, "unit": "kN"}, "the figure is in 'N'"),
+        ({"name": "peak_force_n", "high": 1.0, "tolerance": 1.0}, "tolerance"),
+        ({"name": "peak_force_n", "high": "1.0"}, "valid number"),
+    ],
+)
+def test_a_check_that_means_nothing_is_refused(check, complaint):
+    with pytest.raises(ValidationError, match=complaint):
+        Check(**check)
+
+
+def test_limits_read_as_people_write_them():
+    limits = [
+        Check(name="peak_force_n", low=1.0, high=2.5).limit,
+        Check(name="peak_force_n", high=1e-3).limit,
+        Check(name="real_time", equals=True).limit,
+    ]
+    assert limits == ["1 … 2.5", "≤ 0.001", "= true"]
