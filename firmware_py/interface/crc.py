@@ -1,8 +1,8 @@
 """CRC-8 SAE J1850: polynomial 0x1D, initial value and final XOR 0xFF, not reflected.
 
-Its Hamming distance is 4 up to 119 bits (Koopman and Chakravarty, "Cyclic Redundancy Code (CRC) Polynomial
-Selection for Embedded Networks", 2004), so in a frame of at most 64 protected bits any three flipped bits are
-found. Published check value: 0x4B for the ASCII digits 1 to 9.
+The polynomial is primitive, of period 255. In a frame, whose CRC covers at most 64 bits (the identifier's low
+byte and seven of data), it finds every one- and two-bit error and every burst of up to eight bits (Peterson
+and Brown, "Cyclic Codes for Error Detection", 1961). Published check value: 0x4B for the ASCII digits 1 to 9.
 """
 
 POLYNOMIAL = 0x1D

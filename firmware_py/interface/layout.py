@@ -132,7 +132,9 @@ def _signal(message: Message, dbc: DbcSignal) -> Signal:
     if dbc.offset != 0:
         raise LayoutError(f"{where}: offset {dbc.offset}; wanted 0")
     attribute = None if dbc.dbc is None else dbc.dbc.attributes.get("SignalKind")
-    kind = SignalKind.QUANTITY if attribute is None else list(SignalKind)[int(attribute.value)]
+    kind = SignalKind.QUANTITY
+    if attribute is not None:
+        kind = SignalKind(attribute.definition.choices[int(attribute.value)])
     values = frozenset(dbc.choices or ()) if kind is SignalKind.ENUMERATION else frozenset()
     if kind is SignalKind.ENUMERATION and not values:
         raise LayoutError(f"{where}: an enumeration without values; list them in VAL_")

@@ -24,7 +24,7 @@ class DriveEstop(NamedTuple):
 
 
 class DriveErrors(NamedTuple):
-    """0x03, drive → all."""
+    """0x03, drive → all, every 100 ms."""
 
     active_errors: int
     disarm_reason: int
@@ -71,21 +71,21 @@ class SetLimits(NamedTuple):
 
 
 class DriveCurrent(NamedTuple):
-    """0x14, drive → all: torque-producing current."""
+    """0x14, drive → all, every 10 ms: torque-producing current."""
 
     setpoint_a: float
     measured_a: float
 
 
 class DriveTemperature(NamedTuple):
-    """0x15, drive → all."""
+    """0x15, drive → all, every 100 ms."""
 
     inverter_degc: float
     motor_degc: float
 
 
 class DriveSupply(NamedTuple):
-    """0x17, drive → all."""
+    """0x17, drive → all, every 100 ms."""
 
     voltage_v: float
     current_a: float

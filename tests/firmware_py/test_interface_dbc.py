@@ -1,0 +1,262 @@
+"""`vibro.dbc` against the records, the enumerations, ODrive's published layout and the bus's capacity."""
+
+import inspect
+import math
+from enum import IntEnum
+from typing import Any, get_type_hints
+
+import pytest
+from cantools.database.can import Message, Signal
+
+from firmware_py.interface import enums, records
+from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
+from firmware_py.interface.dbc import database
+from firmware_py.interface.frame import worst_case_bits
+
+RECORDS = [
+    value
+    for value in vars(records).values()
+    if inspect.isclass(value) and issubclass(value, tuple) and hasattr(value, "_fields")
+]
+MESSAGES = database().messages
+PROTECTION = {"counter", "crc"}
+
+UNIT_OF_SUFFIX = {
+    "_m_s2": "m/s^2",
+    "_m_s": "m/s",
+    "_rad_s": "rad/s",
+    "_rev_s": "rev/s",
+    "_rev": "rev",
+    "_n_m": "N m",
+    "_n_s": "N s",
+    "_degc": "degC",
+    "_deg": "deg",
+    "_a": "A",
+    "_v": "V",
+    "_m": "m",
+    "_s": "s",
+}
+
+ENUM_OF_SIGNAL: dict[str, type[IntEnum]] = {
+    "axis_error": enums.AxisError,
+    "active_errors": enums.AxisError,
+    "disarm_reason": enums.AxisError,
+    "axis_state": enums.AxisState,
+    "requested_state": enums.AxisState,
+    "procedure_result": enums.ProcedureResult,
+    "control_mode": enums.ControlMode,
+    "input_mode": enums.InputMode,
+    "request": enums.OperatorRequest,
+    "operation": enums.ParameterOperation,
+    "status": enums.ParameterStatus,
+    "mode": enums.Mode,
+    "fault": enums.Fault,
+    "acting_limit": enums.ActingLimit,
+    "regime": enums.Regime,
+}
+
+U32, U8, BIT, FLOAT = (32, False), (8, False), (1, False), (32, True)
+# ODrive's own DBC of CANSimple 0.6: command → (length, {start bit: (bits, is float)}).
+ODRIVE: dict[int, tuple[int, dict[int, tuple[int, bool]]]] = {
+    0x01: (8, {0: U32, 32: U8, 40: U8, 48: BIT}),
+    0x02: (0, {}),
+    0x03: (8, {0: U32, 32: U32}),
+    0x07: (8, {0: U32}),
+    0x09: (8, {0: FLOAT, 32: FLOAT}),
+    0x0B: (8, {0: U32, 32: U32}),
+    0x0D: (8, {0: FLOAT, 32: FLOAT}),
+    0x0E: (8, {0: FLOAT}),
+    0x0F: (8, {0: FLOAT, 32: FLOAT}),
+    0x14: (8, {0: FLOAT, 32: FLOAT}),
+    0x15: (8, {0: FLOAT, 32: FLOAT}),
+    0x17: (8, {0: FLOAT, 32: FLOAT}),
+    0x18: (1, {0: U8}),
+    0x19: (8, {0: FLOAT}),
+}
+
+
+def attribute(message: Message, name: str) -> Any:
+    assert message.dbc is not None
+    found = message.dbc.attributes.get(name)
+    return 0 if found is None else found.value
+
+
+def suffix_of(field: str) -> str | None:
+    """Longest known unit suffix of a field's name."""
+    return max((suffix for suffix in UNIT_OF_SUFFIX if field.endswith(suffix)), key=len, default=None)
+
+
+def inner_signals(message: Message) -> list[Signal]:
+    return [signal for signal in message.signals if signal.name not in PROTECTION]
+
+
+def message_of(record: type) -> Message:
+    return database().get_message_by_name(record.__name__)
+
+
+def by_name(record: type) -> str:
+    return record.__name__
+
+
+def test_every_record_has_a_message_and_every_message_a_record() -> None:
+    assert {record.__name__ for record in RECORDS} == {message.name for message in MESSAGES}
+    assert set(CODECS) == set(RECORDS)
+    assert len(CODEC_BY_ID) == len(RECORDS)
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=by_name)
+def test_fields_are_the_messages_signals(record: Any) -> None:
+    assert sorted(record._fields) == sorted(signal.name for signal in inner_signals(message_of(record)))
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=by_name)
+def test_suffixes_are_the_units(record: Any) -> None:
+    for signal in inner_signals(message_of(record)):
+        suffix = suffix_of(signal.name)
+        if suffix is None:
+            assert signal.unit in (None, "1"), f"{signal.name}: unit {signal.unit} without a suffix"
+        else:
+            assert signal.unit == UNIT_OF_SUFFIX[suffix], signal.name
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=by_name)
+def test_whole_numbers_are_ints_and_the_rest_floats(record: Any) -> None:
+    hints = get_type_hints(record)
+    for signal in inner_signals(message_of(record)):
+        wanted = float if signal.is_float or signal.scale != 1 else int
+        assert hints[signal.name] is wanted, signal.name
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=by_name)
+def test_ranges_lie_on_whole_counts_that_fit(record: Any) -> None:
+    for signal in message_of(record).signals:
+        if signal.is_float:
+            continue
+        assert signal.minimum is not None
+        assert signal.maximum is not None
+        assert signal.minimum < signal.maximum
+        lowest = -(2 ** (signal.length - 1)) if signal.is_signed else 0
+        highest = 2 ** (signal.length - signal.is_signed) - 1
+        for edge in (signal.minimum, signal.maximum):
+            counts = edge / signal.scale
+            assert math.isclose(counts, round(counts), abs_tol=1e-6), signal.name
+            assert lowest <= round(counts) <= highest, signal.name
+        if signal.is_signed:
+            assert signal.minimum == -signal.maximum, f"{signal.name}: clipping must look alike on both sides"
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=by_name)
+def test_codecs_know_what_the_dbc_says(record: Any) -> None:
+    codec: FrameCodec[Any] = CODECS[record]
+    message = message_of(record)
+    assert (codec.can_id, codec.length) == (message.frame_id, message.length)
+    assert codec.sender == (message.senders[0] if message.senders else None)
+    cycle_ms = attribute(message, "GenMsgCycleTime")
+    assert codec.period_s == (cycle_ms / 1000 if cycle_ms else None)
+    for signal in inner_signals(message):
+        if not signal.is_float:
+            assert codec.signals[signal.name].low == pytest.approx(signal.minimum, rel=1e-12)
+            assert codec.signals[signal.name].high == pytest.approx(signal.maximum, rel=1e-12)
+
+
+def test_value_tables_are_the_enumerations() -> None:
+    seen = set()
+    for message in MESSAGES:
+        for signal in message.signals:
+            if signal.choices is None:
+                continue
+            table = {value: str(name) for value, name in signal.choices.items()}
+            enum = ENUM_OF_SIGNAL[signal.name]
+            assert table == {member.value: member.name for member in enum}, signal.name
+            seen.add(signal.name)
+    assert seen == set(ENUM_OF_SIGNAL)
+
+
+def test_accelerometer_scales() -> None:
+    signals = CODECS[records.Accelerometer].signals
+    g_m_s2 = 9.80665
+    assert signals["striker_low_m_s2"].scale * 2048 == g_m_s2
+    assert signals["housing_m_s2"].scale * 2048 == g_m_s2
+    assert signals["striker_high_m_s2"].scale == pytest.approx(0.049 * g_m_s2, rel=1e-15)
+    assert signals["striker_low_m_s2"].high == pytest.approx(16 * g_m_s2, rel=1e-4)
+    assert signals["striker_high_m_s2"].high >= 200 * g_m_s2
+
+
+def test_drive_frames_are_odrives() -> None:
+    drive = {message.frame_id: message for message in MESSAGES if message.frame_id < 0x20}
+    assert set(drive) == set(ODRIVE)
+    for command, (length, signals) in ODRIVE.items():
+        message = drive[command]
+        assert message.length == length, message.name
+        assert {signal.start: (signal.length, signal.is_float) for signal in message.signals} == signals, (
+            message.name
+        )
+        assert all(signal.scale == 1 and signal.offset == 0 for signal in message.signals), message.name
+        assert message.comment is not None
+        assert message.comment.startswith("ODrive CANSimple 0.6")
+
+
+def test_identifiers_are_distinct_and_of_11_bits() -> None:
+    identifiers = [message.frame_id for message in MESSAGES]
+    assert len(set(identifiers)) == len(identifiers)
+    assert all(0 <= identifier <= 0x7FF for identifier in identifiers)
+    assert not any(message.is_extended_frame for message in MESSAGES)
+
+
+def test_only_the_drives_protocol_goes_without_counter_and_crc() -> None:
+    for message in MESSAGES:
+        names = [signal.name for signal in message.signals]
+        unprotected = message.frame_id < 0x20
+        assert ("counter" in names, "crc" in names) == ((False, False) if unprotected else (True, True)), (
+            message.name
+        )
+
+
+def test_records_say_their_identifier_and_period() -> None:
+    """The docstring of a record begins with its identifier and names its period where it has one."""
+    for record in RECORDS:
+        codec = CODECS[record]
+        doc = inspect.getdoc(record)
+        assert doc is not None
+        assert int(doc[:5].rstrip(",: "), 16) == codec.can_id, record.__name__
+        if codec.period_s == 0.001:
+            assert "every tick" in doc, record.__name__
+        elif codec.period_s is not None:
+            assert f"every {codec.period_s * 1000:.0f} ms" in doc, record.__name__
+        else:
+            assert "every" not in doc, record.__name__
+
+
+def test_send_types_go_with_cycle_times() -> None:
+    for message in MESSAGES:
+        cyclic = message.send_type == "Cyclic"
+        assert message.send_type in ("Cyclic", "Event")
+        assert bool(attribute(message, "GenMsgCycleTime")) is cyclic, message.name
+        if not cyclic and message.senders:
+            assert attribute(message, "GenMsgDelayTime") > 0, f"{message.name}: no bound on its rate"
+
+
+def test_everything_is_explained() -> None:
+    for message in MESSAGES:
+        assert message.comment, message.name
+        for signal in inner_signals(message):
+            assert signal.comment, f"{message.name}.{signal.name}"
+
+
+def test_worst_case_load_stays_below_60_percent() -> None:
+    """Longest frames, each at its period or, for events, at its shortest distance, at 1 Mbit/s."""
+    bits_per_s = 0.0
+    for message in MESSAGES:
+        if not message.senders:
+            continue
+        interval_ms = attribute(message, "GenMsgCycleTime") or attribute(message, "GenMsgDelayTime")
+        bits_per_s += (55 + 10 * message.length) * len(message.senders) * 1000 / interval_ms
+    load = bits_per_s / 1e6
+    print(f"worst-case load at 1 Mbit/s: {load:.1%}")
+    assert 0.40 < load < 0.60
+
+
+@pytest.mark.parametrize("length", range(9))
+def test_worst_case_bits(length: int) -> None:
+    stuffable = 34 + 8 * length
+    assert worst_case_bits(length) == 8 * length + 47 + (stuffable - 1) // 4

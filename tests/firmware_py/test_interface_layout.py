@@ -1,0 +1,86 @@
+"""The rules that `vibro.dbc` has to keep, each broken once."""
+
+import cantools.database
+import pytest
+from cantools.database.can import Database, Message
+
+from firmware_py.interface.layout import LayoutError, layout_of
+
+KINDS = """
+BA_DEF_ SG_ "SignalKind" ENUM "Quantity","Enumeration","Flags","Exact","Counter","Crc";
+BA_DEF_DEF_ "SignalKind" "Quantity";
+"""
+
+
+def message(length: int, *signals: str, attributes: str = "") -> Message:
+    lines = [f"BO_ 5 Sample: {length} Node", *(f" SG_ {signal} Node" for signal in signals)]
+    text = 'VERSION ""\n\nBU_: Node\n\n' + "\n".join(lines) + "\n" + KINDS + attributes
+    database = cantools.database.load_string(text, database_format="dbc", strict=False)
+    assert isinstance(database, Database)
+    return database.get_message_by_name("Sample")
+
+
+def test_words_shared_bytes_and_padding() -> None:
+    layout = layout_of(
+        message(
+            8,
+            'a : 0|16@1- (0.5,0) [-100|100] "m"',
+            'b : 24|3@1+ (1,0) [0|7] ""',
+            'c : 27|5@1+ (1,0) [0|20] ""',
+            'd : 32|32@1+ (1,0) [0|9] ""',
+        )
+    )
+    assert layout.body_format == "<hxBI"
+    assert list(layout.signals) == ["a", "b", "c", "d"]
+    assert (layout.signals["a"].low_counts, layout.signals["a"].high_counts) == (-200, 200)
+    assert (layout.signals["a"].low, layout.signals["a"].high) == (-100.0, 100.0)
+    assert [(part.shift, part.mask) for part in layout.words[2].parts] == [(0, 7), (3, 31)]
+
+
+@pytest.mark.parametrize(
+    ("signal", "complaint"),
+    [
+        ('a : 7|16@0- (1,0) [-9|9] ""', "byte order big_endian"),
+        ('a : 0|16@1- (1,5) [-9|9] ""', "offset 5"),
+        ('a : 0|16@1- (1,0) [0|0] ""', "no range"),
+        ('a : 0|8@1- (1,0) [-129|127] ""', "does not fit 8 bits"),
+        ('a : 0|8@1+ (1,0) [0|256] ""', "does not fit 8 bits"),
+        ('a : 4|8@1+ (1,0) [0|255] ""', "crosses a byte boundary"),
+        ('a : 0|12@1+ (1,0) [0|9] ""', "crosses a byte boundary"),
+        ('a : 0|4@1- (1,0) [-8|7] ""', "crosses a byte boundary"),
+    ],
+)
+def test_a_signal_the_codec_cannot_carry(signal: str, complaint: str) -> None:
+    with pytest.raises(LayoutError, match=complaint):
+        layout_of(message(4, signal))
+
+
+def test_a_float_of_64_bits() -> None:
+    sample = message(8, 'a : 0|64@1- (1,0) [0|0] ""', attributes="SIG_VALTYPE_ 5 a : 2;\n")
+    with pytest.raises(LayoutError, match="crosses a byte boundary"):
+        layout_of(sample)
+
+
+def test_a_float_of_16_bits() -> None:
+    sample = message(8, 'a : 0|16@1- (1,0) [0|0] ""', attributes="SIG_VALTYPE_ 5 a : 1;\n")
+    with pytest.raises(LayoutError, match="a float of 16 bits"):
+        layout_of(sample)
+
+
+def test_an_enumeration_without_values() -> None:
+    sample = message(1, 'a : 0|8@1+ (1,0) [0|3] ""', attributes='BA_ "SignalKind" SG_ 5 a 1;\n')
+    with pytest.raises(LayoutError, match="VAL_"):
+        layout_of(sample)
+
+
+@pytest.mark.parametrize(
+    "signals",
+    [
+        ['crc : 8|8@1+ (1,0) [0|255] ""'],  # no counter
+        ['n : 0|4@1+ (1,0) [0|15] ""', 'crc : 8|8@1+ (1,0) [0|255] ""'],  # counter in the wrong half
+    ],
+)
+def test_a_counter_or_crc_out_of_place(signals: list[str]) -> None:
+    kinds = 'BA_ "SignalKind" SG_ 5 crc 5;\n' + ('BA_ "SignalKind" SG_ 5 n 4;\n' if len(signals) > 1 else "")
+    with pytest.raises(LayoutError, match="Counter at"):
+        layout_of(message(2, *signals, attributes=kinds))
