@@ -12,7 +12,10 @@ class IdealDrive(NamedTuple):
 
 
 class MotorDrive(NamedTuple):
-    """A BLDC motor in torque mode: J θ'' = T − T_viscous − T_dry − T_crank, T_crank = c (A sin θ + l0 − x) A cos θ."""
+    """A BLDC motor in torque mode: J θ'' = T − T_viscous − T_dry − T_crank.
+
+    The crank's load is T_crank = c (A sin θ + l0 − x) A cos θ.
+    """
 
     amplitude_m: float
     phase_rad: float

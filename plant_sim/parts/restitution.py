@@ -1,0 +1,89 @@
+"""What a soft stop must be made of to give a wanted coefficient of restitution and contact time.
+
+The formulas hold for a striker that meets the stop alone: the coupling spring and the drive are weak beside
+the stop's force. Speeds are approach speeds, m/s; k is the ratio of separation to approach speed.
+"""
+
+import math
+
+from scipy.optimize import brentq
+from scipy.special import gamma
+
+HERTZ_EXPONENT = 1.5
+"""F ∝ δ^1.5 for a rounded striker on a flat pad (Hertz)."""
+
+
+def hunt_crossley_dissipation(restitution: float) -> float:
+    """Dimensionless d = λ v⁻ of F = K δⁿ (1 + λ δ') that returns the striker at k v⁻, for any exponent n.
+
+    On both ways m v dv = −K δⁿ (1 + λ v) dδ, so with G(u) = u − ln(1 + u) the way in gives
+    K δmaxⁿ⁺¹ / (m (n + 1)) = G(d)/λ² and the way out G(−k d)/λ²: the root of G(d) = G(−k d). Exact, after
+    Hunt & Crossley, J. Appl. Mech. 42 (1975) 440. It tends to 3/2 (1 − k) for k → 1 and to 1/k for k → 0.
+
+    >>> round(hunt_crossley_dissipation(0.5), 6)
+    1.432751
+    """
+    if restitution >= 1.0:
+        return 0.0
+
+    def imbalance(d: float) -> float:
+        return _log_remainder(d) - restitution**2 * _log_remainder(-restitution * d)
+
+    largest = math.nextafter(1.0 / restitution, 0.0)
+    if imbalance(largest) > 0.0:  # the root is closer to 1/k than numbers are
+        return largest
+    return float(brentq(imbalance, 0.0, largest, xtol=1e-300, rtol=1e-15))
+
+
+def _log_remainder(u: float) -> float:
+    """(u − ln(1 + u)) / u², by its series where the difference would cancel."""
+    if abs(u) > 0.1:
+        return (u - math.log1p(u)) / (u * u)
+    return sum((-u) ** j / (j + 2) for j in range(18))  # next term below 1e-19
+
+
+def hertz_stiffness(mass_kg: float, contact_s: float, speed_m_s: float) -> float:
+    """K in N/m^1.5 of F = K δ^1.5 with the elastic contact time `contact_s` at approach speed `speed_m_s`.
+
+    T = 2 (δmax/v) ∫₀¹ du / √(1 − uⁿ⁺¹) = 2.943 δmax/v at n = 1.5, with δmaxⁿ⁺¹ = (n + 1) m v² / (2 K)
+    (Johnson, Contact Mechanics, 1985, section 11.4).
+    """
+    n = HERTZ_EXPONENT
+    quarter = math.sqrt(math.pi) * gamma(1.0 + 1.0 / (n + 1.0)) / gamma(0.5 + 1.0 / (n + 1.0))
+    deepest_m = contact_s * speed_m_s / (2.0 * quarter)
+    return float((n + 1.0) * mass_kg * speed_m_s**2 / (2.0 * deepest_m ** (n + 1.0)))
+
+
+def linear_stiffness(mass_kg: float, contact_s: float) -> float:
+    """K in N/m of a linear stop with the elastic contact time `contact_s`: half a period, T = π √(m/K)."""
+    return mass_kg * (math.pi / contact_s) ** 2
+
+
+def kelvin_voigt_restitution(zeta: float) -> float:
+    """Restitution k of F = K δ + D δ' ≥ 0 at damping ratio ζ = D / (2 √(K m)), released when F would pull.
+
+    In units of √(m/K), with v(0) = 1: the force −v' vanishes first at τ; k = −v(τ) = exp(−ζ τ), because
+    δ = −2 ζ v there makes v² + 2 ζ δ v + δ² = v² the invariant e^(−2 ζ τ). Schwager & Pöschel,
+    Granular Matter 9 (2007) 465.
+    """
+    if zeta < 1.0:
+        frequency = math.sqrt(1.0 - zeta * zeta)
+        tau = math.atan2(2.0 * zeta * frequency, 2.0 * zeta * zeta - 1.0) / frequency
+    elif zeta == 1.0:
+        tau = 2.0
+    else:
+        rate = math.sqrt(zeta * zeta - 1.0)
+        tau = 2.0 * math.log(zeta + rate) / rate
+    return math.exp(-zeta * tau)
+
+
+def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: float) -> float:
+    """D in N s/m of F = K δ + D δ' ≥ 0 that gives the wanted restitution."""
+    if restitution >= 1.0:
+        return 0.0
+
+    def excess(log_zeta: float) -> float:
+        return math.log(kelvin_voigt_restitution(math.exp(log_zeta))) - math.log(restitution)
+
+    zeta = math.exp(float(brentq(excess, -50.0, 50.0, xtol=1e-15, rtol=1e-15)))
+    return 2.0 * zeta * math.sqrt(stiffness_n_m * mass_kg)

@@ -1,0 +1,206 @@
+"""A scene: which parts the module has and their numbers, read from TOML and refused where it makes no sense.
+
+Lengths along the striker's axis, in metres, positive towards the stop; a table that is missing is a part that
+is not there.
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from plant_sim.complaints import complaints, nearest
+from plant_sim.parts.drive import IdealDrive, MotorDrive
+from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
+from plant_sim.parts.parts import Drive, Friction, Parts, Stop
+from plant_sim.parts.restitution import (
+    HERTZ_EXPONENT,
+    hertz_stiffness,
+    hunt_crossley_dissipation,
+    kelvin_voigt_damping,
+    linear_stiffness,
+)
+from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.striker import Striker
+from plant_sim.scene_tables import (
+    CONTACT_REFERENCE_SPEED_M_S,
+    CoulombTable,
+    HuntCrossleyTable,
+    IdealDriveTable,
+    InitialTable,
+    KelvinVoigtTable,
+    MotorDriveTable,
+    MotorTable,
+    NoFrictionTable,
+    NoStopTable,
+    RigidStopTable,
+    SensorsTable,
+    SolverTable,
+    StribeckTable,
+    StrikerTable,
+    Table,
+    ViscousTable,
+)
+
+SCENES = Path(__file__).parent / "scenes"
+
+
+class SceneError(ValueError):
+    """A scene that cannot be simulated; the message has one sentence for each thing wrong with it."""
+
+
+class Scene(Table):
+    """A whole scene; `parts()` is what solvers take of it."""
+
+    striker: StrikerTable = Field(
+        description="the table [striker] with mass_kg, spring_n_m and rest_length_m"
+    )
+    drive: Annotated[IdealDriveTable | MotorDriveTable, Field(discriminator="model")] = Field(
+        description="the table [drive] with model and amplitude_m"
+    )
+    friction: Annotated[
+        NoFrictionTable | ViscousTable | CoulombTable | StribeckTable, Field(discriminator="law")
+    ] = NoFrictionTable(law="none")
+    stop: Annotated[
+        NoStopTable | RigidStopTable | KelvinVoigtTable | HuntCrossleyTable, Field(discriminator="law")
+    ] = NoStopTable(law="none")
+    initial: InitialTable = InitialTable()
+    solver: SolverTable = SolverTable()
+    motor: MotorTable | None = Field(default=None, description="the table [motor]")
+    sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        if self.motor is not None and self.drive.model != "motor":
+            raise ValueError(
+                f"motor is given while drive.model = {self.drive.model!r}; "
+                "delete the table [motor], or set drive.model = 'motor'"
+            )
+        if isinstance(self.stop, RigidStopTable) and self.initial_x_m > self.stop.position_m:
+            key = "initial.x_m" if self.initial.x_m is not None else "striker.rest_length_m"
+            raise ValueError(
+                f"{key} = {self.initial_x_m} starts the striker beyond the rigid stop at "
+                f"stop.position_m = {self.stop.position_m}; start at most there (initial.x_m), or make the "
+                "stop soft"
+            )
+        self._method_fits()
+        return self
+
+    def _method_fits(self) -> None:
+        if self.solver.method not in ("exact", "stepping"):
+            return
+        beyond = [
+            f"{key} = {value!r}"
+            for key, value, possible in (
+                ("drive.model", self.drive.model, ("ideal",)),
+                ("friction.law", self.friction.law, ("none", "viscous", "coulomb")),
+                ("stop.law", self.stop.law, ("none", "rigid")),
+            )
+            if value not in possible
+        ]
+        if beyond and self.solver.method == "exact":
+            raise ValueError(
+                f"solver.method = 'exact' has no closed form for {' and '.join(beyond)}; "
+                "use 'auto' or 'adaptive'"
+            )
+        if self.solver.method == "stepping" and self.drive.model != "ideal":
+            raise ValueError(
+                "solver.method = 'stepping' needs drive.model = 'ideal', got 'motor'; "
+                "use 'auto' or 'adaptive'"
+            )
+
+    @property
+    def natural_rad_s(self) -> float:
+        """ω = √(c/m_B), rad/s."""
+        return math.sqrt(self.striker.spring_n_m / self.striker.mass_kg)
+
+    @property
+    def initial_x_m(self) -> float:
+        """Where the striker starts, m."""
+        return self.striker.rest_length_m if self.initial.x_m is None else self.initial.x_m
+
+    def parts(self) -> Parts:
+        """The records that kernels are specialised for."""
+        return Parts(Striker(**self.striker.model_dump()), self._drive(), self._friction(), self._stop())
+
+    def _drive(self) -> Drive:
+        drive = self.drive
+        if isinstance(drive, MotorDriveTable):
+            motor = self.motor or MotorTable()
+            return MotorDrive(drive.amplitude_m, drive.phase_rad, **motor.model_dump())
+        units = (
+            (drive.ratio, self.natural_rad_s),
+            (drive.frequency_hz, 2.0 * math.pi),
+            (drive.speed_rad_s, 1.0),
+        )
+        speed = sum(value * unit for value, unit in units if value is not None)  # exactly one is given
+        return IdealDrive(drive.amplitude_m, speed, drive.phase_rad)
+
+    def _friction(self) -> Friction:
+        friction = self.friction
+        if isinstance(friction, ViscousTable):
+            return Viscous(friction.b_n_s_m)
+        if isinstance(friction, CoulombTable):
+            return Coulomb(friction.mu, friction.b_n_s_m)
+        if isinstance(friction, StribeckTable):
+            return Stribeck(friction.mu, friction.mu_s, friction.v_s_m_s, friction.delta, friction.b_n_s_m)
+        return NoFriction()
+
+    def _stop(self) -> Stop:
+        stop, mass_kg = self.stop, self.striker.mass_kg
+        if isinstance(stop, RigidStopTable):
+            return RigidStop(stop.position_m, stop.restitution)
+        if isinstance(stop, KelvinVoigtTable):
+            stiffness = stop.stiffness or linear_stiffness(mass_kg, stop.contact_s or math.nan)
+            damping = kelvin_voigt_damping(mass_kg, stiffness, stop.restitution)
+            return KelvinVoigt(stop.position_m, stiffness, damping)
+        if isinstance(stop, HuntCrossleyTable):
+            stiffness = stop.stiffness or hertz_stiffness(
+                mass_kg, stop.contact_s or math.nan, CONTACT_REFERENCE_SPEED_M_S
+            )
+            dissipation = hunt_crossley_dissipation(stop.restitution)
+            return HuntCrossley(stop.position_m, stiffness, HERTZ_EXPONENT, dissipation)
+        return NoStop()
+
+
+def scene_names() -> list[str]:
+    """The scenes that come with the package."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
+    """The raw tables of a named scene, of a TOML file or of a mapping.
+
+    A text is a file's path if it has a slash or ends in `.toml`, else a scene's name.
+    """
+    if isinstance(source, Mapping):
+        return dict(source)
+    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
+        path = SCENES / f"{source}.toml"
+        if source not in scene_names():
+            raise SceneError(
+                f"{source!r} is no named scene; {nearest(source, scene_names())} "
+                "(a file's path ends in .toml)"
+            )
+    else:
+        path = Path(source)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(
+            f"scene file {str(path)!r} cannot be read ({error.strerror}); give an existing file or one of "
+            f"the named scenes: {', '.join(scene_names())}"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(f"scene file {str(path)!r} is not valid TOML: {error}; correct it there") from error
+
+
+def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
+    """A checked scene from a name, a TOML file or a mapping; raises SceneError."""
+    try:
+        return Scene.model_validate(read_scene(source))
+    except ValidationError as error:
+        raise SceneError("\n".join(complaints(error, Scene))) from error

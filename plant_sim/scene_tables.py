@@ -1,0 +1,314 @@
+"""The tables of a scene file: their keys, units, bounds and defaults, each default with its reason."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from plant_sim.sensors import AccelerometerModel, EncoderModel, SensorModels
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+CONTACT_REFERENCE_SPEED_M_S = 0.9
+"""`contact_s` holds at this approach speed: what the module strikes with at r = 1.3 (0.91 m/s)."""
+
+
+class Table(BaseModel):
+    """Unknown keys, wrong types, NaN and infinity are refused; a table never changes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class StrikerTable(Table):
+    """The impact mass on its coupling spring."""
+
+    mass_kg: float = Field(gt=0.0, description="the striker's mass in kg")
+    spring_n_m: float = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
+    rest_length_m: float = Field(description="the striker's position in m where the spring is relaxed")
+    gravity_m_s2: float = Field(
+        default=STANDARD_GRAVITY_M_S2, ge=0.0, description="gravity in m/s² (it enters dry friction only)"
+    )
+
+
+class IdealDriveTable(Table):
+    """The paper's crank: constant speed, whatever the load."""
+
+    model: Literal["ideal"]
+    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m")
+    ratio: float | None = Field(default=None, ge=0.0, description="the crank's speed as a ratio Ω/ω")
+    frequency_hz: float | None = Field(default=None, ge=0.0, description="the crank's frequency in Hz")
+    speed_rad_s: float | None = Field(default=None, ge=0.0, description="the crank's speed in rad/s")
+    phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
+
+    @model_validator(mode="after")
+    def _one_speed(self) -> Self:
+        given = {name: getattr(self, name) for name in _SPEEDS if getattr(self, name) is not None}
+        if len(given) > 1:
+            both = " and ".join(f"drive.{name} = {value}" for name, value in given.items())
+            raise ValueError(f"{both} are both given; the drive has one speed, keep one of them")
+        if not given:
+            raise ValueError(
+                "drive has no speed; give one of drive.ratio (Ω/ω), drive.frequency_hz or drive.speed_rad_s"
+            )
+        return self
+
+
+_SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
+
+
+class MotorDriveTable(Table):
+    """The crank on a motor that is commanded a torque."""
+
+    model: Literal["motor"]
+    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m")
+    phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_speed(cls, data: object) -> object:
+        for name in _SPEEDS:
+            if isinstance(data, Mapping) and name in data:
+                raise ValueError(
+                    f"drive.{name} = {data[name]} is given for a motor, which takes a torque and finds its "
+                    "own speed; delete it, or set drive.model = 'ideal'"
+                )
+        return data
+
+
+class NoFrictionTable(Table):
+    """A guide without friction."""
+
+    law: Literal["none"]
+
+
+class ViscousTable(Table):
+    """Friction proportional to speed."""
+
+    law: Literal["viscous"]
+    b_n_s_m: float = Field(ge=0.0, description="the viscous coefficient in N s/m")
+
+
+class CoulombTable(Table):
+    """Dry friction; it sticks."""
+
+    law: Literal["coulomb"]
+    mu: float = Field(ge=0.0, description="the coefficient of dry friction")
+    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+
+
+class StribeckTable(Table):
+    """Dry friction that falls from μ_s to μ with speed; it sticks."""
+
+    law: Literal["stribeck"]
+    mu: float = Field(ge=0.0, description="the coefficient of sliding friction at speed")
+    mu_s: float = Field(ge=0.0, description="the coefficient of static friction, at least mu")
+    v_s_m_s: float = Field(gt=0.0, description="the Stribeck speed in m/s")
+    delta: float = Field(gt=0.0, description="the Stribeck exponent")
+    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+
+    @model_validator(mode="after")
+    def _static_not_below_sliding(self) -> Self:
+        if self.mu_s < self.mu:
+            raise ValueError(
+                f"friction.mu_s = {self.mu_s} is below friction.mu = {self.mu}; "
+                "static friction is at least the sliding one, raise mu_s or lower mu"
+            )
+        return self
+
+
+class NoStopTable(Table):
+    """Nothing to hit."""
+
+    law: Literal["none"]
+
+
+_Position = Annotated[float, Field(description="the stop's position in m")]
+
+
+class RigidStopTable(Table):
+    """Newton's impact law."""
+
+    law: Literal["rigid"]
+    position_m: _Position
+    restitution: float = Field(ge=0.0, le=1.0, description="the coefficient of restitution, 0 to 1")
+
+
+class SoftStopTable(Table):
+    """What every soft stop is given."""
+
+    position_m: _Position
+    restitution: float = Field(
+        gt=0.0,
+        le=1.0,
+        description="the coefficient of restitution, above 0 (a soft stop always returns some) to 1",
+    )
+    contact_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        description=f"the elastic contact time in s at {CONTACT_REFERENCE_SPEED_M_S} m/s of approach",
+    )
+    stiffness: float | None = Field(
+        default=None, gt=0.0, description="the stop's stiffness in N/m (hunt-crossley: N/m^1.5)"
+    )
+
+    @model_validator(mode="after")
+    def _one_stiffness(self) -> Self:
+        if self.contact_s is not None and self.stiffness is not None:
+            raise ValueError(
+                f"stop.contact_s = {self.contact_s} and stop.stiffness = {self.stiffness} are both given; "
+                "each gives the other, keep one of them"
+            )
+        if self.contact_s is None and self.stiffness is None:
+            raise ValueError("stop has no stiffness; give one of stop.contact_s (in s) or stop.stiffness")
+        return self
+
+
+class KelvinVoigtTable(SoftStopTable):
+    """A linear spring and damper that cannot pull."""
+
+    law: Literal["kelvin-voigt"]
+
+
+class HuntCrossleyTable(SoftStopTable):
+    """A Hertzian spring whose damping grows with depth."""
+
+    law: Literal["hunt-crossley"]
+
+
+class InitialTable(Table):
+    """The striker at t = 0."""
+
+    x_m: float | None = Field(
+        default=None, description="the striker's position in m (default: rest_length_m)"
+    )
+    v_m_s: float = Field(default=0.0, description="the striker's velocity in m/s")
+
+
+class SolverTable(Table):
+    """Which solver, and how accurate."""
+
+    method: Literal["auto", "exact", "adaptive", "stepping"] = Field(
+        default="auto", description="one of auto, exact, adaptive, stepping"
+    )
+    accuracy: float = Field(
+        default=1e-9,
+        ge=1e-13,
+        le=1e-2,
+        description="the largest state error per forcing period, in m and in m/s over ω, from 1e-13 to 1e-2",
+    )
+
+
+class MotorTable(Table):
+    """A small direct-drive BLDC gimbal motor with a flywheel, as seen at its torque command."""
+
+    # Together: 0.8 N m at 10 A, against peaks of 0.14 N m (table1, r = 1.3) and 0.49 N m (gait, r = 1.2).
+    torque_constant_n_m_a: float = Field(default=0.08, gt=0.0, description="the torque constant in N m/A")
+    resistance_ohm: float = Field(default=0.4, gt=0.0, description="the winding's resistance in Ω")
+    # 0.75 ms with 0.4 Ω: faster than the 1 ms tick, so that the current is taken as settled.
+    inductance_h: float = Field(default=0.3e-3, gt=0.0, description="the winding's inductance in H")
+    # A 12N14P stator, the usual one of gimbal motors.
+    pole_pairs: int = Field(default=7, ge=1, description="the number of pole pairs")
+    # Six lithium cells; no-load speed 300 rad/s, ten times what r = 1.3 needs.
+    supply_v: float = Field(default=24.0, gt=0.0, description="the supply voltage in V")
+    current_limit_a: float = Field(default=10.0, gt=0.0, description="the drive's current limit in A")
+    # A flywheel that keeps the speed ripple at 2.7 % under a plain PI loop; 1e-4 alone would not.
+    inertia_kg_m2: float = Field(
+        default=5e-4, gt=0.0, description="the inertia of rotor and flywheel in kg m²"
+    )
+    # A tenth of the dry loss at 5 rad/s: bearings of this size.
+    viscous_n_m_s: float = Field(default=1e-4, ge=0.0, description="the viscous loss in N m s")
+    # Cogging and seals of a motor of this size, 1 % of its torque.
+    dry_n_m: float = Field(default=5e-3, ge=0.0, description="the dry loss in N m")
+    # Three times the crank's speed at r = 1.3 of table1, 1.6 times gait's at r = 1.
+    speed_limit_rad_s: float = Field(default=40.0, gt=0.0, description="the drive's speed limit in rad/s")
+
+
+class AccelerometerTable(Table):
+    """One accelerometer: low-pass, then noise and bias, then clip, then quantise."""
+
+    range_m_s2: float = Field(gt=0.0, description="the reading in m/s² beyond which it clips")
+    count_m_s2: float = Field(gt=0.0, description="one count of the reading in m/s²")
+    noise_m_s2_rthz: float = Field(ge=0.0, description="the noise density in m/s²/√Hz")
+    bias_m_s2: float = Field(description="the reading at rest in m/s²")
+    # Below half the 1 kHz sample rate; 0.56 ms of delay.
+    bandwidth_hz: float = Field(default=400.0, gt=0.0, description="the low-pass's corner frequency in Hz")
+
+    def model(self) -> AccelerometerModel:
+        """Plain record for the kernels."""
+        return AccelerometerModel(**self.model_dump())
+
+
+class LowRangeTable(AccelerometerTable):
+    """±16 g, low noise (ICM-42688-P class)."""
+
+    range_m_s2: float = Field(default=16.0 * STANDARD_GRAVITY_M_S2, gt=0.0, description="the range in m/s²")
+    # 16 bits over ±16 g: 2048 counts per g.
+    count_m_s2: float = Field(default=STANDARD_GRAVITY_M_S2 / 2048.0, gt=0.0, description="one count in m/s²")
+    # 70 µg/√Hz.
+    noise_m_s2_rthz: float = Field(
+        default=70e-6 * STANDARD_GRAVITY_M_S2, ge=0.0, description="the noise density in m/s²/√Hz"
+    )
+    # The ±20 mg of its data sheet.
+    bias_m_s2: float = Field(default=0.02 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
+
+
+class HighRangeTable(AccelerometerTable):
+    """±200 g (ADXL375 class): clips at none of a default stop's impacts (32 g)."""
+
+    range_m_s2: float = Field(default=200.0 * STANDARD_GRAVITY_M_S2, gt=0.0, description="the range in m/s²")
+    # 49 mg per count.
+    count_m_s2: float = Field(default=0.049 * STANDARD_GRAVITY_M_S2, gt=0.0, description="one count in m/s²")
+    # 5 mg/√Hz.
+    noise_m_s2_rthz: float = Field(
+        default=5e-3 * STANDARD_GRAVITY_M_S2, ge=0.0, description="the noise density in m/s²/√Hz"
+    )
+    # Half of the ±400 mg of its data sheet.
+    bias_m_s2: float = Field(default=-0.2 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
+
+
+class HousingTable(LowRangeTable):
+    """±16 g on the housing."""
+
+    # Another specimen of the same type: half its data sheet's ±20 mg, of the other sign.
+    bias_m_s2: float = Field(default=-0.01 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
+
+
+class EncoderTable(Table):
+    """The drive's encoder and its speed estimate."""
+
+    # 14 bits: a magnetic absolute encoder on the shaft.
+    counts: int = Field(default=16384, ge=1, description="the number of counts per revolution")
+    # The drive's default tracking bandwidth.
+    bandwidth_rad_s: float = Field(
+        default=1000.0, gt=0.0, description="the bandwidth of the speed estimate in rad/s"
+    )
+    # One count is 0.38 mrad; a tracking loop of 1000 rad/s at 8 kHz leaves about this much of its rounding.
+    noise_rad_s: float = Field(default=0.02, ge=0.0, description="the speed estimate's noise in rad/s, rms")
+
+    def model(self) -> EncoderModel:
+        """Plain record for the kernels."""
+        return EncoderModel(**self.model_dump())
+
+
+class SensorsTable(Table):
+    """What the firmware can know."""
+
+    striker_low: LowRangeTable = LowRangeTable()
+    striker_high: HighRangeTable = HighRangeTable()
+    housing: HousingTable = HousingTable()
+    encoder: EncoderTable = EncoderTable()
+    # A Newton jump is no acceleration; the striker's accelerometers see a half-sine of this length instead,
+    # as long as the default soft stop's elastic contact.
+    rigid_contact_s: float = Field(
+        default=0.01, gt=0.0, description="the duration in s of the half-sine read at a rigid stop"
+    )
+
+    def models(self) -> SensorModels:
+        """Plain records for the kernels."""
+        return SensorModels(
+            striker_low=self.striker_low.model(),
+            striker_high=self.striker_high.model(),
+            housing=self.housing.model(),
+            encoder=self.encoder.model(),
+            rigid_contact_s=self.rigid_contact_s,
+        )
