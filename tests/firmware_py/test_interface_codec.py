@@ -3,7 +3,7 @@
 import math
 import timeit
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from crccheck.crc import Crc8SaeJ1850  # type: ignore[import-untyped]  # it carries no types
@@ -29,7 +29,7 @@ from firmware_py.interface.codec import (
 from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import AxisError, AxisState, Mode
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.layout import Signal, SignalKind
+from firmware_py.interface.layout import LayoutError, Signal, SignalKind
 from firmware_py.interface.records import (
     Accelerometer,
     ClearErrors,
@@ -203,6 +203,19 @@ def test_a_refusal_names_field_value_and_what_was_wanted() -> None:
         encode(Accelerometer(0.0, 0.0, math.nan))
     with pytest.raises(FrameError, match=r"SetInputTorque \(0x00E\): 4 data bytes, wanted 8"):
         SET_INPUT_TORQUE.decode(bytes(4))
+
+
+def test_a_record_with_too_few_fields() -> None:
+    with pytest.raises(FrameError, match="cannot send"):
+        ACCELEROMETER.encode((1.0, 2.0))  # type: ignore[arg-type]
+
+
+def test_a_record_whose_fields_are_not_the_messages_signals() -> None:
+    class CoarsePosition(NamedTuple):
+        striker_position_mm: float
+
+    with pytest.raises(LayoutError, match=r"signals \['striker_position_m'\], but the record has"):
+        codecs._codec(CoarsePosition)
 
 
 def test_no_record_of_the_bus() -> None:
