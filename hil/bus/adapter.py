@@ -1,0 +1,72 @@
+"""Any python-can interface as a bus: real adapters, at python-can's own cost."""
+
+from collections.abc import Callable, Iterable
+
+import can
+
+from firmware_py.interface.frame import Frame
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
+
+BITRATE = 1_000_000
+"""The bench's bus; interfaces that have no bit rate ignore it."""
+
+
+class AdapterBus:
+    """A node on `interface:channel` of python-can."""
+
+    def __init__(self, interface: str, channel: str, accept: Iterable[int] | None) -> None:
+        self.counters = BusCounters()
+        self.closing: list[Callable[[], None]] = []
+        # Filtered here: python-can ends a read without waiting at the first frame its own filter refuses.
+        self._accept = None if accept is None else frozenset(accept)
+        try:
+            self._bus = can.Bus(channel, interface, bitrate=BITRATE)
+        except (can.CanError, OSError, ValueError) as error:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            raise BusError(
+                f"bus {interface}:{channel} did not open: {error}; wanted auto, vcan, local or one of "
+                f"python-can's interfaces ({known}) with its channel, e.g. socketcan:can0"
+            ) from error
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame."""
+        message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, check=False)
+        try:
+            self._bus.send(message, timeout=SEND_RETRIES * SEND_RETRY_S)
+        except can.CanError:
+            self.counters.unsent += 1
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in order."""
+        for frame in frames:
+            self.send(frame)
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived."""
+        return [frame for _, frame in self.receive_stamped()]
+
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """All frames that have arrived, with the time the interface gave each, in ns."""
+        frames = []
+        for _ in range(MAX_BURST):
+            message = self._bus.recv(timeout=0)
+            if message is None:
+                break
+            if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+                self.counters.foreign += 1
+                continue
+            if self._accept is not None and message.arbitration_id not in self._accept:
+                continue
+            stamp_ns = int(message.timestamp * 1e9)
+            frames.append((stamp_ns, Frame(message.arbitration_id, bytes(message.data))))
+        return frames
+
+    def fileno(self) -> int:
+        """The interface's descriptor; -1 where it has none."""
+        return self._bus.fileno()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()
+        for close in self.closing:
+            close()

@@ -1,0 +1,56 @@
+"""What every bus offers a node, and what it counts."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from firmware_py.interface.frame import Frame
+
+MAX_BURST = 4096
+"""Frames one `receive` hands out at most: a node flooded with frames still gets to its own work."""
+
+SEND_RETRIES = 4
+SEND_RETRY_S = 100e-6
+"""A full transmit queue is waited for 4 × 0.1 ms, less than half a tick; then frames are dropped."""
+
+
+class BusError(ValueError):
+    """A bus that cannot be opened as asked, with what was wanted and the remedy."""
+
+
+@dataclass
+class BusCounters:
+    """What went wrong on one node's side of the bus; frames."""
+
+    waited: int = 0
+    """Sends that met a full transmit queue and had to wait."""
+    unsent: int = 0
+    """Frames dropped because the queue stayed full or the bus was gone."""
+    foreign: int = 0
+    """Frames received that are no classic data frame with an 11-bit identifier."""
+
+
+class Bus(Protocol):
+    """One node's connection. It never hears its own frames; no call blocks longer than a send may wait."""
+
+    counters: BusCounters
+    closing: list[Callable[[], None]]
+    """Called when the node leaves, in order."""
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame; a full queue is waited for shortly, then the frame is dropped and counted."""
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in order, in as few system calls as the bus allows."""
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived, oldest first, without waiting."""
+
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """As `receive`, with the wall clock in ns at which each arrived; for a bus opened with `stamped`."""
+
+    def fileno(self) -> int:
+        """A descriptor that becomes readable when frames arrive."""
+
+    def close(self) -> None:
+        """Leave the bus."""

@@ -1,0 +1,178 @@
+"""The hub of the bus `local`: passes every frame of each node on to all the others, in the order of arrival.
+
+A process of its own (`python -m hil.bus.hub SOCKET`), started by whoever provides the bus and gone with it:
+it ends when its standard input does. The socket lies in a folder that only its user may enter.
+"""
+
+import argparse
+import json
+import selectors
+import socket
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from hil.bus.sockets import CAN_FRAME, CONTROL_ID, FRAME_BYTES, HELLO, HELLO_STAMPED
+from hil.processes import stop_requests
+from hil.realtime import HUB_PRIORITY, become_realtime
+
+READ_BYTES = 1 << 16
+MAX_QUEUED_BYTES = 1 << 16
+"""A node that reads nothing for 4,096 frames, half a second of a full bus, loses frames from then on."""
+
+
+@dataclass
+class Client:
+    """One node: what it asked for, what it has not yet sent whole, what it has not yet read."""
+
+    link: socket.socket
+    joined: bool = False
+    stamped: bool = False
+    received: bytes = b""
+    queued: bytearray = field(default_factory=bytearray)
+    dropped: int = 0
+
+
+class Hub:
+    """The forwarder; `serve` runs until standard input closes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.forwarded = 0
+        self.dropped = 0
+        self._clients: dict[int, Client] = {}
+        self._selector = selectors.DefaultSelector()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        self._listener.listen()
+        self._listener.setblocking(False)
+
+    def serve(self, until: Iterable[IO[str] | socket.socket]) -> None:
+        """Forward until one of `until` becomes readable or ends."""
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        ends = [self._selector.register(end, selectors.EVENT_READ) for end in until]
+        while True:
+            for key, events in self._selector.select():
+                if key in ends:
+                    return
+                if key.fileobj is self._listener:
+                    self._welcome()
+                    continue
+                client = self._clients.get(key.fd)
+                if client is not None and events & selectors.EVENT_WRITE:
+                    self._drain(client)
+                if client is not None and events & selectors.EVENT_READ:
+                    self._forward_from(client)
+
+    def _welcome(self) -> None:
+        link, _ = self._listener.accept()
+        link.setblocking(False)
+        self._clients[link.fileno()] = Client(link)
+        self._selector.register(link, selectors.EVENT_READ)
+
+    def _part_with(self, client: Client) -> None:
+        self._selector.unregister(client.link)
+        del self._clients[client.link.fileno()]
+        self.dropped += client.dropped
+        client.link.close()
+
+    def _forward_from(self, client: Client) -> None:
+        try:
+            chunk = client.link.recv(READ_BYTES)
+        except BlockingIOError:
+            return
+        except ConnectionError:
+            chunk = b""
+        if not chunk:
+            self._part_with(client)
+            return
+        if client.received or len(chunk) % FRAME_BYTES:
+            chunk = client.received + chunk
+            whole = len(chunk) - len(chunk) % FRAME_BYTES
+            chunk, client.received = chunk[:whole], chunk[whole:]
+        if chunk and not client.joined:
+            chunk = self._admit(client, chunk)
+        if not chunk:
+            return
+        self.forwarded += len(chunk) // FRAME_BYTES
+        stamp = b""
+        for other in list(self._clients.values()):
+            if other is client or not other.joined:
+                continue
+            if other.stamped:
+                stamp = stamp or CAN_FRAME.pack(CONTROL_ID, 8, time.time_ns().to_bytes(8, "little"))
+                self._pass_on(other, stamp + chunk)
+            else:
+                self._pass_on(other, chunk)
+
+    def _admit(self, client: Client, chunk: bytes) -> bytes:
+        """Take a node in by its greeting; gives the frames after it. A stranger is shown out."""
+        greeting, rest = chunk[:FRAME_BYTES], chunk[FRAME_BYTES:]
+        if greeting not in (HELLO, HELLO_STAMPED):
+            self._part_with(client)
+            return b""
+        client.joined = True
+        client.stamped = greeting == HELLO_STAMPED
+        self._pass_on(client, HELLO)
+        return rest
+
+    def _pass_on(self, client: Client, chunk: bytes) -> None:
+        if client.queued:
+            self._queue(client, chunk)
+            return
+        try:
+            sent = client.link.send(chunk)
+        except BlockingIOError:
+            sent = 0
+        except ConnectionError:
+            return  # its own readable event follows and parts with it
+        if sent < len(chunk):
+            self._queue(client, chunk[sent:])
+            self._selector.modify(client.link, selectors.EVENT_READ | selectors.EVENT_WRITE)
+
+    def _queue(self, client: Client, chunk: bytes) -> None:
+        if client.queued and len(client.queued) + len(chunk) > MAX_QUEUED_BYTES:
+            client.dropped += len(chunk) // FRAME_BYTES
+            return
+        client.queued += chunk
+
+    def _drain(self, client: Client) -> None:
+        try:
+            sent = client.link.send(client.queued)
+        except (BlockingIOError, ConnectionError):
+            return
+        del client.queued[:sent]
+        if not client.queued:
+            self._selector.modify(client.link, selectors.EVENT_READ)
+
+    def close(self) -> None:
+        """Show all nodes out; remove the socket, and its folder where that leaves it empty."""
+        for client in list(self._clients.values()):
+            self._part_with(client)
+        self._selector.close()
+        self._listener.close()
+        self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.path.parent.rmdir()
+
+
+def main() -> None:
+    """Serve until standard input closes, then say what passed."""
+    parser = argparse.ArgumentParser(description="The hub of the bus `local`.")
+    parser.add_argument("socket", type=Path, help="where to listen; its folder must be the user's own")
+    path: Path = parser.parse_args().socket
+    stop = stop_requests()
+    become_realtime(HUB_PRIORITY)
+    hub = Hub(path)
+    print("ready", flush=True)
+    hub.serve((sys.stdin, stop))
+    hub.close()
+    print(json.dumps({"forwarded": hub.forwarded, "dropped": hub.dropped}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""Which bus a word means: making what a run needs, and joining it."""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hil.bus.base import Bus, BusError
+from hil.bus.sockets import CanSocket, HubSocket, open_can_socket
+from hil.bus.vcan import fetch_can_socket, has_kernel_can
+from hil.processes import Child, ChildError
+
+READY_TIMEOUT_S = 20.0
+
+
+@dataclass
+class ProvidedBus:
+    """A bus that exists for as long as this object is open; `address` is what its nodes join."""
+
+    name: str
+    """What it is called in a result: local, vcan, socketcan:can0, …"""
+    address: str
+    kernel_can: bool
+    """Whether frames go through the kernel's own CAN."""
+    reason: str
+    """Why this one."""
+    holder: Child | None = None
+    folder: Path | None = None
+    said: str = field(default="", init=False)
+    """What the holder said of itself when it ended."""
+
+    @property
+    def processes(self) -> Mapping[str, Child]:
+        """The process that is the bus, if there is one, by its name."""
+        return {} if self.holder is None else {self.holder.name: self.holder}
+
+    def close(self) -> None:
+        """Take down what was put up."""
+        if self.holder is not None:
+            self.said = self.holder.stop()
+            self.holder = None
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self.folder = None
+
+    def __enter__(self) -> "ProvidedBus":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def private_folder() -> Path:
+    """A new folder that only this user may enter, with a path short enough for a Unix socket."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    return Path(
+        tempfile.mkdtemp(prefix="vibrohil-", dir=runtime if Path(runtime).is_dir() and runtime else None)
+    )
+
+
+def provide_local(reason: str) -> ProvidedBus:
+    """A hub of this run's own."""
+    folder = private_folder()
+    path = folder / "bus"
+    hub = Child("hub", [sys.executable, "-m", "hil.bus.hub", str(path)])
+    provided = ProvidedBus("local", f"local:{path}", False, reason, hub, folder)
+    try:
+        hub.wait_ready(READY_TIMEOUT_S)
+    except ChildError as error:
+        provided.close()
+        raise BusError(f"bus local did not start: {error}") from error
+    return provided
+
+
+def provide_vcan(reason: str) -> ProvidedBus:
+    """A vcan interface of this run's own; raises `BusError` where the machine has none."""
+    if not has_kernel_can():
+        raise BusError(
+            "bus vcan: this kernel has no CAN sockets; wanted one with the modules can, can-raw and vcan, or "
+            " `vibrohil kernel -- vibrohil run … --bus vcan`"
+        )
+    folder = private_folder()
+    holder = Child("vcan", [sys.executable, "-m", "hil.bus.vcan", str(folder)])
+    provided = ProvidedBus("vcan", "", True, reason, holder, folder)
+    try:
+        line = holder.read_line(READY_TIMEOUT_S)
+    except ChildError as error:
+        provided.close()
+        raise BusError(f"bus vcan did not start: {error}") from error
+    word, _, rest = line.partition(" ")
+    if word != "ready":
+        provided.close()
+        raise BusError(f"bus vcan: {rest}")
+    provided.address = rest
+    return provided
+
+
+def provide(spec: str) -> ProvidedBus:
+    """Make the bus `spec` asks for, or take the one it names.
+
+    `auto`: vcan where it works, else local. `vcan`, `local`: new and private. `local:PATH`, `vcan:PATH`: one
+    that another process provides. `socketcan:can0` or any `interface:channel` of python-can: as it is.
+    """
+    if spec == "auto":
+        try:
+            return provide_vcan("auto: vcan works here")
+        except BusError as error:
+            return provide_local(f"auto: no vcan here, so a hub of our own ({error})")
+    if spec == "vcan":
+        return provide_vcan("asked for")
+    if spec == "local":
+        return provide_local("asked for")
+    interface, separator, channel = spec.partition(":")
+    if not (separator and interface and channel):
+        raise BusError(
+            f"bus {spec!r} is not known; wanted auto, vcan, local, local:PATH, socketcan:can0 or any "
+            "interface:channel of python-can"
+        )
+    return ProvidedBus(spec, spec, interface in ("socketcan", "vcan"), "asked for")
+
+
+def join(address: str, accept: Iterable[int] | None = None, stamped: bool = False) -> Bus:
+    """Join the bus at `address`, which `provide` gave or which others keep up.
+
+    `accept`: only these identifiers, where the bus can filter. `stamped`: arrivals carry the wall clock.
+    """
+    interface, _, channel = address.partition(":")
+    if interface == "local":
+        return HubSocket(Path(channel), stamped)
+    if interface == "vcan":
+        return CanSocket(fetch_can_socket(Path(channel), accept, stamped))
+    if interface == "socketcan" and has_kernel_can():
+        try:
+            return CanSocket(open_can_socket(channel, accept, stamped))
+        except OSError as error:
+            raise BusError(
+                f"bus {address} did not open: {error}; wanted a CAN interface that is up, see "
+                f"`ip link show {channel}`"
+            ) from error
+    from hil.bus.adapter import AdapterBus  # noqa: PLC0415  python-can takes 0.1 s to import
+
+    return AdapterBus(interface, channel, accept)
+
+
+def open_bus(spec: str, accept: Iterable[int] | None = None, stamped: bool = False) -> Bus:
+    """Join the bus `spec` names; where that makes one, it ends when this node leaves."""
+    provided = provide(spec)
+    try:
+        bus = join(provided.address, accept, stamped)
+    except BusError:
+        provided.close()
+        raise
+    if provided.holder is not None:
+        bus.closing.append(provided.close)
+    return bus

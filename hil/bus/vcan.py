@@ -1,0 +1,152 @@
+"""A private vcan interface for one run, gone with the process that asked for it.
+
+`python -m hil.bus.vcan FOLDER` makes it and holds it until its standard input ends. With the right to do so
+it makes the interface in the network everyone sees and prints `ready socketcan:NAME`. Without, it moves into
+a user and network namespace of its own, makes it there, and prints `ready vcan:FOLDER/vcan`: a Unix socket
+at which it hands out CAN sockets opened inside. A socket stays in the network it was opened in, so the nodes
+need not move.
+"""
+
+import argparse
+import ctypes
+import errno
+import json
+import os
+import selectors
+import socket
+import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from hil.bus.base import BusError
+from hil.bus.sockets import open_can_socket
+from hil.processes import stop_requests
+from hil.realtime import libc
+
+CLONE_NEWUSER = 0x10000000
+CLONE_NEWNET = 0x40000000
+REQUEST_BYTES = 1 << 14
+
+
+class VcanError(RuntimeError):
+    """Why there is no private vcan on this machine."""
+
+
+def has_kernel_can() -> bool:
+    """Whether the kernel knows CAN sockets at all."""
+    if not hasattr(socket, "AF_CAN"):
+        return False
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def make_interface(name: str) -> None:
+    """Make the vcan interface `name` and bring it up."""
+    from pyroute2 import IPRoute  # noqa: PLC0415  nothing else needs netlink
+    from pyroute2.netlink.exceptions import NetlinkError  # noqa: PLC0415
+
+    with IPRoute() as netlink:
+        try:
+            netlink.link("add", ifname=name, kind="vcan")
+            netlink.link("set", index=netlink.link_lookup(ifname=name)[0], state="up")
+        except NetlinkError as error:
+            if error.code == errno.EPERM:
+                raise PermissionError(error.code, str(error)) from error
+            raise VcanError(
+                f"the kernel makes no vcan interface ({error}); wanted its module vcan"
+            ) from error
+
+
+def remove_interface(name: str) -> None:
+    """Remove the interface `name`."""
+    from pyroute2 import IPRoute  # noqa: PLC0415
+
+    with IPRoute() as netlink:
+        for index in netlink.link_lookup(ifname=name):
+            netlink.link("del", index=index)
+
+
+def enter_own_network() -> None:
+    """Move this process into a new user namespace, as its root, and a new network namespace."""
+    library = libc()
+    user, group = os.getuid(), os.getgid()
+    if library is None or library.unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0:
+        raise VcanError(
+            f"this user may neither make a vcan interface nor a user namespace "
+            f"({os.strerror(ctypes.get_errno())}); wanted root or kernel.unprivileged_userns_clone=1"
+        )
+    Path("/proc/self/setgroups").write_text("deny")
+    Path("/proc/self/uid_map").write_text(f"0 {user} 1")
+    Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+
+
+def hand_out(listener: socket.socket, interface: str) -> None:
+    """Answer one node's request with a CAN socket opened on `interface`."""
+    link, _ = listener.accept()
+    with link:
+        content = link.recv(REQUEST_BYTES)
+        if not content:
+            return  # the node ended before it asked
+        request = json.loads(content)
+        with open_can_socket(interface, request["accept"], request["stamped"]) as can_socket:
+            socket.send_fds(link, [b"1"], [can_socket.fileno()])
+
+
+def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
+    """A CAN socket from the holder that listens at `path`."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+        try:
+            link.connect(str(path))
+            request = {"accept": None if accept is None else list(accept), "stamped": stamped}
+            link.sendall(json.dumps(request).encode())
+            _, descriptors, _, _ = socket.recv_fds(link, 1, 1)
+        except OSError as error:
+            raise BusError(
+                f"no private vcan is held at vcan:{path} ({error}); wanted the address that a running "
+                "`vibrohil run --bus vcan` prints"
+            ) from error
+    if not descriptors:
+        raise BusError(f"the holder of vcan:{path} gave no CAN socket; it may be shutting down")
+    return socket.socket(fileno=descriptors[0])
+
+
+def main() -> None:
+    """Make the interface, say where it is, hold it until standard input ends."""
+    parser = argparse.ArgumentParser(description="Holds a private vcan interface.")
+    parser.add_argument("folder", type=Path, help="the user's own; for the socket, where one is needed")
+    folder: Path = parser.parse_args().folder
+    name = f"vibro{os.getpid()}"
+    with stop_requests() as stop, selectors.DefaultSelector() as selector:
+        selector.register(stop, selectors.EVENT_READ)
+        selector.register(sys.stdin, selectors.EVENT_READ)
+        try:
+            try:
+                make_interface(name)
+                address = f"socketcan:{name}"
+            except PermissionError:
+                enter_own_network()
+                make_interface(name)
+                address = f"vcan:{folder / 'vcan'}"
+        except VcanError as error:
+            print(f"failed {error}", flush=True)
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+            if address.startswith("vcan:"):
+                listener.bind(str(folder / "vcan"))
+                listener.listen()
+                selector.register(listener, selectors.EVENT_READ)
+            print(f"ready {address}", flush=True)
+            while all(key.fileobj is listener for key, _ in selector.select()):
+                hand_out(listener, name)
+    remove_interface(name)
+    (folder / "vcan").unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+if __name__ == "__main__":
+    main()

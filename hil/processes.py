@@ -1,0 +1,134 @@
+"""Child processes: started in sight of all, waited for, never left behind."""
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+READY = "ready"
+"""The first line a child prints once it is warmed up and on the bus; more words may follow it."""
+
+STOP_TIMEOUT_S = 3.0
+SHOWN_LINES = 12
+
+
+def stop_requests() -> socket.socket:
+    """A descriptor that becomes readable on SIGTERM, to sleep on; Ctrl-C is left to the parent."""
+    readable, writable = socket.socketpair()
+    writable.setblocking(False)
+    signal.set_wakeup_fd(writable.detach())
+    signal.signal(signal.SIGTERM, lambda *_: None)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return readable
+
+
+class ChildError(RuntimeError):
+    """A child that ended, or stayed silent, when it should have been running."""
+
+
+class Child:
+    """One process: its standard input and output are ours, its errors go to a file or to our own.
+
+    It leads a process group of its own, so that Ctrl-C reaches the parent alone, which then stops all in
+    order. The end of its standard input tells it that the parent is gone.
+    """
+
+    def __init__(self, name: str, command: Sequence[str], errors: Path | None = None) -> None:
+        self.name = name
+        self.errors = errors
+        with ExitStack() as stack:
+            error_file = None if errors is None else stack.enter_context(errors.open("wb"))
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=error_file, process_group=0
+            )
+
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended, noticed without waiting."""
+        return self._process.poll() is not None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it has ended of its own accord and in order."""
+        return self._process.poll() == 0
+
+    def how_it_ended(self) -> str:
+        """The end in words: `firmware was killed by SIGKILL`."""
+        status = self._process.poll()
+        if status is None:
+            return f"{self.name} is running"
+        if status < 0:
+            return f"{self.name} was killed by {signal.Signals(-status).name}"
+        return f"{self.name} ended with status {status}"
+
+    def last_errors(self) -> str:
+        """The last lines it wrote to standard error."""
+        if self.errors is None:
+            return ""
+        lines = self.errors.read_text(errors="replace").splitlines()
+        return "\n".join(lines[-SHOWN_LINES:])
+
+    def read_line(self, timeout_s: float) -> str:
+        """The next line of its standard output."""
+        assert self._process.stdout is not None
+        descriptor = self._process.stdout.fileno()
+        line = b""
+        deadline = time.monotonic() + timeout_s
+        while not line.endswith(b"\n"):
+            readable, _, _ = select.select([descriptor], [], [], max(0.0, deadline - time.monotonic()))
+            if not readable:
+                raise ChildError(
+                    f"{self.name} said nothing for {timeout_s:g} s\n{self.last_errors()}".rstrip()
+                )
+            byte = os.read(descriptor, 1)
+            if not byte:
+                self._process.wait(STOP_TIMEOUT_S)
+                raise ChildError(f"{self.how_it_ended()} before it was ready\n{self.last_errors()}".rstrip())
+            line += byte
+        return line.decode().rstrip("\n")
+
+    def wait_ready(self, timeout_s: float) -> str:
+        """Wait for the line that starts with `ready`; gives the rest of it."""
+        line = self.read_line(timeout_s)
+        word, _, rest = line.partition(" ")
+        if word != READY:
+            raise ChildError(f"{self.name} said {line!r}; wanted {READY!r}")
+        return rest
+
+    def tell(self, line: str) -> None:
+        """Write one line to its standard input."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{line}\n".encode())
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise ChildError(f"{self.how_it_ended()} before it was told {line!r}") from error
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; False if it has not come in time."""
+        try:
+            self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def stop(self) -> str:
+        """Ask it to end, insist after some seconds, and give what it last said on standard output."""
+        if not self.ended:
+            self._process.terminate()
+        try:
+            said, _ = self._process.communicate(timeout=STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            said, _ = self._process.communicate()
+        return said.decode(errors="replace")

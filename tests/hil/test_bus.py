@@ -1,0 +1,271 @@
+"""Buses: who hears whom, what is never lost, and what happens when nobody reads."""
+
+import contextlib
+import os
+import select
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from firmware_py.interface.frame import Frame
+from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide
+from hil.bus.in_process import InProcessBus
+from hil.bus.sockets import CAN_FRAME, HELLO
+from hil.bus.vcan import has_kernel_can
+
+
+def frame(number: int) -> Frame:
+    """A frame that tells its number."""
+    return Frame(0x100 + number % 0x100, number.to_bytes(4, "little"))
+
+
+def receive_within(bus: Bus, count: int, timeout_s: float = 2.0) -> list[Frame]:
+    """Frames until there are `count`, or until the time is over."""
+    frames: list[Frame] = []
+    deadline = time.monotonic() + timeout_s
+    while len(frames) < count and (rest_s := deadline - time.monotonic()) > 0:
+        select.select([bus], [], [], rest_s)
+        frames += bus.receive()
+    return frames
+
+
+@pytest.fixture
+def local() -> Iterator[ProvidedBus]:
+    with provide("local") as provided:
+        yield provided
+
+
+@contextlib.contextmanager
+def joined(provided: ProvidedBus, count: int, stamped: bool = False) -> Iterator[list[Bus]]:
+    nodes = [join(provided.address, stamped=stamped) for _ in range(count)]
+    try:
+        yield nodes
+    finally:
+        for node in nodes:
+            node.close()
+
+
+def test_frames_reach_all_others_unchanged_and_never_their_sender(local: ProvidedBus) -> None:
+    frames = [Frame(0x7FF, b""), Frame(0, b"\0" * 8), Frame(0x123, b"\x01\x02\x03")]
+    with joined(local, 3) as (first, second, third):
+        first.send(frames[0])
+        first.send_all(frames[1:])
+        assert receive_within(second, 3) == frames
+        assert receive_within(third, 3) == frames
+        assert first.receive() == []
+
+
+def test_two_buses_never_hear_each_other(local: ProvidedBus) -> None:
+    with provide("local") as other, joined(local, 2) as (a, b), joined(other, 2) as (c, d):
+        a.send(frame(1))
+        c.send(frame(2))
+        assert receive_within(b, 1) == [frame(1)]
+        assert receive_within(d, 1) == [frame(2)]
+        time.sleep(0.05)
+        assert [bus.receive() for bus in (a, b, c, d)] == [[], [], [], []]
+
+
+def test_bus_is_reachable_by_its_own_user_alone_and_leaves_nothing() -> None:
+    with provide("local") as provided:
+        folder = Path(provided.address.removeprefix("local:")).parent
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert folder.stat().st_uid == os.getuid()
+    assert not folder.exists()
+
+
+def test_burst_of_a_thousand_frames_arrives_whole_and_in_order(local: ProvidedBus) -> None:
+    burst = [frame(number) for number in range(1000)]
+    with joined(local, 3) as (sender, one_by_one, late):
+        for number in burst:
+            sender.send(number)
+        assert receive_within(one_by_one, 1000) == burst
+        sender.send_all(burst)
+        assert receive_within(one_by_one, 1000) == burst
+        assert receive_within(late, 2000) == burst + burst
+        assert sender.counters.unsent == 0
+
+
+def test_node_that_never_reads_costs_the_others_nothing(local: ProvidedBus) -> None:
+    with joined(local, 3) as (sender, reader, _asleep):
+        for start in range(0, 50_000, 500):
+            burst = [frame(number) for number in range(start, start + 500)]
+            sender.send_all(burst)
+            assert receive_within(reader, 500) == burst
+        assert sender.counters.unsent == 0
+    local.close()
+    assert '"forwarded": 50000' in local.said
+    assert '"dropped": 0' not in local.said
+
+
+def test_full_transmit_queue_is_waited_for_shortly_then_counted(local: ProvidedBus) -> None:
+    assert local.holder is not None
+    with joined(local, 1) as (sender,):
+        os.kill(local.holder.pid, signal.SIGSTOP)
+        try:
+            longest_s = 0.0
+            while sender.counters.unsent < 20:
+                started = time.monotonic()
+                sender.send(frame(1))
+                longest_s = max(longest_s, time.monotonic() - started)
+        finally:
+            os.kill(local.holder.pid, signal.SIGCONT)
+        assert sender.counters.waited == sender.counters.unsent == 20
+        assert longest_s < 0.1
+
+
+def test_stream_stays_in_step_after_a_full_queue(local: ProvidedBus) -> None:
+    assert local.holder is not None
+    with joined(local, 2) as (sender, reader):
+        os.kill(local.holder.pid, signal.SIGSTOP)
+        try:
+            while sender.counters.unsent == 0:
+                sender.send_all([frame(number) for number in range(3000)])
+        finally:
+            os.kill(local.holder.pid, signal.SIGCONT)
+        while receive_within(reader, 1, timeout_s=0.3):
+            pass
+        sender.send(frame(77))
+        assert receive_within(reader, 1)[-1] == frame(77)
+        assert reader.counters.foreign == 0
+
+
+def test_arrivals_carry_the_wall_clock_where_asked_for(local: ProvidedBus) -> None:
+    with joined(local, 1) as (sender,), joined(local, 1, stamped=True) as (recorder,):
+        before_ns = time.time_ns()
+        sender.send_all([frame(1), frame(2)])
+        select.select([recorder], [], [], 2.0)
+        stamped = recorder.receive_stamped()
+        assert [received for _, received in stamped] == [frame(1), frame(2)]
+        assert all(before_ns <= stamp_ns <= time.time_ns() for stamp_ns, _ in stamped)
+
+
+def test_stranger_is_shown_out_and_the_others_hear_nothing_of_it(local: ProvidedBus) -> None:
+    with joined(local, 1) as (node,), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as stranger:
+        stranger.connect(local.address.removeprefix("local:"))
+        stranger.sendall(CAN_FRAME.pack(0x123, 8, b"intruder"))
+        stranger.settimeout(2.0)
+        assert stranger.recv(16) == b""
+        assert node.receive() == []
+
+
+def test_frames_with_flags_are_counted_not_delivered(local: ProvidedBus) -> None:
+    with joined(local, 1) as (node,), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
+        other.connect(local.address.removeprefix("local:"))
+        other.sendall(HELLO + CAN_FRAME.pack(0x80000123, 8, b"extended") + CAN_FRAME.pack(0x123, 2, b"ok"))
+        assert receive_within(node, 1) == [Frame(0x123, b"ok")]
+        assert node.counters.foreign == 1
+
+
+def test_hub_that_dies_leaves_nodes_that_count(local: ProvidedBus) -> None:
+    assert local.holder is not None
+    with joined(local, 1) as (node,):
+        os.kill(local.holder.pid, signal.SIGKILL)
+        assert local.holder.wait(2.0)
+        assert local.holder.how_it_ended() == "hub was killed by SIGKILL"
+        for _ in range(3):
+            node.send(frame(1))
+            assert node.receive() == []
+        assert node.counters.unsent >= 2
+
+
+PROVIDE_AND_DIE = """
+import os, signal
+from hil.bus import provide
+provided = provide("local")
+print(provided.holder.pid, provided.address, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_hub_ends_with_a_killed_parent_and_cleans_up() -> None:
+    killed = subprocess.run(
+        [sys.executable, "-c", PROVIDE_AND_DIE], capture_output=True, text=True, check=False
+    )
+    pid, address = killed.stdout.split()
+    deadline = time.monotonic() + 3.0
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not Path(f"/proc/{pid}").exists()
+    assert not Path(address.removeprefix("local:")).parent.exists()
+
+
+def test_open_bus_makes_a_bus_that_ends_with_its_node() -> None:
+    node = open_bus("local")
+    node.send(frame(1))
+    node.close()
+
+
+def test_python_can_tools_join(local: ProvidedBus) -> None:
+    channel = local.address.removeprefix("local:")
+    with joined(local, 1) as (node,), can.Bus(channel, "vibrohil") as tool:
+        before = time.time()
+        node.send(Frame(0x123, b"\x01\x02"))
+        message = tool.recv(2.0)
+        assert message is not None
+        assert (message.arbitration_id, bytes(message.data)) == (0x123, b"\x01\x02")
+        assert not message.is_extended_id
+        assert before <= message.timestamp <= time.time()
+        tool.send(can.Message(arbitration_id=0x456, data=b"\x03", is_extended_id=False))
+        assert receive_within(node, 1) == [Frame(0x456, b"\x03")]
+        assert tool.recv(0) is None
+        tool.set_filters([{"can_id": 0x100, "can_mask": 0x7FF}])
+        node.send_all([Frame(0x200, b""), Frame(0x100, b"")])
+        message = tool.recv(2.0)
+        assert message is not None
+        assert message.arbitration_id == 0x100
+        with pytest.raises(can.CanOperationError, match="11-bit"):
+            tool.send(can.Message(arbitration_id=0x12345, is_extended_id=True))
+
+
+def test_any_python_can_interface_is_a_bus() -> None:
+    first, second = open_bus("virtual:test_any"), open_bus("virtual:test_any", accept=[0x100, 0x102])
+    try:
+        first.send_all([Frame(0x100, b"\x01"), Frame(0x101, b""), Frame(0x102, b"12345678")])
+        assert second.receive() == [Frame(0x100, b"\x01"), Frame(0x102, b"12345678")]
+        assert first.receive() == []
+    finally:
+        first.close()
+        second.close()
+
+
+def test_in_process_nodes_hear_the_others_only() -> None:
+    bus = InProcessBus()
+    first, second, third = bus.join(), bus.join(), bus.join()
+    first.send(frame(1))
+    second.send_all([frame(2), frame(3)])
+    assert first.receive() == [frame(2), frame(3)]
+    assert second.receive() == [frame(1)]
+    assert third.receive() == [frame(1), frame(2), frame(3)]
+    assert third.receive() == []
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("nonsense", "wanted auto, vcan, local"),
+        ("nosuch:can0", "Unknown interface type"),
+        ("local:/nowhere/bus", "no hub answers at local:/nowhere/bus"),
+        ("vcan:/nowhere/vcan", "no private vcan is held"),
+    ],
+)
+def test_bus_that_cannot_be_opened_says_what_was_wanted(spec: str, message: str) -> None:
+    with pytest.raises(BusError, match=message):
+        open_bus(spec)
+
+
+@pytest.mark.skipif(has_kernel_can(), reason="the kernel has CAN")
+def test_without_kernel_can_auto_takes_local_and_says_why() -> None:
+    with pytest.raises(BusError, match="this kernel has no CAN sockets"):
+        provide("vcan")
+    with provide("auto") as provided:
+        assert provided.name == "local"
+        assert not provided.kernel_can
+        assert "no CAN sockets" in provided.reason
