@@ -26,7 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -78,29 +78,34 @@ halt
 """
 
 
-class KernelError(RuntimeError):
-    """User-mode Linux is missing, did not boot or died; says why and what helps."""
+class UmlError(ValueError):
+    """What was asked for cannot start here: a bad argument, or no user-mode Linux; names the remedy."""
+
+
+class UmlDeathError(RuntimeError):
+    """User-mode Linux did not boot, or died under the command; has its last messages and what helps."""
 
 
 def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | None = None) -> int:
     """Run `command` under user-mode Linux and return its exit status, 128 + n after signal n.
 
-    Working directory and environment are the caller's. What the command writes appears here on standard
-    output and error while it runs; its standard input is empty. SIGINT and SIGTERM reach every process in the
-    guest; the guest gets `GRACE_S` to end by itself, less if a second one follows.
+    Working directory and environment are the caller's, with the programs of this Python environment first.
+    What the command writes appears here on standard output and error while it runs; its standard input is
+    empty. SIGINT and SIGTERM reach every process in the guest; the guest gets `GRACE_S` to end by itself,
+    less if a second one follows.
 
     `memory` is the guest's, such as "2G"; the machine gives only what is touched. The kernel stays on
     `host_cpu` (the last one this process may use): it serves all its processes by stopping and continuing
     them, and moving between CPUs makes each switch tens of times slower.
     """
     if not command:
-        raise ValueError("no command to run under user-mode Linux; give one after --")
-    if shutil.which(command[0]) is None:
-        raise ValueError(
+        raise UmlError("no command to run under user-mode Linux; give one after --")
+    if shutil.which(command[0], path=_search_path()) is None:
+        raise UmlError(
             f"no program {command[0]!r} to run under user-mode Linux; give its path or extend PATH"
         )
     if not re.fullmatch(r"[1-9][0-9]*[MG]", memory):
-        raise ValueError(f"memory of user-mode Linux: got {memory!r}, wanted a number with M or G such as 2G")
+        raise UmlError(f"memory of user-mode Linux: got {memory!r}, wanted a number with M or G such as 2G")
     kernel, busybox = _program(KERNEL), _program("busybox")
     cpu = max(os.sched_getaffinity(0)) if host_cpu is None else host_cpu
     with tempfile.TemporaryDirectory(prefix="vibrohil-kernel-") as name:
@@ -129,12 +134,9 @@ def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | No
 
 
 def _program(name: str) -> str:
-    """Return the full path of `name`, also where an ordinary user's PATH lacks the system folders."""
-    path = shutil.which(
-        name, path=os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin:/usr/bin:/sbin:/bin"])
-    )
+    path = shutil.which(name)
     if path is None:
-        raise KernelError(f"{name} is not installed, so no user-mode Linux here; {REMEDY}")
+        raise UmlError(f"{name} is not installed, so no user-mode Linux here; {REMEDY}")
     return path
 
 
@@ -146,7 +148,7 @@ def _write_guest(folder: Path, busybox: str, command: Sequence[str]) -> None:
     )
     init.chmod(0o700)
     lines = [f"{shlex.quote(busybox)} rm {shlex.quote(str(folder / 'command'))}"]
-    lines += [f"export {key}={shlex.quote(value)}" for key, value in _environment(os.environ).items()]
+    lines += [f"export {key}={shlex.quote(value)}" for key, value in _environment().items()]
     lines += [f"cd {shlex.quote(str(Path.cwd()))} || exit 1", f"exec {shlex.join(command)}"]
     (folder / "command").touch(mode=0o600)
     (folder / "command").write_text("\n".join(lines) + "\n")
@@ -154,13 +156,21 @@ def _write_guest(folder: Path, busybox: str, command: Sequence[str]) -> None:
     (folder / "stderr").touch()
 
 
-def _environment(own: Mapping[str, str]) -> dict[str, str]:
+def _search_path() -> str:
+    """Return the caller's PATH, behind the programs of the Python environment that runs this."""
+    return os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
+
+
+def _environment() -> dict[str, str]:
     """Return the command's environment: the caller's, and what a terminal would have told it.
 
-    The command writes to a file, so rich, which draws tables and progress bars, cannot ask the terminal.
+    The command writes to files, so it cannot ask whether the reader is a person.
     """
-    environment = {key: value for key, value in own.items() if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", key)}
-    if sys.stdout.isatty():
+    environment = {
+        key: value for key, value in os.environ.items() if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", key)
+    }
+    environment["PATH"] = _search_path()
+    if sys.stdout.isatty() and sys.stderr.isatty():
         environment.setdefault("FORCE_COLOR", "1")
         environment.setdefault("COLUMNS", str(shutil.get_terminal_size().columns))
     return environment
@@ -185,7 +195,7 @@ def _pinned(cpu: int) -> Iterator[None]:
     """Keep this thread, and so every process that it starts meanwhile, on one CPU."""
     allowed = os.sched_getaffinity(0)
     if cpu not in allowed:
-        raise ValueError(f"host CPU for user-mode Linux: got {cpu}, wanted one of {sorted(allowed)}")
+        raise UmlError(f"host CPU for user-mode Linux: got {cpu}, wanted one of {sorted(allowed)}")
     os.sched_setaffinity(0, {cpu})
     try:
         yield
@@ -211,7 +221,7 @@ def _attend(process: subprocess.Popen[bytes], folder: Path) -> int:
                 _copy(source, sink)
             now_s = time.monotonic()
             if not (folder / "booted").exists() and running and now_s - started_s > BOOT_LIMIT_S:
-                raise KernelError(_death(folder, f"has not booted within {BOOT_LIMIT_S:.0f} s"))
+                raise UmlDeathError(_death(folder, f"has not booted within {BOOT_LIMIT_S:.0f} s"))
             if running and passed and (len(passed) > 1 or now_s - passed[0][1] > GRACE_S):
                 return 128 + passed[0][0]
     return _status(folder)
@@ -228,10 +238,10 @@ def _status(folder: Path) -> int:
     """Return the exit status that the guest left, or raise with the reason why it left none."""
     failed, status = folder / "failed", folder / "status"
     if failed.exists():
-        raise KernelError(_death(folder, f"could not be set up: {failed.read_text().strip()}"))
+        raise UmlDeathError(_death(folder, f"could not be set up: {failed.read_text().strip()}"))
     if not status.exists():
         when = "while the command ran" if (folder / "booted").exists() else "before it had booted"
-        raise KernelError(_death(folder, f"died {when}"))
+        raise UmlDeathError(_death(folder, f"died {when}"))
     return int(status.read_text())
 
 
