@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from hil.bus.sockets import CAN_FRAME, CONTROL_ID, FRAME_BYTES, HELLO, HELLO_STAMPED
+from hil.bus.hub_socket import CONTROL_ID, HELLO, HELLO_STAMPED
+from hil.bus.wire import CAN_FRAME, FRAME_BYTES
 from hil.processes import stop_requests
 from hil.realtime import HUB_PRIORITY, become_realtime
 

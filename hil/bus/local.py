@@ -12,7 +12,7 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.sockets import HubSocket
+from hil.bus.hub_socket import HubSocket
 
 
 class LocalBus(can.BusABC):

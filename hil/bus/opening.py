@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bus.base import Bus, BusError
-from hil.bus.sockets import CanSocket, HubSocket, open_can_socket
-from hil.bus.vcan import fetch_can_socket, has_kernel_can
+from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
+from hil.bus.hub_socket import HubSocket
 from hil.processes import Child, ChildError
 
 READY_TIMEOUT_S = 20.0

@@ -15,12 +15,10 @@ import os
 import selectors
 import socket
 import sys
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from hil.bus.base import BusError
-from hil.bus.sockets import open_can_socket
+from hil.bus.can_socket import open_can_socket
 from hil.processes import stop_requests
 from hil.realtime import libc
 
@@ -31,17 +29,6 @@ REQUEST_BYTES = 1 << 14
 
 class VcanError(RuntimeError):
     """Why there is no private vcan on this machine."""
-
-
-def has_kernel_can() -> bool:
-    """Whether the kernel knows CAN sockets at all."""
-    if not hasattr(socket, "AF_CAN"):
-        return False
-    try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except OSError:
-        return False
-    return True
 
 
 def make_interface(name: str) -> None:
@@ -94,24 +81,6 @@ def hand_out(listener: socket.socket, interface: str) -> None:
         request = json.loads(content)
         with open_can_socket(interface, request["accept"], request["stamped"]) as can_socket:
             socket.send_fds(link, [b"1"], [can_socket.fileno()])
-
-
-def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
-    """A CAN socket from the holder that listens at `path`."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
-        try:
-            link.connect(str(path))
-            request = {"accept": None if accept is None else list(accept), "stamped": stamped}
-            link.sendall(json.dumps(request).encode())
-            _, descriptors, _, _ = socket.recv_fds(link, 1, 1)
-        except OSError as error:
-            raise BusError(
-                f"no private vcan is held at vcan:{path} ({error}); wanted the address that a running "
-                "`vibrohil run --bus vcan` prints"
-            ) from error
-    if not descriptors:
-        raise BusError(f"the holder of vcan:{path} gave no CAN socket; it may be shutting down")
-    return socket.socket(fileno=descriptors[0])
 
 
 def main() -> None:

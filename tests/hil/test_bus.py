@@ -17,9 +17,10 @@ import pytest
 
 from firmware_py.interface.frame import Frame
 from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide
+from hil.bus.can_socket import has_kernel_can
+from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
-from hil.bus.sockets import CAN_FRAME, HELLO
-from hil.bus.vcan import has_kernel_can
+from hil.bus.wire import CAN_FRAME
 
 
 def frame(number: int) -> Frame:

@@ -1,0 +1,204 @@
+"""A node on a kernel CAN interface: frames in batches, no select, no clock.
+
+One `recvmmsg` takes all that has arrived and one `sendmmsg` gives all of a tick. Python's own socket calls
+move one frame each; under user-mode Linux, where a system call costs 12 µs, that is half of a tick's work.
+"""
+
+import ctypes
+import errno
+import json
+import os
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from firmware_py.interface.frame import Frame
+from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
+from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
+from hil.realtime import libc
+
+BATCH = 256
+"""Frames a system call moves at most: a quarter of a second of this bus."""
+EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
+"""A kernel filter's mask: the identifier, and neither the extended nor the remote flag."""
+
+# Linux's numbers that Python's socket module lacks.
+SO_RCVBUFFORCE = 33
+SO_TIMESTAMPNS = 35
+TIMESPEC = struct.Struct("=qq")
+STAMP_SPACE = socket.CMSG_SPACE(TIMESPEC.size)
+
+RECEIVE_BUFFER_BYTES = 4 << 20
+QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
+NOTHING_TO_RECEIVE = (errno.EAGAIN, errno.ENETDOWN, errno.ENODEV)
+"""An empty queue ends a read, and so does an interface that went down; anything else is a defect."""
+
+
+class IoVector(ctypes.Structure):
+    """`struct iovec`."""
+
+    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
+
+
+class MessageHeader(ctypes.Structure):
+    """`struct msghdr`."""
+
+    _fields_ = (
+        ("name", ctypes.c_void_p),
+        ("name_length", ctypes.c_uint),
+        ("vectors", ctypes.POINTER(IoVector)),
+        ("vector_count", ctypes.c_size_t),
+        ("control", ctypes.c_void_p),
+        ("control_length", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    )
+
+
+class BatchHeader(ctypes.Structure):
+    """`struct mmsghdr`: a message and the length it ended up with."""
+
+    _fields_ = (("message", MessageHeader), ("length", ctypes.c_uint))
+
+
+class FrameBatch:
+    """Room for a batch of frames, and the headers the kernel wants for it."""
+
+    def __init__(self) -> None:
+        self.buffer = bytearray(BATCH * FRAME_BYTES)
+        address = ctypes.addressof(ctypes.c_char.from_buffer(self.buffer))
+        self._vectors = (IoVector * BATCH)(
+            *(IoVector(address + index * FRAME_BYTES, FRAME_BYTES) for index in range(BATCH))
+        )
+        self.headers = (BatchHeader * BATCH)()
+        for header, vector in zip(self.headers, self._vectors, strict=True):
+            header.message.vectors = ctypes.pointer(vector)
+            header.message.vector_count = 1
+
+
+def has_kernel_can() -> bool:
+    """Whether the kernel knows CAN sockets at all."""
+    if not hasattr(socket, "AF_CAN"):
+        return False
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
+    """A kernel CAN socket on `interface` that receives the identifiers of `accept`, or all."""
+    can_socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    if accept is not None:
+        filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
+        can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
+    if stamped:
+        can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    try:
+        can_socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+    except PermissionError:
+        can_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    can_socket.bind((interface,))
+    return can_socket
+
+
+def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
+    """A CAN socket opened in another network, from the process that holds it and listens at `path`."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
+        try:
+            link.connect(str(path))
+            request = {"accept": None if accept is None else list(accept), "stamped": stamped}
+            link.sendall(json.dumps(request).encode())
+            _, descriptors, _, _ = socket.recv_fds(link, 1, 1)
+        except OSError as error:
+            raise BusError(
+                f"no private vcan is held at vcan:{path} ({error}); wanted the address that a running "
+                "`vibrohil run --bus vcan` prints"
+            ) from error
+    if not descriptors:
+        raise BusError(f"the holder of vcan:{path} gave no CAN socket; it may be shutting down")
+    return socket.socket(fileno=descriptors[0])
+
+
+class CanSocket:
+    """A raw CAN socket, opened and bound, as a node's bus."""
+
+    def __init__(self, can_socket: socket.socket) -> None:
+        library = libc()
+        assert library is not None, "kernel CAN is Linux's"
+        self.counters = BusCounters()
+        self.closing: list[Callable[[], None]] = []
+        self._socket = can_socket
+        self._descriptor = can_socket.fileno()
+        self._receive_batch = library.recvmmsg
+        self._send_batch = library.sendmmsg
+        self._incoming = FrameBatch()
+        self._outgoing = FrameBatch()
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame."""
+        self._write(CAN_FRAME.pack(frame[0], len(frame[1]), frame[1]))
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in one system call for each batch."""
+        packed = pack(frames)
+        for start in range(0, len(packed), BATCH * FRAME_BYTES):
+            self._write(packed[start : start + BATCH * FRAME_BYTES])
+
+    def _write(self, packed: bytes) -> None:
+        attempt = 0
+        while packed:
+            self._outgoing.buffer[: len(packed)] = packed
+            count = len(packed) // FRAME_BYTES
+            sent = self._send_batch(self._descriptor, self._outgoing.headers, count, socket.MSG_DONTWAIT)
+            if sent == count:
+                return
+            if sent > 0:
+                packed = packed[sent * FRAME_BYTES :]
+                continue
+            if ctypes.get_errno() not in QUEUE_FULL or attempt == SEND_RETRIES:
+                # Down or unplugged counts as full: the watchdogs at both ends do the rest.
+                self.counters.unsent += count
+                return
+            attempt += 1
+            self.counters.waited += attempt == 1
+            time.sleep(SEND_RETRY_S)
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived, a batch at most."""
+        batch = self._incoming
+        count = self._receive_batch(self._descriptor, batch.headers, BATCH, socket.MSG_DONTWAIT, None)
+        if count < 0:
+            if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
+                raise OSError(number, os.strerror(number))
+            return []
+        return unpack(batch.buffer[: count * FRAME_BYTES], self.counters)
+
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """All frames that have arrived, a batch at most, with the kernel's wall clock in ns."""
+        frames = []
+        try:
+            for _ in range(BATCH):
+                chunk, ancillary, _, _ = self._socket.recvmsg(FRAME_BYTES, STAMP_SPACE, socket.MSG_DONTWAIT)
+                stamp_ns = 0
+                for level, kind, content in ancillary:
+                    if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
+                        seconds, nanoseconds = TIMESPEC.unpack(content[: TIMESPEC.size])
+                        stamp_ns = seconds * 1_000_000_000 + nanoseconds
+                frames += [(stamp_ns, frame) for frame in unpack(chunk, self.counters)]
+        except OSError as error:
+            if error.errno not in NOTHING_TO_RECEIVE:
+                raise
+        return frames
+
+    def fileno(self) -> int:
+        """The socket's descriptor."""
+        return self._descriptor
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._socket.close()
+        for close in self.closing:
+            close()

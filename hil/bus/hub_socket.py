@@ -1,0 +1,113 @@
+"""A node on the bus `local`: a stream to and from the hub, so that one call moves all frames of a tick."""
+
+import socket
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from firmware_py.interface.frame import Frame
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
+from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
+
+CONTROL_ID = 0xFFFFFFFF
+"""Marks what passes between hub and node beside frames; no CAN frame can carry it."""
+HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
+HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
+"""The greeting of a node that wants to know when each frame passed the hub."""
+
+JOIN_TIMEOUT_S = 5.0
+
+
+class HubSocket:
+    """A node on the bus `local`: a stream socket to the hub."""
+
+    def __init__(self, path: Path, stamped: bool = False) -> None:
+        self.counters = BusCounters()
+        self.closing: list[Callable[[], None]] = []
+        self._received = b""
+        self._unfinished = b""
+        self._stamp_ns = 0
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(JOIN_TIMEOUT_S)
+        try:
+            self._socket.connect(str(path))
+            self._socket.sendall(HELLO_STAMPED if stamped else HELLO)
+            answer = self._socket.recv(FRAME_BYTES, socket.MSG_WAITALL)
+        except OSError as error:
+            self._socket.close()
+            raise BusError(
+                f"no hub answers at local:{path} ({error}); wanted the address that a running "
+                "`vibrohil run` or `vibrohil plant --bus local` prints"
+            ) from error
+        if answer != HELLO:
+            self._socket.close()
+            raise BusError(f"what listens at local:{path} is no hub of this version: it said {answer!r}")
+        self._socket.setblocking(False)
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame."""
+        self._write(CAN_FRAME.pack(frame[0], len(frame[1]), frame[1]))
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in one system call."""
+        if packed := pack(frames):
+            self._write(packed)
+
+    def _write(self, packed: bytes) -> None:
+        if self._unfinished:
+            packed = self._unfinished + packed
+        for attempt in range(SEND_RETRIES + 1):
+            if attempt:
+                self.counters.waited += attempt == 1
+                time.sleep(SEND_RETRY_S)
+            try:
+                sent = self._socket.send(packed)
+            except BlockingIOError:
+                continue
+            except ConnectionError:
+                break
+            if sent == len(packed):
+                self._unfinished = b""
+                return
+            packed = packed[sent:]
+        # What is left of a frame that went out in part goes first next time: the stream stays in step.
+        self._unfinished = packed[: len(packed) % FRAME_BYTES]
+        self.counters.unsent += len(packed) // FRAME_BYTES
+
+    def _read(self) -> bytes:
+        """All whole frames that have arrived."""
+        try:
+            chunk = self._socket.recv(MAX_BURST * FRAME_BYTES)
+        except (BlockingIOError, ConnectionError):
+            return b""
+        if self._received or len(chunk) % FRAME_BYTES:
+            chunk = self._received + chunk
+            whole = len(chunk) - len(chunk) % FRAME_BYTES
+            chunk, self._received = chunk[:whole], chunk[whole:]
+        return chunk
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived."""
+        return unpack(self._read(), self.counters)
+
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """All frames that have arrived, with the hub's wall clock in ns when it passed each on."""
+        frames = []
+        for can_id, length, data in CAN_FRAME.iter_unpack(self._read()):
+            if can_id == CONTROL_ID:
+                self._stamp_ns = int.from_bytes(data, "little")
+            elif can_id <= MAX_STANDARD_ID:
+                frames.append((self._stamp_ns, Frame(can_id, data[:length])))
+            else:
+                self.counters.foreign += 1
+        return frames
+
+    def fileno(self) -> int:
+        """The socket's descriptor."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._socket.close()
+        for close in self.closing:
+            close()

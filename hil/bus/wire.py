@@ -1,0 +1,30 @@
+"""Linux's `struct can_frame`, which kernel CAN sockets and the hub's streams carry.
+
+Sixteen bytes: identifier with flags in its top bits, length, padding, eight data bytes.
+"""
+
+import struct
+from collections.abc import Iterable
+
+from firmware_py.interface.frame import Frame
+from hil.bus.base import BusCounters
+
+CAN_FRAME = struct.Struct("=IB3x8s")
+FRAME_BYTES = CAN_FRAME.size
+MAX_STANDARD_ID = 0x7FF
+
+
+def pack(frames: Iterable[Frame]) -> bytes:
+    """The frames as `struct can_frame`s, one after another."""
+    return b"".join([CAN_FRAME.pack(can_id, len(data), data) for can_id, data in frames])
+
+
+def unpack(chunk: bytes | bytearray, counters: BusCounters) -> list[Frame]:
+    """The data frames among the `struct can_frame`s of `chunk`; others are counted as foreign."""
+    frames = [
+        Frame(can_id, data[:length])
+        for can_id, length, data in CAN_FRAME.iter_unpack(chunk)
+        if can_id <= MAX_STANDARD_ID
+    ]
+    counters.foreign += len(chunk) // FRAME_BYTES - len(frames)
+    return frames
