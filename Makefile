@@ -1,0 +1,78 @@
+# The commands a person starts with: `make hil` and `make test`; `make help` lists the rest.
+# Needs Python 3.11 or newer and make. Each step runs once for each content of the files that it depends on.
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.PHONY: help setup hil view test check lock clean
+MAKEFLAGS += --no-print-directory
+
+# A person's own pip settings must not send packages elsewhere or add unhashed ones.
+unexport PIP_USER PIP_TARGET PIP_PREFIX PIP_CONSTRAINT PYTHONHOME PYTHONPATH
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input install --quiet
+content = $(shell cat $(1) | cksum | cut -d ' ' -f 1)
+LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
+INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
+INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
+WARM := $(VENV)/.warm-$(call content,requirements.lock tools/warm.py $$(find plant_sim -name '*.py' | sort))
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 15
+
+setup: $(WARM) ## the virtual environment, the locked packages, the compiled kernels
+
+hil: setup ## the default scenario in real time on the best CAN bus there is, and its verdict
+	@echo "hil: firmware and plant as two processes at 1 kHz; the run takes 35 s, as it is in real time"
+	@$(BIN)/vibrohil run soft-start-multistable --clock real --bus auto
+
+view: setup ## the newest run in the Rerun viewer
+	@$(BIN)/vibrohil view
+
+test: setup $(INSTALLED_DEV) ## all tests: first on all cores, then, one by one, those that need the clock to themselves
+	@echo "test: all but the real-time tests, on all cores"
+	@$(BIN)/python -m pytest -n auto -m "not realtime and not uml"
+	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
+	@$(BIN)/python -m pytest -m "realtime or uml"
+
+check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
+	@echo "check: format"
+	@$(BIN)/ruff format --check --quiet .
+	@echo "check: lint"
+	@$(BIN)/ruff check --quiet .
+	@echo "check: types"
+	@$(BIN)/mypy
+	@echo "check: import contracts"
+	@$(BIN)/lint-imports
+
+lock: ## the locks again, from pyproject.toml (needs uv); versions stay where they still fit
+	@command -v uv > /dev/null || { echo "make lock: no uv on PATH; python3 -m pip install uv" >&2; exit 1; }
+	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile $(LOCKED) --extra setup \
+	    --output-file requirements.lock pyproject.toml
+	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile $(LOCKED) --extra setup --extra dev \
+	    --constraint requirements.lock --output-file requirements-dev.lock pyproject.toml
+
+clean: ## remove the virtual environment and all caches; runs stay
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find firmware_py plant_sim hil tools tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(BIN)/python:
+	@python=$$(sh tools/find-python.sh $(PYTHON)) && \
+	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
+	"$$python" -m venv --clear $(VENV)
+
+$(INSTALLED): | $(BIN)/python
+	@echo "setup: the packages of requirements.lock, checked against its hashes (some 400 MB; a minute or two)"
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@rm -f $(VENV)/.installed-[0-9]* && touch $@
+
+$(INSTALLED_DEV): | $(INSTALLED)
+	@echo "setup: what tests and checks need, from requirements-dev.lock"
+	@$(PIP) --require-hashes -r requirements-dev.lock
+	@rm -f $(VENV)/.installed-dev-* && touch $@
+
+$(WARM): | $(INSTALLED)
+	@$(BIN)/python -m tools.warm
+	@rm -f $(VENV)/.warm-* && touch $@
