@@ -1,0 +1,226 @@
+"""What this machine can do for the bench, one check each, with the remedy where it cannot."""
+
+import importlib
+import os
+import platform
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from importlib.metadata import PackageNotFoundError, requires, version
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from hil.bus import BusError, provide
+from hil.bus.can_socket import has_kernel_can
+from hil.bus.vcan import VcanError, enter_own_network
+from hil.clock import MonotonicClock
+from hil.realtime import NODE_PRIORITY, RealtimeReport, become_realtime
+from hil.uml import REMEDY as INSTALL_UML
+from plant_sim.kernels import KernelCacheError, cache_folder
+
+OLDEST_PYTHON = (3, 11)
+LOCK = Path(__file__).parents[1] / "requirements.lock"
+IMPORT_NAMES = {"python-can": "can", "rerun-sdk": "rerun"}
+"""Packages that are imported by another name than they are installed by."""
+PERIOD_NS = 1_000_000
+WAKE_UPS = 2000
+WAKE_LIMIT_US = 500.0
+"""Half a period: a firmware tick that starts later than that has lost the time of the plant's."""
+VULKAN_DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
+
+Answer = TypeVar("Answer")
+
+
+class DoctorCheck(NamedTuple):
+    """One thing that the machine has or lacks."""
+
+    name: str
+    passed: bool
+    remedy: str
+    """What to do where it is lacking; said of the thing, passed or not."""
+    detail: str
+    """What was found."""
+
+
+def checks() -> list[DoctorCheck]:
+    """Look at everything; takes about five seconds."""
+    realtime, wake_us = _in_own_process(_bare_loop)
+    return [
+        _python(),
+        _packages(),
+        _kernels(),
+        _kernel_can(),
+        _vcan(),
+        _namespaces(),
+        _user_mode_linux(),
+        DoctorCheck(
+            "SCHED_FIFO",
+            realtime.fifo,
+            "run as root, or give this user rtprio 30 in /etc/security/limits.d and log in again",
+            "allowed" if realtime.fifo else "refused: any busy process delays the loops",
+        ),
+        DoctorCheck(
+            "mlockall",
+            realtime.memory_locked,
+            "run as root, or give this user memlock unlimited in /etc/security/limits.d and log in again",
+            "allowed" if realtime.memory_locked else "refused: a page fetched from disk delays the loops",
+        ),
+        _wake_up(wake_us),
+        _viewer(),
+    ]
+
+
+def _in_own_process(ask: Callable[[], Answer]) -> Answer:
+    """Return `ask()` of a fresh process: what it changes there, such as its priority, ends with it."""
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(ask).result()
+
+
+def _python() -> DoctorCheck:
+    return DoctorCheck(
+        "Python",
+        sys.version_info >= OLDEST_PYTHON,
+        "install Python 3.11 or newer, then: make clean setup PYTHON=/path/to/python3",
+        f"{platform.python_version()} at {sys.executable}",
+    )
+
+
+def _packages() -> DoctorCheck:
+    wrong = [*version_faults(LOCK.read_text()), *_import_faults()]
+    return DoctorCheck(
+        "packages",
+        not wrong,
+        "make setup",
+        "; ".join(wrong) or f"as in {LOCK.name}, and they import",
+    )
+
+
+def version_faults(lock: str) -> list[str]:
+    """Return how the installed packages differ from a lock's text.
+
+    A package may stand in it several times, each with a marker for the machines it is for; one that is not
+    installed is wrong only where it has no marker.
+    """
+    locked: dict[str, set[str]] = {}
+    optional: set[str] = set()
+    for name, number, marker in re.findall(r"^([\w.-]+)==([^\s;\\]+)[ \\]*(;?)", lock, re.MULTILINE):
+        locked.setdefault(name, set()).add(number)
+        if marker:
+            optional.add(name)
+    faults = []
+    for name, numbers in locked.items():
+        try:
+            installed = version(name)
+        except PackageNotFoundError:
+            if name not in optional:
+                faults.append(f"{name} is not installed")
+            continue
+        if installed not in numbers:
+            faults.append(f"{name} is {installed}, locked at {' or '.join(sorted(numbers))}")
+    return faults
+
+
+def _import_faults() -> list[str]:
+    """Return which of the project's own requirements cannot be imported, and why."""
+    faults = []
+    for requirement in requires("vibrohil") or []:
+        if "extra ==" in requirement:
+            continue
+        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+        try:
+            importlib.import_module(IMPORT_NAMES.get(name, name.replace("-", "_")))
+        except ImportError as error:
+            faults.append(f"{name} does not import: {error}")
+    return faults
+
+
+def _kernels() -> DoctorCheck:
+    name, remedy = "compiled kernels", "make setup, or set VIBROHIL_CACHE_DIR to a writable folder"
+    try:
+        folder = cache_folder()
+    except KernelCacheError as error:
+        return DoctorCheck(name, False, remedy, str(error))
+    if not os.access(folder, os.W_OK):
+        return DoctorCheck(name, False, remedy, f"{folder} cannot be written")
+    compiled = sum(1 for _ in folder.rglob("*.nbc"))
+    return DoctorCheck(name, compiled > 0, remedy, f"{compiled} in {folder}")
+
+
+def _kernel_can() -> DoctorCheck:
+    present = has_kernel_can()
+    return DoctorCheck(
+        "CAN in the kernel",
+        present,
+        "modprobe can can-raw, or run under another kernel: vibrohil kernel -- COMMAND",
+        "AF_CAN sockets open" if present else f"Linux {platform.release()} opens no AF_CAN socket",
+    )
+
+
+def _vcan() -> DoctorCheck:
+    name, remedy = "private vcan", "modprobe vcan, or: vibrohil kernel -- COMMAND"
+    try:
+        with provide("vcan") as bus:
+            return DoctorCheck(name, True, remedy, bus.address)
+    except BusError as error:
+        return DoctorCheck(name, False, remedy, str(error))
+
+
+def _namespaces() -> DoctorCheck:
+    name = "rootless namespaces"
+    remedy = "sysctl kernel.unprivileged_userns_clone=1 kernel.apparmor_restrict_unprivileged_userns=0"
+    try:
+        _in_own_process(enter_own_network)
+    except (VcanError, OSError) as error:
+        return DoctorCheck(name, False, remedy, str(error))
+    return DoctorCheck(name, True, remedy, "user and network namespaces of this user's own can be made")
+
+
+def _user_mode_linux() -> DoctorCheck:
+    found = {program: shutil.which(program) for program in ("linux.uml", "busybox")}
+    return DoctorCheck(
+        "user-mode Linux",
+        all(found.values()),
+        INSTALL_UML,
+        ", ".join(path or f"no {program}" for program, path in found.items()),
+    )
+
+
+def _bare_loop() -> tuple[RealtimeReport, list[float]]:
+    """Sleep from deadline to deadline with no work between; return how late each wake-up was, in µs."""
+    report = become_realtime(NODE_PRIORITY)
+    clock = MonotonicClock()
+    start_ns = clock.now_ns() + PERIOD_NS
+    late_us = []
+    for tick in range(WAKE_UPS):
+        deadline_ns = start_ns + tick * PERIOD_NS
+        clock.sleep_until(deadline_ns)
+        late_us.append((clock.now_ns() - deadline_ns) * 1e-3)
+    return report, late_us
+
+
+def _wake_up(late_us: list[float]) -> DoctorCheck:
+    p50_us, p99_us, worst_us = np.percentile(late_us, (50, 99, 100))
+    return DoctorCheck(
+        "timer wake-up",
+        bool(p99_us <= WAKE_LIMIT_US),
+        "end what else runs on this machine; allow SCHED_FIFO; in a virtual machine, give it CPUs of its own",
+        f"late by {p50_us:.0f} µs p50, {p99_us:.0f} µs p99, {worst_us:.0f} µs worst of {WAKE_UPS} at 1 kHz",
+    )
+
+
+def _viewer() -> DoctorCheck:
+    display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+    virtual = shutil.which("xvfb-run")
+    drivers = sorted(driver.name for folder in VULKAN_DRIVERS for driver in folder.glob("*.json"))
+    screen = f"display {display}" if display else f"no display, {virtual or 'no xvfb-run'}"
+    return DoctorCheck(
+        "viewer",
+        bool((display or virtual) and drivers) or sys.platform == "darwin",
+        "vibrohil view --web, or: apt-get install xvfb mesa-vulkan-drivers",
+        f"{screen}; Vulkan drivers: {', '.join(drivers) or 'none'}",
+    )
