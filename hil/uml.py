@@ -34,9 +34,7 @@ from typing import BinaryIO, Final
 
 KERNEL: Final = "linux.uml"
 REMEDY: Final = "install Debian's packages: apt-get install user-mode-linux busybox"
-BOOT_LIMIT_S: Final = (
-    60.0  # boots in 2.5 s on an idle machine; a busy two-core one has been seen to need 12 s
-)
+BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; a machine busy with other things gets twenty times that
 GRACE_S: Final = 10.0  # what a signalled command gets to end its children and close its log
 POLL_S: Final = 0.02  # between two looks at the command's output: live for a reader, nothing for the CPU
 CONSOLE_LINES: Final = 15  # of the kernel's last messages in an error
@@ -248,13 +246,11 @@ def _status(folder: Path) -> int:
 def _death(folder: Path, what: str) -> str:
     """Return an error text: what happened, the kernel's last messages, and what helps."""
     console = (folder / "console").read_text(errors="replace").splitlines()
-    said = [line for line in console if "[<" not in line][
-        -CONSOLE_LINES:
-    ]  # not the addresses of a call trace
+    without_call_traces = [line for line in console if "[<" not in line]
     return "\n".join(
         [
             f"user-mode Linux {what}; its last messages:",
-            *(f"    {line}" for line in said),
+            *(f"    {line}" for line in without_call_traces[-CONSOLE_LINES:]),
             "It needs ptrace (in a container: --cap-add SYS_PTRACE), enough memory for the command, and as "
             "much room in /dev/shm or the temporary folder",
         ]
