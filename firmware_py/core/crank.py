@@ -1,0 +1,96 @@
+"""Where the crank is and how fast it turns: a critically damped g-h-k tracker on the encoder.
+
+Source: Zarchan & Musoff, Fundamentals of Kalman Filtering, ch. 1 (fading-memory filter of third order). The
+torque that the motor and the crank's load are believed to apply enters as a known acceleration, so that the
+tracker lags only behind what is not known; that remainder is the third state. Angles are compared on the
+circle, so neither a circular nor a running encoder count can make it jump.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
+from firmware_py.core.numbers import TAU, limited, turned, wrapped
+
+
+class CrankConfig(NamedTuple):
+    """`gain_…` are g, h and k of the tracker at one tick."""
+
+    tick_s: float
+    zero_rad: float
+    gain_angle: float
+    gain_speed: float
+    gain_acceleration: float
+    largest_disturbance_rad_s2: float
+
+
+class CrankState(NamedTuple):
+    """At the time of the newest sensor sample. θ in [0, 2π): the piston stands at A sin θ."""
+
+    angle_rad: float
+    omega_rad_s: float
+    disturbance_rad_s2: float
+    innovation_rad: float
+    missed_ticks: int
+
+
+INITIAL = CrankState(
+    angle_rad=0.0, omega_rad_s=0.0, disturbance_rad_s2=0.0, innovation_rad=0.0, missed_ticks=NEVER_TICKS
+)
+
+
+@compiled
+def step(
+    config: CrankConfig,
+    state: CrankState,
+    encoder: EncoderInput,
+    elapsed_ticks: int,
+    known_acceleration_rad_s2: float,
+) -> CrankState:
+    """One tick: predict over the elapsed time, then correct by the encoder where it has a fresh reading."""
+    usable = (
+        encoder.age_ticks == 0
+        and math.isfinite(encoder.position_rev)
+        and abs(encoder.position_rev) < 1e6
+        and math.isfinite(encoder.velocity_rev_s)
+    )
+    measured_rad = 0.0
+    if usable:
+        measured_rad = TAU * (encoder.position_rev - math.floor(encoder.position_rev)) - config.zero_rad
+        if state.missed_ticks >= NEVER_TICKS:
+            return CrankState(
+                angle_rad=turned(measured_rad),
+                omega_rad_s=TAU * encoder.velocity_rev_s,
+                disturbance_rad_s2=0.0,
+                innovation_rad=0.0,
+                missed_ticks=0,
+            )
+    elif state.missed_ticks >= NEVER_TICKS:
+        return state
+
+    T = config.tick_s
+    dt_s = elapsed_ticks * T
+    a = limited(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
+    angle_rad = state.angle_rad + state.omega_rad_s * dt_s + 0.5 * a * dt_s * dt_s
+    omega_rad_s = state.omega_rad_s + a * dt_s
+    if not usable:
+        return CrankState(
+            angle_rad=turned(angle_rad),
+            omega_rad_s=omega_rad_s,
+            disturbance_rad_s2=state.disturbance_rad_s2,
+            innovation_rad=0.0,
+            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
+        )
+    innovation_rad = wrapped(measured_rad - angle_rad)
+    # θ += g e, ω += h e / T, a += 2 k e / T²
+    return CrankState(
+        angle_rad=turned(angle_rad + config.gain_angle * innovation_rad),
+        omega_rad_s=omega_rad_s + config.gain_speed * innovation_rad / T,
+        disturbance_rad_s2=limited(
+            state.disturbance_rad_s2 + 2.0 * config.gain_acceleration * innovation_rad / (T * T),
+            config.largest_disturbance_rad_s2,
+        ),
+        innovation_rad=innovation_rad,
+        missed_ticks=0,
+    )

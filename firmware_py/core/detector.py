@@ -1,0 +1,198 @@
+"""When the striker touches the stop: a one-sided test on the innovation, confirmed by a second vote.
+
+The stop can only push back, so a touch-down shows as an acceleration far below the model's. It counts where
+it exceeds both an absolute floor and a multiple of the innovation's own spread, and where the estimate has
+the striker near the stop and coming; or, should the estimate be lost, where two readings in a row exceed
+several times as much. After a separation the detector stays blind for the refractory time.
+
+The touch-down lies between ticks. A Hunt–Crossley stop starts as a Hertz contact, a(t) ∝ x'⁻^1.5 t^1.5, so
+the excess at the first tick gives its age; the low-pass adds its delay.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.estimator import Contact, EstimatorState
+from firmware_py.core.numbers import at_least
+from firmware_py.interface.enums import ContactPhase
+
+
+class DetectorConfig(NamedTuple):
+    """`growth` is the Hertz contact's a = growth · (x'⁻ t)^1.5, in m/s² by m^1.5."""
+
+    tick_s: float
+    floor_m_s2: float
+    sigmas: float
+    near_m: float
+    sure_factor: float
+    stop_m: float
+    growth: float
+    delay_s: float
+    end_m_s2: float
+    end_fraction: float
+    separation_age_s: float
+    refractory_ticks: int
+    longest_contact_ticks: int
+    newton_contact_ticks: int
+    mass_kg: float
+    restitution: float
+
+
+class DetectorState(NamedTuple):
+    """`excess` is how much the acceleration lies below the model's; impulse and speed are the last blow's.
+
+    `since_touch_down_s` is the time from the last touch-down to the sensors' time; it stops at the
+    separation.
+    """
+
+    phase: ContactPhase
+    contact_ticks: int
+    blind_ticks: int
+    excess_m_s2: float
+    peak_m_s2: float
+    approach_speed_m_s: float
+    impulse_n_s: float
+    since_touch_down_s: float
+    measurable: bool
+    impacts: int
+
+
+INITIAL = DetectorState(
+    phase=ContactPhase.FREE,
+    contact_ticks=0,
+    blind_ticks=0,
+    excess_m_s2=0.0,
+    peak_m_s2=0.0,
+    approach_speed_m_s=0.0,
+    impulse_n_s=0.0,
+    since_touch_down_s=0.0,
+    measurable=True,
+    impacts=0,
+)
+
+
+@compiled
+def step(
+    config: DetectorConfig, state: DetectorState, estimate: EstimatorState, elapsed_ticks: int
+) -> tuple[DetectorState, Contact]:
+    """One tick on the propagated, not yet corrected estimate."""
+    fresh = estimate.sensor.missed_ticks == 0 and estimate.started
+    excess_m_s2 = -estimate.innovation_m_s2 if fresh else 0.0
+    if state.phase == ContactPhase.FREE:
+        return _free(config, state, estimate, excess_m_s2, fresh, elapsed_ticks)
+    return _contact(config, state, estimate, excess_m_s2, fresh, elapsed_ticks)
+
+
+@compiled
+def _free(
+    config: DetectorConfig,
+    state: DetectorState,
+    estimate: EstimatorState,
+    excess_m_s2: float,
+    fresh: bool,
+    elapsed_ticks: int,
+) -> tuple[DetectorState, Contact]:
+    limit_m_s2 = at_least(config.sigmas * estimate.innovation_std_m_s2, config.floor_m_s2)
+    blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
+    reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p_xx, 0.0))
+    near = estimate.x_m > config.stop_m - reach_m and estimate.v_m_s > -3.0 * math.sqrt(
+        at_least(estimate.p_vv, 0.0)
+    )
+    sure_m_s2 = config.sure_factor * limit_m_s2
+    sure = excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2
+    if not (fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2 and (near or sure)):
+        quiet = DetectorState(
+            phase=ContactPhase.FREE,
+            contact_ticks=0,
+            blind_ticks=blind_ticks,
+            excess_m_s2=excess_m_s2,
+            peak_m_s2=0.0,
+            approach_speed_m_s=state.approach_speed_m_s,
+            impulse_n_s=state.impulse_n_s,
+            since_touch_down_s=state.since_touch_down_s,
+            measurable=True,
+            impacts=state.impacts,
+        )
+        return quiet, Contact(
+            ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0
+        )
+
+    speed_m_s = at_least(estimate.v_m_s, 0.03)
+    # a = growth (x'⁻ t)^1.5, and the impulse so far is 0.4 a t by unit of mass
+    age_s = (excess_m_s2 / config.growth) ** (2.0 / 3.0) / speed_m_s
+    age_s = min(age_s, 3.0 * config.tick_s) + config.delay_s
+    speed_m_s = at_least(estimate.v_m_s + 0.4 * excess_m_s2 * age_s, 0.03)
+    touched = DetectorState(
+        phase=ContactPhase.CONTACT,
+        contact_ticks=0,
+        blind_ticks=0,
+        excess_m_s2=excess_m_s2,
+        peak_m_s2=excess_m_s2,
+        approach_speed_m_s=speed_m_s,
+        impulse_n_s=(1.0 + config.restitution) * config.mass_kg * speed_m_s,  # expected, until it is measured
+        since_touch_down_s=age_s,
+        measurable=not estimate.sensor.clipped,
+        impacts=state.impacts + 1,
+    )
+    return touched, Contact(ContactPhase.CONTACT, True, False, age_s, speed_m_s, measured=True, settled=False)
+
+
+@compiled
+def _contact(
+    config: DetectorConfig,
+    state: DetectorState,
+    estimate: EstimatorState,
+    excess_m_s2: float,
+    fresh: bool,
+    elapsed_ticks: int,
+) -> tuple[DetectorState, Contact]:
+    contact_ticks = state.contact_ticks + elapsed_ticks
+    since_touch_down_s = state.since_touch_down_s + elapsed_ticks * config.tick_s
+    peak_m_s2 = at_least(excess_m_s2, state.peak_m_s2)
+    measurable = state.measurable and fresh and not estimate.sensor.clipped
+    ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
+    unseen = not fresh and contact_ticks >= config.newton_contact_ticks
+    if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):
+        held = DetectorState(
+            phase=ContactPhase.CONTACT,
+            contact_ticks=contact_ticks,
+            blind_ticks=0,
+            excess_m_s2=excess_m_s2,
+            peak_m_s2=peak_m_s2,
+            approach_speed_m_s=state.approach_speed_m_s,
+            impulse_n_s=state.impulse_n_s,
+            since_touch_down_s=since_touch_down_s,
+            measurable=measurable,
+            impacts=state.impacts,
+        )
+        return held, Contact(
+            ContactPhase.CONTACT,
+            False,
+            False,
+            0.0,
+            state.approach_speed_m_s,
+            measured=measurable,
+            settled=False,
+        )
+
+    before_m_s = state.approach_speed_m_s
+    # A stop gives back at most what it got.
+    believable = -1.2 * before_m_s - 0.05 < estimate.v_m_s < 0.2 * before_m_s + 0.05
+    measured = measurable and believable
+    after_m_s = estimate.v_m_s if measured else -config.restitution * before_m_s
+    freed = DetectorState(
+        phase=ContactPhase.FREE,
+        contact_ticks=0,
+        blind_ticks=config.refractory_ticks,
+        excess_m_s2=excess_m_s2,
+        peak_m_s2=peak_m_s2,
+        approach_speed_m_s=before_m_s,
+        impulse_n_s=config.mass_kg * (before_m_s - after_m_s),
+        since_touch_down_s=since_touch_down_s,
+        measurable=True,
+        impacts=state.impacts,
+    )
+    return freed, Contact(
+        ContactPhase.FREE, False, True, config.separation_age_s, before_m_s, measured=measured, settled=False
+    )

@@ -1,0 +1,435 @@
+"""Where the striker is: a Kalman filter over position, velocity and accelerometer bias.
+
+    m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = F_stop
+
+The measured acceleration moves the state (strapdown), so that nothing has to be known about the stop's force
+or the wearer's; in free flight the same reading, compared with the acceleration that spring, crank and
+friction would give, corrects it. Both use the one reading: what the model does not know enters z and x''
+alike, which is the correlated case (Simon, Optimal State Estimation, 7.1) in its limit of a noiseless sensor.
+In contact the model says nothing about the stop's force, so the state is only carried on, and the stop itself
+is the measurement: x = x_stop at touch-down and at separation. Where the reading is missing or clipped in a
+contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne, Council & Johnson,
+The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k is not known.
+
+A first-order low-pass of time constant τ delays the readings: its input is a = z + τ z', and ∫a over a tick
+is the trapezoid of z plus τ times its change.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core import kalman
+from firmware_py.core.compiled import compiled
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.kalman import Belief, Covariance, ProcessNoise, Push, Row, Transition
+from firmware_py.core.numbers import at_least
+from firmware_py.interface.enums import ContactPhase
+
+LONGEST_GAP_TICKS = 20
+"""A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step."""
+
+
+class StrikerBelief(NamedTuple):
+    """The firmware's nominal striker, by unit of mass; the plant's truth may differ."""
+
+    stiffness_1_s2: float
+    damping_1_s: float
+    dry_m_s2: float
+    rest_length_m: float
+    amplitude_m: float
+    stop_m: float
+    restitution: float
+
+
+class SensorBelief(NamedTuple):
+    """The accelerometers: full scales, delay of the low-pass, how fast the high one's offset is learnt."""
+
+    low_full_scale_m_s2: float
+    high_full_scale_m_s2: float
+    delay_s: float
+    high_offset_rate: float
+    housing_weight: float
+
+
+class Spread(NamedTuple):
+    """Variances at power-up, and floors that no update may go below."""
+
+    initial_xx: float
+    initial_vv: float
+    initial_bb: float
+    floor_xx: float
+    floor_vv: float
+    floor_bb: float
+
+
+class EstimatorConfig(NamedTuple):
+    """Q by tick, R of the model's acceleration, and how well the stop and Newton's law are known."""
+
+    tick_s: float
+    striker: StrikerBelief
+    sensor: SensorBelief
+    spread: Spread
+    row: Row
+    model: Transition
+    strapdown_noise: ProcessNoise
+    model_noise: ProcessNoise
+    contact_noise: ProcessNoise
+    model_variance: float
+    stop_variance: float
+    touch_down_jitter_s: float
+    separation_jitter_s: float
+    restitution_variance: float
+
+
+class SensorState(NamedTuple):
+    """The reading in use: low range, or the high one (its offset taken off) where the low one clips."""
+
+    acceleration_m_s2: float
+    housing_m_s2: float
+    high_offset_m_s2: float
+    clipped: bool
+    missed_ticks: int
+
+
+class EstimatorState(NamedTuple):
+    """Mean, upper triangle of P, the last innovation with its NIS, and the belief kept from touch-down."""
+
+    x_m: float
+    v_m_s: float
+    bias_m_s2: float
+    p_xx: float
+    p_xv: float
+    p_xb: float
+    p_vv: float
+    p_vb: float
+    p_bb: float
+    innovation_m_s2: float
+    innovation_std_m_s2: float
+    nis: float
+    sensor: SensorState
+    touch_down: Belief
+    started: bool
+
+
+class Contact(NamedTuple):
+    """What the detector found in this tick. `settled`: the model may correct the estimate again."""
+
+    phase: ContactPhase
+    touch_down: bool
+    separation: bool
+    age_s: float
+    approach_speed_m_s: float
+    measured: bool
+    settled: bool
+
+
+_NO_BELIEF = Belief(0.0, 0.0, 0.0, Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+INITIAL = EstimatorState(
+    x_m=0.0,
+    v_m_s=0.0,
+    bias_m_s2=0.0,
+    p_xx=0.0,
+    p_xv=0.0,
+    p_xb=0.0,
+    p_vv=0.0,
+    p_vb=0.0,
+    p_bb=0.0,
+    innovation_m_s2=0.0,
+    innovation_std_m_s2=0.0,
+    nis=0.0,
+    sensor=SensorState(0.0, 0.0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
+    touch_down=_NO_BELIEF,
+    started=False,
+)
+
+
+@compiled
+def belief_of(state: EstimatorState) -> Belief:
+    """The mean and covariance that `state` holds."""
+    return Belief(
+        x_m=state.x_m,
+        v_m_s=state.v_m_s,
+        bias_m_s2=state.bias_m_s2,
+        p=Covariance(
+            xx=state.p_xx, xv=state.p_xv, xb=state.p_xb, vv=state.p_vv, vb=state.p_vb, bb=state.p_bb
+        ),
+    )
+
+
+@compiled
+def model_acceleration(config: StrikerBelief, angle_rad: float, x_m: float, v_m_s: float) -> float:
+    """x'' in free flight, m/s²."""
+    friction = config.damping_1_s * v_m_s
+    if v_m_s > 0.0:
+        friction += config.dry_m_s2
+    elif v_m_s < 0.0:
+        friction -= config.dry_m_s2
+    pull = config.stiffness_1_s2 * (x_m - config.rest_length_m - config.amplitude_m * math.sin(angle_rad))
+    return -pull - friction
+
+
+@compiled
+def sense(
+    config: SensorBelief, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
+) -> SensorState:
+    """Choose the range and learn the high one's offset from the low one where both can be read."""
+    if not (
+        new.age_ticks == 0
+        and math.isfinite(new.low_m_s2)
+        and math.isfinite(new.high_m_s2)
+        and math.isfinite(new.housing_m_s2)
+    ):
+        return SensorState(
+            acceleration_m_s2=state.acceleration_m_s2,
+            housing_m_s2=state.housing_m_s2,
+            high_offset_m_s2=state.high_offset_m_s2,
+            clipped=state.clipped,
+            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS),
+        )
+    offset_m_s2 = state.high_offset_m_s2
+    if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
+        acceleration_m_s2 = new.low_m_s2
+        clipped = False
+        # Near zero only: there neither range is on the flank of a blow.
+        if abs(new.low_m_s2) < 0.2 * config.low_full_scale_m_s2:
+            offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
+    else:
+        acceleration_m_s2 = new.high_m_s2 - offset_m_s2
+        clipped = abs(new.high_m_s2) > 0.98 * config.high_full_scale_m_s2
+    return SensorState(
+        acceleration_m_s2=acceleration_m_s2,
+        housing_m_s2=new.housing_m_s2,
+        high_offset_m_s2=offset_m_s2,
+        clipped=clipped,
+        missed_ticks=0,
+    )
+
+
+@compiled
+def _by_model(
+    config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_s: float, ticks: int
+) -> Belief:
+    """Carry the belief over `ticks` without a reading; the crank turned to `angle_rad` meanwhile."""
+    bounded = min(ticks, LONGEST_GAP_TICKS)
+    for tick in range(bounded):
+        middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
+        # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
+        fixed_m = config.striker.rest_length_m + config.striker.amplitude_m * math.sin(middle_rad)
+        belief = kalman.predict(
+            belief,
+            config.model,
+            Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
+            config.model_noise,
+        )
+    return belief
+
+
+@compiled
+def propagate(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    accelerometer: AccelerometerInput,
+    phase: ContactPhase,
+    angle_rad: float,
+    omega_rad_s: float,
+    elapsed_ticks: int,
+) -> EstimatorState:
+    """Carry the estimate to the newest reading and compare that with the model; nothing is corrected yet.
+
+    `angle_rad` and `omega_rad_s` are the crank's at the same time.
+    """
+    sensor = sense(config.sensor, state.sensor, accelerometer, elapsed_ticks)
+    fresh = sensor.missed_ticks == 0
+    spread = config.spread
+    if not state.started:
+        belief = Belief(
+            x_m=config.striker.rest_length_m + config.striker.amplitude_m * math.sin(angle_rad),
+            v_m_s=0.0,
+            bias_m_s2=0.0,
+            p=Covariance(spread.initial_xx, 0.0, 0.0, spread.initial_vv, 0.0, spread.initial_bb),
+        )
+    elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_GAP_TICKS:
+        dt_s = elapsed_ticks * config.tick_s
+        # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
+        mean_m_s2 = (
+            0.5 * (sensor.acceleration_m_s2 + state.sensor.acceleration_m_s2)
+            + (sensor.acceleration_m_s2 - state.sensor.acceleration_m_s2) * config.sensor.delay_s / dt_s
+            - 0.5 * config.sensor.housing_weight * (sensor.housing_m_s2 + state.sensor.housing_m_s2)
+        )
+        belief = kalman.predict(
+            belief_of(state),
+            Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s),
+            Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
+            config.contact_noise if phase == ContactPhase.CONTACT else config.strapdown_noise,
+        )
+    else:
+        belief = _by_model(config, belief_of(state), angle_rad, omega_rad_s, elapsed_ticks)
+
+    innovation = 0.0
+    variance = config.model_variance
+    if fresh:
+        innovation = kalman.innovation(
+            belief, sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s), config.row
+        )
+        variance = kalman.innovation_variance(belief.p, config.row, _model_variance(config, belief))
+    return _state(config, belief, sensor, innovation, variance, state.touch_down, state.started or fresh)
+
+
+@compiled
+def correct(
+    config: EstimatorConfig,
+    propagated: EstimatorState,
+    contact: Contact,
+    angle_rad: float,
+    omega_rad_s: float,
+) -> EstimatorState:
+    """Correct what `propagate` gave by the model in free flight, by the stop at touch-down and separation."""
+    belief = belief_of(propagated)
+    touch_down = propagated.touch_down
+    striker = config.striker
+    fresh = propagated.sensor.missed_ticks == 0
+    if contact.touch_down:
+        # Since touch-down it has moved on by about v⁻ · age.
+        z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
+        jitter_m = contact.approach_speed_m_s * config.touch_down_jitter_s
+        belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
+        touch_down = Belief(
+            x_m=striker.stop_m, v_m_s=contact.approach_speed_m_s, bias_m_s2=belief.bias_m_s2, p=belief.p
+        )
+    elif contact.separation:
+        if contact.measured:
+            z = striker.stop_m + belief.v_m_s * contact.age_s
+            jitter_m = belief.v_m_s * config.separation_jitter_s
+            belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
+        else:
+            belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
+    elif contact.settled and fresh and propagated.started:
+        belief = kalman.update(
+            belief,
+            propagated.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
+            config.row,
+            _model_variance(config, belief),
+        )
+    spread = config.spread
+    p = belief.p
+    if not (
+        math.isfinite(belief.x_m + belief.v_m_s + belief.bias_m_s2)
+        and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
+    ):
+        return INITIAL
+    floored = Belief(
+        x_m=belief.x_m,
+        v_m_s=belief.v_m_s,
+        bias_m_s2=belief.bias_m_s2,
+        p=Covariance(
+            xx=at_least(p.xx, spread.floor_xx),
+            xv=p.xv,
+            xb=p.xb,
+            vv=at_least(p.vv, spread.floor_vv),
+            vb=p.vb,
+            bb=at_least(p.bb, spread.floor_bb),
+        ),
+    )
+    std = propagated.innovation_std_m_s2
+    return _state(
+        config,
+        floored,
+        propagated.sensor,
+        propagated.innovation_m_s2,
+        std * std,
+        touch_down,
+        propagated.started,
+    )
+
+
+@compiled
+def _known(config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_s: float) -> float:
+    """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
+
+    a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
+    """
+    striker = config.striker
+    delay_s = config.sensor.delay_s
+    crank_m = striker.amplitude_m * math.sin(angle_rad)
+    crank_m_s = striker.amplitude_m * math.cos(angle_rad) * omega_rad_s
+    known = striker.stiffness_1_s2 * (
+        (1.0 + delay_s * striker.damping_1_s) * (striker.rest_length_m + crank_m) - delay_s * crank_m_s
+    )
+    if belief.v_m_s > 0.0:
+        known -= striker.dry_m_s2
+    elif belief.v_m_s < 0.0:
+        known += striker.dry_m_s2
+    return known
+
+
+@compiled
+def _model_variance(config: EstimatorConfig, belief: Belief) -> float:
+    """R: what the model's acceleration is not known to; where dry friction may hold or turn, all of it."""
+    dry = config.striker.dry_m_s2
+    if dry <= 0.0:
+        return config.model_variance
+    turning = abs(belief.v_m_s) < 0.02 + 2.0 * math.sqrt(at_least(belief.p.vv, 0.0))
+    uncertain = dry if turning else 0.15 * dry
+    return config.model_variance + uncertain * uncertain
+
+
+@compiled
+def _newton(
+    config: EstimatorConfig, bias_m_s2: float, touch_down: Belief, angle_rad: float, age_s: float
+) -> Belief:
+    """Reset by x'⁺ = −k x'⁻, `age_s` after the separation.
+
+    Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
+    """
+    striker = config.striker
+    k = striker.restitution
+    before_m_s = at_least(touch_down.v_m_s, 0.05)
+    after_m_s = -k * before_m_s
+    a_before = model_acceleration(striker, angle_rad, striker.stop_m, before_m_s)
+    a_after = model_acceleration(striker, angle_rad, striker.stop_m, after_m_s)
+    slope = (a_after + k * a_before) / before_m_s
+    spread = before_m_s * before_m_s * config.restitution_variance
+    jitter_m = after_m_s * config.separation_jitter_s
+    jumped = kalman.predict(
+        touch_down,
+        Transition(-k, 0.0, 0.0, slope, -k, 0.0),
+        Push(x_m=(1.0 + k) * striker.stop_m, v_m_s=-slope * striker.stop_m),
+        ProcessNoise(xx=config.stop_variance + jitter_m * jitter_m, vv=spread, bb=0.0),
+    )
+    return Belief(
+        x_m=striker.stop_m + after_m_s * age_s,
+        v_m_s=after_m_s + a_after * age_s,
+        bias_m_s2=bias_m_s2,
+        p=jumped.p,
+    )
+
+
+@compiled
+def _state(
+    config: EstimatorConfig,
+    belief: Belief,
+    sensor: SensorState,
+    innovation_m_s2: float,
+    variance: float,
+    touch_down: Belief,
+    started: bool,
+) -> EstimatorState:
+    p = belief.p
+    return EstimatorState(
+        x_m=belief.x_m,
+        v_m_s=belief.v_m_s,
+        bias_m_s2=belief.bias_m_s2,
+        p_xx=p.xx,
+        p_xv=p.xv,
+        p_xb=p.xb,
+        p_vv=p.vv,
+        p_vb=p.vb,
+        p_bb=p.bb,
+        innovation_m_s2=innovation_m_s2,
+        innovation_std_m_s2=math.sqrt(at_least(variance, config.model_variance)),
+        nis=innovation_m_s2 * innovation_m_s2 / at_least(variance, config.model_variance),
+        sensor=sensor,
+        touch_down=touch_down,
+        started=started,
+    )

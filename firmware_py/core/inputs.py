@@ -1,0 +1,66 @@
+"""What the core sees of the world: the newest reading of each source with its age in ticks.
+
+An age of 0 means that the reading arrived in this tick. A source that was never heard has `NEVER_TICKS`.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.interface.enums import AxisState, OperatorRequest
+
+NEVER_TICKS = 1_000_000
+
+
+class AccelerometerInput(NamedTuple):
+    """Striker in its low and high range, and housing, along the striker's axis; gravity and bias included."""
+
+    low_m_s2: float
+    high_m_s2: float
+    housing_m_s2: float
+    age_ticks: int
+
+
+class EncoderInput(NamedTuple):
+    """The drive's crank position, circular or running on, and its own estimate of the speed."""
+
+    position_rev: float
+    velocity_rev_s: float
+    age_ticks: int
+
+
+class DriveInput(NamedTuple):
+    """The drive's state. `age_ticks` is that of its heartbeat."""
+
+    axis_state: AxisState
+    axis_error: int
+    disarm_reason: int
+    age_ticks: int
+
+
+class PowerInput(NamedTuple):
+    """What the drive measures of current, supply and temperature; `age_ticks` of the oldest of the three."""
+
+    current_a: float
+    voltage_v: float
+    inverter_degc: float
+    motor_degc: float
+    age_ticks: int
+
+
+class OperatorInput(NamedTuple):
+    """What the operator wants. `target_ratio` is Ω over the believed natural frequency."""
+
+    request: OperatorRequest
+    target_ratio: float
+    age_ticks: int
+
+
+class Inputs(NamedTuple):
+    """Everything a tick reads. `elapsed_ticks` ≥ 1 counts from the last tick: more after an overrun."""
+
+    elapsed_ticks: int
+    accelerometer: AccelerometerInput
+    encoder: EncoderInput
+    drive: DriveInput
+    power: PowerInput
+    operator: OperatorInput
+    estop: bool

@@ -1,0 +1,214 @@
+"""What can be wrong: a watchdog for each input, plausibility of the drive's data, limits on measured values.
+
+Every limit is written so that a NaN counts as beyond it. A condition that may pass for a moment has to hold
+for its time; the first fault found, in order of the list, is reported.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.crank import CrankState
+from firmware_py.core.detector import DetectorState
+from firmware_py.core.estimator import EstimatorState
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.numbers import TAU
+from firmware_py.interface.enums import AxisState, Fault, Mode
+
+
+class Watchdogs(NamedTuple):
+    """The longest silence of each source, in ticks."""
+
+    sensor_ticks: int
+    encoder_ticks: int
+    drive_ticks: int
+    operator_ticks: int
+    frozen_ticks: int
+    enable_ticks: int
+
+
+class Limits(NamedTuple):
+    """Two-sided where both sides can fail."""
+
+    overspeed_rad_s: float
+    current_a: float
+    inverter_degc: float
+    motor_degc: float
+    lowest_degc: float
+    lowest_v: float
+    highest_v: float
+    impulse_n_s: float
+    position_std_m: float
+    stall_share: float
+
+
+class MonitorConfig(NamedTuple):
+    """`…_ticks`: how long a condition has to hold."""
+
+    watchdogs: Watchdogs
+    limits: Limits
+    overcurrent_ticks: int
+    voltage_ticks: int
+    estimate_ticks: int
+    stall_ticks: int
+    standstill_rad_s: float
+    standstill_ticks: int
+
+
+class MonitorState(NamedTuple):
+    """For how long each condition has held, in ticks."""
+
+    frozen_ticks: int
+    overcurrent_ticks: int
+    voltage_ticks: int
+    estimate_ticks: int
+    stall_ticks: int
+    standstill_ticks: int
+    enable_ticks: int
+    enabled: bool
+    position_rev: float
+
+
+class Findings(NamedTuple):
+    """What the supervisor decides on. `watchdog` and `limit` hold the first fault of their kind, or NONE."""
+
+    watchdog: Fault
+    limit: Fault
+    drive: Fault
+    operator_lost: bool
+    standstill: bool
+
+
+INITIAL = MonitorState(
+    frozen_ticks=0,
+    overcurrent_ticks=0,
+    voltage_ticks=0,
+    estimate_ticks=0,
+    stall_ticks=0,
+    standstill_ticks=0,
+    enable_ticks=0,
+    enabled=False,
+    position_rev=0.0,
+)
+
+
+@compiled
+def _held(condition: bool, ticks: int, elapsed_ticks: int) -> int:
+    return ticks + elapsed_ticks if condition else 0
+
+
+@compiled
+def watchdog_fault(config: Watchdogs, inputs: Inputs, crank: CrankState, estimate: EstimatorState) -> Fault:
+    """The first source that has been silent, or sent no numbers, for too long."""
+    if (
+        inputs.accelerometer.age_ticks > config.sensor_ticks
+        or estimate.sensor.missed_ticks > config.sensor_ticks
+    ):
+        return Fault.SENSOR_TIMEOUT
+    if inputs.encoder.age_ticks > config.encoder_ticks or crank.missed_ticks > config.encoder_ticks:
+        return Fault.ENCODER_TIMEOUT
+    if inputs.drive.age_ticks > config.drive_ticks or inputs.power.age_ticks > config.drive_ticks:
+        return Fault.DRIVE_TIMEOUT
+    return Fault.NONE
+
+
+@compiled
+def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
+    config: MonitorConfig,
+    state: MonitorState,
+    inputs: Inputs,
+    crank: CrankState,
+    detector: DetectorState,
+    separated: bool,
+) -> Fault:
+    """The first measured quantity beyond its limit."""
+    limits = config.limits
+    power = inputs.power
+    if not (
+        abs(crank.omega_rad_s) <= limits.overspeed_rad_s
+        and abs(TAU * inputs.encoder.velocity_rev_s) <= 1.5 * limits.overspeed_rad_s
+    ):
+        return Fault.OVERSPEED
+    if state.frozen_ticks > config.watchdogs.frozen_ticks:
+        return Fault.DRIVE_FROZEN
+    if state.overcurrent_ticks > config.overcurrent_ticks:
+        return Fault.OVERCURRENT
+    if not (
+        limits.lowest_degc <= power.inverter_degc <= limits.inverter_degc
+        and limits.lowest_degc <= power.motor_degc <= limits.motor_degc
+    ):
+        return Fault.OVERTEMPERATURE
+    if state.voltage_ticks > config.voltage_ticks:
+        return Fault.OVERVOLTAGE if power.voltage_v > limits.highest_v else Fault.UNDERVOLTAGE
+    if separated and not detector.impulse_n_s <= limits.impulse_n_s:
+        return Fault.IMPULSE_LIMIT
+    if state.estimate_ticks > config.estimate_ticks:
+        return Fault.ESTIMATE_INVALID
+    if state.stall_ticks > config.stall_ticks:
+        return Fault.STALL
+    return Fault.NONE
+
+
+@compiled
+def drive_fault(config: Watchdogs, state: MonitorState, inputs: Inputs) -> Fault:
+    """Whether the drive reports an error, refuses to be enabled or has disarmed itself."""
+    if inputs.drive.axis_error != 0:
+        return Fault.DRIVE_ERROR
+    if state.enabled and inputs.drive.axis_state != AxisState.CLOSED_LOOP_CONTROL:
+        return Fault.DRIVE_ERROR
+    if state.enable_ticks > config.enable_ticks:
+        return Fault.DRIVE_ERROR
+    return Fault.NONE
+
+
+@compiled
+def step(
+    config: MonitorConfig,
+    state: MonitorState,
+    mode: Mode,
+    inputs: Inputs,
+    crank: CrankState,
+    estimate: EstimatorState,
+    detector: DetectorState,
+    separated: bool,
+    target_omega_rad_s: float,
+) -> tuple[MonitorState, Findings]:
+    """One tick; `mode` is the one before this tick's transition."""
+    n = inputs.elapsed_ticks
+    limits = config.limits
+    power = inputs.power
+    encoder = inputs.encoder
+    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+    closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    # Frozen: the drive goes on reporting a speed, but the position does not move with it.
+    frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
+    invalid = not (
+        estimate.started
+        and abs(estimate.x_m) < 10.0
+        and math.isfinite(estimate.v_m_s)
+        and 0.0 < estimate.p_xx <= limits.position_std_m * limits.position_std_m
+    )
+    stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
+    new = MonitorState(
+        frozen_ticks=_held(frozen, state.frozen_ticks, n),
+        overcurrent_ticks=_held(not abs(power.current_a) <= limits.current_a, state.overcurrent_ticks, n),
+        voltage_ticks=_held(
+            not limits.lowest_v <= power.voltage_v <= limits.highest_v, state.voltage_ticks, n
+        ),
+        estimate_ticks=_held(moving and invalid, state.estimate_ticks, n),
+        stall_ticks=_held(moving and closed and stalled, state.stall_ticks, n),
+        standstill_ticks=_held(abs(crank.omega_rad_s) < config.standstill_rad_s, state.standstill_ticks, n),
+        enable_ticks=_held(moving and not closed and not state.enabled, state.enable_ticks, n),
+        enabled=moving and (state.enabled or closed),
+        position_rev=encoder.position_rev,
+    )
+    watchdog = watchdog_fault(config.watchdogs, inputs, crank, estimate)
+    limit = limit_fault(config, new, inputs, crank, detector, separated)
+    drive = drive_fault(config.watchdogs, new, inputs)
+    return new, Findings(
+        watchdog=watchdog,
+        limit=limit,
+        drive=drive,
+        operator_lost=inputs.operator.age_ticks > config.watchdogs.operator_ticks,
+        standstill=new.standstill_ticks > config.standstill_ticks,
+    )

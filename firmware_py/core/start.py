@@ -1,0 +1,259 @@
+"""How the crank is brought to speed, into the impact regime and back to rest.
+
+Near the fold the impact regime cannot be entered by switching on: from rest an instant start ends in
+non-impact motion for every crank phase. Followed from below it can, so the speed rises on an S-curve
+
+    ω(s) = ω₀ + (ω₁ − ω₀) (3 s² − 2 s³),  s = t / T
+
+with no jump in acceleration's integral anywhere and zero acceleration at both ends. Impacts in consecutive
+periods confirm the capture. Where it fails, or is lost later, the speed dips to where the impact regime alone
+exists and rises again; a bounded number of attempts, then it is said to have failed.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.numbers import at_least
+from firmware_py.core.regime import RegimeState
+from firmware_py.interface.enums import Mode, Regime
+
+
+class Stage(IntEnum):
+    """Where a start or a stop is."""
+
+    REST = 0
+    RISE = 1
+    CONFIRM = 2
+    HOLD = 3
+    DIP = 4
+    DWELL = 5
+    STOP = 6
+
+
+class StartConfig(NamedTuple):
+    """Times of the S-curves; `natural_rad_s` is the believed ω that ratios refer to."""
+
+    tick_s: float
+    natural_rad_s: float
+    lowest_ratio: float
+    highest_ratio: float
+    capture_ratio: float
+    dip_ratio: float
+    rise_s: float
+    dip_s: float
+    stop_s: float
+    shortest_change_s: float
+    confirm_periods: int
+    missing_periods: int
+    attempts: int
+
+
+class StartState(NamedTuple):
+    """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress."""
+
+    stage: Stage
+    from_rad_s: float
+    to_rad_s: float
+    duration_s: float
+    s: float
+    target_omega_rad_s: float
+    target_acceleration_rad_s2: float
+    hits: int
+    misses: int
+    attempts: int
+    captured: bool
+    failed: bool
+
+
+INITIAL = StartState(
+    stage=Stage.REST,
+    from_rad_s=0.0,
+    to_rad_s=0.0,
+    duration_s=1.0,
+    s=1.0,
+    target_omega_rad_s=0.0,
+    target_acceleration_rad_s2=0.0,
+    hits=0,
+    misses=0,
+    attempts=0,
+    captured=False,
+    failed=False,
+)
+
+
+@compiled
+def s_curve(s: float) -> tuple[float, float]:
+    """Height and slope of the S-curve at progress `s` in 0…1."""
+    if s <= 0.0:
+        return 0.0, 0.0
+    if s >= 1.0:
+        return 1.0, 0.0
+    return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
+
+
+@compiled
+def valid_ratio(config: StartConfig, ratio: float) -> bool:
+    """Whether the operator's ratio can be run; NaN cannot."""
+    return config.lowest_ratio <= ratio <= config.highest_ratio
+
+
+@compiled
+def _curve(state: StartState, stage: Stage, to_rad_s: float, duration_s: float, attempts: int) -> StartState:
+    """A new S-curve from the present target."""
+    return StartState(
+        stage=stage,
+        from_rad_s=state.target_omega_rad_s,
+        to_rad_s=to_rad_s,
+        duration_s=duration_s,
+        s=0.0,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=attempts,
+        captured=state.captured,
+        failed=state.failed,
+    )
+
+
+@compiled
+def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
+    s = state.s + elapsed_ticks * config.tick_s / state.duration_s
+    height, slope = s_curve(s)
+    span = state.to_rad_s - state.from_rad_s
+    return StartState(
+        stage=state.stage,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=min(s, 1.0),
+        target_omega_rad_s=state.from_rad_s + span * height,
+        target_acceleration_rad_s2=span * slope / state.duration_s,
+        hits=state.hits,
+        misses=state.misses,
+        attempts=state.attempts,
+        captured=state.captured,
+        failed=state.failed,
+    )
+
+
+@compiled
+def _counted(state: StartState, regime: RegimeState) -> StartState:
+    """Count periods with and without an impact, each without a break."""
+    if not regime.ended:
+        return state
+    hit = regime.last.impacts > 0
+    return StartState(
+        stage=state.stage,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=state.s,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
+        hits=state.hits + 1 if hit else 0,
+        misses=0 if hit else state.misses + 1,
+        attempts=state.attempts,
+        captured=state.captured,
+        failed=state.failed,
+    )
+
+
+@compiled
+def _at(state: StartState, stage: Stage, captured: bool, failed: bool) -> StartState:
+    """The same, at another stage, with the counts anew."""
+    return StartState(
+        stage=stage,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=state.s,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
+        hits=0,
+        misses=0,
+        attempts=state.attempts,
+        captured=captured,
+        failed=failed,
+    )
+
+
+@compiled
+def _again(config: StartConfig, state: StartState) -> StartState:
+    """Dip and try again, or say that it failed."""
+    if state.attempts >= config.attempts:
+        return _at(state, state.stage, captured=False, failed=True)
+    return _curve(
+        _at(state, state.stage, captured=False, failed=False),
+        Stage.DIP,
+        config.dip_ratio * config.natural_rad_s,
+        config.dip_s,
+        state.attempts + 1,
+    )
+
+
+@compiled
+def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
+    config: StartConfig,
+    state: StartState,
+    mode: Mode,
+    target_ratio: float,
+    drive_ready: bool,
+    omega_rad_s: float,
+    regime: RegimeState,
+    elapsed_ticks: int,
+) -> StartState:
+    """One tick: the speed to follow now, and whether the wanted regime is captured or has failed."""
+    if mode == Mode.STOPPING:
+        if state.stage != Stage.STOP:
+            state = _curve(state, Stage.STOP, 0.0, config.stop_s, 0)
+        return _advanced(config, state, elapsed_ticks)
+    if mode not in (Mode.SOFT_START, Mode.RUN):
+        return INITIAL
+    if not drive_ready or state.failed:
+        return state
+    goal_rad_s = target_ratio * config.natural_rad_s
+    needs_impacts = target_ratio >= config.capture_ratio
+    if state.stage in (Stage.REST, Stage.STOP):
+        # The crank may still turn.
+        turning = StartState(
+            stage=Stage.REST,
+            from_rad_s=omega_rad_s,
+            to_rad_s=omega_rad_s,
+            duration_s=1.0,
+            s=1.0,
+            target_omega_rad_s=omega_rad_s,
+            target_acceleration_rad_s2=0.0,
+            hits=0,
+            misses=0,
+            attempts=0,
+            captured=False,
+            failed=False,
+        )
+        return _curve(turning, Stage.RISE, goal_rad_s, config.rise_s, 0)
+
+    state = _advanced(config, _counted(state, regime), elapsed_ticks)
+    arrived = state.s >= 1.0
+    if state.stage == Stage.DIP:
+        return _at(state, Stage.DWELL, captured=False, failed=False) if arrived else state
+    if state.stage == Stage.DWELL:
+        settled = state.hits >= config.confirm_periods or state.misses >= 2 * config.missing_periods
+        return _curve(state, Stage.RISE, goal_rad_s, config.rise_s, state.attempts) if settled else state
+    if goal_rad_s != state.to_rad_s:
+        share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
+        duration_s = at_least(config.rise_s * share, config.shortest_change_s)
+        return _curve(state, Stage.RISE, goal_rad_s, duration_s, state.attempts)
+    if state.stage == Stage.RISE:
+        return _at(state, Stage.CONFIRM, captured=state.captured, failed=False) if arrived else state
+    if state.stage == Stage.CONFIRM:
+        if not needs_impacts or (
+            state.hits >= config.confirm_periods and regime.regime in (Regime.IMPACT, Regime.PERIOD_N)
+        ):
+            return _at(state, Stage.HOLD, captured=True, failed=False)
+        return _again(config, state) if state.misses >= config.missing_periods else state
+    if needs_impacts and state.misses >= config.missing_periods:
+        return _again(config, state)
+    if state.attempts > 0 and state.hits >= 10 * config.confirm_periods:
+        return _curve(state, Stage.HOLD, goal_rad_s, config.shortest_change_s, 0)
+    return state

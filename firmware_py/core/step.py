@@ -1,0 +1,240 @@
+"""One tick of the firmware: crank, estimate, impacts, regime, limits, mode, speed to follow, torque.
+
+    step(config, state, inputs) -> (state, outputs)
+
+Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from there for one tick.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core import crank, detector, estimator, monitors, regime, speed, start, supervisor
+from firmware_py.core.compiled import compiled
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.numbers import limited
+from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, OperatorRequest, Regime
+
+
+class DriveConfig(NamedTuple):
+    """What the drive is told before it closes its loop."""
+
+    speed_limit_rad_s: float
+    current_limit_a: float
+
+
+class Config(NamedTuple):
+    """Everything that is settled before the first tick."""
+
+    tick_s: float
+    drive: DriveConfig
+    crank: crank.CrankConfig
+    estimator: estimator.EstimatorConfig
+    detector: detector.DetectorConfig
+    regime: regime.RegimeConfig
+    start: start.StartConfig
+    speed: speed.SpeedConfig
+    monitors: monitors.MonitorConfig
+
+
+class State(NamedTuple):
+    """Everything that a tick hands to the next one."""
+
+    crank: crank.CrankState
+    estimator: estimator.EstimatorState
+    detector: detector.DetectorState
+    regime: regime.RegimeState
+    start: start.StartState
+    speed: speed.SpeedState
+    monitors: monitors.MonitorState
+    supervisor: supervisor.SupervisorState
+
+
+class Outputs(NamedTuple):
+    """What leaves the core.
+
+    `impact` marks the tick in which a touch-down was found, `impact_age_s` before the sensors' time, at
+    `impact_speed_m_s`; `impact_impulse_n_s` is then the expected impulse. `separation` marks the tick in
+    which the striker left the stop: from then on the impulse is the measured one, and the age has run on with
+    the contact.
+    """
+
+    mode: Mode
+    fault: Fault
+    disarm_reason: int
+    regime: Regime
+    acting_limit: ActingLimit
+    torque_n_m: float
+    target_omega_rad_s: float
+    axis_request: AxisState
+    clear_errors: bool
+    estop: bool
+    impact: bool
+    separation: bool
+    impact_age_s: float
+    impact_speed_m_s: float
+    impact_impulse_n_s: float
+    period_ended: bool
+    period_impacts: int
+    impact_phase_rad: float
+    peak_acceleration_m_s2: float
+
+
+INITIAL = State(
+    crank=crank.INITIAL,
+    estimator=estimator.INITIAL,
+    detector=detector.INITIAL,
+    regime=regime.INITIAL,
+    start=start.INITIAL,
+    speed=speed.INITIAL,
+    monitors=monitors.INITIAL,
+    supervisor=supervisor.INITIAL,
+)
+
+
+INITIAL_OUTPUTS = Outputs(
+    mode=Mode.INIT,
+    fault=Fault.NONE,
+    disarm_reason=0,
+    regime=Regime.UNCERTAIN,
+    acting_limit=ActingLimit.SAFE_STATE,
+    torque_n_m=0.0,
+    target_omega_rad_s=0.0,
+    axis_request=AxisState.IDLE,
+    clear_errors=False,
+    estop=False,
+    impact=False,
+    separation=False,
+    impact_age_s=0.0,
+    impact_speed_m_s=0.0,
+    impact_impulse_n_s=0.0,
+    period_ended=False,
+    period_impacts=0,
+    impact_phase_rad=0.0,
+    peak_acceleration_m_s2=0.0,
+)
+
+
+@compiled
+def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
+    """The whole controller, once a tick."""
+    n = inputs.elapsed_ticks
+
+    # Measure
+    crank_now = crank.step(
+        config.crank,
+        state.crank,
+        inputs.encoder,
+        n,
+        speed.known_acceleration(config.speed, state.speed, state.crank, state.estimator),
+    )
+    propagated = estimator.propagate(
+        config.estimator,
+        state.estimator,
+        inputs.accelerometer,
+        state.detector.phase,
+        crank_now.angle_rad,
+        crank_now.omega_rad_s,
+        n,
+    )
+    detector_now, contact = detector.step(config.detector, state.detector, propagated, n)
+    estimate = estimator.correct(
+        config.estimator, propagated, contact, crank_now.angle_rad, crank_now.omega_rad_s
+    )
+    regime_now = regime.step(
+        config.regime,
+        state.regime,
+        crank_now.angle_rad,
+        crank_now.omega_rad_s,
+        contact.touch_down,
+        contact.age_s,
+        contact.approach_speed_m_s,
+        propagated.sensor.acceleration_m_s2,
+        n,
+    )
+
+    # Supervise
+    monitors_now, findings = monitors.step(
+        config.monitors,
+        state.monitors,
+        state.supervisor.mode,
+        inputs,
+        crank_now,
+        estimate,
+        detector_now,
+        contact.separation,
+        state.start.target_omega_rad_s,
+    )
+    supervisor_now = supervisor.step(
+        state.supervisor,
+        findings,
+        inputs.estop,
+        inputs.operator.request,
+        inputs.drive.disarm_reason,
+        start.valid_ratio(config.start, inputs.operator.target_ratio),
+        state.start.captured,
+        state.start.failed,
+        n,
+    )
+    mode = supervisor_now.mode
+    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+
+    # Command
+    start_now = start.step(
+        config.start,
+        state.start,
+        mode,
+        inputs.operator.target_ratio,
+        inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL,
+        crank_now.omega_rad_s,
+        regime_now,
+        n,
+    )
+    if moving and inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+        speed_now = speed.step(
+            config.speed,
+            state.speed,
+            crank_now,
+            estimate,
+            start_now.target_omega_rad_s,
+            start_now.target_acceleration_rad_s2,
+            n,
+        )
+    else:
+        speed_now = speed.safe(state.speed)
+
+    axis_request = AxisState.CLOSED_LOOP_CONTROL if moving else AxisState.IDLE
+    asks_clear = inputs.operator.request == OperatorRequest.CLEAR_FAULTS and not findings.operator_lost
+    clear_errors = mode == Mode.INIT and asks_clear
+    outputs = Outputs(
+        mode=mode,
+        fault=supervisor_now.fault,
+        disarm_reason=supervisor_now.disarm_reason,
+        regime=regime_now.regime,
+        acting_limit=speed_now.acting_limit,
+        torque_n_m=limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
+        target_omega_rad_s=start_now.target_omega_rad_s,
+        axis_request=axis_request,
+        clear_errors=clear_errors,
+        estop=mode == Mode.E_STOP,
+        impact=contact.touch_down,
+        separation=contact.separation,
+        impact_age_s=detector_now.since_touch_down_s,
+        impact_speed_m_s=detector_now.approach_speed_m_s,
+        impact_impulse_n_s=detector_now.impulse_n_s,
+        period_ended=regime_now.ended,
+        period_impacts=regime_now.last.impacts,
+        impact_phase_rad=regime_now.last.phase_rad,
+        peak_acceleration_m_s2=regime_now.last.peak_m_s2,
+    )
+    return (
+        State(
+            crank=crank_now,
+            estimator=estimate,
+            detector=detector_now,
+            regime=regime_now,
+            start=start_now,
+            speed=speed_now,
+            monitors=monitors_now,
+            supervisor=supervisor_now,
+        ),
+        outputs,
+    )

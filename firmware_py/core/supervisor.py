@@ -1,0 +1,158 @@
+"""Which mode the firmware is in, and why: one pure transition function.
+
+Nothing moves at power-up: INIT waits until every input is fresh and the drive is well, READY until the
+operator has been seen asking for IDLE, and only then does RUN start. A fault stays latched with its first
+reason, and so does an E-stop; both end only by a CLEAR_FAULTS that was given after them and whose cause is
+gone, and end in INIT, from where the whole path to motion is gone again. Clearing never arms.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.monitors import Findings
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+
+
+class Conditions(NamedTuple):
+    """All that a transition depends on. `fault` is the one that counts in this mode, or NONE."""
+
+    estop: bool
+    fault: Fault
+    inputs_fresh: bool
+    drive_well: bool
+    operator_fresh: bool
+    request: OperatorRequest
+    idle_seen: bool
+    clear_armed: bool
+    target_valid: bool
+    captured: bool
+    standstill: bool
+
+
+class SupervisorState(NamedTuple):
+    """`idle_seen` in READY, `clear_armed` in FAULT and E_STOP: the operator has let go since."""
+
+    mode: Mode
+    fault: Fault
+    disarm_reason: int
+    idle_seen: bool
+    clear_armed: bool
+    ticks_in_mode: int
+
+
+INITIAL = SupervisorState(
+    mode=Mode.INIT, fault=Fault.NONE, disarm_reason=0, idle_seen=False, clear_armed=False, ticks_in_mode=0
+)
+
+
+@compiled
+def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a table, read top to bottom
+    """The mode after this tick."""
+    if conditions.estop:
+        return Mode.E_STOP
+    asks_run = conditions.operator_fresh and conditions.request == OperatorRequest.RUN
+    asks_clear = conditions.operator_fresh and conditions.request == OperatorRequest.CLEAR_FAULTS
+
+    if mode in (Mode.FAULT, Mode.E_STOP):
+        if asks_clear and conditions.clear_armed and conditions.fault == Fault.NONE:
+            return Mode.INIT
+        return mode
+    if mode == Mode.INIT:
+        if conditions.inputs_fresh and conditions.operator_fresh and conditions.drive_well:
+            return Mode.READY
+        return Mode.INIT
+    if conditions.fault != Fault.NONE:
+        return Mode.FAULT
+    if mode == Mode.READY:
+        if not (conditions.inputs_fresh and conditions.operator_fresh):
+            return Mode.INIT
+        if asks_run and conditions.idle_seen and conditions.target_valid:
+            return Mode.SOFT_START
+        return Mode.READY
+    if mode == Mode.STOPPING:
+        return Mode.READY if conditions.standstill else Mode.STOPPING
+    if not (asks_run and conditions.target_valid):
+        return Mode.STOPPING
+    if mode == Mode.SOFT_START:
+        return Mode.RUN if conditions.captured else Mode.SOFT_START
+    return Mode.RUN
+
+
+@compiled
+def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:  # noqa: PLR0911 - a table
+    """Which of the findings is a fault in `mode`.
+
+    Silence is a fault only where something moves; before, it keeps the firmware out of READY. In FAULT and
+    E_STOP the answer says what still stands against clearing; a drive's error does not, as clearing is its
+    cure.
+    """
+    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+    latched = mode in (Mode.FAULT, Mode.E_STOP)
+    if mode == Mode.INIT:
+        return Fault.NONE
+    if (moving or latched) and findings.watchdog != Fault.NONE:
+        return findings.watchdog
+    if mode in (Mode.SOFT_START, Mode.RUN) and findings.operator_lost:
+        return Fault.OPERATOR_TIMEOUT
+    if not latched and findings.drive != Fault.NONE:
+        return findings.drive
+    if findings.watchdog == Fault.NONE and findings.limit != Fault.NONE:
+        return findings.limit
+    if start_failed and mode == Mode.SOFT_START:
+        return Fault.START_FAILED
+    if start_failed and mode == Mode.RUN:
+        return Fault.ATTRACTOR_LOST
+    return Fault.NONE
+
+
+@compiled
+def step(
+    state: SupervisorState,
+    findings: Findings,
+    estop: bool,
+    request: OperatorRequest,
+    disarm_reason: int,
+    target_valid: bool,
+    captured: bool,
+    start_failed: bool,
+    elapsed_ticks: int,
+) -> SupervisorState:
+    """One tick: the new mode, the reason that stays latched, and what the operator has let go of."""
+    mode = state.mode
+    operator_fresh = not findings.operator_lost
+    fault = counting_fault(mode, findings, start_failed)
+    conditions = Conditions(
+        estop=estop,
+        fault=fault,
+        inputs_fresh=findings.watchdog == Fault.NONE,
+        drive_well=findings.drive == Fault.NONE,
+        operator_fresh=operator_fresh,
+        request=request,
+        idle_seen=state.idle_seen,
+        clear_armed=state.clear_armed,
+        target_valid=target_valid,
+        captured=captured,
+        standstill=findings.standstill,
+    )
+    new_mode = transition(mode, conditions)
+
+    latched = new_mode in (Mode.FAULT, Mode.E_STOP)
+    reason = state.fault
+    reason_of_drive = state.disarm_reason
+    if new_mode == Mode.FAULT and mode != Mode.FAULT:
+        reason = fault
+        reason_of_drive = disarm_reason
+    elif not latched:
+        reason = Fault.NONE
+        reason_of_drive = 0
+    stays = new_mode == mode
+    idle = operator_fresh and request == OperatorRequest.IDLE
+    let_go = operator_fresh and request != OperatorRequest.CLEAR_FAULTS
+    return SupervisorState(
+        mode=new_mode,
+        fault=reason,
+        disarm_reason=reason_of_drive,
+        idle_seen=new_mode == Mode.READY and stays and (state.idle_seen or idle),
+        clear_armed=latched and stays and (state.clear_armed or let_go),
+        ticks_in_mode=state.ticks_in_mode + elapsed_ticks if stays else 0,
+    )

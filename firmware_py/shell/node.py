@@ -1,0 +1,387 @@
+"""The firmware on the bus: frames to inputs, one step of the core, outputs to frames. No clock, no socket.
+
+Frames that fail their CRC, length or ranges, and those that repeat the counter of the one before, are dropped
+and counted; their source then simply grows older. A gap in a counter is counted, and the frame used.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from firmware_py.core.compiled import COMPILED
+from firmware_py.core.inputs import (
+    NEVER_TICKS,
+    AccelerometerInput,
+    DriveInput,
+    EncoderInput,
+    Inputs,
+    OperatorInput,
+    PowerInput,
+)
+from firmware_py.core.step import INITIAL, INITIAL_OUTPUTS, Config, Outputs, State, step
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameCodec, FrameError, FrameErrorReason
+from firmware_py.interface.enums import (
+    AxisState,
+    Fault,
+    Mode,
+    OperatorRequest,
+    ParameterOperation,
+    ParameterStatus,
+)
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import (
+    Accelerometer,
+    ClearErrors,
+    DriveCurrent,
+    DriveErrors,
+    DriveEstop,
+    DriveHeartbeat,
+    DriveSupply,
+    DriveTemperature,
+    EncoderEstimates,
+    FaultEvent,
+    FirmwareHeartbeat,
+    ImpactEvent,
+    OperatorCommand,
+    ParameterRequest,
+    ParameterValue,
+    RegimeReport,
+    SetAxisState,
+    SetControllerMode,
+    SetInputTorque,
+    SetLimits,
+    StrikerEstimate,
+)
+from firmware_py.shell.parameters import TABLE, ParameterError, config_of, with_overrides
+
+TAU = 2.0 * math.pi
+TORQUE_CONTROL = 1
+PASSTHROUGH = 1
+RETRY_S = 0.05
+"""How often a request that the drive has not followed yet is repeated."""
+
+_AXIS_STATES = {state.value: state for state in AxisState}
+_STILL = (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP)
+"""Modes in which parameters may be written."""
+
+
+class NodeError(RuntimeError):
+    """The node cannot run in this process."""
+
+
+class Counters(NamedTuple):
+    """Since power-up: frames taken, frames dropped by reason, gaps in rolling counters, skipped ticks."""
+
+    frames: int
+    rejected_length: int
+    rejected_crc: int
+    rejected_value: int
+    rejected_repeated: int
+    counter_gaps: int
+    skipped_ticks: int
+
+
+class _Source:
+    """One identifier the node listens to: how old its newest frame is, and the counter to expect."""
+
+    def __init__(self, its_codec: FrameCodec[Any], take: Callable[[Any], None]) -> None:
+        self.codec = its_codec
+        self.take = take
+        self.age_ticks = NEVER_TICKS
+        self.counter = -1
+
+
+class FirmwareNode:
+    """One controller. `tick` is called once a control period with the frames that have arrived since.
+
+    `inputs`, `state` and `outputs` are the newest tick's, `counters` all ticks'.
+    """
+
+    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+        if COMPILED:
+            raise NodeError(
+                "VIBROHIL_COMPILED=1 is set: called tick by tick from Python, a compiled core costs three "
+                "times the interpreted one; unset it to run a node"
+            )
+        self.config = config
+        self.values = with_overrides(parameters or {})
+        self.state: State = INITIAL
+        self.outputs: Outputs = INITIAL_OUTPUTS
+        self.counters = Counters(0, 0, 0, 0, 0, 0, 0)
+        self._frames = 0
+        self._gaps = 0
+        self._rejected = dict.fromkeys(FrameErrorReason, 0)
+        self._repeated = 0
+        self._skipped_ticks = 0
+
+        self._ticks = 0
+        self._sent: dict[int, int] = {}
+        self._due_ticks: dict[int, int] = {}
+        self._retry_ticks = max(round(RETRY_S / config.tick_s), 1)
+        self._pending_regime = False
+        self._requests: list[ParameterRequest] = []
+
+        self._estop = False
+        self._acceleration = Accelerometer(0.0, 0.0, 0.0)
+        self._position = EncoderEstimates(0.0, 0.0)
+        self._heartbeat = DriveHeartbeat(0, 0, 0, 0)
+        self._disarm_reason = 0
+        self._current_a = 0.0
+        self._temperature = DriveTemperature(0.0, 0.0)
+        self._voltage_v = 0.0
+        self._command = OperatorCommand(OperatorRequest.IDLE.value, 0.0)
+        listens: tuple[tuple[FrameCodec[Any], Callable[[Any], None]], ...] = (
+            (codec.ACCELEROMETER, self._take_acceleration),
+            (codec.ENCODER_ESTIMATES, self._take_position),
+            (codec.DRIVE_HEARTBEAT, self._take_heartbeat),
+            (codec.DRIVE_ERRORS, self._take_errors),
+            (codec.DRIVE_CURRENT, self._take_current),
+            (codec.DRIVE_TEMPERATURE, self._take_temperature),
+            (codec.DRIVE_SUPPLY, self._take_supply),
+            (codec.DRIVE_ESTOP, self._take_estop),
+            (codec.OPERATOR_COMMAND, self._take_command),
+            (codec.PARAMETER_REQUEST, self._take_request),
+        )
+        self._sources = {its_codec.can_id: _Source(its_codec, take) for its_codec, take in listens}
+        self.inputs: Inputs = self._inputs(1)
+
+    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
+        """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
+        if elapsed_ticks < 1:
+            raise ValueError(
+                f"elapsed_ticks = {elapsed_ticks}; a tick comes at least one tick after the last"
+            )
+        self._ticks += elapsed_ticks
+        self._skipped_ticks += elapsed_ticks - 1
+        for source in self._sources.values():
+            source.age_ticks += elapsed_ticks
+        for frame in frames_in:
+            self._receive(frame)
+        self.inputs = self._inputs(elapsed_ticks)
+        self._estop = False
+        before = self.outputs
+        self.state, self.outputs = step(self.config, self.state, self.inputs)
+        frames_out = self._frames_out(before, self.outputs)
+        rejected = self._rejected
+        length, crc = rejected[FrameErrorReason.LENGTH], rejected[FrameErrorReason.CRC]
+        self.counters = Counters(
+            frames=self._frames,
+            rejected_length=length,
+            rejected_crc=crc,
+            rejected_value=sum(rejected.values()) - length - crc if any(rejected.values()) else 0,
+            rejected_repeated=self._repeated,
+            counter_gaps=self._gaps,
+            skipped_ticks=self._skipped_ticks,
+        )
+        return frames_out
+
+    # --- in -----------------------------------------------------------------------------------------
+
+    def _receive(self, frame: Frame) -> None:
+        source = self._sources.get(frame.can_id)
+        if source is None:
+            return
+        its_codec = source.codec
+        try:
+            record = its_codec.decode(frame.data)
+        except FrameError as error:
+            self._rejected[error.reason] += 1
+            return
+        if its_codec.protected:
+            counter = its_codec.counter(frame.data)
+            if counter == source.counter:
+                self._repeated += 1
+                return
+            if source.counter >= 0 and counter != (source.counter + 1) % 16:
+                self._gaps += 1
+            source.counter = counter
+        self._frames += 1
+        source.age_ticks = 0
+        source.take(record)
+
+    def _take_acceleration(self, record: Accelerometer) -> None:
+        self._acceleration = record
+
+    def _take_position(self, record: EncoderEstimates) -> None:
+        self._position = record
+
+    def _take_heartbeat(self, record: DriveHeartbeat) -> None:
+        self._heartbeat = record
+
+    def _take_errors(self, record: DriveErrors) -> None:
+        self._disarm_reason = record.disarm_reason
+
+    def _take_current(self, record: DriveCurrent) -> None:
+        self._current_a = record.measured_a
+
+    def _take_temperature(self, record: DriveTemperature) -> None:
+        self._temperature = record
+
+    def _take_supply(self, record: DriveSupply) -> None:
+        self._voltage_v = record.voltage_v
+
+    def _take_estop(self, _record: DriveEstop) -> None:
+        self._estop = True
+
+    def _take_command(self, record: OperatorCommand) -> None:
+        self._command = record
+
+    def _take_request(self, record: ParameterRequest) -> None:
+        self._requests.append(record)
+
+    def _age(self, its_codec: FrameCodec[Any]) -> int:
+        return min(self._sources[its_codec.can_id].age_ticks, NEVER_TICKS)
+
+    def _inputs(self, elapsed_ticks: int) -> Inputs:
+        acceleration, position, heartbeat = self._acceleration, self._position, self._heartbeat
+        return Inputs(
+            elapsed_ticks=elapsed_ticks,
+            accelerometer=AccelerometerInput(
+                acceleration.striker_low_m_s2,
+                acceleration.striker_high_m_s2,
+                acceleration.housing_m_s2,
+                self._age(codec.ACCELEROMETER),
+            ),
+            encoder=EncoderInput(
+                position.position_rev, position.velocity_rev_s, self._age(codec.ENCODER_ESTIMATES)
+            ),
+            drive=DriveInput(
+                _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
+                heartbeat.axis_error,
+                self._disarm_reason,
+                self._age(codec.DRIVE_HEARTBEAT),
+            ),
+            power=PowerInput(
+                self._current_a,
+                self._voltage_v,
+                self._temperature.inverter_degc,
+                self._temperature.motor_degc,
+                max(
+                    self._age(codec.DRIVE_CURRENT),
+                    self._age(codec.DRIVE_TEMPERATURE),
+                    self._age(codec.DRIVE_SUPPLY),
+                ),
+            ),
+            operator=OperatorInput(
+                OperatorRequest(self._command.request),
+                self._command.target_ratio,
+                self._age(codec.OPERATOR_COMMAND),
+            ),
+            estop=self._estop,
+        )
+
+    # --- out ----------------------------------------------------------------------------------------
+
+    def _frames_out(self, before: Outputs, outputs: Outputs) -> list[Frame]:
+        # The frame that the drive waits for goes first.
+        frames = [codec.SET_INPUT_TORQUE.encode(SetInputTorque(outputs.torque_n_m))]
+        changed = outputs.mode != before.mode
+        self._drive_frames(frames, outputs, changed)
+        if outputs.separation:
+            self._send(
+                frames,
+                codec.IMPACT_EVENT,
+                ImpactEvent(
+                    age_s=outputs.impact_age_s + 0.5 * self.config.tick_s,  # sensors' time to this tick's
+                    approach_speed_m_s=outputs.impact_speed_m_s,
+                    impulse_n_s=max(outputs.impact_impulse_n_s, 0.0),
+                ),
+            )
+        if outputs.fault not in (before.fault, Fault.NONE):
+            self._send(frames, codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
+        self._pending_regime = self._pending_regime or outputs.period_ended
+        if self._pending_regime and self._spaced(codec.REGIME_REPORT, RETRY_S):
+            self._pending_regime = False
+            self._send(frames, codec.REGIME_REPORT, _regime_report(outputs))
+        if self._due(codec.STRIKER_ESTIMATE):
+            estimate = self.state.estimator
+            self._send(
+                frames,
+                codec.STRIKER_ESTIMATE,
+                StrikerEstimate(estimate.x_m, estimate.v_m_s, self.state.crank.omega_rad_s),
+            )
+        if self._due(codec.FIRMWARE_HEARTBEAT):
+            self._send(
+                frames,
+                codec.FIRMWARE_HEARTBEAT,
+                FirmwareHeartbeat(
+                    mode=outputs.mode.value,
+                    fault=outputs.fault.value,
+                    acting_limit=outputs.acting_limit.value,
+                    regime=outputs.regime.value,
+                    target_omega_rad_s=outputs.target_omega_rad_s,
+                ),
+            )
+        if self._requests:
+            for request in self._requests:
+                self._send(frames, codec.PARAMETER_VALUE, self._answer(request, outputs.mode))
+            self._requests.clear()
+        return frames
+
+    def _drive_frames(self, frames: list[Frame], outputs: Outputs, changed: bool) -> None:
+        """Bring the drive's axis to where the core wants it; repeat until its heartbeat agrees."""
+        if outputs.estop and changed:
+            self._send(frames, codec.DRIVE_ESTOP, DriveEstop())
+        error = self._heartbeat.axis_error != 0
+        if outputs.clear_errors and error and self._spaced(codec.CLEAR_ERRORS, RETRY_S):
+            self._send(frames, codec.CLEAR_ERRORS, ClearErrors(identify=0))
+        state = self._heartbeat.axis_state
+        if state == outputs.axis_request.value or self._age(codec.DRIVE_HEARTBEAT) >= NEVER_TICKS:
+            return
+        if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
+            return
+        if outputs.axis_request == AxisState.CLOSED_LOOP_CONTROL:
+            self._send(frames, codec.SET_CONTROLLER_MODE, SetControllerMode(TORQUE_CONTROL, PASSTHROUGH))
+            drive = self.config.drive
+            self._send(
+                frames,
+                codec.SET_LIMITS,
+                SetLimits(drive.speed_limit_rad_s / TAU, drive.current_limit_a),
+            )
+        self._send(frames, codec.SET_AXIS_STATE, SetAxisState(outputs.axis_request.value))
+
+    def _answer(self, request: ParameterRequest, mode: Mode) -> ParameterValue:
+        """Read or write one parameter; a write that is refused changes nothing."""
+        if not 0 <= request.parameter_index < len(TABLE):
+            return ParameterValue(request.parameter_index, ParameterStatus.UNKNOWN_INDEX.value, 0.0)
+        name = TABLE[request.parameter_index].name
+        status = ParameterStatus.OK
+        if request.operation == ParameterOperation.WRITE:
+            if mode not in _STILL:
+                status = ParameterStatus.NOT_WHILE_MOVING
+            else:
+                try:
+                    values = with_overrides(self.values | {name: request.value})
+                except ParameterError:
+                    status = ParameterStatus.OUT_OF_RANGE
+                else:
+                    self.values = values
+                    self.config = config_of(values)
+        return ParameterValue(request.parameter_index, status.value, self.values[name])
+
+    def _send(self, frames: list[Frame], its_codec: FrameCodec[Any], record: Any) -> None:
+        count = self._sent.get(its_codec.can_id, 0)
+        frames.append(its_codec.encode(record, count % 16))
+        self._sent[its_codec.can_id] = count + 1
+        self._due_ticks[its_codec.can_id] = self._ticks
+
+    def _spaced(self, its_codec: FrameCodec[Any], period_s: float) -> bool:
+        """Whether `period_s` has passed since this frame was last sent."""
+        last = self._due_ticks.get(its_codec.can_id)
+        return last is None or self._ticks - last >= round(period_s / self.config.tick_s)
+
+    def _due(self, its_codec: FrameCodec[Any]) -> bool:
+        """Whether a cyclic frame's period has passed."""
+        last = self._due_ticks.get(its_codec.can_id)
+        return last is None or (self._ticks - last) * self.config.tick_s >= (its_codec.period_s or 0.0) - 1e-9
+
+
+def _regime_report(outputs: Outputs) -> RegimeReport:
+    return RegimeReport(
+        regime=outputs.regime.value,
+        impacts=outputs.period_impacts,
+        impact_phase_deg=math.degrees(outputs.impact_phase_rad) % 360.0,
+        peak_acceleration_m_s2=outputs.peak_acceleration_m_s2,
+    )

@@ -1,0 +1,531 @@
+"""The firmware's parameters in one table, and the core's Config made of them.
+
+The striker's numbers are beliefs: the nominal module of Table 1 (viscous guide, A = 20 mm, soft stop of 10
+ms). A parameter is named `block.name_unit`; its index is its place in the table, by which the bus reads and
+writes it. New parameters are therefore appended, never inserted.
+"""
+
+import difflib
+import math
+import tomllib
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from firmware_py.core import crank, detector, estimator, monitors, regime, speed, start
+from firmware_py.core.kalman import ProcessNoise, Row, Transition
+from firmware_py.core.step import Config, DriveConfig
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+TAU = 2.0 * math.pi
+
+
+class ParameterError(ValueError):
+    """A parameter that is not there, is no number or is out of bounds; or a file not to be trusted."""
+
+
+class Parameter(NamedTuple):
+    """One line of the table. `meaning` says what it is and why its default is what it is."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    default: float
+    meaning: str
+    whole: bool = False
+
+
+TABLE: tuple[Parameter, ...] = (
+    Parameter("control.tick_s", "s", 0.00025, 0.004, 0.001, "control period; classic CAN carries 1 kHz"),
+    # --- beliefs about the module -------------------------------------------------------------------
+    Parameter("striker.mass_kg", "kg", 1e-3, 100.0, 0.8, "impact mass (Table 1)"),
+    Parameter("striker.spring_n_m", "N/m", 0.1, 1e6, 70.0, "coupling spring (Table 1)"),
+    Parameter(
+        "striker.rest_length_m", "m", -1.0, 1.0, 0.12, "where the spring is relaxed at x_A = 0 (Table 1)"
+    ),
+    Parameter("drive.amplitude_m", "m", 0.0, 0.2, 0.02, "crank radius; the paper gives none, 20 mm impacts"),
+    Parameter("friction.b_n_s_m", "N s/m", 0.0, 1e3, 0.2, "viscous friction, middle of Table 1's range"),
+    Parameter("friction.mu", "1", 0.0, 2.0, 0.0, "dry friction; the default guide has none"),
+    Parameter("stop.position_m", "m", -1.0, 1.0, 0.18, "the stop's face (Table 1)"),
+    Parameter("stop.restitution", "1", 0.0, 1.0, 0.5, "middle of Table 1's range"),
+    Parameter("stop.contact_s", "s", 1e-4, 0.2, 0.010, "elastic contact time at 0.9 m/s: 32 g at r = 1.3"),
+    # --- sensors ------------------------------------------------------------------------------------
+    Parameter(
+        "crank.zero_rad",
+        "rad",
+        -7.0,
+        7.0,
+        0.0,
+        "encoder angle at which the piston is in the middle, going out",
+    ),
+    Parameter(
+        "crank.bandwidth_rad_s",
+        "rad/s",
+        1.0,
+        1000.0,
+        150.0,
+        "tracker's triple pole: 0.07 % noise on the speed",
+    ),
+    Parameter("crank.largest_disturbance_rad_s2", "rad/s^2", 0.0, 1e5, 1600.0, "0.8 N m on 5e-4 kg m^2"),
+    Parameter("sensor.low_full_scale_m_s2", "m/s^2", 1.0, 1e4, 156.9064, "16 g"),
+    Parameter("sensor.high_full_scale_m_s2", "m/s^2", 1.0, 1e5, 1961.33, "200 g"),
+    Parameter("sensor.bandwidth_hz", "Hz", 20.0, 1e5, 400.0, "the accelerometers' low-pass, first order"),
+    Parameter(
+        "sensor.high_offset_s", "s", 0.01, 1e4, 2.0, "time to learn the high range's offset; bias is slow"
+    ),
+    Parameter(
+        "sensor.housing_weight",
+        "1",
+        0.0,
+        1.0,
+        0.0,
+        "share of the housing's acceleration taken off; 0: it rests",
+    ),
+    # --- estimator ----------------------------------------------------------------------------------
+    Parameter(
+        "estimator.initial_position_std_m", "m", 1e-6, 1.0, 0.03, "a striker left anywhere in its travel"
+    ),
+    Parameter("estimator.initial_velocity_std_m_s", "m/s", 1e-6, 10.0, 0.3, "may still swing at power-up"),
+    Parameter(
+        "estimator.initial_bias_std_m_s2", "m/s^2", 1e-6, 10.0, 0.3, "50 mg at most, taken as 1.6 sigma"
+    ),
+    Parameter("estimator.position_floor_m", "m", 1e-9, 0.01, 5e-5, "the stop itself is not known better"),
+    Parameter(
+        "estimator.velocity_floor_m_s", "m/s", 1e-9, 0.1, 5e-4, "one count of the high range over a tick"
+    ),
+    Parameter("estimator.bias_floor_m_s2", "m/s^2", 1e-9, 0.1, 1e-3, "keeps the bias alive as it drifts"),
+    Parameter(
+        "estimator.model_std_m_s2",
+        "m/s^2",
+        1e-4,
+        100.0,
+        1.5,
+        "2 % of c and 30 % of b, which last for a period",
+    ),
+    Parameter(
+        "estimator.velocity_noise_m_s", "m/s", 0.0, 1.0, 1e-4, "by tick: noise and scale of the reading"
+    ),
+    Parameter(
+        "estimator.bias_noise_m_s2", "m/s^2", 0.0, 1.0, 1e-4, "by tick: 0.2 g of drift an hour and more"
+    ),
+    Parameter(
+        "estimator.contact_noise_m_s", "m/s", 0.0, 1.0, 1e-3, "by tick in contact: counts of 49 mg, aliasing"
+    ),
+    Parameter(
+        "estimator.gap_noise_m_s", "m/s", 0.0, 1.0, 3e-3, "by tick without a reading: a blow may be missed"
+    ),
+    Parameter("estimator.stop_std_m", "m", 1e-6, 0.01, 3e-4, "the stop's place, +-0.3 mm"),
+    Parameter(
+        "estimator.touch_down_jitter_s", "s", 0.0, 0.01, 2.5e-4, "how well the age of a touch-down is known"
+    ),
+    Parameter(
+        "estimator.separation_jitter_s", "s", 0.0, 0.01, 1e-3, "a contact ends more softly than it starts"
+    ),
+    Parameter(
+        "estimator.restitution_std", "1", 1e-3, 1.0, 0.1, "where Newton's law has to stand in: twice +-0.05"
+    ),
+    # --- detector -----------------------------------------------------------------------------------
+    Parameter("detector.floor_m_s2", "m/s^2", 0.1, 1e3, 4.0, "a blow of 0.05 m/s peaks at 9 m/s^2"),
+    Parameter("detector.sigmas", "1", 1.0, 100.0, 3.0, "in spreads of the innovation"),
+    Parameter("detector.near_m", "m", 0.0, 1.0, 0.006, "near the stop; the spread of the estimate is added"),
+    Parameter("detector.sure_factor", "1", 1.0, 100.0, 3.0, "twice this much in a row counts anywhere"),
+    Parameter("detector.end_m_s2", "m/s^2", 0.01, 1e3, 1.5, "a contact has ended below this"),
+    Parameter("detector.end_fraction", "1", 0.0, 0.5, 0.02, "or below this share of its peak"),
+    Parameter("detector.separation_age_s", "s", 0.0, 0.01, 5e-4, "from separation to the tick that sees it"),
+    Parameter("detector.refractory_s", "s", 0.0, 0.2, 0.005, "the low-pass rings out in 2 ms"),
+    Parameter("detector.longest_contact_s", "s", 0.001, 1.0, 0.080, "eight times the nominal contact"),
+    # --- regime -------------------------------------------------------------------------------------
+    Parameter(
+        "regime.equal_speed", "1", 0.01, 1.0, 0.15, "approach speeds of like periods; a rise changes 5 %"
+    ),
+    Parameter("regime.grazing_m_s", "m/s", 0.0, 1.0, 0.05, "slower blows decide nothing"),
+    Parameter("regime.chattering_impacts", "1", 2.0, 100.0, 4.0, "in a period", whole=True),
+    Parameter("regime.still_m_s2", "m/s^2", 0.0, 10.0, 0.6, "peak of a striker that sticks: bias and noise"),
+    Parameter("regime.longest_period_s", "s", 0.1, 100.0, 6.0, "slower than 1 rad/s there is no regime"),
+    Parameter("regime.agreeing_periods", "1", 1.0, 20.0, 2.0, "before a new regime is reported", whole=True),
+    # --- start --------------------------------------------------------------------------------------
+    Parameter(
+        "start.lowest_ratio", "1", 0.01, 10.0, 0.2, "below, the crank's ripple is larger than its speed"
+    ),
+    Parameter("start.highest_ratio", "1", 0.01, 10.0, 1.45, "beyond the fold there are no impacts"),
+    Parameter("start.capture_ratio", "1", 0.0, 10.0, 0.85, "from here on impacts are what is wanted"),
+    Parameter("start.dip_ratio", "1", 0.1, 10.0, 1.0, "where motion without impacts does not exist"),
+    Parameter("start.rise_s", "s", 0.1, 100.0, 5.0, "2 s capture r = 1.35 nominally; more than twice that"),
+    Parameter("start.dip_s", "s", 0.1, 100.0, 2.0, "down to the dip"),
+    Parameter("start.stop_s", "s", 0.1, 100.0, 2.0, "to standstill"),
+    Parameter("start.shortest_change_s", "s", 0.01, 100.0, 0.5, "for a small change of the target"),
+    Parameter(
+        "start.confirm_periods", "1", 1.0, 100.0, 5.0, "impacts in so many periods in a row", whole=True
+    ),
+    Parameter(
+        "start.missing_periods", "1", 1.0, 100.0, 4.0, "without an impact: not captured, or lost", whole=True
+    ),
+    Parameter("start.attempts", "1", 0.0, 20.0, 2.0, "dips before it is given up", whole=True),
+    # --- speed loop ---------------------------------------------------------------------------------
+    Parameter("motor.inertia_kg_m2", "kg m^2", 1e-7, 1.0, 5e-4, "rotor and flywheel"),
+    Parameter("motor.viscous_n_m_s", "N m s", 0.0, 1.0, 1e-4, "bearing"),
+    Parameter("motor.dry_n_m", "N m", 0.0, 1.0, 5e-3, "bearing and cogging"),
+    Parameter("speed.gain_p_n_m_s", "N m s", 0.0, 10.0, 0.03, "tools.tuning.speed"),
+    Parameter("speed.gain_i_n_m", "N m", 0.0, 100.0, 0.3, "tools.tuning.speed"),
+    Parameter(
+        "speed.load_share", "1", 0.0, 1.5, 1.0, "share of the estimated crank load that is fed forward"
+    ),
+    Parameter("speed.torque_limit_n_m", "N m", 0.0, 10.0, 0.6, "three quarters of 10 A at 0.08 N m/A"),
+    Parameter("speed.torque_rate_n_m_s", "N m/s", 0.1, 1e5, 60.0, "full torque in 10 ms"),
+    Parameter("speed.current_limit_a", "A", 0.1, 100.0, 10.0, "handed to the drive (Set_Limits)"),
+    # --- limits and watchdogs -----------------------------------------------------------------------
+    Parameter(
+        "limit.speed_rad_s", "rad/s", 0.1, 100.0, 20.0, "no torque forward beyond; r = 1.45 is 13.6 rad/s"
+    ),
+    Parameter("limit.overspeed_rad_s", "rad/s", 0.1, 120.0, 25.0, "fault; the motor itself ends at 40 rad/s"),
+    Parameter("limit.drive_speed_rad_s", "rad/s", 0.1, 200.0, 35.0, "handed to the drive (Set_Limits)"),
+    Parameter("limit.current_a", "A", 0.1, 200.0, 12.0, "fault: 20 % beyond the drive's own limit"),
+    Parameter("limit.inverter_degc", "degC", 0.0, 150.0, 80.0, "fault"),
+    Parameter("limit.motor_degc", "degC", 0.0, 200.0, 90.0, "fault: a winding of class A with margin"),
+    Parameter("limit.lowest_degc", "degC", -100.0, 50.0, -30.0, "fault: a broken thermistor reads colder"),
+    Parameter("limit.lowest_v", "V", 0.0, 100.0, 18.0, "fault: 24 V less 25 %"),
+    Parameter("limit.highest_v", "V", 1.0, 100.0, 30.0, "fault: 24 V plus 25 %"),
+    Parameter("limit.impulse_n_s", "N s", 0.01, 1e3, 1.6, "fault: Table 1 gives 0.2 to 1.5 N s"),
+    Parameter("limit.position_std_m", "m", 1e-4, 1.0, 0.05, "an estimate wider than the gap is none"),
+    Parameter("limit.stall_share", "1", 0.0, 0.9, 0.3, "turning slower than this share of the target"),
+    Parameter("limit.overcurrent_s", "s", 0.0, 10.0, 0.02, "longer than a current loop's overshoot"),
+    Parameter("limit.voltage_s", "s", 0.0, 10.0, 0.15, "two supply readings"),
+    Parameter("limit.estimate_s", "s", 0.0, 60.0, 1.0, "two drive periods"),
+    Parameter("limit.stall_s", "s", 0.0, 60.0, 0.8, "more than one drive period"),
+    Parameter("limit.standstill_rad_s", "rad/s", 1e-3, 10.0, 0.3, "stands still"),
+    Parameter("limit.standstill_s", "s", 0.0, 60.0, 0.3, "for so long"),
+    Parameter("watchdog.sensor_s", "s", 0.002, 10.0, 0.030, "30 frames; torque is 0 well within 100 ms"),
+    Parameter("watchdog.encoder_s", "s", 0.002, 10.0, 0.030, "30 frames; torque is 0 well within 100 ms"),
+    Parameter("watchdog.drive_s", "s", 0.05, 10.0, 0.35, "three heartbeats and a half"),
+    Parameter("watchdog.operator_s", "s", 0.05, 10.0, 0.35, "three commands and a half"),
+    Parameter(
+        "watchdog.frozen_s", "s", 0.002, 10.0, 0.020, "a position that stands while a speed is reported"
+    ),
+    Parameter("watchdog.enable_s", "s", 0.05, 60.0, 1.0, "from asking the drive to close its loop"),
+)
+"""All parameters, in the order of their indices."""
+
+BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABLE}
+INDEX: dict[str, int] = {parameter.name: index for index, parameter in enumerate(TABLE)}
+DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
+
+_ORDERED = (
+    ("start.lowest_ratio", "start.highest_ratio"),
+    ("limit.lowest_v", "limit.highest_v"),
+    ("limit.speed_rad_s", "limit.overspeed_rad_s"),
+    ("sensor.low_full_scale_m_s2", "sensor.high_full_scale_m_s2"),
+)
+"""Pairs of which the first must be below the second."""
+
+
+def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted names: `{"stop": {"restitution": 0.4}}` gives `{"stop.restitution": 0.4}`."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update(flattened(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def checked(name: str, value: Any) -> float:
+    """`value` as the float that parameter `name` may take."""
+    parameter = BY_NAME.get(name)
+    if parameter is None:
+        near = difflib.get_close_matches(name, BY_NAME, n=3, cutoff=0.5)
+        hint = (
+            f"did you mean {' or '.join(near)}?" if near else "firmware_py/shell/parameters.py lists them all"
+        )
+        raise ParameterError(f"there is no firmware parameter {name!r}; {hint}")
+    bounds = f"from {parameter.low:g} to {parameter.high:g} {parameter.unit}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ParameterError(f"{name} = {value!r} is no number; give one {bounds}")
+    if not parameter.low <= value <= parameter.high:
+        raise ParameterError(f"{name} = {value!r} {parameter.unit} is out of bounds; give a value {bounds}")
+    if parameter.whole and value != int(value):
+        raise ParameterError(f"{name} = {value!r} is a count; give a whole number {bounds}")
+    return float(value)
+
+
+def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
+    """All parameters, defaults except where `overrides` (dotted names or nested tables) says otherwise."""
+    values = DEFAULTS | {name: checked(name, value) for name, value in flattened(overrides).items()}
+    for lower, upper in _ORDERED:
+        if not values[lower] < values[upper]:
+            raise ParameterError(
+                f"{lower} = {values[lower]:g} is not below {upper} = {values[upper]:g}; change one of them"
+            )
+    return values
+
+
+def config_from(overrides: Mapping[str, Any]) -> Config:
+    """The core's configuration for the defaults with `overrides`."""
+    return config_of(with_overrides(overrides))
+
+
+def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[float, float, float]:
+    """g, h, k of the third-order fading-memory filter with a triple pole (Zarchan & Musoff, table 1.5)."""
+    pole = math.exp(-bandwidth_rad_s * tick_s)
+    return 1.0 - pole**3, 1.5 * (1.0 - pole) ** 2 * (1.0 + pole), 0.5 * (1.0 - pole) ** 3
+
+
+def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:
+    """exp(F dt) of x'' = −(c/m) x − (b/m) x', in closed form for weak, critical and strong damping."""
+    sigma = 0.5 * damping_1_s
+    square = stiffness_1_s2 - sigma * sigma
+    decay = math.exp(-sigma * dt_s)
+    if square > 0.0:
+        omega = math.sqrt(square)
+        cosine, sine_over_omega = math.cos(omega * dt_s), math.sin(omega * dt_s) / omega
+    elif square < 0.0:
+        omega = math.sqrt(-square)
+        cosine, sine_over_omega = math.cosh(omega * dt_s), math.sinh(omega * dt_s) / omega
+    else:
+        cosine, sine_over_omega = 1.0, dt_s
+    return Transition(
+        x_x=decay * (cosine + sigma * sine_over_omega),
+        x_v=decay * sine_over_omega,
+        x_b=0.0,
+        v_x=-decay * stiffness_1_s2 * sine_over_omega,
+        v_v=decay * (cosine - sigma * sine_over_omega),
+        v_b=0.0,
+    )
+
+
+def hertz_dissipation(restitution: float) -> float:
+    """d = λ x'⁻ of a Hunt–Crossley stop with this restitution k: d − ln(1 + d) = −k d − ln(1 − k d)."""
+    if restitution >= 1.0:
+        return 0.0
+    k = max(restitution, 1e-3)
+
+    def excess(d: float) -> float:
+        return (d - math.log1p(d)) - (-k * d - math.log1p(-k * d))
+
+    low, high = 1e-9, (1.0 - 1e-12) / k
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def contact_growth(mass_kg: float, contact_s: float, restitution: float, reference_m_s: float = 0.9) -> float:
+    """`growth` of a(t) = growth · (x'⁻ t)^1.5 at the start of a contact, m/s² by m^1.5.
+
+    Hertz: the elastic contact lasts 2.9432 δ_max/x'⁻ with δ_max = (5 m x'⁻²/(4 K))^(2/5).
+    """
+    deepest_m = contact_s * reference_m_s / 2.9432
+    stiffness = 1.25 * mass_kg * reference_m_s * reference_m_s / math.pow(deepest_m, 2.5)
+    return stiffness / mass_kg * (1.0 + hertz_dissipation(restitution))
+
+
+def config_of(values: Mapping[str, float]) -> Config:
+    """The core's configuration for a complete set of values, as `with_overrides` gives it."""
+    tick_s = values["control.tick_s"]
+
+    def ticks(name: str) -> int:
+        return round(values[name] / tick_s)
+
+    def square(name: str) -> float:
+        return values[name] * values[name]
+
+    mass_kg = values["striker.mass_kg"]
+    stiffness_1_s2 = values["striker.spring_n_m"] / mass_kg
+    damping_1_s = values["friction.b_n_s_m"] / mass_kg
+    natural_rad_s = math.sqrt(stiffness_1_s2)
+    delay_s = 1.0 / (TAU * values["sensor.bandwidth_hz"])
+    restitution = values["stop.restitution"]
+    gain_angle, gain_speed, gain_acceleration = critically_damped_gains(
+        values["crank.bandwidth_rad_s"], tick_s
+    )
+    crank_config = crank.CrankConfig(
+        tick_s=tick_s,
+        zero_rad=values["crank.zero_rad"],
+        gain_angle=gain_angle,
+        gain_speed=gain_speed,
+        gain_acceleration=gain_acceleration,
+        largest_disturbance_rad_s2=values["crank.largest_disturbance_rad_s2"],
+    )
+    estimator_config = estimator.EstimatorConfig(
+        tick_s=tick_s,
+        striker=estimator.StrikerBelief(
+            stiffness_1_s2=stiffness_1_s2,
+            damping_1_s=damping_1_s,
+            dry_m_s2=values["friction.mu"] * STANDARD_GRAVITY_M_S2,
+            rest_length_m=values["striker.rest_length_m"],
+            amplitude_m=values["drive.amplitude_m"],
+            stop_m=values["stop.position_m"],
+            restitution=restitution,
+        ),
+        sensor=estimator.SensorBelief(
+            low_full_scale_m_s2=values["sensor.low_full_scale_m_s2"],
+            high_full_scale_m_s2=values["sensor.high_full_scale_m_s2"],
+            delay_s=delay_s,
+            high_offset_rate=min(tick_s / values["sensor.high_offset_s"], 1.0),
+            housing_weight=values["sensor.housing_weight"],
+        ),
+        spread=estimator.Spread(
+            initial_xx=square("estimator.initial_position_std_m"),
+            initial_vv=square("estimator.initial_velocity_std_m_s"),
+            initial_bb=square("estimator.initial_bias_std_m_s2"),
+            floor_xx=square("estimator.position_floor_m"),
+            floor_vv=square("estimator.velocity_floor_m_s"),
+            floor_bb=square("estimator.bias_floor_m_s2"),
+        ),
+        # a_d = a − τ a',  a = −(c/m) (x − …) − (b/m) x',  a' = −(c/m) (x' − x_A') − (b/m) a
+        row=Row(
+            x=-stiffness_1_s2 * (1.0 + delay_s * damping_1_s),
+            v=-damping_1_s * (1.0 + delay_s * damping_1_s) + delay_s * stiffness_1_s2,
+            b=1.0,
+        ),
+        model=free_flight(stiffness_1_s2, damping_1_s, tick_s),
+        strapdown_noise=ProcessNoise(
+            xx=0.0, vv=square("estimator.velocity_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
+        ),
+        model_noise=ProcessNoise(
+            xx=0.0, vv=square("estimator.gap_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
+        ),
+        contact_noise=ProcessNoise(
+            xx=0.0, vv=square("estimator.contact_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
+        ),
+        model_variance=square("estimator.model_std_m_s2"),
+        stop_variance=square("estimator.stop_std_m"),
+        touch_down_jitter_s=values["estimator.touch_down_jitter_s"],
+        separation_jitter_s=values["estimator.separation_jitter_s"],
+        restitution_variance=square("estimator.restitution_std"),
+    )
+    detector_config = detector.DetectorConfig(
+        tick_s=tick_s,
+        # Where a dry guide reverses, the model is off by up to twice the friction.
+        floor_m_s2=values["detector.floor_m_s2"] + 2.0 * values["friction.mu"] * STANDARD_GRAVITY_M_S2,
+        sigmas=values["detector.sigmas"],
+        near_m=values["detector.near_m"],
+        sure_factor=values["detector.sure_factor"],
+        stop_m=values["stop.position_m"],
+        growth=contact_growth(mass_kg, values["stop.contact_s"], restitution),
+        delay_s=delay_s,
+        end_m_s2=values["detector.end_m_s2"],
+        end_fraction=values["detector.end_fraction"],
+        separation_age_s=values["detector.separation_age_s"],
+        refractory_ticks=ticks("detector.refractory_s"),
+        longest_contact_ticks=ticks("detector.longest_contact_s"),
+        newton_contact_ticks=max(round(values["stop.contact_s"] / tick_s), 1),
+        mass_kg=mass_kg,
+        restitution=restitution,
+    )
+    return Config(
+        tick_s=tick_s,
+        drive=DriveConfig(
+            speed_limit_rad_s=values["limit.drive_speed_rad_s"],
+            current_limit_a=values["speed.current_limit_a"],
+        ),
+        crank=crank_config,
+        estimator=estimator_config,
+        detector=detector_config,
+        regime=regime.RegimeConfig(
+            equal_speed=values["regime.equal_speed"],
+            grazing_m_s=values["regime.grazing_m_s"],
+            chattering_impacts=int(values["regime.chattering_impacts"]),
+            still_m_s2=values["regime.still_m_s2"],
+            longest_period_ticks=ticks("regime.longest_period_s"),
+            agreeing_periods=int(values["regime.agreeing_periods"]),
+        ),
+        start=start.StartConfig(
+            tick_s=tick_s,
+            natural_rad_s=natural_rad_s,
+            lowest_ratio=values["start.lowest_ratio"],
+            highest_ratio=values["start.highest_ratio"],
+            capture_ratio=values["start.capture_ratio"],
+            dip_ratio=values["start.dip_ratio"],
+            rise_s=values["start.rise_s"],
+            dip_s=values["start.dip_s"],
+            stop_s=values["start.stop_s"],
+            shortest_change_s=values["start.shortest_change_s"],
+            confirm_periods=int(values["start.confirm_periods"]),
+            missing_periods=int(values["start.missing_periods"]),
+            attempts=int(values["start.attempts"]),
+        ),
+        speed=speed.SpeedConfig(
+            tick_s=tick_s,
+            gain_p_n_m_s=values["speed.gain_p_n_m_s"],
+            gain_i_n_m=values["speed.gain_i_n_m"],
+            lead_s=1.5 * tick_s,  # sensors at t_k, torque from t_{k+1} to t_{k+2}
+            load=speed.LoadBelief(
+                inertia_kg_m2=values["motor.inertia_kg_m2"],
+                viscous_n_m_s=values["motor.viscous_n_m_s"],
+                dry_n_m=values["motor.dry_n_m"],
+                spring_n_m=values["striker.spring_n_m"],
+                amplitude_m=values["drive.amplitude_m"],
+                rest_length_m=values["striker.rest_length_m"],
+            ),
+            load_share=values["speed.load_share"],
+            torque_limit_n_m=values["speed.torque_limit_n_m"],
+            torque_rate_n_m_s=values["speed.torque_rate_n_m_s"],
+            speed_limit_rad_s=values["limit.speed_rad_s"],
+        ),
+        monitors=monitors.MonitorConfig(
+            watchdogs=monitors.Watchdogs(
+                sensor_ticks=ticks("watchdog.sensor_s"),
+                encoder_ticks=ticks("watchdog.encoder_s"),
+                drive_ticks=ticks("watchdog.drive_s"),
+                operator_ticks=ticks("watchdog.operator_s"),
+                frozen_ticks=ticks("watchdog.frozen_s"),
+                enable_ticks=ticks("watchdog.enable_s"),
+            ),
+            limits=monitors.Limits(
+                overspeed_rad_s=values["limit.overspeed_rad_s"],
+                current_a=values["limit.current_a"],
+                inverter_degc=values["limit.inverter_degc"],
+                motor_degc=values["limit.motor_degc"],
+                lowest_degc=values["limit.lowest_degc"],
+                lowest_v=values["limit.lowest_v"],
+                highest_v=values["limit.highest_v"],
+                impulse_n_s=values["limit.impulse_n_s"],
+                position_std_m=values["limit.position_std_m"],
+                stall_share=values["limit.stall_share"],
+            ),
+            overcurrent_ticks=ticks("limit.overcurrent_s"),
+            voltage_ticks=ticks("limit.voltage_s"),
+            estimate_ticks=ticks("limit.estimate_s"),
+            stall_ticks=ticks("limit.stall_s"),
+            standstill_rad_s=values["limit.standstill_rad_s"],
+            standstill_ticks=ticks("limit.standstill_s"),
+        ),
+    )
+
+
+def _checksum(values: Mapping[str, float]) -> str:
+    text = "".join(f"{name}={values[name]!r}\n" for name in sorted(values))
+    return f"{zlib.crc32(text.encode()):08x}"
+
+
+def save(path: Path, values: Mapping[str, float]) -> None:
+    """Write a complete set of values as TOML with its checksum."""
+    document: dict[str, Any] = {"checksum": _checksum(values)}
+    for parameter in TABLE:
+        block, _, name = parameter.name.partition(".")
+        document.setdefault(block, {})[name] = values[parameter.name]
+    path.write_text(tomli_w.dumps(document))
+
+
+def load(path: Path) -> dict[str, float]:
+    """Read what `save` wrote; a damaged or incomplete file is refused."""
+    try:
+        document = tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path} is no TOML ({error}); write it again with save()") from error
+    written = document.pop("checksum", None)
+    values = {name: checked(name, value) for name, value in flattened(document).items()}
+    missing = sorted(set(BY_NAME) - set(values))
+    if missing:
+        raise ParameterError(f"{path} lacks {', '.join(missing)}; write it again with save()")
+    if written != _checksum(values):
+        raise ParameterError(
+            f"{path} has checksum {written!r}, its values give {_checksum(values)!r}: it is damaged or was "
+            "edited by hand; write it again with save()"
+        )
+    return with_overrides(values)
