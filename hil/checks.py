@@ -88,3 +88,8 @@ def evaluate(checks: Iterable[Check], figures: Mapping[str, Any]) -> list[CheckR
             CheckResult(check.name, within(check, value), value, CATALOGUE[check.name].unit, check.limit)
         )
     return results
+
+
+def checks_of(scenario: Mapping[str, Any]) -> list[Check]:
+    """The checks of a scenario as its file gives it."""
+    return [Check.model_validate(table) for table in scenario.get("checks", [])]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode, Regime
 from hil import detection, true_regime
+from hil.bus_figures import mean_load
 from hil.figure_records import (
     DetectorFigures,
     EstimateFigures,
@@ -24,7 +25,8 @@ from hil.figure_records import (
     Spread,
     TrueImpact,
 )
-from hil.run_traces import BusLog, Records, RunTraces, column, read_run
+from hil.lanes import lower_name
+from hil.run_traces import Records, RunTraces, column, read_run
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,8 +41,6 @@ SILENT_S = 0.2
 """A node whose trace ends this long before its partner's has died; ordinary ends lie closer together."""
 DEFAULT_PERIOD_S = 1e-3
 """The bus's tick, where the run does not say otherwise."""
-BITRATE_BIT_S = 1e6
-"""Of the bench's classic CAN bus."""
 LONGEST_WORK_P99_US = 500.0
 """Half a tick: what a loop may need and still leave its partner the other half."""
 OVERRUN_FRACTION = 1e-3
@@ -67,11 +67,6 @@ class Window(NamedTuple):
         return Window(0.5 * (self.start_s + self.end_s), self.end_s)
 
 
-def enum_name(value: Mode | Fault | Regime) -> str:
-    """As results print an enumeration's value: lower case, words joined by hyphens."""
-    return value.name.lower().replace("_", "-")
-
-
 def spread(values: FloatArray) -> Spread:
     """Quantiles of what is finite."""
     finite = values[np.isfinite(values)]
@@ -87,13 +82,13 @@ def rms(errors: FloatArray) -> float | None:
 
 
 def loop_timing(records: Records, period_s: float) -> LoopTiming:
-    """A loop's timing from its own trace; skipped ticks are the gaps in its tick numbers."""
+    """A loop's timing from its own trace; skipped ticks are what its tick numbers, from 0 on, leave out."""
     tick = column(records, "tick")
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
     return LoopTiming(
         ticks=len(tick),
-        overruns=int(np.sum(np.maximum(np.diff(tick) - 1.0, 0.0))),
+        overruns=int(tick[-1]) + 1 - len(tick) if len(tick) else 0,
         late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
         long_work=int(np.count_nonzero(work_us > half_tick_us)),
         work_us=spread(work_us),
@@ -122,21 +117,6 @@ def hold_window(firmware: Records) -> Window | None:
     spans = np.split(running, np.flatnonzero(np.diff(running) > 1) + 1)
     longest = max(spans, key=lambda span: t_s[span[-1]] - t_s[span[0]])
     return Window(float(t_s[longest[0]]), float(t_s[longest[-1]]))
-
-
-def bits_on_the_bus(bus: BusLog) -> FloatArray:
-    """Worst-case length of each frame in bits, stuffing and inter-frame space included.
-
-    11-bit identifiers: 55 + 10 n for n data bytes (Davis, Burns, Bril, Lukkien 2007).
-    """
-    return 55.0 + 10.0 * bus.length.astype(np.float64)
-
-
-def bus_load(bus: BusLog, duration_s: float) -> float | None:
-    """Mean fraction of the bus's time that frames take."""
-    if len(bus.t_s) == 0 or duration_s <= 0.0:
-        return None
-    return float(np.sum(bits_on_the_bus(bus)) / (BITRATE_BIT_S * duration_s))
 
 
 def peak_force(plant: Records, impacts: Records) -> float | None:
@@ -380,14 +360,14 @@ def figures_from(traces: RunTraces) -> Figures:
         tick_us=loops.firmware.work_us,
         wake_us=loops.firmware.wake_us,
         loops=loops,
-        bus_load=bus_load(traces.bus, duration_s),
+        bus_load=mean_load(traces.bus.length, duration_s),
         realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),
         impact_count=len(impacts_t_s),
-        regime=enum_name(motion.regime),
-        regime_believed=enum_name(Regime(int(believed[-1])) if len(believed) else Regime.UNCERTAIN),
+        regime=lower_name(motion.regime),
+        regime_believed=lower_name(Regime(int(believed[-1])) if len(believed) else Regime.UNCERTAIN),
         hold_start_s=hold.start_s if hold else None,
         hold_end_s=hold.end_s if hold else None,
         impacts_per_period=motion.impacts_per_period,
@@ -399,8 +379,8 @@ def figures_from(traces: RunTraces) -> Figures:
         estimate=estimate_figures(plant, firmware, hold),
         detector=detector_figures(impacts, firmware),
         speed=speed_figures(plant, firmware, hold),
-        fault=enum_name(first_fault(firmware)),
-        final_mode=enum_name(Mode(int(mode[-1]))) if len(mode) else "none",
+        fault=lower_name(first_fault(firmware)),
+        final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
         motor_torque_after_stop_n_m=torque_after(plant, end),
         safe_state=safe_state_figures(plant, firmware, impacts, end),
         energy_residual=energy_residual(plant),

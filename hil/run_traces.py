@@ -19,12 +19,12 @@ Records = NDArray[np.void]
 
 FloatArray = NDArray[np.float64]
 
-CANDUMP_LINE = re.compile(rb"\((\d+)\.(\d{6,9})\) \S+ ([0-9A-Fa-f]+)#([0-9A-Fa-f]*)\r?\n")
+CANDUMP_LINE = re.compile(rb"\((\d+\.\d{6,9})\) \S+ ([0-9A-Fa-f]+)#([0-9A-Fa-f]*)\r?\n")
 
 
 @dataclass(frozen=True)
 class BusLog:
-    """The frames of `can.log`: seconds since the run's start, identifiers, lengths in bytes; shapes (n,)."""
+    """The frames of `can.log`: simulated seconds, identifiers, lengths in bytes; shapes (n,)."""
 
     t_s: FloatArray
     can_id: NDArray[np.int64]
@@ -80,19 +80,17 @@ def read_trace(path: Path) -> Records:
     return trace.read(path) if path.exists() else NO_RECORDS
 
 
-def parse_candump(text: bytes, start_s: float) -> BusLog:
-    """candump's log lines, `(seconds.micros) channel ID#DATA`; times come out relative to `start_s`.
+def parse_candump(text: bytes) -> BusLog:
+    """candump's log lines, `(seconds.micros) channel ID#DATA`; a line cut short by a kill is left out.
 
-    >>> log = parse_candump(b"(10.001000) vcan0 080#0102\\n", start_s=10.0)
-    >>> round(float(log.t_s[0]), 6), hex(log.can_id[0]), log.payloads
-    (0.001, '0x80', (b'\\x01\\x02',))
+    >>> log = parse_candump(b"(10.001000) vcan0 080#0102\\n(10.002000) vcan0 0")
+    >>> log.t_s.tolist(), hex(log.can_id[0]), log.payloads
+    ([10.001], '0x80', (b'\\x01\\x02',))
     """
-    start_whole = int(start_s)
-    start_fraction = start_s - start_whole
     t_s, can_id, payloads = [], [], []
     for match in CANDUMP_LINE.finditer(text):
-        whole, fraction, identifier, data = match.groups()
-        t_s.append(int(whole) - start_whole + (int(fraction) / 10 ** len(fraction) - start_fraction))
+        seconds, identifier, data = match.groups()
+        t_s.append(float(seconds))
         can_id.append(int(identifier, 16))
         payloads.append(bytes.fromhex(data.decode()))
     return BusLog(
@@ -103,22 +101,21 @@ def parse_candump(text: bytes, start_s: float) -> BusLog:
     )
 
 
-def read_bus(path: Path, start_s: float) -> BusLog:
-    """`can.log`, or an empty log; a last line cut short by a kill is left out."""
-    return parse_candump(path.read_bytes(), start_s) if path.exists() else NO_BUS
+def read_bus(path: Path) -> BusLog:
+    """`can.log`, or an empty log where nobody wrote it."""
+    return parse_candump(path.read_bytes()) if path.exists() else NO_BUS
 
 
 def read_run(run_dir: Path) -> RunTraces:
     """Everything in `run_dir`, also of a run that was killed or is still going."""
-    run = read_json(run_dir / "run.json")
     scenario = run_dir / "scenario.toml"
     return RunTraces(
         plant=read_trace(run_dir / "plant.trace"),
         firmware=read_trace(run_dir / "firmware.trace"),
         impacts=read_trace(run_dir / "impacts.trace"),
         operator=read_trace(run_dir / "operator.trace"),
-        bus=read_bus(run_dir / "can.log", float(run.get("wall_start_s", 0.0))),
-        run=run,
+        bus=read_bus(run_dir / "can.log"),
+        run=read_json(run_dir / "run.json"),
         outcome=read_json(run_dir / "outcome.json"),
         scenario=tomllib.loads(scenario.read_text()) if scenario.exists() else {},
     )

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, Regime
+from firmware_py.interface.records import Accelerometer, SetInputTorque
 from hil.trace import TraceWriter
 
 STOP_M = 0.18
@@ -23,6 +25,9 @@ LATENCY_S = 0.0055
 START_S, HOLD_S, STOP_S, READY_S, END_S = 0.5, 2.0, 6.0, 6.5, 7.0
 T_S = 1e-3
 V_M_S = TRAVEL_M * OMEGA_RAD_S / 2.0
+
+ACCELEROMETER = codec.encode(Accelerometer(1.5, 1.5, 0.0), 3).data.hex().upper()
+TORQUE = codec.encode(SetInputTorque(0.1)).data.hex().upper()
 
 Columns = dict[str, np.ndarray[Any, Any]]
 
@@ -163,10 +168,7 @@ def make_run() -> MadeUpRun:
         "target_ratio": np.full(n // 100, 1.3),
         "estop": np.zeros(n // 100, bool),
     }
-    lines = [
-        f"({1000.0 + t:.6f}) vcan0 080#{'00' * 8}\n({1000.0 + t + 5e-4:.6f}) vcan0 00E#0000803F\n"
-        for t in t_s
-    ]
+    lines = [f"({t:.6f}) vcan0 080#{ACCELEROMETER}\n({t + 5e-4:.6f}) vcan0 00E#{TORQUE}\n" for t in t_s]
     return MadeUpRun(
         plant=plant,
         firmware=firmware,

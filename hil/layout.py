@@ -1,0 +1,313 @@
+"""The layout that comes with a log: what one wants to see first, legible at 1280 × 800.
+
+Plots pick fields out of the traces' records, so names, units and colours of the series live here.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+from hil.lanes import ALARM, BELIEF, OTHER, TARGET, TRUTH
+
+DARK_TRUTH, DARK_BELIEF = 0x2E6DA8FF, 0xA8691EFF
+
+
+class Moments(NamedTuple):
+    """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest blow."""
+
+    run_up_s: tuple[float, float]
+    detail_s: tuple[float, float]
+    largest_v_m_s: float
+
+
+class Mark(NamedTuple):
+    """A moment worth finding again: that of a failed check."""
+
+    t_s: float
+    text: str
+
+
+class Line(NamedTuple):
+    """A field of a trace's records drawn as a line; `variance` is the field of its σ², drawn as a band."""
+
+    entity: str
+    field: str
+    name: str
+    unit: str
+    color: int
+    variance: str | None = None
+
+
+class Dots(NamedTuple):
+    """Points without a line: a field of the records in `entity`, or its scalars where no field is named."""
+
+    entity: str
+    field: str | None
+    name: str
+    color: int
+    marker: Literal["circle", "cross", "diamond"]
+
+
+class Whole(NamedTuple):
+    """An entity that says itself how it is drawn."""
+
+    entity: str
+
+
+def mapped(target: str, field: str | None) -> list[VisualizerComponentMapping]:
+    """Where a visualizer's slot takes its numbers from."""
+    if field is None:
+        return []
+    source = ComponentSourceKind.SourceComponent
+    return [VisualizerComponentMapping(target, source, source_component="trace:record", selector=f".{field}")]
+
+
+def visualizer(series: Line | Dots) -> Any:
+    """How one series is drawn."""
+    color = np.array([series.color], np.uint32)
+    if isinstance(series, Line):
+        line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)
+        mappings = mapped("Measurements:values", series.field)
+        return line.visualizer(mappings=mappings + mapped("Measurements:variances", series.variance))
+    dots = rr.SeriesPoints.from_fields(
+        names=[series.name], colors=color, markers=[series.marker], marker_sizes=[3.5]
+    )
+    return dots.visualizer(mappings=mapped("Scalars:scalars", series.field))
+
+
+def plot(
+    name: str,
+    *series: Line | Dots | Whole,
+    span_s: tuple[float, float] | None = None,
+    up_to: float | None = None,
+    legend: rrb.Corner2D = rrb.Corner2D.LeftTop,
+) -> rrb.TimeSeriesView:
+    """A plot of `series`, opened on `span_s` or on all there is, and on 0 … `up_to` or what is drawn."""
+    drawn: dict[str | rr.datatypes.EntityPath, list[Any]] = {}
+    for item in series:
+        if not isinstance(item, Whole):
+            drawn.setdefault(item.entity, []).append(visualizer(item))
+    return rrb.TimeSeriesView(
+        name=name,
+        contents=sorted({item.entity for item in series}),
+        overrides=drawn,
+        plot_legend=rrb.PlotLegend(legend),
+        axis_y=None if up_to is None else rrb.ScalarAxis(range=(0.0, up_to)),
+        axis_x=None if span_s is None else rrb.archetypes.TimeAxis(view_range=span(span_s)),
+    )
+
+
+def span(span_s: tuple[float, float]) -> rr.TimeRange:
+    """A fixed stretch of simulated time."""
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=edge_s) for edge_s in span_s)
+    return rr.TimeRange(start=start, end=end)
+
+
+POSITION = (
+    Line("/plant", "x_m", "true position", "m", TRUTH),
+    Line("/firmware", "state.estimator.x_m", "estimate ± σ", "m", BELIEF, "state.estimator.p_xx"),
+    Whole("/stop"),
+    Dots("/impacts/touch_down", None, "touch-down", ALARM, "circle"),
+)
+VELOCITY = (
+    Line("/plant", "v_m_s", "true velocity", "m/s", TRUTH),
+    Line("/firmware", "state.estimator.v_m_s", "estimate ± σ", "m/s", BELIEF, "state.estimator.p_vv"),
+)
+SPEED = (
+    Line("/plant", "omega_rad_s", "true", "rad/s", TRUTH),
+    Line("/firmware", "outputs.target_omega_rad_s", "target", "rad/s", TARGET),
+    Line("/firmware", "state.crank.omega_rad_s", "estimate", "rad/s", BELIEF),
+)
+TORQUE = (
+    Line("/plant", "motor_torque_n_m", "motor", "N m", TRUTH),
+    Line("/firmware", "outputs.torque_n_m", "asked for", "N m", BELIEF),
+)
+BLOWS = (
+    Dots("/impacts/truth", "v_m_s", "true v⁻ [m/s]", TRUTH, "circle"),
+    Dots("/impacts/detected", None, "reported v⁻ [m/s]", BELIEF, "cross"),
+)
+
+
+def lanes(*names: str) -> rrb.StateTimelineView:
+    """State lanes, over the whole run."""
+    return rrb.StateTimelineView(
+        origin="/states", contents=[f"/states/{name}" for name in names], name="Modes, regimes, limits"
+    )
+
+
+def events() -> rrb.TextLogView:
+    """What happened, as text."""
+    columns = rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["loglevel", "body"])
+    return rrb.TextLogView(origin="/events", name="Events", columns=columns)
+
+
+def module() -> rrb.Spatial2DView:
+    """The moving picture at the time cursor."""
+    bounds = rrb.VisualBounds2D(x_range=[-140.0, 225.0], y_range=[-50.0, 50.0])
+    return rrb.Spatial2DView(origin="/module", name="Module (ghost: estimate)", visual_bounds=bounds)
+
+
+def shares(kind: Any, *parts: Any, by: Sequence[float], name: str | None = None) -> Any:
+    """A row or a column whose parts take the given shares."""
+    key = "row_shares" if kind is rrb.Vertical else "column_shares"
+    return kind(*parts, name=name, **{key: list(by)})
+
+
+def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+    """What the run was, at one glance."""
+    return shares(
+        rrb.Vertical,
+        lanes("mode", "regime", "checks"),
+        plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
+        rrb.Horizontal(
+            plot("Impacts", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Crank speed [rad/s]", *SPEED, legend=rrb.Corner2D.RightBottom),
+            plot("Torque [N m]", *TORQUE),
+        ),
+        shares(rrb.Horizontal, module(), events(), by=(3, 2)),
+        by=(6, 7, 5, 5),
+        name="Overview",
+    )
+
+
+def start_up(run_up_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+    """How the striker got onto its orbit."""
+    return shares(
+        rrb.Vertical,
+        plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
+        plot("Impacts", *BLOWS, span_s=run_up_s, up_to=fastest_m_s),
+        plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
+        plot("Torque [N m]", *TORQUE, span_s=run_up_s),
+        by=(4, 2, 2, 2),
+        name="Start-up",
+    )
+
+
+def estimator(detail_s: tuple[float, float] | None) -> Any:
+    """Whether the filter is right and honest about it."""
+    innovation = "state.estimator.innovation_m_s2"
+    deviation = "state.estimator.innovation_std_m_s2"
+    return rrb.Vertical(
+        plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
+        plot(
+            "Acceleration, close up [m/s²]",
+            Line("/plant", "striker_high_m_s2", "high range", "m/s²", OTHER),
+            Line("/plant", "striker_low_m_s2", "low range", "m/s²", BELIEF),
+            Line("/plant", "housing_m_s2", "housing", "m/s²", TARGET),
+            Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
+            span_s=detail_s,
+        ),
+        rrb.Horizontal(
+            plot(
+                "Innovation, close up [m/s²]",
+                Line("/firmware", innovation, "innovation", "m/s²", BELIEF),
+                Line("/firmware", deviation, "its σ", "m/s²", TARGET),
+                span_s=detail_s,
+            ),
+            plot("NIS", Line("/firmware", "state.estimator.nis", "NIS", "1", OTHER)),
+            plot(
+                "Accelerometer bias [m/s²]",
+                Line(
+                    "/firmware",
+                    "state.estimator.bias_m_s2",
+                    "bias ± σ",
+                    "m/s²",
+                    BELIEF,
+                    "state.estimator.p_bb",
+                ),
+            ),
+        ),
+        name="Estimator",
+    )
+
+
+def impacts(detail_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+    """The blows: how fast, how hard, and what they cost."""
+    return rrb.Vertical(
+        rrb.Horizontal(
+            plot("Approach speed", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Impulse", Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", OTHER, "diamond")),
+            plot("Peak force", Dots("/impacts/truth", "peak_force_n", "peak force [N]", ALARM, "circle")),
+        ),
+        plot(
+            "Force on the stop, close up [N]",
+            Line("/plant", "stop_force_n", "force", "N", ALARM),
+            span_s=detail_s,
+        ),
+        plot(
+            "Energy [J]",
+            Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
+            Line("/plant", "friction_j", "friction", "J", BELIEF),
+            Line("/plant", "impact_loss_j", "impacts", "J", ALARM),
+            Line("/plant", "stored_j", "stored", "J", OTHER),
+        ),
+        name="Impacts",
+    )
+
+
+def bus_and_timing() -> Any:
+    """Whether the clockwork ran."""
+    return rrb.Vertical(
+        rrb.Horizontal(
+            plot(
+                "Firmware loop [µs]",
+                Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_BELIEF),
+                Line("/firmware", "work_us", "work", "µs", BELIEF),
+            ),
+            plot(
+                "Plant loop [µs]",
+                Line("/plant", "wake_latency_us", "wake-up latency", "µs", DARK_TRUTH),
+                Line("/plant", "work_us", "work", "µs", TRUTH),
+            ),
+        ),
+        rrb.Horizontal(
+            plot(
+                "Ticks skipped so far",
+                Line("/firmware", "overruns", "firmware", "1", BELIEF),
+                Line("/plant", "overruns", "plant", "1", TRUTH),
+            ),
+            plot("Bus load (of 1 Mbit/s)", Whole("/can/load")),
+        ),
+        rrb.Horizontal(
+            lanes("axis", "fault", "limit", "motion"),
+            rrb.TextLogView(origin="/can/rejected", name="Frames refused"),
+        ),
+        name="Bus and timing",
+    )
+
+
+def about() -> Any:
+    """The run in words: scenario, set-up and outcome."""
+    return rrb.Horizontal(
+        rrb.TextDocumentView(origin="/about/scenario", name="Scenario"),
+        rrb.TextDocumentView(origin="/about/run", name="Run"),
+        rrb.TextDocumentView(origin="/about/outcome", name="Outcome"),
+        name="About",
+    )
+
+
+def layout(moments: Moments | None) -> rrb.Blueprint:
+    """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is."""
+    detail_s = moments.detail_s if moments else None
+    run_up_s = moments.run_up_s if moments else None
+    fastest_m_s = 1.15 * moments.largest_v_m_s if moments else None
+    panel: dict[str, Any] = {"play_state": "following"}
+    if moments:
+        selected = rr.encodings.AbsoluteTimeRange(*(rr.TimeInt(seconds=edge) for edge in moments.detail_s))
+        panel = {"play_state": "playing", "time_selection": selected, "loop_mode": "selection"}
+    return rrb.Blueprint(
+        rrb.Tabs(
+            overview(detail_s, fastest_m_s),
+            start_up(run_up_s, fastest_m_s),
+            estimator(detail_s),
+            impacts(detail_s, fastest_m_s),
+            bus_and_timing(),
+            about(),
+        ),
+        rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=0.25, **panel),
+        collapse_panels=True,
+    )

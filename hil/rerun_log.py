@@ -1,0 +1,356 @@
+"""The log a user reads: a run's traces as `run.rrd`, whole columns at a time.
+
+Each trace is one entity with one Arrow struct a tick, its fields named as in the trace, so that the log
+holds all the traces hold and costs little more than the numbers themselves; the layout picks the fields it
+plots. Two timelines: `sim_time`, and `wall_time`, when the process woke (in lockstep: when it would have).
+One writer serves the recorder, which appends once a second while a run goes on, and the rebuild of a whole
+run; what it writes depends on the traces alone.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import tomli_w
+from numpy.typing import NDArray
+
+from firmware_py.interface.codec import CODEC_BY_ID
+from firmware_py.interface.enums import ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
+from hil.bus_figures import bits_on_the_bus, load_by_bin, load_over_time
+from hil.checks import CheckResult, checks_of, evaluate
+from hil.drawing import Drawing
+from hil.figure_records import Figures
+from hil.figures import figures_from
+from hil.lanes import ALARM, FIRMWARE_LANES, PLANT_LANES, Lane, lower_name, state_name
+from hil.layout import Mark, Moments, layout
+from hil.moments import marks, moments
+from hil.run_traces import BusLog, Records, RunTraces, column, read_run
+
+APPLICATION_ID = "vibrohil"
+LOG_NAME = "run.rrd"
+
+FloatArray = NDArray[np.float64]
+
+
+def recording_id(run: Mapping[str, Any]) -> str:
+    """The same for the same run, however often its log is written."""
+    parts = (str(run.get(key)) for key in ("scenario", "clock", "bus", "seed", "wall_start_s"))
+    return hashlib.sha256("|".join(parts).encode()).hexdigest()[:32]
+
+
+def colors(rgba: Iterable[int]) -> NDArray[np.uint32]:
+    """Colours as the SDK takes them without guessing."""
+    return np.fromiter(rgba, np.uint32)
+
+
+def struct_of(records: Records) -> pa.StructArray:
+    """Records as one Arrow struct each; dotted names become structs in structs.
+
+    >>> records = np.zeros(1, dtype=[("tick", "i8"), ("state.x_m", "f8")])
+    >>> str(struct_of(records).type)
+    'struct<tick: int64, state: struct<x_m: double>>'
+    """
+    tree: dict[str, Any] = {}
+    for name in records.dtype.names or ():
+        *path, leaf = name.split(".")
+        branch = tree
+        for part in path:
+            branch = branch.setdefault(part, {})
+        branch[leaf] = np.ascontiguousarray(records[name])
+
+    def build(branch: dict[str, Any]) -> pa.StructArray:
+        arrays = [build(item) if isinstance(item, dict) else pa.array(item) for item in branch.values()]
+        return pa.StructArray.from_arrays(arrays, names=list(branch))
+
+    return build(tree)
+
+
+def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
+    """One struct a row as the component `archetype:record`."""
+    return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
+
+
+def axis_errors(bits: int) -> str:
+    """The names of the drive's error bits.
+
+    >>> axis_errors(0x0100_8000)
+    'velocity-limit-violation, watchdog-timer-expired'
+    """
+    known = [error for error in AxisError if error and bits & error]
+    unknown = bits & ~sum(known)
+    return ", ".join([*map(lower_name, known), *([f"0x{unknown:X}"] if unknown else [])])
+
+
+class Timebase:
+    """Turns simulated seconds into the log's two time columns."""
+
+    def __init__(self, wall_start_s: float) -> None:
+        self.wall_start_ns = round(wall_start_s * 1e9)
+
+    def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
+        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that."""
+        sim_ns = np.round(t_s * 1e9).astype(np.int64)
+        wall_ns = self.wall_start_ns + sim_ns + np.round(np.multiply(late_us, 1e3)).astype(np.int64)
+        return [
+            rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
+            rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
+        ]
+
+
+class RunLog:
+    """Writes a run's traces to `path`; `append` takes the records that are new since the last call."""
+
+    def __init__(
+        self,
+        path: Path,
+        run: Mapping[str, Any],
+        scenario: Mapping[str, Any],
+        moments: Moments | None = None,
+    ) -> None:
+        self.recording = rr.RecordingStream(
+            APPLICATION_ID, recording_id=recording_id(run), send_properties=False
+        )
+        self.recording.save(path, default_blueprint=layout(moments))
+        self.time = Timebase(float(run.get("wall_start_s", 0.0)))
+        self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
+        self._declared: set[str] = set()
+        self._last: dict[str, int] = {}
+        self._pending_bits: dict[int, float] = {}
+        self.recording.send_recording_name(f"{run.get('scenario', 'run')} ({run.get('clock', '?')})")
+        self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
+        self._document("about/run", json.dumps(dict(run), indent=2), "json")
+        self._document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
+        self.drawing = Drawing(self.recording, self.time.columns, scenario)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is still pending and the file's footer."""
+        self._bus_load(self._pending_bits)
+        self.recording.disconnect()
+
+    def append(self, traces: RunTraces) -> None:
+        """Log the records of `traces`, all of them new, and hand them to the operating system."""
+        self._plant(traces.plant)
+        self._firmware(traces.firmware)
+        self._impacts(traces.impacts)
+        self._operator(traces.operator)
+        self._frames(traces.bus)
+        self.recording.flush()
+
+    def conclude(self, outcome: Mapping[str, Any], marks: Sequence[Mark]) -> None:
+        """Log how the run ended, and the moments of failed checks."""
+        self._document("about/outcome", json.dumps(dict(outcome), indent=2), "json")
+        for mark in sorted(marks):
+            self._events([mark.t_s], [mark.text], "ERROR")
+        if marks:
+            self._declare("states/checks", rr.StateConfiguration(values=["ok"], visible=[False]))
+            lane = [(mark.t_s, mark.text) for mark in sorted(marks)]
+            self._send(
+                "states/checks",
+                np.array([t_s for t_s, _ in lane]),
+                rr.StateChange.columns(state=[text for _, text in lane]),
+            )
+
+    # --- one trace each ------------------------------------------------------------------------------
+
+    def _plant(self, records: Records) -> None:
+        if len(records) == 0:
+            return
+        t_s = column(records, "t_s")
+        self._records("plant", records, column(records, "wake_latency_us"))
+        self._lanes(records, PLANT_LANES)
+        self.drawing.truth(records)
+        if self.stop_m is not None:
+            self._declare(
+                "stop",
+                rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0]),
+            )
+            self._send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
+        for at_s, value in self._changes("axis_error", records, "axis_error"):
+            if value != AxisError.NONE:
+                self._events([at_s], [f"drive error: {axis_errors(value)}"], "ERROR")
+
+    def _firmware(self, records: Records) -> None:
+        if len(records) == 0:
+            return
+        self._records("firmware", records, column(records, "wake_latency_us"))
+        self._lanes(records, FIRMWARE_LANES)
+        self.drawing.estimate(records)
+        self._firmware_events(records)
+        seen = records[column(records, "outputs.impact") != 0.0]
+        if len(seen):
+            touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
+            speed = column(seen, "outputs.impact_speed_m_s")
+            self._send("impacts/detected", touch_down_s, rr.Scalars.columns(scalars=speed))
+
+    def _firmware_events(self, records: Records) -> None:
+        for t_s, value in self._changes("mode", records, "outputs.mode"):
+            alarming = value in (Mode.FAULT, Mode.E_STOP)
+            self._events([t_s], [f"mode {state_name(Mode, value)}"], "ERROR" if alarming else "INFO")
+        for t_s, value in self._changes("fault", records, "outputs.fault"):
+            if value != Fault.NONE:
+                self._events([t_s], [f"fault {state_name(Fault, value)}"], "ERROR")
+        for t_s, value in self._changes("regime", records, "outputs.regime"):
+            bad = value in (Regime.LOST, Regime.CHATTERING, Regime.STUCK)
+            self._events([t_s], [f"regime {state_name(Regime, value)}"], "WARN" if bad else "INFO")
+        for t_s, value in self._changes("limit", records, "outputs.acting_limit"):
+            if value not in (ActingLimit.NONE, ActingLimit.SAFE_STATE):
+                self._events([t_s], [f"limit {state_name(ActingLimit, value)}"], "WARN")
+
+    def _impacts(self, records: Records) -> None:
+        if len(records) == 0:
+            return
+        self._records("impacts/truth", records, 0.0)
+        self.drawing.flashes(records)
+        if self.stop_m is not None:
+            t_s = column(records, "t_s")
+            self._send("impacts/touch_down", t_s, rr.Scalars.columns(scalars=[self.stop_m] * len(t_s)))
+
+    def _operator(self, records: Records) -> None:
+        if len(records) == 0:
+            return
+        self._records("operator", records, 0.0)
+        targets = dict(zip(column(records, "t_s"), column(records, "target_ratio"), strict=True))
+        for t_s, value in self._changes("request", records, "request"):
+            ratio = f" at r = {targets[t_s]:g}" if value == OperatorRequest.RUN else ""
+            request = state_name(OperatorRequest, value)
+            self._events([t_s], [f"operator asks for {request}{ratio}"], "INFO")
+        for t_s, value in self._changes("estop", records, "estop"):
+            if value:
+                self._events([t_s], ["operator: emergency stop"], "ERROR")
+
+    def _frames(self, bus: BusLog) -> None:
+        if len(bus.t_s) == 0:
+            return
+        raw = rr.DynamicArchetype.columns(
+            archetype="frame",
+            components={
+                "can_id": pa.array(bus.can_id, pa.uint16()),
+                "data": pa.array(bus.payloads, pa.binary()),
+            },
+        )
+        self._send("can/raw", bus.t_s, raw)
+        self._decoded(bus)
+        for number, bits in load_by_bin(bus.t_s, bits_on_the_bus(bus.length)).items():
+            self._pending_bits[number] = self._pending_bits.get(number, 0.0) + bits
+        unfinished = max(self._pending_bits)
+        self._bus_load({key: bits for key, bits in self._pending_bits.items() if key < unfinished})
+        self._pending_bits = {unfinished: self._pending_bits[unfinished]}
+
+    def _decoded(self, bus: BusLog) -> None:
+        """Each frame's signals, by the names of the DBC; what is refused is said in `can/rejected`."""
+        refused: list[tuple[float, str]] = []
+        for can_id in np.unique(bus.can_id).tolist():
+            codec = CODEC_BY_ID.get(can_id)
+            rows = np.flatnonzero(bus.can_id == can_id).tolist()
+            if codec is None:
+                refused += [(float(bus.t_s[row]), f"0x{can_id:03X}: not in the DBC") for row in rows]
+                continue
+            times: list[float] = []
+            records: list[tuple[Any, ...]] = []
+            for row in rows:
+                try:
+                    records.append(codec.decode(bus.payloads[row]))
+                except ValueError as error:
+                    refused.append((float(bus.t_s[row]), f"0x{can_id:03X}: {error}"))
+                else:
+                    times.append(float(bus.t_s[row]))
+            if records and codec.record._fields:
+                signals = [pa.array(values) for values in zip(*records, strict=True)]
+                struct = pa.StructArray.from_arrays(signals, names=list(codec.record._fields))
+                self._send(f"can/{codec.record.__name__}", np.array(times), dynamic("frame", struct))
+        if refused:
+            refused.sort()
+            texts = [text for _, text in refused]
+            levels = ["WARN"] * len(texts)
+            self._send(
+                "can/rejected",
+                np.array([t_s for t_s, _ in refused]),
+                rr.TextLog.columns(text=texts, level=levels),
+            )
+
+    def _bus_load(self, bits_by_bin: Mapping[int, float]) -> None:
+        if bits_by_bin:
+            t_s, load = load_over_time(bits_by_bin)
+            self._send("can/load", t_s, rr.Scalars.columns(scalars=load))
+
+    # --- how each kind of thing is written -----------------------------------------------------------
+
+    def _declare(self, entity: str, *what: Any) -> None:
+        """Say once, for all times, how an entity is to be shown."""
+        if entity not in self._declared:
+            self._declared.add(entity)
+            self.recording.log(entity, *what, static=True)
+
+    def _document(self, entity: str, text: str, language: str) -> None:
+        markdown = f"```{language}\n{text}\n```"
+        self.recording.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True)
+
+    def _send(self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: Any = 0.0) -> None:
+        self.recording.send_columns(entity, self.time.columns(t_s, late_us), [*columns])
+
+    def _records(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
+        self._send(entity, column(records, "t_s"), dynamic("trace", struct_of(records)), late_us)
+
+    def _lanes(self, records: Records, lanes: Iterable[Lane]) -> None:
+        for lane in lanes:
+            self._declare(
+                lane.entity,
+                rr.StateConfiguration(
+                    values=[lower_name(state) for state in lane.states],
+                    colors=colors(lane.colors.get(state, ALARM) for state in lane.states),
+                ),
+            )
+            changes = self._changes(lane.entity, records, lane.column)
+            if changes:
+                states = [state_name(lane.states, value) for _, value in changes]
+                times = np.array([t_s for t_s, _ in changes])
+                self._send(lane.entity, times, rr.StateChange.columns(state=states))
+
+    def _changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
+        """Times and new values at which a column of integers differs from the record before."""
+        values = column(records, name).astype(np.int64)
+        if len(values) == 0:
+            return []
+        before = np.concatenate([[self._last.get(key, ~values[0])], values[:-1]])
+        self._last[key] = int(values[-1])
+        at = np.flatnonzero(values != before)
+        return [(float(t), int(v)) for t, v in zip(column(records, "t_s")[at], values[at], strict=True)]
+
+    def _events(self, t_s: Sequence[float], texts: Sequence[str], level: str) -> None:
+        levels = [level] * len(texts)
+        self._send("events", np.array(t_s), rr.TextLog.columns(text=texts, level=levels))
+
+
+def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
+    """Write the log of a whole run at once, opening on what its verdict makes worth seeing."""
+    failed = marks(results, traces, figures)
+    unfinished = path.with_name(f"{path.name}.new")
+    with RunLog(unfinished, traces.run, traces.scenario, moments(traces, figures, failed)) as log:
+        log.append(traces)
+        log.conclude(traces.outcome, failed)
+    return unfinished.rename(path)
+
+
+def rebuild(run_dir: Path) -> Path:
+    """Write `run.rrd` anew from the traces of a run, also of one that was killed."""
+    traces = read_run(run_dir)
+    figures = figures_from(traces)
+    results = evaluate(checks_of(traces.scenario), figures.as_json())
+    return write_log(run_dir / LOG_NAME, traces, figures, results)

@@ -1,0 +1,49 @@
+"""Rerun's own program: where it is, and how it is run without sending usage data anywhere."""
+
+import os
+import subprocess
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+
+class RerunError(RuntimeError):
+    """Rerun's program is missing or refused what it was asked."""
+
+
+def rerun_program() -> Path:
+    """The program that comes with rerun-sdk."""
+    spec = find_spec("rerun_cli")
+    folders = spec.submodule_search_locations if spec is not None else None
+    for folder in folders or ():
+        for name in ("rerun", "rerun.exe"):
+            if (program := Path(folder) / name).exists():
+                return program
+    raise RerunError("rerun-sdk came without its program; install the rerun-sdk wheel of this platform")
+
+
+def rerun_environment() -> dict[str, str]:
+    """The environment for Rerun's program: its settings in a folder of our own, with usage data switched off.
+
+    No variable switches it off, only a settings file; this one leaves the user's own as it is.
+    """
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = cache / "vibrohil" / "rerun-settings"
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(folder)}
+    if not (folder / "rerun" / "analytics.json").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        subprocess.run(
+            [rerun_program(), "analytics", "disable"], env=environment, capture_output=True, check=True
+        )
+    return environment
+
+
+def rerun(arguments: Sequence[str | Path]) -> subprocess.CompletedProcess[str]:
+    """Run Rerun's program to its end; its exit status is the caller's to judge."""
+    return subprocess.run(
+        [rerun_program(), *arguments],
+        env=rerun_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
