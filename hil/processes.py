@@ -5,6 +5,7 @@ import select
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -25,6 +26,14 @@ def stop_requests() -> socket.socket:
     signal.signal(signal.SIGTERM, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     return readable
+
+
+def read_start_ns() -> int:
+    """In a child: the common start time from standard input; the process ends here if the parent has."""
+    line = sys.stdin.readline()
+    if not line:
+        sys.exit()
+    return int(line)
 
 
 class ChildError(RuntimeError):

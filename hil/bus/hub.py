@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from hil.bus.hub_socket import CONTROL_ID, HELLO, HELLO_STAMPED
+from hil.bus.hub_socket import CONTROL_ID, HELLO, HELLO_DEAF, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, FRAME_BYTES
 from hil.processes import stop_requests
 from hil.realtime import HUB_PRIORITY, become_realtime
@@ -32,6 +32,7 @@ class Client:
 
     link: socket.socket
     joined: bool = False
+    listening: bool = False
     stamped: bool = False
     received: bytes = b""
     queued: bytearray = field(default_factory=bytearray)
@@ -102,7 +103,7 @@ class Hub:
         self.forwarded += len(chunk) // FRAME_BYTES
         stamp = b""
         for other in list(self._clients.values()):
-            if other is client or not other.joined:
+            if other is client or not other.listening:
                 continue
             if other.stamped:
                 stamp = stamp or CAN_FRAME.pack(CONTROL_ID, 8, time.time_ns().to_bytes(8, "little"))
@@ -113,10 +114,11 @@ class Hub:
     def _admit(self, client: Client, chunk: bytes) -> bytes:
         """Take a node in by its greeting; gives the frames after it. A stranger is shown out."""
         greeting, rest = chunk[:FRAME_BYTES], chunk[FRAME_BYTES:]
-        if greeting not in (HELLO, HELLO_STAMPED):
+        if greeting not in (HELLO, HELLO_STAMPED, HELLO_DEAF):
             self._part_with(client)
             return b""
         client.joined = True
+        client.listening = greeting != HELLO_DEAF
         client.stamped = greeting == HELLO_STAMPED
         self._pass_on(client, HELLO)
         return rest

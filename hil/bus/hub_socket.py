@@ -14,6 +14,8 @@ CONTROL_ID = 0xFFFFFFFF
 HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
 HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
 """The greeting of a node that wants to know when each frame passed the hub."""
+HELLO_DEAF = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
+"""The greeting of a node that only sends."""
 
 JOIN_TIMEOUT_S = 5.0
 
@@ -21,7 +23,7 @@ JOIN_TIMEOUT_S = 5.0
 class HubSocket:
     """A node on the bus `local`: a stream socket to the hub."""
 
-    def __init__(self, path: Path, stamped: bool = False) -> None:
+    def __init__(self, path: Path, greeting: bytes = HELLO) -> None:
         self.counters = BusCounters()
         self.closing: list[Callable[[], None]] = []
         self._received = b""
@@ -31,7 +33,7 @@ class HubSocket:
         self._socket.settimeout(JOIN_TIMEOUT_S)
         try:
             self._socket.connect(str(path))
-            self._socket.sendall(HELLO_STAMPED if stamped else HELLO)
+            self._socket.sendall(greeting)
             answer = self._socket.recv(FRAME_BYTES, socket.MSG_WAITALL)
         except OSError as error:
             self._socket.close()

@@ -12,12 +12,15 @@ class InProcessBus:
     def __init__(self) -> None:
         self._nodes: list[InProcessNode] = []
 
-    def join(self) -> "InProcessNode":
-        """A new node's connection."""
+    def join(self, listening: bool = True) -> "InProcessNode":
+        """A new node's connection; one that only sends need not read."""
         node = InProcessNode()
         for other in self._nodes:
-            other.others.append(node)
-            node.others.append(other)
+            if listening:
+                other.others.append(node)
+            if other.listening:
+                node.others.append(other)
+        node.listening = listening
         self._nodes.append(node)
         return node
 
@@ -27,6 +30,7 @@ class InProcessNode:
 
     def __init__(self) -> None:
         self.counters = BusCounters()
+        self.listening = True
         self.others: list[InProcessNode] = []
         self.pending: list[Frame] = []
 

@@ -12,7 +12,7 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HubSocket
+from hil.bus.hub_socket import HELLO_STAMPED, HubSocket
 
 
 class LocalBus(can.BusABC):
@@ -20,7 +20,7 @@ class LocalBus(can.BusABC):
 
     def __init__(self, channel: str, can_filters: Any = None, **kwargs: Any) -> None:
         try:
-            self._hub = HubSocket(Path(channel), stamped=True)
+            self._hub = HubSocket(Path(channel), HELLO_STAMPED)
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
         self._pending: deque[tuple[int, Frame]] = deque()

@@ -4,13 +4,13 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
-from hil.bus.hub_socket import HubSocket
+from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED, HubSocket
 from hil.processes import Child, ChildError
 
 READY_TIMEOUT_S = 20.0
@@ -122,14 +122,16 @@ def provide(spec: str) -> ProvidedBus:
     return ProvidedBus(spec, spec, interface in ("socketcan", "vcan"), "asked for")
 
 
-def join(address: str, accept: Iterable[int] | None = None, stamped: bool = False) -> Bus:
+def join(address: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
     """Join the bus at `address`, which `provide` gave or which others keep up.
 
-    `accept`: only these identifiers, where the bus can filter. `stamped`: arrivals carry the wall clock.
+    `accept`: only these identifiers, where the bus can filter; none at all for a node that only sends.
+    `stamped`: arrivals carry the wall clock.
     """
     interface, _, channel = address.partition(":")
     if interface == "local":
-        return HubSocket(Path(channel), stamped)
+        deaf = accept is not None and len(accept) == 0
+        return HubSocket(Path(channel), HELLO_DEAF if deaf else HELLO_STAMPED if stamped else HELLO)
     if interface == "vcan":
         return CanSocket(fetch_can_socket(Path(channel), accept, stamped))
     if interface == "socketcan" and has_kernel_can():
@@ -145,7 +147,7 @@ def join(address: str, accept: Iterable[int] | None = None, stamped: bool = Fals
     return AdapterBus(interface, channel, accept)
 
 
-def open_bus(spec: str, accept: Iterable[int] | None = None, stamped: bool = False) -> Bus:
+def open_bus(spec: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
     """Join the bus `spec` names; where that makes one, it ends when this node leaves."""
     provided = provide(spec)
     try:

@@ -1,0 +1,31 @@
+"""`can.log`: every frame of a run as candump writes it, which python-can and cantools read back."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from firmware_py.interface.frame import Frame
+
+CHANNEL = "can0"
+FLUSHED_BYTES = 1 << 18
+
+
+class CanLog:
+    """Appends `(seconds.micros) channel ID#DATA` lines."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", buffering=FLUSHED_BYTES, encoding="ascii")
+
+    def write(self, t_us: int, frames: Iterable[Frame]) -> None:
+        """Note frames that were on the bus at `t_us`."""
+        stamp = f"({t_us // 1_000_000}.{t_us % 1_000_000:06d}) {CHANNEL} "
+        self._file.writelines([f"{stamp}{can_id:03X}#{data.hex().upper()}\n" for can_id, data in frames])
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._file.close()
+
+    def __enter__(self) -> "CanLog":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

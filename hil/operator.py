@@ -1,0 +1,91 @@
+"""The operator: what a script asks of the firmware, at 10 Hz, with an E-stop that does not wait."""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import OperatorRequest
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import DriveEstop, OperatorCommand
+
+OPERATOR_PERIOD_S = 0.01
+"""How often the operator looks at the script: an E-stop or a change leaves within it."""
+COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
+"""How often it repeats its command; the firmware watches for that."""
+PERIODS_A_COMMAND = round(COMMAND_PERIOD_S / OPERATOR_PERIOD_S)
+
+
+class Request(StrEnum):
+    """What a line of the script asks for, until the next line."""
+
+    IDLE = "idle"
+    RUN = "run"
+    CLEAR_FAULTS = "clear-faults"
+    E_STOP = "e-stop"
+    SILENT = "silent"
+    """The operator's node is gone: no frames at all."""
+
+
+ON_THE_BUS = {
+    Request.IDLE: OperatorRequest.IDLE,
+    Request.RUN: OperatorRequest.RUN,
+    Request.CLEAR_FAULTS: OperatorRequest.CLEAR_FAULTS,
+    Request.E_STOP: OperatorRequest.IDLE,
+    Request.SILENT: OperatorRequest.IDLE,
+}
+
+
+class Command(NamedTuple):
+    """From `at_s` on, ask for `request`; the ratio is Ω over the believed ω."""
+
+    at_s: float
+    request: Request
+    target_ratio: float
+
+
+class OperatorRecord(NamedTuple):
+    """What the operator asks for at one of its periods; the tick counts the bench's."""
+
+    tick: int
+    t_s: float
+    request: OperatorRequest
+    target_ratio: float
+    estop: bool
+
+
+class OperatorNode:
+    """Plays a script: `publish` at each multiple of `OPERATOR_PERIOD_S` gives the frames to send."""
+
+    def __init__(self, commands: Sequence[Command], bench_period_s: float) -> None:
+        self._commands = sorted(commands, key=lambda command: command.at_s)
+        self._bench_period_s = bench_period_s
+        self._acting = Command(0.0, Request.IDLE, 0.0)
+        self._next = 0
+        self._counter = -1
+        self._due_period = 0
+        self.record: OperatorRecord
+
+    def publish(self, period: int) -> list[Frame]:
+        """The frames of period number `period`: the command every 100 ms and at each change of it."""
+        t_s = period * OPERATOR_PERIOD_S
+        changed = False
+        while self._next < len(self._commands) and self._commands[self._next].at_s <= t_s + 1e-9:
+            self._acting = self._commands[self._next]
+            self._next += 1
+            changed = True
+        request, target_ratio = self._acting.request, self._acting.target_ratio
+        estop = request is Request.E_STOP
+        self.record = OperatorRecord(
+            round(t_s / self._bench_period_s), t_s, ON_THE_BUS[request], target_ratio, estop
+        )
+        if not changed and period < self._due_period:
+            return []
+        self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
+        if request is Request.SILENT:
+            return []
+        self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
+        command = codec.OPERATOR_COMMAND.encode(
+            OperatorCommand(ON_THE_BUS[request], target_ratio), self._counter
+        )
+        return [codec.DRIVE_ESTOP.encode(DriveEstop()), command] if estop else [command]

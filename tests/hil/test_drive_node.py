@@ -1,0 +1,215 @@
+"""The simulated ODrive axis: what each frame does to it, and what makes it let go."""
+
+import math
+import struct
+
+import pytest
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.frame import Frame
+from hil.drive_node import DISARMED, SUCCESS, Drive, DriveConfig, Telemetry
+
+CONFIG = DriveConfig(
+    torque_constant_n_m_a=0.08,
+    resistance_ohm=0.4,
+    supply_v=24.0,
+    current_limit_a=10.0,
+    velocity_limit_rad_s=40.0,
+)
+TICK_S = 1e-3
+
+
+# CANSimple 0.6 by hand, not through the codec: node 0, little-endian.
+def axis_state(state: AxisState) -> Frame:
+    return Frame(0x07, struct.pack("<I", state) + bytes(4))
+
+
+def torque(torque_n_m: float) -> Frame:
+    return Frame(0x0E, struct.pack("<f", torque_n_m) + bytes(4))
+
+
+def limits(velocity_rev_s: float, current_a: float) -> Frame:
+    return Frame(0x0F, struct.pack("<ff", velocity_rev_s, current_a))
+
+
+ARM = axis_state(AxisState.CLOSED_LOOP_CONTROL)
+ESTOP = Frame(0x02, b"")
+CLEAR = Frame(0x18, b"\0")
+VELOCITY_MODE = Frame(0x0B, struct.pack("<II", 2, 1))
+
+
+def armed_drive(torque_n_m: float = 0.0) -> Drive:
+    drive = Drive(CONFIG)
+    drive.handle([ARM, torque(torque_n_m)], 0.0)
+    assert drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    return drive
+
+
+def test_torque_acts_only_in_closed_loop() -> None:
+    drive = Drive(CONFIG)
+    drive.handle([torque(0.5)], 0.0)
+    assert drive.torque_n_m(0.0) == 0.0
+    drive.handle([ARM], 0.0)
+    assert drive.torque_n_m(0.0) == 0.0  # what was asked for before arming is forgotten
+    drive.handle([torque(0.25)], 0.0)
+    assert drive.torque_n_m(0.0) == 0.25
+    drive.handle([axis_state(AxisState.IDLE)], 0.0)
+    assert drive.torque_n_m(0.0) == 0.0
+
+
+def test_torque_acts_only_in_torque_mode() -> None:
+    drive = armed_drive(0.25)
+    drive.handle([VELOCITY_MODE], 0.0)
+    assert drive.torque_n_m(0.0) == 0.0
+
+
+def test_watchdog_disarms_after_fifty_milliseconds_without_a_command() -> None:
+    drive = armed_drive(0.25)
+    for _ in range(49):
+        drive.elapse(TICK_S, 0.0, 0.0)
+    assert drive.armed
+    assert drive.watchdog_left_s == pytest.approx(TICK_S)
+    drive.elapse(TICK_S, 0.0, 0.0)
+    assert not drive.armed
+    assert drive.torque_n_m(0.0) == 0.0
+    assert drive.active_errors == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert drive.procedure_result == DISARMED
+
+
+def test_each_command_feeds_the_watchdog_and_nothing_else_does() -> None:
+    drive = armed_drive()
+    for _ in range(200):
+        drive.elapse(TICK_S, 0.0, 0.0)
+        drive.handle([torque(0.1)], 0.0)
+    assert drive.armed
+    for _ in range(50):
+        drive.elapse(TICK_S, 0.0, 0.0)
+        drive.handle([limits(1.0, 1.0), ARM, Frame(0x110, bytes(6)), Frame(0x0E, b"short")], 0.0)
+    assert not drive.armed
+    assert drive.rejected == 50
+
+
+def test_idle_axis_needs_no_commands() -> None:
+    drive = Drive(CONFIG)
+    for _ in range(1000):
+        drive.elapse(TICK_S, 0.0, 0.0)
+    assert drive.active_errors == AxisError.NONE
+    assert drive.watchdog_left_s == math.inf
+
+
+@pytest.mark.parametrize(
+    ("cause", "error"),
+    [
+        ("estop", AxisError.ESTOP_REQUESTED),
+        ("overspeed", AxisError.VELOCITY_LIMIT_VIOLATION),
+        ("hot", AxisError.MOTOR_OVER_TEMP),
+        ("silence", AxisError.WATCHDOG_TIMER_EXPIRED),
+    ],
+)
+def test_disarmed_axis_stays_so_until_its_errors_are_cleared(cause: str, error: AxisError) -> None:
+    drive = armed_drive(0.25)
+    if cause == "estop":
+        drive.handle([ESTOP], 0.0)
+    elif cause == "overspeed":
+        drive.elapse(TICK_S, -48.1, 0.0)
+    elif cause == "hot":
+        drive.motor_degc = 101.0
+        drive.elapse(TICK_S, 0.0, 0.0)
+    else:
+        drive.elapse(0.05, 0.0, 0.0)
+    assert (drive.active_errors, drive.disarm_reason) == (error, error)
+    drive.handle([ARM, torque(0.3)], 0.0)
+    assert drive.axis_state == AxisState.IDLE
+    assert drive.procedure_result == DISARMED
+    assert drive.torque_n_m(0.0) == 0.0
+    drive.motor_degc = 25.0
+    drive.handle([CLEAR], 0.0)
+    assert drive.active_errors == AxisError.NONE
+    assert drive.disarm_reason == error  # kept until the axis is armed again
+    drive.handle([ARM, torque(0.3)], 0.0)
+    assert drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    assert drive.procedure_result == SUCCESS
+    assert drive.disarm_reason == AxisError.NONE
+    assert drive.torque_n_m(0.0) == pytest.approx(0.3)
+
+
+def test_speed_below_the_tolerance_does_not_disarm() -> None:
+    drive = armed_drive()
+    drive.elapse(TICK_S, 47.9, 0.0)
+    assert drive.armed
+
+
+@pytest.mark.parametrize(
+    ("asked_n_m", "omega_rad_s", "current_a", "got_n_m"),
+    [
+        (2.0, 0.0, 20.0, 0.8),  # the drive's own current limit, whatever a client asks for
+        (2.0, 0.0, 5.0, 0.4),
+        (-2.0, 0.0, 5.0, -0.4),
+        (0.3, 0.0, 5.0, 0.3),
+        (0.3, 2 * math.pi * 5.0, 5.0, 0.167),  # a revolution a second below the limit: vel_gain × 1
+        (0.3, 2 * math.pi * 7.0, 5.0, -0.167),  # beyond it torque mode brakes
+        (-0.3, 2 * math.pi * 7.0, 5.0, -0.3),
+        (-0.3, -2 * math.pi * 5.0, 5.0, -0.167),
+    ],
+)
+def test_torque_is_limited_by_current_and_velocity(
+    asked_n_m: float, omega_rad_s: float, current_a: float, got_n_m: float
+) -> None:
+    drive = armed_drive(asked_n_m)
+    drive.handle([limits(6.0, current_a)], 0.0)
+    assert drive.torque_n_m(omega_rad_s) == pytest.approx(got_n_m, rel=1e-6)
+
+
+def test_limits_that_make_no_sense_stop_the_motor_rather_than_free_it() -> None:
+    drive = armed_drive(0.5)
+    drive.handle([limits(-1.0, -1.0)], 0.0)
+    assert drive.torque_n_m(0.0) == 0.0
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_torque_that_is_no_number_is_refused(value: float) -> None:
+    drive = armed_drive(0.5)
+    drive.handle([torque(value)], 0.0)
+    assert drive.rejected == 1
+    assert drive.torque_n_m(0.0) == 0.5
+
+
+@pytest.mark.parametrize(
+    "rev", [0.0, 0.25, 1.0 - 2.0**-25, math.nextafter(1.0, 0.0), 1.0, -1e-12, -0.25, 86_400.25]
+)
+def test_position_on_the_bus_is_circular(rev: float) -> None:
+    drive = Drive(CONFIG)
+    frame = codec.ENCODER_ESTIMATES.encode(drive.encoder_estimates(Telemetry(rev, 1.5, 0.0, 0.0, 0.0)))
+    position_rev, velocity_rev_s = struct.unpack("<ff", frame.data)
+    assert 0.0 <= position_rev < 1.0
+    assert abs((position_rev - rev + 0.5) % 1.0 - 0.5) < 1e-7
+    assert velocity_rev_s == 1.5
+
+
+def test_absolute_position_moves_the_zero() -> None:
+    drive = Drive(CONFIG)
+    drive.handle([Frame(0x19, struct.pack("<f", 0.25) + bytes(4))], 0.7)
+    assert drive.position_rev(0.7) == pytest.approx(0.25)
+    assert drive.position_rev(0.8) == pytest.approx(0.35)
+
+
+def test_heartbeat_current_and_supply_say_what_the_motor_does() -> None:
+    drive = armed_drive(0.4)
+    telemetry = Telemetry(0.0, 0.0, current_a=5.0, torque_n_m=0.4, omega_rad_s=10.0)
+    assert drive.heartbeat(telemetry) == (0, AxisState.CLOSED_LOOP_CONTROL, SUCCESS, 1)
+    assert drive.current(telemetry) == pytest.approx((5.0, 5.0))
+    supply = drive.supply(telemetry)
+    assert supply.voltage_v == 24.0
+    assert supply.current_a == pytest.approx(0.05 + (0.4 * 10.0 + 0.4 * 25.0) / 24.0)
+
+
+def test_winding_warms_to_its_steady_temperature() -> None:
+    drive = Drive(CONFIG)
+    for _ in range(20_000):
+        drive.elapse(0.1, 0.0, 5.0)
+    assert drive.motor_degc == pytest.approx(25.0 + 3.0 * 0.4 * 25.0, rel=1e-3)
+    drive.elapse(TICK_S, 0.0, 0.0)
+    temperature = drive.temperature(Telemetry(0.0, 0.0, 0.0, 0.0, 0.0))
+    assert 25.0 < temperature.inverter_degc < temperature.motor_degc
