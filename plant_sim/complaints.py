@@ -62,6 +62,9 @@ def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[s
     keys: list[str] = []
     tables, inner = [model], [model]
     for step in location:
+        if isinstance(step, int):  # one of a list: its table is the list's
+            keys.append(str(step))
+            continue
         tagged = [table for table in inner if _is_tag(step, table)] if len(inner) > 1 else []
         if tagged:
             tables = inner = tagged

@@ -1,0 +1,182 @@
+"""A scenario: a plant, the firmware's beliefs, a script of commands, and the checks that judge the run.
+
+Files lie in hil/scenarios, named as sentences. `read_scenario` gives the raw tables with a scene's name
+replaced by its tables, so that every value can be changed; `load_scenario` checks them.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import tomli_w
+from pydantic import Field, ValidationError, model_validator
+
+from firmware_py.core.step import Config
+from firmware_py.shell.parameters import config_from
+from hil.checks import Check
+from hil.operator import Command, Request
+from hil.settings import SettingError, apply_settings
+from plant_sim.complaints import complaints, nearest
+from plant_sim.scene import Scene, load_scene, read_scene
+from plant_sim.scene_tables import Table
+
+SCENARIOS = Path(__file__).parent / "scenarios"
+LARGEST_RATIO = 4.0
+"""The command frame carries no more."""
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; the message has one sentence for each thing wrong with it."""
+
+
+class CommandTable(Table):
+    """One line of the script."""
+
+    at_s: float = Field(ge=0.0, description="when it is given, in s from the start")
+    request: Literal["idle", "run", "clear-faults", "e-stop", "silent"] = Field(
+        description="what is asked for: idle, run, clear-faults, e-stop or silent"
+    )
+    target_ratio: float | None = Field(
+        default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the believed ω"
+    )
+
+    @model_validator(mode="after")
+    def _run_has_a_target(self) -> Self:
+        if (self.request == "run") == (self.target_ratio is None):
+            given = "no target_ratio" if self.target_ratio is None else f"target_ratio = {self.target_ratio}"
+            raise ValueError(
+                f"the command at {self.at_s} s asks for {self.request!r} with {given}; "
+                "'run' takes a target_ratio, e.g. 1.3, the others none"
+            )
+        return self
+
+
+class ScriptTable(Table):
+    """How long the run takes and what the operator does in it."""
+
+    duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
+    commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
+
+    @model_validator(mode="after")
+    def _commands_come_in_time(self) -> Self:
+        for command in self.commands:
+            if command.at_s >= self.duration_s:
+                raise ValueError(
+                    f"the command at {command.at_s} s comes after the end, script.duration_s = "
+                    f"{self.duration_s}; give it earlier, or let the run last longer"
+                )
+        return self
+
+
+class ScenarioTable(Table):
+    """The file, its scene and its firmware's parameters not yet looked into."""
+
+    title: str = Field(min_length=1, description="what must hold, as a sentence")
+    scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
+    firmware: dict[str, Any] = Field(default={}, description="parameters that differ from their defaults")
+    script: ScriptTable = Field(description="the table [script] with duration_s and commands")
+    checks: list[Check] = Field(default=[], description="the tables [[checks]]")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A checked scenario; `document` is what to write beside a run."""
+
+    name: str
+    title: str
+    scene: Scene
+    config: Config
+    parameters: dict[str, Any]
+    """The firmware's, where they differ from the defaults."""
+    duration_s: float
+    commands: tuple[Command, ...]
+    checks: tuple[Check, ...]
+    document: Mapping[str, Any]
+
+    @property
+    def period_s(self) -> float:
+        """The control period, which paces plant and firmware alike."""
+        return self.config.tick_s
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the whole run."""
+        return round(self.duration_s / self.period_s)
+
+    def write(self, path: Path) -> None:
+        """Write the scenario as run."""
+        path.write_text(tomli_w.dumps(self.document))
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with the package."""
+    return sorted(path.stem for path in SCENARIOS.glob("*.toml"))
+
+
+def scenario_path(source: str | Path) -> Path:
+    """The file of a named scenario, or the path itself: a text with a slash or ending in .toml."""
+    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
+        if source not in scenario_names():
+            raise ScenarioError(
+                f"{source!r} is no named scenario; {nearest(source, scenario_names())} "
+                "(a file's path ends in .toml)"
+            )
+        return SCENARIOS / f"{source}.toml"
+    return Path(source)
+
+
+def read_scenario(source: str | Path) -> dict[str, Any]:
+    """The raw tables of a named scenario or of a TOML file, its scene written out."""
+    path = scenario_path(source)
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScenarioError(
+            f"scenario file {str(path)!r} cannot be read ({error.strerror}); give an existing file or one of "
+            f"the named scenarios: {', '.join(scenario_names())}"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"scenario file {str(path)!r} is not valid TOML: {error}; correct it") from error
+    if isinstance(document.get("scene"), str):
+        document["scene"] = read_scene(document["scene"])
+    return {"firmware": {}, **document}
+
+
+def load_scenario(source: str | Path, settings: Sequence[str] = ()) -> Scenario:
+    """A checked scenario from a name or a file, with `KEY=VALUE` changes.
+
+    Raises `ScenarioError`, the scene's `SceneError` or the firmware's `ParameterError`.
+    """
+    return check_scenario(changed(read_scenario(source), settings), scenario_path(source).stem)
+
+
+def changed(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """`document` with `KEY=VALUE` changes."""
+    try:
+        return apply_settings(document, settings)
+    except SettingError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
+    """A checked scenario from raw tables."""
+    try:
+        table = ScenarioTable.model_validate(document)
+    except ValidationError as error:
+        raise ScenarioError("\n".join(complaints(error, ScenarioTable))) from error
+    return Scenario(
+        name=name,
+        title=table.title,
+        scene=load_scene(table.scene),
+        config=config_from(table.firmware),
+        parameters=table.firmware,
+        duration_s=table.script.duration_s,
+        commands=tuple(
+            Command(command.at_s, Request(command.request), command.target_ratio or 0.0)
+            for command in table.script.commands
+        ),
+        checks=tuple(table.checks),
+        document=document,
+    )
