@@ -23,6 +23,7 @@ class DetectorConfig(NamedTuple):
 
     tick_s: float
     floor_m_s2: float
+    dry_m_s2: float
     sigmas: float
     near_m: float
     sure_factor: float
@@ -93,7 +94,9 @@ def _free(
     fresh: bool,
     elapsed_ticks: int,
 ) -> tuple[DetectorState, Contact]:
-    limit_m_s2 = at_least(config.sigmas * estimate.innovation_std_m_s2, config.floor_m_s2)
+    # Where a dry guide reverses, the model is off by up to twice the friction.
+    dry_m_s2 = (0.3 if estimate.v_m_s > 0.04 else 2.0) * config.dry_m_s2
+    limit_m_s2 = at_least(config.sigmas * estimate.innovation_std_m_s2, config.floor_m_s2 + dry_m_s2)
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
     reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p_xx, 0.0))
     near = estimate.x_m > config.stop_m - reach_m and estimate.v_m_s > -3.0 * math.sqrt(

@@ -92,7 +92,10 @@ class SensorState(NamedTuple):
 
 
 class EstimatorState(NamedTuple):
-    """Mean, upper triangle of P, the last innovation with its NIS, and the belief kept from touch-down."""
+    """Mean, upper triangle of P, the last innovation, and the belief kept from touch-down.
+
+    `nis` is the normalised innovation squared of a correction by the model, 0 without one.
+    """
 
     x_m: float
     v_m_s: float
@@ -272,8 +275,19 @@ def propagate(
         innovation = kalman.innovation(
             belief, sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s), config.row
         )
-        variance = kalman.innovation_variance(belief.p, config.row, _model_variance(config, belief))
-    return _state(config, belief, sensor, innovation, variance, state.touch_down, state.started or fresh)
+        variance = at_least(
+            kalman.innovation_variance(belief.p, config.row, _model_variance(config, belief)),
+            config.model_variance,
+        )
+    return _state(
+        belief,
+        sensor,
+        innovation,
+        math.sqrt(variance),
+        innovation * innovation / variance,
+        state.touch_down,
+        state.started or fresh,
+    )
 
 
 @compiled
@@ -288,7 +302,7 @@ def correct(
     belief = belief_of(propagated)
     touch_down = propagated.touch_down
     striker = config.striker
-    fresh = propagated.sensor.missed_ticks == 0
+    by_model = contact.settled and propagated.started and propagated.sensor.missed_ticks == 0
     if contact.touch_down:
         # Since touch-down it has moved on by about v⁻ · age.
         z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
@@ -304,7 +318,7 @@ def correct(
             belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
         else:
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
-    elif contact.settled and fresh and propagated.started:
+    elif by_model:
         belief = kalman.update(
             belief,
             propagated.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
@@ -331,13 +345,12 @@ def correct(
             bb=at_least(p.bb, spread.floor_bb),
         ),
     )
-    std = propagated.innovation_std_m_s2
     return _state(
-        config,
         floored,
         propagated.sensor,
         propagated.innovation_m_s2,
-        std * std,
+        propagated.innovation_std_m_s2,
+        propagated.nis if by_model else 0.0,
         touch_down,
         propagated.started,
     )
@@ -407,11 +420,11 @@ def _newton(
 
 @compiled
 def _state(
-    config: EstimatorConfig,
     belief: Belief,
     sensor: SensorState,
     innovation_m_s2: float,
-    variance: float,
+    innovation_std_m_s2: float,
+    nis: float,
     touch_down: Belief,
     started: bool,
 ) -> EstimatorState:
@@ -427,8 +440,8 @@ def _state(
         p_vb=p.vb,
         p_bb=p.bb,
         innovation_m_s2=innovation_m_s2,
-        innovation_std_m_s2=math.sqrt(at_least(variance, config.model_variance)),
-        nis=innovation_m_s2 * innovation_m_s2 / at_least(variance, config.model_variance),
+        innovation_std_m_s2=innovation_std_m_s2,
+        nis=nis,
         sensor=sensor,
         touch_down=touch_down,
         started=started,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.numbers import at_least
 from firmware_py.core.regime import RegimeState
-from firmware_py.interface.enums import Mode, Regime
+from firmware_py.interface.enums import Mode
 
 
 class Stage(IntEnum):
@@ -42,6 +42,7 @@ class StartConfig(NamedTuple):
     dip_ratio: float
     rise_s: float
     dip_s: float
+    again_s: float
     stop_s: float
     shortest_change_s: float
     confirm_periods: int
@@ -140,10 +141,13 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
 
 @compiled
 def _counted(state: StartState, regime: RegimeState) -> StartState:
-    """Count periods with and without an impact, each without a break."""
+    """Count periods with an impact since the last two without one in a row, and periods without."""
     if not regime.ended:
         return state
+    # One period without an impact is an odd one, or half of an orbit that repeats after two.
     hit = regime.last.impacts > 0
+    odd = not hit and state.misses == 0
+    hits = state.hits + 1 if hit else state.hits
     return StartState(
         stage=state.stage,
         from_rad_s=state.from_rad_s,
@@ -152,7 +156,7 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
         s=state.s,
         target_omega_rad_s=state.target_omega_rad_s,
         target_acceleration_rad_s2=state.target_acceleration_rad_s2,
-        hits=state.hits + 1 if hit else 0,
+        hits=hits if hit or odd else 0,
         misses=0 if hit else state.misses + 1,
         attempts=state.attempts,
         captured=state.captured,
@@ -238,8 +242,8 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     if state.stage == Stage.DIP:
         return _at(state, Stage.DWELL, captured=False, failed=False) if arrived else state
     if state.stage == Stage.DWELL:
-        settled = state.hits >= config.confirm_periods or state.misses >= 2 * config.missing_periods
-        return _curve(state, Stage.RISE, goal_rad_s, config.rise_s, state.attempts) if settled else state
+        settled = state.hits >= config.missing_periods or state.misses >= config.missing_periods
+        return _curve(state, Stage.RISE, goal_rad_s, config.again_s, state.attempts) if settled else state
     if goal_rad_s != state.to_rad_s:
         share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
@@ -247,9 +251,7 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     if state.stage == Stage.RISE:
         return _at(state, Stage.CONFIRM, captured=state.captured, failed=False) if arrived else state
     if state.stage == Stage.CONFIRM:
-        if not needs_impacts or (
-            state.hits >= config.confirm_periods and regime.regime in (Regime.IMPACT, Regime.PERIOD_N)
-        ):
+        if not needs_impacts or state.hits >= config.confirm_periods:
             return _at(state, Stage.HOLD, captured=True, failed=False)
         return _again(config, state) if state.misses >= config.missing_periods else state
     if needs_impacts and state.misses >= config.missing_periods:

@@ -67,8 +67,8 @@ TABLE: tuple[Parameter, ...] = (
         "rad/s",
         1.0,
         1000.0,
-        150.0,
-        "tracker's triple pole: 0.07 % noise on the speed",
+        200.0,
+        "tracker's triple pole: 0.1 % noise on the speed",
     ),
     Parameter("crank.largest_disturbance_rad_s2", "rad/s^2", 0.0, 1e5, 1600.0, "0.8 N m on 5e-4 kg m^2"),
     Parameter("sensor.low_full_scale_m_s2", "m/s^2", 1.0, 1e4, 156.9064, "16 g"),
@@ -103,8 +103,8 @@ TABLE: tuple[Parameter, ...] = (
         "m/s^2",
         1e-4,
         100.0,
-        1.5,
-        "2 % of c and 30 % of b, which last for a period",
+        3.0,
+        "2 % of c, 30 % of b: errors that last a period count many times",
     ),
     Parameter(
         "estimator.velocity_noise_m_s", "m/s", 0.0, 1.0, 1e-4, "by tick: noise and scale of the reading"
@@ -130,7 +130,9 @@ TABLE: tuple[Parameter, ...] = (
     ),
     # --- detector -----------------------------------------------------------------------------------
     Parameter("detector.floor_m_s2", "m/s^2", 0.1, 1e3, 4.0, "a blow of 0.05 m/s peaks at 9 m/s^2"),
-    Parameter("detector.sigmas", "1", 1.0, 100.0, 3.0, "in spreads of the innovation"),
+    Parameter(
+        "detector.sigmas", "1", 0.5, 100.0, 1.5, "in spreads of the innovation: lasting errors, not noise"
+    ),
     Parameter("detector.near_m", "m", 0.0, 1.0, 0.006, "near the stop; the spread of the estimate is added"),
     Parameter("detector.sure_factor", "1", 1.0, 100.0, 3.0, "twice this much in a row counts anywhere"),
     Parameter("detector.end_m_s2", "m/s^2", 0.01, 1e3, 1.5, "a contact has ended below this"),
@@ -155,22 +157,23 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("start.capture_ratio", "1", 0.0, 10.0, 0.85, "from here on impacts are what is wanted"),
     Parameter("start.dip_ratio", "1", 0.1, 10.0, 1.0, "where motion without impacts does not exist"),
     Parameter("start.rise_s", "s", 0.1, 100.0, 5.0, "2 s capture r = 1.35 nominally; more than twice that"),
-    Parameter("start.dip_s", "s", 0.1, 100.0, 2.0, "down to the dip"),
+    Parameter("start.dip_s", "s", 0.1, 100.0, 1.5, "down to the dip"),
+    Parameter("start.again_s", "s", 0.1, 100.0, 2.5, "from the dip up again: 2 s capture r = 1.35 nominally"),
     Parameter("start.stop_s", "s", 0.1, 100.0, 2.0, "to standstill"),
     Parameter("start.shortest_change_s", "s", 0.01, 100.0, 0.5, "for a small change of the target"),
     Parameter(
         "start.confirm_periods", "1", 1.0, 100.0, 5.0, "impacts in so many periods in a row", whole=True
     ),
     Parameter(
-        "start.missing_periods", "1", 1.0, 100.0, 4.0, "without an impact: not captured, or lost", whole=True
+        "start.missing_periods", "1", 1.0, 100.0, 3.0, "without an impact: not captured, or lost", whole=True
     ),
     Parameter("start.attempts", "1", 0.0, 20.0, 2.0, "dips before it is given up", whole=True),
     # --- speed loop ---------------------------------------------------------------------------------
     Parameter("motor.inertia_kg_m2", "kg m^2", 1e-7, 1.0, 5e-4, "rotor and flywheel"),
     Parameter("motor.viscous_n_m_s", "N m s", 0.0, 1.0, 1e-4, "bearing"),
     Parameter("motor.dry_n_m", "N m", 0.0, 1.0, 5e-3, "bearing and cogging"),
-    Parameter("speed.gain_p_n_m_s", "N m s", 0.0, 10.0, 0.03, "tools.tuning.speed"),
-    Parameter("speed.gain_i_n_m", "N m", 0.0, 100.0, 0.3, "tools.tuning.speed"),
+    Parameter("speed.gain_p_n_m_s", "N m s", 0.0, 10.0, 0.05, "tools.tuning.speed"),
+    Parameter("speed.gain_i_n_m", "N m", 0.0, 100.0, 0.8, "tools.tuning.speed"),
     Parameter(
         "speed.load_share", "1", 0.0, 1.5, 1.0, "share of the estimated crank load that is fed forward"
     ),
@@ -400,8 +403,8 @@ def config_of(values: Mapping[str, float]) -> Config:
     )
     detector_config = detector.DetectorConfig(
         tick_s=tick_s,
-        # Where a dry guide reverses, the model is off by up to twice the friction.
-        floor_m_s2=values["detector.floor_m_s2"] + 2.0 * values["friction.mu"] * STANDARD_GRAVITY_M_S2,
+        floor_m_s2=values["detector.floor_m_s2"],
+        dry_m_s2=values["friction.mu"] * STANDARD_GRAVITY_M_S2,
         sigmas=values["detector.sigmas"],
         near_m=values["detector.near_m"],
         sure_factor=values["detector.sure_factor"],
@@ -443,6 +446,7 @@ def config_of(values: Mapping[str, float]) -> Config:
             dip_ratio=values["start.dip_ratio"],
             rise_s=values["start.rise_s"],
             dip_s=values["start.dip_s"],
+            again_s=values["start.again_s"],
             stop_s=values["start.stop_s"],
             shortest_change_s=values["start.shortest_change_s"],
             confirm_periods=int(values["start.confirm_periods"]),
