@@ -1,0 +1,354 @@
+"""The striker between two events, in closed form.
+
+    y'' + 2σ y' + ω² (y − A sin θ) = −s μ g,   θ' = Ω,   y = x − l0
+
+with σ = b / 2m, ω² = c / m and s the direction of sliding. Linear oscillator theory (e.g. Meirovitch,
+Fundamentals of Vibrations, ch. 2–3): the free part is spanned by
+
+    C = L⁻¹[(p + 2σ)/(p² + 2σ p + ω²)],   S = L⁻¹[1/(p² + 2σ p + ω²)],   C' = −ω² S,   S' = C − 2σ S = D
+
+each written so that it stays accurate through critical damping. The forced part is the steady one away from
+resonance. There the steady amplitude dwarfs the motion and would cancel, so near it the response from rest
+
+    ω² A Im{e^(iθ0) Q(h)},   Q = exp[λ1, λ2, iΩ](h),   λ1,2 = −σ ± iν
+
+is used, a divided difference of the exponential taken by expm1 and sin, which is regular at λ1 = iΩ.
+"""
+
+import math
+from typing import NamedTuple
+
+from plant_sim.kernels import by_part, jit, law
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
+from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.striker import Striker
+from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
+
+RESONANT_GAIN = (
+    128.0  # steady amplitude over A from which on the response from rest is used: two digits at stake
+)
+LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
+
+
+class Oscillator(NamedTuple):
+    """Constants of one scene; `friction` and `stop` choose at compile time what the kernel holds."""
+
+    friction: Friction
+    stop: Stop
+    mass_kg: float
+    spring_n_m: float
+    amplitude_m: float
+    drive_rad_s: float  # Ω
+    stiffness_1_s2: float  # ω²
+    natural_rad_s: float  # ω
+    decay_1_s: float  # σ
+    ringing_rad_s: float  # ν = √(ω² − σ²), 0 from critical damping on
+    ringing_low_rad_s: float
+    split_1_s: float  # δ = √(σ² − ω²), 0 up to critical damping
+    dry_offset_m: float  # μ g / ω²: dry friction as a shift of the spring
+    gap_m: float  # x_stop − l0
+    restitution: float
+    steady_sin_m: float  # steady motion = steady_sin_m sin θ + steady_cos_m cos θ
+    steady_cos_m: float
+    steady_m: float  # its amplitude
+    resonant: bool
+    beat_rad_s: float  # Ω − ν
+    fastest_1_s: float  # the n-th derivative of the motion scales with at most its n-th power
+
+
+class Flight(NamedTuple):
+    """One flight's own constants, fixed at its start."""
+
+    free_m: float  # free part and its rate at the start
+    free_m_s: float
+    offset_m: float  # −s μ g / ω²
+    forced_sin: float  # forced part's weights of sin Ωh and cos Ωh (at resonance: of Im Q and Re Q)
+    forced_cos: float
+    piston_sin_m: float  # x_A = piston_sin_m sin Ωh + piston_cos_m cos Ωh
+    piston_cos_m: float
+
+
+@by_part
+def is_dry(friction: Friction) -> bool:
+    """Whether the law has a dry part: the striker can stick and friction reverses with it."""
+    raise NotImplementedError
+
+
+@law(is_dry, NoFriction, Viscous)
+def _(friction: Friction) -> bool:
+    return False
+
+
+@law(is_dry, Coulomb)
+def _(friction: Friction) -> bool:
+    return True
+
+
+@by_part
+def _damping_n_s_m(friction: Friction) -> float:
+    raise NotImplementedError
+
+
+@law(_damping_n_s_m, NoFriction)
+def _(friction: NoFriction) -> float:
+    return 0.0
+
+
+@law(_damping_n_s_m, Viscous, Coulomb)
+def _(friction: Viscous | Coulomb) -> float:
+    return friction.b_n_s_m
+
+
+@by_part
+def _dry_m_s2(friction: Friction, striker: Striker) -> float:
+    raise NotImplementedError
+
+
+@law(_dry_m_s2, NoFriction, Viscous)
+def _(friction: Friction, striker: Striker) -> float:
+    return 0.0
+
+
+@law(_dry_m_s2, Coulomb)
+def _(friction: Coulomb, striker: Striker) -> float:
+    return friction.mu * striker.gravity_m_s2
+
+
+@by_part
+def has_stop(stop: Stop) -> bool:
+    """Whether there is anything to hit."""
+    raise NotImplementedError
+
+
+@law(has_stop, NoStop)
+def _(stop: NoStop) -> bool:
+    return False
+
+
+@law(has_stop, RigidStop)
+def _(stop: RigidStop) -> bool:
+    return True
+
+
+@by_part
+def _stop_position_m(stop: Stop) -> float:
+    raise NotImplementedError
+
+
+@law(_stop_position_m, NoStop)
+def _(stop: NoStop) -> float:
+    return math.inf
+
+
+@law(_stop_position_m, RigidStop)
+def _(stop: RigidStop) -> float:
+    return stop.position_m
+
+
+@by_part
+def _restitution(stop: Stop) -> float:
+    raise NotImplementedError
+
+
+@law(_restitution, NoStop)
+def _(stop: NoStop) -> float:
+    return 0.0
+
+
+@law(_restitution, RigidStop)
+def _(stop: RigidStop) -> float:
+    return stop.restitution
+
+
+@jit
+def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: Stop) -> Oscillator:
+    """Constants of a scene with an ideal drive; callable from kernels, once per scene."""
+    Omega = drive.omega_rad_s
+    w2, w2_low = quotient(striker.spring_n_m, striker.mass_kg)
+    w, _w_low = square_root(w2, w2_low)
+    sigma, sigma_low = quotient(_damping_n_s_m(friction), 2.0 * striker.mass_kg)
+    square, square_low = two_product(sigma, sigma)
+    spread, spread_low = w2 - square, (w2_low - square_low) - 2.0 * sigma * sigma_low
+    spread_low += (w2 - spread) - square  # what rounding left of the difference
+    nu, nu_low, split = 0.0, 0.0, 0.0
+    if spread + spread_low > 0.0:
+        nu, nu_low = square_root(spread, spread_low)
+    elif spread + spread_low < 0.0:
+        split = math.sqrt(-(spread + spread_low))
+
+    # Steady motion: A Im{ω² e^(iθ) / (ω² − Ω² + 2iσΩ)}
+    square, square_low = two_product(Omega, Omega)
+    detune = (w2 - square) + (w2_low - square_low)
+    drag = 2.0 * sigma * Omega
+    scale = max(abs(detune), abs(drag), 1e-300)
+    modulus = scale * math.hypot(detune / scale, drag / scale)
+    gain = w2 / modulus
+    in_phase, quadrature = gain * (detune / modulus), -gain * (drag / modulus)
+    resonant = not gain < RESONANT_GAIN
+    if resonant:
+        in_phase, quadrature, gain = 0.0, 0.0, 0.0
+
+    return Oscillator(
+        friction,
+        stop,
+        striker.mass_kg,
+        striker.spring_n_m,
+        drive.amplitude_m,
+        Omega,
+        w2,
+        w,
+        sigma,
+        nu,
+        nu_low,
+        split,
+        _dry_m_s2(friction, striker) / w2,
+        _stop_position_m(stop) - striker.rest_length_m,
+        _restitution(stop),
+        drive.amplitude_m * in_phase,
+        drive.amplitude_m * quadrature,
+        abs(drive.amplitude_m) * gain,
+        resonant,
+        (Omega - nu) - nu_low,
+        max(w, Omega, 2.0 * sigma),
+    )
+
+
+@jit
+def launch(
+    o: Oscillator, y_m: float, v_m_s: float, sin_crank: float, cos_crank: float, direction: float
+) -> Flight:
+    """The flight from a state, sliding in a direction (±1, 0 without dry friction)."""
+    A = o.amplitude_m
+    offset = -direction * o.dry_offset_m
+    if o.resonant:
+        force = o.stiffness_1_s2 * A
+        return Flight(
+            y_m - offset, v_m_s, offset, force * cos_crank, force * sin_crank, A * cos_crank, A * sin_crank
+        )
+    forced_sin = o.steady_sin_m * cos_crank - o.steady_cos_m * sin_crank
+    forced_cos = o.steady_sin_m * sin_crank + o.steady_cos_m * cos_crank
+    return Flight(
+        (y_m - offset) - forced_cos,
+        v_m_s - o.drive_rad_s * forced_sin,
+        offset,
+        forced_sin,
+        forced_cos,
+        A * cos_crank,
+        A * sin_crank,
+    )
+
+
+@jit
+def free_response(
+    o: Oscillator, h: float, sin_ringing: float, cos_ringing: float
+) -> tuple[float, float, float]:
+    """C, S and D after h seconds, given the sine and cosine of ν h."""
+    sigma = o.decay_1_s
+    if o.ringing_rad_s > 0.0:
+        decay = math.exp(-sigma * h)
+        S = decay * sin_ringing / o.ringing_rad_s
+        return decay * cos_ringing + sigma * S, S, decay * cos_ringing - sigma * S
+    # α = σ − δ = ω² / (σ + δ) and β = σ + δ: no difference of close numbers
+    delta = o.split_1_s
+    beta = sigma + delta
+    alpha = o.stiffness_1_s2 / beta
+    slow = math.exp(-alpha * h)
+    drop = math.expm1(-2.0 * delta * h)
+    S = slow * (h if delta == 0.0 else -drop / (2.0 * delta))
+    mean = 0.5 * slow * (2.0 + drop)
+    if delta > 0.5 * sigma:
+        return mean + sigma * S, S, slow * (beta * math.exp(-2.0 * delta * h) - alpha) / (2.0 * delta)
+    return mean + sigma * S, S, mean - sigma * S
+
+
+@jit
+def resonant_response(
+    o: Oscillator,
+    h: float,
+    S: float,
+    sin_ringing: float,
+    cos_ringing: float,
+    sin_drive: float,
+    cos_drive: float,
+) -> tuple[float, float, float, float]:
+    """Q(h) and its rate, each as real and imaginary part."""
+    sigma, nu, Omega, beat = o.decay_1_s, o.ringing_rad_s, o.drive_rad_s, o.beat_rad_s
+    decay = math.exp(-sigma * h)
+    # q1 = exp[λ1, iΩ] = e^(iΩh) (1 − e^(−εh)) / ε,  ε = iΩ − λ1 = σ + i (Ω − ν)
+    beat_angle = beat * h
+    half = math.sin(0.5 * beat_angle)
+    loss_re = -math.expm1(-sigma * h) + decay * 2.0 * half * half
+    loss_im = decay * math.sin(beat_angle)
+    size = sigma * sigma + beat * beat
+    if size > 0.0:
+        ratio_re = (loss_re * sigma + loss_im * beat) / size
+        ratio_im = (loss_im * sigma - loss_re * beat) / size
+    else:
+        ratio_re, ratio_im = h, 0.0
+    q1_re = cos_drive * ratio_re - sin_drive * ratio_im
+    q1_im = cos_drive * ratio_im + sin_drive * ratio_re
+    # q2 = exp[λ2, iΩ] = (e^(iΩh) − e^(λ2 h)) / (σ + i (Ω + ν))
+    far = Omega + nu
+    size = sigma * sigma + far * far
+    step_re = cos_drive - decay * cos_ringing
+    step_im = sin_drive + decay * sin_ringing
+    q2_re = (step_re * sigma + step_im * far) / size
+    q2_im = (step_im * sigma - step_re * far) / size
+    # Q = (q1 − q2) / (λ1 − λ2),  Q' = iΩ Q + exp[λ1, λ2]
+    Q_re = (q1_im - q2_im) / (2.0 * nu)
+    Q_im = (q2_re - q1_re) / (2.0 * nu)
+    return Q_re, Q_im, S - Omega * Q_im, Omega * Q_re
+
+
+@jit
+def flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
+    """y and y' h seconds into a flight, with the sine and cosine of Ω h."""
+    ringing_angle = o.ringing_rad_s * h
+    drive_angle = o.drive_rad_s * h
+    if max(ringing_angle, drive_angle) > LONG_ANGLE_RAD:
+        ringing_angle, _ = turned(0.0, 0.0, o.ringing_rad_s, o.ringing_low_rad_s, h)
+        drive_angle, _ = turned(0.0, 0.0, o.drive_rad_s, 0.0, h)
+    sin_ringing, cos_ringing = math.sin(ringing_angle), math.cos(ringing_angle)
+    sin_drive, cos_drive = math.sin(drive_angle), math.cos(drive_angle)
+    C, S, D = free_response(o, h, sin_ringing, cos_ringing)
+    y = flight.free_m * C + flight.free_m_s * S
+    v = flight.free_m_s * D - o.stiffness_1_s2 * flight.free_m * S
+    if o.resonant:
+        Q_re, Q_im, rate_re, rate_im = resonant_response(
+            o, h, S, sin_ringing, cos_ringing, sin_drive, cos_drive
+        )
+        y += flight.forced_cos * Q_re + flight.forced_sin * Q_im
+        v += flight.forced_cos * rate_re + flight.forced_sin * rate_im
+        # Im{e^(iθ0) Q} = sin θ0 Re Q + cos θ0 Im Q
+    else:
+        y += flight.forced_sin * sin_drive + flight.forced_cos * cos_drive
+        v += o.drive_rad_s * (flight.forced_sin * cos_drive - flight.forced_cos * sin_drive)
+    return y + flight.offset_m, v, sin_drive, cos_drive
+
+
+class Point(NamedTuple):
+    """One instant of a flight, `h_s` after its start, with the motion's time derivatives."""
+
+    h_s: float
+    y_m: float
+    v_m_s: float
+    a_m_s2: float
+    jerk_m_s3: float
+    snap_m_s4: float
+    crackle_m_s5: float
+
+
+@jit
+def point(
+    o: Oscillator, flight: Flight, h: float, y: float, v: float, sin_drive: float, cos_drive: float
+) -> Point:
+    """The derivatives, from the equation of motion and its own, given y, y' and the drive's turn."""
+    drag, w2, Omega = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
+    x_A = flight.piston_sin_m * sin_drive + flight.piston_cos_m * cos_drive
+    v_A = Omega * (flight.piston_sin_m * cos_drive - flight.piston_cos_m * sin_drive)
+    a = -drag * v - w2 * ((y - flight.offset_m) - x_A)
+    jerk = -drag * a - w2 * (v - v_A)
+    snap = -drag * jerk - w2 * (a + Omega * Omega * x_A)
+    crackle = -drag * snap - w2 * (jerk + Omega * Omega * v_A)
+    return Point(h, y, v, a, jerk, snap, crackle)

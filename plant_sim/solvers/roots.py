@@ -1,0 +1,108 @@
+"""Event finding that cannot step over a root: proofs of absence first, polishing last.
+
+A guard g < 0 is known at one instant with its first derivatives and a bound M on the next one. By Taylor's
+theorem
+
+    g(s) ≤ g + g' s + g'' s²/2 + g''' s³/6 + M s⁴/24
+
+as far as M holds, so g has no root before the right-hand side has one. Steps of that length close in on a
+root from the left at high order and pass a near miss without inventing one.
+"""
+
+import math
+
+from plant_sim.kernels import jit
+
+_TRIALS = 4
+_GOOD = 0.8
+_NEWTON_STEPS = 30
+
+
+@jit
+def clear_span(
+    g: float,
+    slope: float,
+    bend: float,
+    third: float,
+    fourth: float,
+    fourth_bound: float,
+    fifth_bound: float,
+    limit: float,
+) -> float:
+    """A span in [0, limit] over which the guard g ≤ 0 provably has no root after its start.
+
+    `slope` to `fourth` are g' to g'''' at the start; the bounds are those of g'''' and g''''' up to `limit`.
+    """
+    # A constant B up to `critical` in g + g' s + B s²/2 leaves no root at all.
+    if slope <= 0.0:
+        critical = 0.0
+    elif g < 0.0:
+        critical = 0.5 * slope * (slope / g)
+    else:
+        return 0.0
+    clear = 0.0
+    linear = third / 3.0
+    if bend <= critical:
+        clear = _positive_root(fourth_bound / 12.0, linear, bend - critical, limit)
+        if clear >= limit:
+            return limit
+    trial = min(limit, _first_root(g, slope, bend, limit))
+    for _ in range(_TRIALS):
+        # Up to `trial` g(s) ≤ g + g' s + B(s) s²/2 with B(s) = g'' + g''' s/3 + M s²/12, where M is the lesser
+        # of the bound on g'''' and g'''' + |g'''''| s/5. With M ≥ 0, B is largest at one end of the trial.
+        square = max(0.0, min(fourth_bound, fourth + 0.2 * fifth_bound * trial)) / 12.0
+        reach = _first_root(g, slope, max(bend, bend + (linear + square * trial) * trial), limit)
+        if reach >= trial:
+            return max(clear, trial)
+        clear = max(clear, reach)
+        if clear > _GOOD * trial:
+            return clear
+        trial = 0.5 * (clear + trial)
+    return clear
+
+
+@jit
+def _positive_root(square: float, linear: float, constant: float, limit: float) -> float:
+    """Root in s > 0 of square s² + linear s + constant, square ≥ 0 ≥ constant; `limit` if there is none."""
+    root = math.sqrt(linear * linear - 4.0 * square * constant)
+    if linear > 0.0:
+        return min(limit, -2.0 * constant / (linear + root))
+    if square > 0.0:
+        return min(limit, (root - linear) / (2.0 * square))
+    return limit
+
+
+@jit
+def _first_root(g: float, slope: float, bend: float, limit: float) -> float:
+    """First root in s > 0 of g + slope s + bend s²/2 with g ≤ 0; `limit` if there is none."""
+    discriminant = slope * slope - 2.0 * bend * g
+    if discriminant < 0.0:
+        return limit
+    root = math.sqrt(discriminant)
+    if slope > 0.0:
+        return -2.0 * g / (slope + root)
+    if bend > 0.0:
+        return (root - slope) / bend
+    return limit
+
+
+@jit
+def polish(
+    g: float, slope: float, bend: float, third: float, fourth: float, fifth: float, start: float, limit: float
+) -> float:
+    """Root up to `limit` of the Taylor polynomial by Newton's method from `start`; −1 if it finds none."""
+    s = start
+    for _ in range(_NEWTON_STEPS):
+        value = g + s * (slope + s * (bend / 2 + s * (third / 6 + s * (fourth / 24 + s * fifth / 120))))
+        rate = slope + s * (bend + s * (third / 2 + s * (fourth / 6 + s * fifth / 24)))
+        if value == 0.0:
+            return s
+        if not rate > 0.0:
+            return -1.0
+        step = value / rate
+        s -= step
+        if not 0.0 <= s <= limit:
+            return -1.0
+        if abs(step) <= 1e-16 * s:
+            return s
+    return s
