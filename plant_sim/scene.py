@@ -13,9 +13,9 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.complaints import complaints, nearest
-from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
-from plant_sim.parts.parts import Drive, Friction, Parts, Stop
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
+from plant_sim.parts.parts import Parts
 from plant_sim.parts.restitution import (
     HERTZ_EXPONENT,
     hertz_stiffness,
@@ -23,7 +23,7 @@ from plant_sim.parts.restitution import (
     kelvin_voigt_damping,
     linear_stiffness,
 )
-from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,

@@ -1,6 +1,8 @@
 """What turns the crank. The piston follows x_A = A sin θ."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
 
 
 class IdealDrive(NamedTuple):
@@ -29,3 +31,29 @@ class MotorDrive(NamedTuple):
     viscous_n_m_s: float
     dry_n_m: float
     speed_limit_rad_s: float
+
+
+Drive: TypeAlias = IdealDrive | MotorDrive
+
+
+@by_part
+def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
+    """Current, A, that flows for a commanded torque: limited by the drive, then by what the supply can push.
+
+    The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply.
+    """
+    raise NotImplementedError
+
+
+@law(motor_current_a, IdealDrive)
+def _(drive: IdealDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    return 0.0
+
+
+@law(motor_current_a, MotorDrive)
+def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    back_emf_v = drive.torque_constant_n_m_a * omega_rad_s
+    current_a = torque_n_m / drive.torque_constant_n_m_a
+    current_a = min(max(current_a, -drive.current_limit_a), drive.current_limit_a)
+    current_a = min(current_a, (drive.supply_v - back_emf_v) / drive.resistance_ohm)
+    return max(current_a, (-drive.supply_v - back_emf_v) / drive.resistance_ohm)

@@ -1,6 +1,9 @@
 """Friction laws of the striker's guide. Dry ones are set-valued at rest: the striker sticks."""
 
-from typing import NamedTuple
+import math
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
 
 
 class NoFriction(NamedTuple):
@@ -28,3 +31,56 @@ class Stribeck(NamedTuple):
     v_s_m_s: float
     delta: float
     b_n_s_m: float
+
+
+Friction: TypeAlias = NoFriction | Viscous | Coulomb | Stribeck
+
+
+@by_part
+def static_limit_n(friction: Friction, normal_n: float) -> float:
+    """Largest force, N, that holds the striker at rest under the normal force m g; 0 where nothing sticks."""
+    raise NotImplementedError
+
+
+@law(static_limit_n, NoFriction, Viscous)
+def _(friction: NoFriction | Viscous, normal_n: float) -> float:
+    return 0.0
+
+
+@law(static_limit_n, Coulomb)
+def _(friction: Coulomb, normal_n: float) -> float:
+    return friction.mu * normal_n
+
+
+@law(static_limit_n, Stribeck)
+def _(friction: Stribeck, normal_n: float) -> float:
+    return friction.mu_s * normal_n
+
+
+@by_part
+def friction_force_n(friction: Friction, normal_n: float, v_m_s: float, direction: float) -> float:
+    """F_f, N, of a striker sliding in `direction`, ±1; within a solver's stage v may overshoot zero."""
+    raise NotImplementedError
+
+
+@law(friction_force_n, NoFriction)
+def _(friction: NoFriction, normal_n: float, v_m_s: float, direction: float) -> float:
+    return 0.0
+
+
+@law(friction_force_n, Viscous)
+def _(friction: Viscous, normal_n: float, v_m_s: float, direction: float) -> float:
+    return -friction.b_n_s_m * v_m_s
+
+
+@law(friction_force_n, Coulomb)
+def _(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> float:
+    return -friction.mu * normal_n * direction - friction.b_n_s_m * v_m_s
+
+
+@law(friction_force_n, Stribeck)
+def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
+    # No sliding backwards within a stage: the law is continued evenly, smooth for the solver.
+    fall = math.exp(-((abs(v_m_s) / friction.v_s_m_s) ** friction.delta))
+    mu = friction.mu + (friction.mu_s - friction.mu) * fall
+    return -mu * normal_n * direction - friction.b_n_s_m * v_m_s

@@ -1,15 +1,11 @@
 """The parts of one scene, together: what a solver takes and is compiled for."""
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
-from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.drive import Drive
+from plant_sim.parts.friction import Friction
+from plant_sim.parts.stop import Stop
 from plant_sim.parts.striker import Striker
-
-Drive: TypeAlias = IdealDrive | MotorDrive
-Friction: TypeAlias = NoFriction | Viscous | Coulomb | Stribeck
-Stop: TypeAlias = NoStop | RigidStop | KelvinVoigt | HuntCrossley
 
 
 class Parts(NamedTuple):

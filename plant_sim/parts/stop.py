@@ -1,6 +1,9 @@
 """The stop that the striker hits at x = position_m, approached with x' > 0."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
+from plant_sim.parts.striker import Striker
 
 
 class NoStop(NamedTuple):
@@ -32,3 +35,153 @@ class HuntCrossley(NamedTuple):
     stiffness_n_mn: float
     exponent: float
     dissipation: float
+
+
+Stop: TypeAlias = NoStop | RigidStop | KelvinVoigt | HuntCrossley
+
+LEAST_TOUCH_SPEED_M_S = 1e-3
+"""Below it λ no longer grows: a striker laid against the stop would else meet unbounded damping."""
+
+
+@by_part
+def origin_m(stop: Stop, striker: Striker) -> float:
+    """Where depth is counted from, m: the stop, so that depths near it keep their digits."""
+    raise NotImplementedError
+
+
+@law(origin_m, NoStop)
+def _(stop: NoStop, striker: Striker) -> float:
+    return striker.rest_length_m
+
+
+@law(origin_m, RigidStop, KelvinVoigt, HuntCrossley)
+def _(stop: RigidStop | KelvinVoigt | HuntCrossley, striker: Striker) -> float:
+    return stop.position_m
+
+
+@by_part
+def damping_s_m(stop: Stop, touch_speed_m_s: float) -> float:
+    """λ, s/m, of a contact that began at this speed; 0 for stops whose damping does not depend on it."""
+    raise NotImplementedError
+
+
+@law(damping_s_m, NoStop, RigidStop, KelvinVoigt)
+def _(stop: NoStop | RigidStop | KelvinVoigt, touch_speed_m_s: float) -> float:
+    return 0.0
+
+
+@law(damping_s_m, HuntCrossley)
+def _(stop: HuntCrossley, touch_speed_m_s: float) -> float:
+    return stop.dissipation / max(touch_speed_m_s, LEAST_TOUCH_SPEED_M_S)
+
+
+@by_part
+def elastic_force_n(stop: Stop, depth_m: float) -> float:
+    """Force, N, of the stop's spring alone on the striker, against +x."""
+    raise NotImplementedError
+
+
+@law(elastic_force_n, NoStop, RigidStop)
+def _(stop: NoStop | RigidStop, depth_m: float) -> float:
+    return 0.0
+
+
+@law(elastic_force_n, KelvinVoigt)
+def _(stop: KelvinVoigt, depth_m: float) -> float:
+    return stop.stiffness_n_m * depth_m
+
+
+@law(elastic_force_n, HuntCrossley)
+def _(stop: HuntCrossley, depth_m: float) -> float:
+    force_n: float = stop.stiffness_n_mn * max(depth_m, 0.0) ** stop.exponent
+    return force_n
+
+
+@by_part
+def stop_force_n(stop: Stop, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+    """Force, N, of the stop on a striker in contact, against +x, from that of its spring."""
+    raise NotImplementedError
+
+
+@law(stop_force_n, NoStop, RigidStop)
+def _(stop: NoStop | RigidStop, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+    return 0.0
+
+
+@law(stop_force_n, KelvinVoigt)
+def _(stop: KelvinVoigt, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+    return elastic_n + stop.damping_n_s_m * v_m_s
+
+
+@law(stop_force_n, HuntCrossley)
+def _(stop: HuntCrossley, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
+    return elastic_n * max(1.0 + damping_s_m * v_m_s, 0.0)  # it never pulls
+
+
+@by_part
+def elastic_energy_j(stop: Stop, depth_m: float) -> float:
+    """Energy, J, in the stop's spring."""
+    raise NotImplementedError
+
+
+@law(elastic_energy_j, NoStop, RigidStop)
+def _(stop: NoStop | RigidStop, depth_m: float) -> float:
+    return 0.0
+
+
+@law(elastic_energy_j, KelvinVoigt)
+def _(stop: KelvinVoigt, depth_m: float) -> float:
+    return 0.5 * stop.stiffness_n_m * depth_m * depth_m
+
+
+@law(elastic_energy_j, HuntCrossley)
+def _(stop: HuntCrossley, depth_m: float) -> float:
+    return elastic_force_n(stop, depth_m) * depth_m / (stop.exponent + 1.0)
+
+
+@by_part
+def is_rigid(stop: Stop) -> bool:
+    """Whether an impact takes no time."""
+    raise NotImplementedError
+
+
+@law(is_rigid, RigidStop)
+def _(stop: RigidStop) -> bool:
+    return True
+
+
+@law(is_rigid, NoStop, KelvinVoigt, HuntCrossley)
+def _(stop: NoStop | KelvinVoigt | HuntCrossley) -> bool:
+    return False
+
+
+@by_part
+def is_soft(stop: Stop) -> bool:
+    """Whether an impact is a contact that lasts."""
+    raise NotImplementedError
+
+
+@law(is_soft, NoStop, RigidStop)
+def _(stop: NoStop | RigidStop) -> bool:
+    return False
+
+
+@law(is_soft, KelvinVoigt, HuntCrossley)
+def _(stop: KelvinVoigt | HuntCrossley) -> bool:
+    return True
+
+
+@by_part
+def restitution(stop: Stop) -> float:
+    """Newton's k of a rigid stop."""
+    raise NotImplementedError
+
+
+@law(restitution, RigidStop)
+def _(stop: RigidStop) -> float:
+    return stop.restitution
+
+
+@law(restitution, NoStop, KelvinVoigt, HuntCrossley)
+def _(stop: NoStop | KelvinVoigt | HuntCrossley) -> float:
+    return 1.0

@@ -1,0 +1,219 @@
+"""The sensors' low-passes between two readings, driven exactly by the polynomials of the solver's steps.
+
+An accelerometer's is a second-order Butterworth, ω²/(s² + √2 ω s + ω²): one complex state z' = λ z + a with
+λ = ω (−1 + j)/√2 and reading 2 Re(r z), r = −j ω/√2. The encoder's speed estimate is of first order.
+
+At a rigid stop the velocity jumps by (1 + k) v⁻. An accelerometer is given a half-sine of that area over the
+contact time T instead: −(π/2T)(1 + k) v⁻ sin(π τ/T).
+"""
+
+import cmath
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import by_part, jit, law
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.sensors import AccelerometerModel, SensorModels
+from plant_sim.solvers.bernstein import DEGREE
+from plant_sim.solvers.motion import SPEED, VELOCITY, Vector
+
+Complex = NDArray[np.complex128]
+
+LOW, HIGH, SPEED_ESTIMATE = range(3)
+"""Filters: the striker's two accelerometers and the encoder's speed."""
+
+PULSES = 32
+"""Half-sines at work at once; a chatter's further ones join the last, of which they are a small part."""
+
+AGE, JUMP = range(2)
+"""Columns of Sensing.pulses: time since the impact, s, and change of velocity, m/s; 0 where there is none."""
+
+
+class NoSensing(NamedTuple):
+    """A scene without sensors."""
+
+
+class Sensing(NamedTuple):
+    """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2)."""
+
+    poles: Complex
+    states: Complex
+    power: Vector
+    pulses: Vector
+    pulse_s: float
+
+
+Probe: TypeAlias = NoSensing | Sensing
+
+
+def allocate_sensing(models: SensorModels, crank_speed_rad_s: float) -> Sensing:
+    """Filters that have seen no acceleration and a steady crank."""
+    return Sensing(
+        poles=np.array(
+            [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
+        ),
+        states=np.array([0.0j, 0.0j, crank_speed_rad_s + 0.0j]),
+        power=np.zeros(DEGREE + 1),
+        pulses=np.zeros((PULSES, 2)),
+        pulse_s=models.rigid_contact_s,
+    )
+
+
+def _pole(model: AccelerometerModel) -> complex:
+    return 2.0 * math.pi * model.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
+
+
+def filtered_acceleration_m_s2(sensing: Sensing, which: int) -> float:
+    """Low-passed acceleration of the striker, m/s²: 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
+    return float(2.0 * sensing.poles[which].imag * sensing.states[which].imag)
+
+
+def filtered_speed_rad_s(sensing: Sensing) -> float:
+    """The encoder's speed estimate, rad/s."""
+    return float(sensing.states[SPEED_ESTIMATE].real)
+
+
+@by_part
+def is_sensing(probe: Probe) -> bool:
+    """Whether anything wants to know the motion within steps."""
+    raise NotImplementedError
+
+
+@law(is_sensing, NoSensing)
+def _(probe: NoSensing) -> bool:
+    return False
+
+
+@law(is_sensing, Sensing)
+def _(probe: Sensing) -> bool:
+    return True
+
+
+@by_part
+def sense_jump(probe: Probe, jump_m_s: float) -> None:
+    """A rigid stop has taken this much velocity off the striker."""
+    raise NotImplementedError
+
+
+@law(sense_jump, NoSensing)
+def _(probe: NoSensing, jump_m_s: float) -> None:
+    return
+
+
+@law(sense_jump, Sensing)
+def _(probe: Sensing, jump_m_s: float) -> None:
+    pulses = probe.pulses
+    for i in range(PULSES):
+        if pulses[i, JUMP] == 0.0:
+            pulses[i, AGE] = 0.0
+            pulses[i, JUMP] = jump_m_s
+            return
+    pulses[np.argmin(pulses[:, AGE]), JUMP] += jump_m_s
+
+
+@by_part
+def sense_step(probe: Probe, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+    """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
+    raise NotImplementedError
+
+
+@law(sense_step, NoSensing)
+def _(probe: NoSensing, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+    return
+
+
+@law(sense_step, Sensing)
+def _(probe: Sensing, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+    if used_s == 0.0:
+        return
+    power, poles, states = probe.power, probe.poles, probe.states
+    _crank_speed_power(drive, dense, used_s / h_s, power)
+    pole = poles[SPEED_ESTIMATE]
+    for j in range(DEGREE + 1):
+        power[j] *= -pole.real
+    states[SPEED_ESTIMATE] = driven(pole, states[SPEED_ESTIMATE], power, DEGREE, used_s)
+    to_power(dense[VELOCITY], used_s / h_s, power)
+    for j in range(DEGREE):  # a = v'
+        power[j] = (j + 1) * power[j + 1] / used_s
+    for which in (LOW, HIGH):
+        states[which] = driven(poles[which], states[which], power, DEGREE - 1, used_s)
+    for i in range(PULSES):
+        if probe.pulses[i, JUMP] != 0.0:
+            _sense_pulse(probe, probe.pulses[i], used_s)
+
+
+@by_part
+def _crank_speed_power(drive: Drive, dense: Vector, share: float, power: Vector) -> None:
+    """Power coefficients of the crank's speed over the used share of the step."""
+    raise NotImplementedError
+
+
+@law(_crank_speed_power, IdealDrive)
+def _(drive: IdealDrive, dense: Vector, share: float, power: Vector) -> None:
+    power[:] = 0.0
+    power[0] = drive.omega_rad_s
+
+
+@law(_crank_speed_power, MotorDrive)
+def _(drive: MotorDrive, dense: Vector, share: float, power: Vector) -> None:
+    to_power(dense[SPEED], share, power)
+
+
+@jit
+def to_power(b: Vector, share: float, power: Vector) -> None:
+    """Coefficients in s/share of p: c_j = shareʲ C(n, j) Δʲb_0, with Δ the forward difference."""
+    for i in range(DEGREE + 1):
+        power[i] = b[i]
+    for j in range(1, DEGREE + 1):
+        for i in range(DEGREE, j - 1, -1):
+            power[i] -= power[i - 1]
+    binomial = 1.0
+    for j in range(1, DEGREE + 1):
+        binomial *= share * (DEGREE - j + 1) / j
+        power[j] *= binomial
+
+
+@jit
+def driven(pole: complex, state: complex, power: Vector, degree: int, h_s: float) -> complex:
+    """State after h of z' = λ z + u with u = Σ c_j (t/h)ʲ: e^(λh) z + Σ c_j I_j.
+
+    I_j = ∫ e^(λ(h−t)) (t/h)ʲ dt; by parts λh I_j + h = j I_(j−1): downwards this forgets a wrong start as
+    (λh)ᵐ/m!, upwards it is stable for large λh.
+    """
+    x = pole * h_s
+    total: complex = cmath.exp(x) * state
+    moment = 0.0j
+    if abs(x) < 20.0:
+        for j in range(int(30.0 + 4.0 * abs(x)), 0, -1):
+            moment = (h_s + x * moment) / j
+            if j <= degree + 1:
+                total += power[j - 1] * moment
+        return total
+    moment = (cmath.exp(x) - 1.0) / pole
+    total += power[0] * moment
+    for j in range(1, degree + 1):
+        moment = (j * moment - h_s) / x
+        total += power[j] * moment
+    return total
+
+
+@jit
+def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
+    """Drive the accelerometers' filters by one half-sine, and let it age."""
+    age, jump, whole = pulse[AGE], pulse[JUMP], probe.pulse_s
+    rate = math.pi / whole
+    on_s = min(used_s, whole - age)
+    for which in (LOW, HIGH):
+        pole = probe.poles[which]
+        # ∫ e^(λ(on−s)) e^(iβ(age+s)) ds = e^(iβ age) (e^(iβ on) − e^(λ on)) / (iβ − λ), and its conjugate's
+        decay = cmath.exp(pole * on_s)
+        ahead = cmath.exp(1j * rate * age) * (cmath.exp(1j * rate * on_s) - decay) / (1j * rate - pole)
+        behind = cmath.exp(-1j * rate * age) * (cmath.exp(-1j * rate * on_s) - decay) / (-1j * rate - pole)
+        response = (ahead - behind) / 2.0j
+        probe.states[which] -= 0.5 * rate * jump * response * cmath.exp(pole * (used_s - on_s))
+    pulse[AGE] = age + used_s
+    if pulse[AGE] >= whole:
+        pulse[JUMP] = 0.0

@@ -1,0 +1,454 @@
+"""Any scene: DOP853 with error control from event to event.
+
+A step ends at the first event on its continuous extension, which Bernstein coefficients find however many
+there are; it is then repeated up to there, so that the state at an event has the step's own accuracy.
+"""
+
+import math
+
+import numpy as np
+
+from plant_sim.kernels import by_part, jit, law
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop, elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
+from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
+from plant_sim.sensing import NoSensing, Probe, is_sensing, sense_step
+from plant_sim.solvers.bernstein import DEGREE, evaluate
+from plant_sim.solvers.dop853 import ORDER, attempt, extend
+from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Zeros, first_event
+from plant_sim.solvers.memory import (
+    ACCELERATION,
+    ANGLE_NOW,
+    APPROACH,
+    CRANK_DIRECTION,
+    CRANK_STUCK,
+    CURRENT,
+    DAMPING,
+    DIRECTION,
+    ELAPSED,
+    IMPACT_ANGLE,
+    IMPACT_TIME,
+    IMPACTS,
+    IMPULSE,
+    MOTOR_TORQUE,
+    PEAK,
+    PEAK_FORCE,
+    PHASE,
+    REBOUND,
+    SAMPLES,
+    SPEED_NOW,
+    STEP_CONTACT,
+    STEP_FREE,
+    STOP_FORCE,
+    STORED,
+    UNSETTLED,
+    ZERO_CRANK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    Memory,
+    allocate,
+)
+from plant_sim.solvers.motion import (
+    CONTACT,
+    FLIGHT,
+    Flow,
+    Vector,
+    derivative,
+    in_touch,
+    state_size,
+    stored_energy_j,
+    work_place,
+)
+from plant_sim.solvers.transitions import apply, crank_angle, crank_speed, settle, settle_crank, turn_crank
+
+DONE, BUFFER_FULL, STEP_TOO_SMALL, ENDLESS_EVENTS = range(4)
+"""What `advance` returns."""
+
+MOST_EVENTS = 1_000_000
+"""One after the other with no time between them."""
+
+NO_GRID = np.empty(0)
+NO_SAMPLES = np.empty((0, 3))
+
+
+@jit
+def advance(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    torque_n_m: float,
+    start_s: float,
+    duration_s: float,
+    grid_s: Vector,
+    samples: Vector,
+) -> int:
+    """Carry `memory` on to `duration_s` after `start_s` under a held torque; continues where it left off.
+
+    `memory.held[ELAPSED]` says how far it got. Depth, velocity and crank angle at the times of `grid_s`
+    (ascending, absolute) go into the rows of `samples`.
+    """
+    mode, held = memory.mode, memory.held
+    if mode[PHASE] == UNSETTLED:
+        settle(parts, memory, torque_n_m, start_s)
+    elif mode[CRANK_STUCK] == 1:
+        settle_crank(parts.drive, parts, memory, torque_n_m)
+    timeless = 0
+    status = DONE
+    while True:
+        _sample_now(parts, memory, start_s, grid_s, samples)
+        if held[ELAPSED] >= duration_s:
+            break
+        if mode[IMPACTS] == memory.impacts.shape[0]:
+            status = BUFFER_FULL
+            break
+        used = _step(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
+        if used < 0.0:
+            status = STEP_TOO_SMALL
+            break
+        timeless = timeless + 1 if used == 0.0 else 0
+        if timeless > MOST_EVENTS:
+            status = ENDLESS_EVENTS
+            break
+    _observe(parts, memory, torque_n_m)
+    return status
+
+
+@jit
+def _step(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    torque_n_m: float,
+    start_s: float,
+    duration_s: float,
+    grid_s: Vector,
+    samples: Vector,
+) -> float:
+    """One step, up to an event at most; returns its length, s, or −1 where no step is small enough."""
+    y, mode, held, new = memory.y, memory.mode, memory.held, memory.new
+    k, trial, dense = memory.k, memory.trial, memory.dense
+    flow = _flow(parts, memory, torque_n_m)
+    place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
+    remaining = duration_s - held[ELAPSED]
+    longest = 2.0 / max(
+        math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg), abs(crank_speed(parts.drive, memory))
+    )
+    derivative(parts, flow, 0.0, y, k[0])
+    while True:
+        h = min(held[place], longest, remaining)
+        error = attempt(parts, flow, h, y, memory.scale, k, trial, new)
+        if error <= 1.0:
+            break
+        held[place] = h * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e300 else 0.2)
+        if held[place] < 1e-12 * longest:
+            return -1.0
+    growth = 5.0 if error < 1e-6 else min(5.0, 0.9 * error ** (-1.0 / ORDER))
+    held[place] = max(held[place], h * growth) if growth > 1.0 else h * growth
+
+    zeros = Zeros(mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK])
+    begin_s = start_s + held[ELAPSED]
+    used: float = h
+    event = NONE
+    has_sample = mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + h
+    may_end = _may_end(parts, flow, h, y, new, k, zeros)
+    if is_sensing(probe) or has_sample or may_end:
+        extend(parts, flow, h, y, new, k, trial, dense)
+    if may_end:
+        found = first_event(parts, flow, h, y, zeros, crank_angle(parts.drive, memory), dense, memory.scratch)
+        event = found.event
+        if event != NONE:
+            used = _repeat(parts, flow, found, h, memory)
+    if flow.phase == CONTACT:
+        _follow_peak(parts, memory, flow.damping_s_m, used / h)
+    sense_step(probe, parts.drive, dense, h, used)
+    if has_sample:
+        _sample_step(parts, memory, begin_s, h, used, grid_s, samples)
+
+    for i in range(state_size(parts)):
+        y[i] = new[i]
+    turn_crank(parts.drive, memory, used)
+    mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
+    held[ELAPSED] = duration_s if used == remaining else held[ELAPSED] + used
+    if event != NONE:
+        apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
+    return used
+
+
+@jit
+def _flow(parts: Parts, memory: Memory, torque_n_m: float) -> Flow:
+    mode = memory.mode
+    return Flow(
+        mode[PHASE],
+        float(mode[DIRECTION]),
+        memory.contact[DAMPING] if is_soft(parts.stop) else 0.0,
+        crank_angle(parts.drive, memory),
+        torque_n_m,
+        float(mode[CRANK_DIRECTION]),
+        mode[CRANK_STUCK] == 1,
+    )
+
+
+@jit
+def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) -> float:
+    """Step again, up to the event only; a touch-down is then polished on the step itself."""
+    y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
+    used = found.s * h_s
+    attempt(parts, flow, used, y, memory.scale, k, trial, new)
+    if found.event == TOUCH and new[1] != 0.0:
+        correction = -new[0] / new[1]
+        if abs(correction) < 1e-3 * used:
+            used = min(used + correction, h_s)
+            attempt(parts, flow, used, y, memory.scale, k, trial, new)
+    return used
+
+
+@jit
+def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, zeros: Zeros) -> bool:
+    """Whether an event could lie in the step: bounds from its ends and twice its stages' largest slopes."""
+    if flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
+        return True
+    steepest = 0.0
+    for stage in range(12):
+        steepest = max(steepest, abs(k[stage, 1]))
+    change = h_s * 2.0 * steepest
+    is_dry = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2) > 0.0
+    if is_dry and min(y[1] * flow.direction, new[1] * flow.direction) <= change:
+        return True
+    has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
+    if has_stop and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
+        return True
+    return _crank_may_halt(parts.drive, flow, h_s, y, new, k)
+
+
+@by_part
+def _crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+    raise NotImplementedError
+
+
+@law(_crank_may_halt, IdealDrive)
+def _(drive: IdealDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+    return False
+
+
+@law(_crank_may_halt, MotorDrive)
+def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+    if drive.dry_n_m == 0.0:
+        return False
+    if flow.crank_stuck:
+        return True
+    steepest = 0.0
+    for stage in range(12):
+        steepest = max(steepest, abs(k[stage, 3]))
+    slowest: float = min(y[3] * flow.crank_direction, new[3] * flow.crank_direction)
+    return slowest <= h_s * 2.0 * steepest
+
+
+@jit
+def _follow_peak(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
+    """Largest force of the contact so far, with a parabola through the largest of five on the step."""
+    dense, contact = memory.dense, memory.contact
+    best, best_s = -1.0, 0.0
+    for i in range(5):
+        s = share * 0.25 * i
+        force = _force_at(parts, dense, damping_s_m, s)
+        if force > best:
+            best, best_s = force, s
+    width = 0.25 * share
+    if 0.0 < best_s < share * 0.9:
+        before = _force_at(parts, dense, damping_s_m, best_s - width)
+        after = _force_at(parts, dense, damping_s_m, best_s + width)
+        bend = before - 2.0 * best + after
+        if bend < 0.0:
+            s = best_s + 0.5 * width * (before - after) / bend
+            best = max(best, _force_at(parts, dense, damping_s_m, s))
+    contact[PEAK] = max(contact[PEAK], best)
+
+
+@jit
+def _force_at(parts: Parts, dense: Vector, damping_s_m: float, s: float) -> float:
+    depth = max(evaluate(dense[0], DEGREE, s), 0.0)
+    velocity = evaluate(dense[1], DEGREE, s)
+    return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), velocity, damping_s_m)
+
+
+@jit
+def _sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
+    mode = memory.mode
+    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] <= start_s + memory.held[ELAPSED]:
+        row = samples[mode[SAMPLES]]
+        row[0], row[1], row[2] = memory.y[0], memory.y[1], crank_angle(parts.drive, memory)
+        mode[SAMPLES] += 1
+
+
+@jit
+def _sample_step(
+    parts: Parts, memory: Memory, begin_s: float, h_s: float, used_s: float, grid_s: Vector, samples: Vector
+) -> None:
+    mode = memory.mode
+    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + used_s:
+        row = samples[mode[SAMPLES]]
+        s = (grid_s[mode[SAMPLES]] - begin_s) / h_s
+        row[0] = evaluate(memory.dense[0], DEGREE, s)
+        row[1] = evaluate(memory.dense[1], DEGREE, s)
+        row[2] = _angle_within(parts.drive, memory, s, h_s)
+        mode[SAMPLES] += 1
+
+
+@by_part
+def _angle_within(drive: Drive, memory: Memory, s: float, h_s: float) -> float:
+    raise NotImplementedError
+
+
+@law(_angle_within, IdealDrive)
+def _(drive: IdealDrive, memory: Memory, s: float, h_s: float) -> float:
+    return crank_angle(drive, memory) + drive.omega_rad_s * s * h_s
+
+
+@law(_angle_within, MotorDrive)
+def _(drive: MotorDrive, memory: Memory, s: float, h_s: float) -> float:
+    return evaluate(memory.dense[2], DEGREE, s)
+
+
+@jit
+def _observe(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """What can be read off the module now."""
+    y, observed = memory.y, memory.observed
+    flow = _flow(parts, memory, torque_n_m)
+    derivative(parts, flow, 0.0, y, memory.k[0])
+    observed[ACCELERATION] = memory.k[0, 1]
+    observed[STOP_FORCE] = 0.0
+    if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
+        observed[STOP_FORCE] = stop_force_n(
+            parts.stop, elastic_force_n(parts.stop, y[0]), y[1], flow.damping_s_m
+        )
+    angle, speed = crank_angle(parts.drive, memory), crank_speed(parts.drive, memory)
+    current = motor_current_a(parts.drive, torque_n_m, speed)
+    observed[CURRENT] = current
+    observed[MOTOR_TORQUE] = _torque_of(parts.drive, current)
+    observed[STORED] = stored_energy_j(parts, flow.phase, y[0], y[1], angle, speed)
+    observed[ANGLE_NOW] = angle
+    observed[SPEED_NOW] = speed
+
+
+@by_part
+def _torque_of(drive: Drive, current_a: float) -> float:
+    raise NotImplementedError
+
+
+@law(_torque_of, IdealDrive)
+def _(drive: IdealDrive, current_a: float) -> float:
+    return 0.0
+
+
+@law(_torque_of, MotorDrive)
+def _(drive: MotorDrive, current_a: float) -> float:
+    return drive.torque_constant_n_m_a * current_a
+
+
+class SolverError(RuntimeError):
+    """A run that cannot be carried on; the message says where it stands and what to change."""
+
+
+IMPACTS_AT_ONCE = 4096
+"""Rows of the impacts' buffer; a fuller run empties it in between."""
+
+
+def simulate(
+    parts: Parts,
+    initial: MotionState,
+    until_s: float,
+    samples_t_s: Vector | None = None,
+    *,
+    torque_n_m: float = 0.0,
+    accuracy: float = 1e-9,
+) -> SimulationResult:
+    """Run from `initial` (whose phase is found anew) to `until_s` under a held motor torque.
+
+    `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
+    """
+    memory = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE)
+    grid = np.ascontiguousarray(NO_GRID if samples_t_s is None else samples_t_s, dtype=np.float64)
+    samples = np.zeros((grid.size, 3))
+    run(parts, NoSensing(), memory, torque_n_m, initial.t_s, 0.0, grid, samples)
+    stored_before_j = float(memory.observed[STORED])
+    rows = [run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)]
+    while memory.held[ELAPSED] < until_s - initial.t_s:
+        rows.append(
+            run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)
+        )
+    columns = np.concatenate(rows).T
+    origin = origin_m(parts.stop, parts.striker)
+    return SimulationResult(
+        impacts=Impacts(
+            t_s=columns[IMPACT_TIME],
+            v_m_s=columns[APPROACH],
+            v_after_m_s=columns[REBOUND],
+            impulse_n_s=columns[IMPULSE],
+            peak_force_n=columns[PEAK_FORCE],
+            crank_rad=columns[IMPACT_ANGLE],
+        ),
+        final=motion_state(parts, memory, until_s),
+        energy=ledger(parts, memory, stored_before_j),
+        method="adaptive",
+        samples=None
+        if samples_t_s is None
+        else Samples(
+            t_s=grid, x_m=samples[:, 0] + origin, v_m_s=samples[:, 1].copy(), crank_rad=samples[:, 2] % TURN
+        ),
+    )
+
+
+def run(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    torque_n_m: float,
+    start_s: float,
+    duration_s: float,
+    grid_s: Vector,
+    samples: Vector,
+) -> Vector:
+    """`advance`, its failures raised; returns (and forgets) the impacts so far, shape (impacts, 6)."""
+    status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
+    if status in (STEP_TOO_SMALL, ENDLESS_EVENTS):
+        raise SolverError(complaint(status, parts, memory, start_s))
+    impacts = memory.impacts[: memory.mode[IMPACTS]].copy()
+    memory.mode[IMPACTS] = 0
+    return impacts
+
+
+def complaint(status: int, parts: Parts, memory: Memory, start_s: float) -> str:
+    """What went wrong where, and what to do."""
+    x_m = memory.y[0] + origin_m(parts.stop, parts.striker)
+    place = f"at t = {start_s + memory.held[ELAPSED]:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
+    if status == ENDLESS_EVENTS:
+        return (
+            f"{MOST_EVENTS} events in no time {place}, in phase {memory.mode[PHASE]}; "
+            "raise solver.accuracy, or lower stop.restitution if the striker chatters"
+        )
+    return f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
+
+
+def motion_state(parts: Parts, memory: Memory, t_s: float) -> MotionState:
+    """The module as `memory` has it."""
+    return MotionState(
+        t_s=t_s,
+        x_m=float(memory.y[0]) + origin_m(parts.stop, parts.striker),
+        v_m_s=float(memory.y[1]),
+        crank_rad=float(memory.observed[ANGLE_NOW]),
+        omega_rad_s=float(memory.observed[SPEED_NOW]),
+        phase=Phase(int(memory.mode[PHASE])),
+    )
+
+
+def ledger(parts: Parts, memory: Memory, stored_before_j: float) -> EnergyLedger:
+    """Where the energy went since `stored_before_j` was stored."""
+    work = work_place(parts.drive)
+    return EnergyLedger(
+        drive_work_j=float(memory.y[work]),
+        stored_change_j=float(memory.observed[STORED]) - stored_before_j,
+        friction_j=float(memory.y[work + 1]),
+        impact_loss_j=0.0 if isinstance(parts.stop, NoStop) else float(memory.y[work + 2]),
+    )

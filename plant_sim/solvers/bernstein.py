@@ -1,0 +1,138 @@
+"""Polynomials on [0, 1] by their Bernstein coefficients, and roots that cannot be stepped over.
+
+p(s) = Σ b_i C(n, i) sⁱ (1 − s)ⁿ⁻ⁱ lies in the hull of its coefficients and has at most as many roots in
+(0, 1) as they have sign changes, with the same parity (Farin, Curves and Surfaces for CAGD, 5th ed. 2002,
+chapter 5): no change proves that there is no root, one change brackets exactly one, more are halved until
+that is so.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import jit
+
+Coefficients = NDArray[np.float64]
+
+DEGREE = 7
+"""Of a step's continuous extension."""
+
+NO_ROOT = 2.0
+"""Returned where there is no root in [0, 1]."""
+
+DEEPEST_HALVING = 40
+"""An excursion narrower than 2⁻⁴⁰ of a step is below rounding: it is no crossing."""
+
+
+@jit
+def evaluate(b: Coefficients, degree: int, s: float) -> float:
+    """p(s) by de Casteljau's scheme, with b unchanged."""
+    r = 1.0 - s
+    # Σ b_i C(n, i) sⁱ rⁿ⁻ⁱ, by Horner in s with the powers of r folded in.
+    value: float = b[0] * r
+    power = 1.0
+    binomial = 1.0
+    for i in range(1, degree):
+        power *= s
+        binomial = binomial * (degree - i + 1) / i
+        value = (value + power * binomial * b[i]) * r
+    value += power * s * b[degree]
+    return value
+
+
+@jit
+def without_root_at_start(b: Coefficients, degree: int) -> None:
+    """Replace p by p(s)/s, of one degree less, in place; p(0) is taken as 0."""
+    for i in range(degree):
+        b[i] = b[i + 1] * degree / (i + 1)
+
+
+@jit
+def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
+    """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does.
+
+    `stack` is scratch of shape (DEEPEST_HALVING + 2, DEGREE + 3): coefficients, start, width.
+    """
+    if not _reaches_zero(b, degree):
+        return NO_ROOT
+    top = 0
+    for i in range(degree + 1):
+        stack[0, i] = b[i]
+    stack[0, DEGREE + 1] = 0.0
+    stack[0, DEGREE + 2] = 1.0
+    while top >= 0:
+        c = stack[top]
+        start = c[DEGREE + 1]
+        width = c[DEGREE + 2]
+        if not _reaches_zero(c, degree):
+            top -= 1
+            continue
+        if c[0] >= 0.0:
+            return float(start)
+        if _sign_changes(c, degree) == 1:
+            return float(start + width * _only_root(c, degree))
+        if top == DEEPEST_HALVING:
+            if c[degree] >= 0.0:
+                return float(start)
+            top -= 1
+            continue
+        _halve(stack, top, degree)
+        top += 1
+    return NO_ROOT
+
+
+@jit
+def _reaches_zero(b: Coefficients, degree: int) -> bool:
+    highest: float = b[0]
+    for i in range(1, degree + 1):
+        highest = max(highest, b[i])
+    return highest >= 0.0
+
+
+@jit
+def _sign_changes(b: Coefficients, degree: int) -> int:
+    changes = 0
+    for i in range(degree):
+        if (b[i] >= 0.0) != (b[i + 1] >= 0.0):
+            changes += 1
+    return changes
+
+
+@jit
+def _halve(stack: Coefficients, top: int, degree: int) -> None:
+    """Put the left half of the polynomial on the top of the stack above its right half."""
+    right, left = stack[top], stack[top + 1]
+    for i in range(degree + 1):
+        left[i] = right[0]
+        for j in range(degree - i):
+            right[j] = 0.5 * (right[j] + right[j + 1])
+    width = 0.5 * right[DEGREE + 2]
+    left[DEGREE + 1] = right[DEGREE + 1]
+    left[DEGREE + 2] = width
+    right[DEGREE + 1] += width
+    right[DEGREE + 2] = width
+
+
+@jit
+def _only_root(b: Coefficients, degree: int) -> float:
+    """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights."""
+    low, high = 0.0, 1.0
+    p_low, p_high = b[0], b[degree]
+    side = 0
+    for _ in range(200):
+        s = (low * p_high - high * p_low) / (p_high - p_low)
+        if not low < s < high:
+            break
+        p = evaluate(b, degree, s)
+        if p >= 0.0:
+            high, p_high = s, p
+            if side == 1:
+                p_low *= 0.5
+            side = 1
+        else:
+            low, p_low = s, p
+            if side == -1:
+                p_high *= 0.5
+            side = -1
+        if high - low < 1e-15 * high or p == 0.0:
+            break
+    return high

@@ -1,0 +1,289 @@
+"""What ends a phase within a step, located on the step's continuous extension.
+
+Every condition is a polynomial of the step: depth, velocity, crank speed, or an angle at which the spring's
+pull on a resting striker grows past what holds it. A quantity that starts at zero is divided by s first, so
+that its own zero is no event.
+"""
+
+import math
+from typing import NamedTuple
+
+from plant_sim.kernels import by_part, jit, law
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import (
+    HuntCrossley,
+    KelvinVoigt,
+    NoStop,
+    RigidStop,
+    Stop,
+    elastic_force_n,
+    origin_m,
+)
+from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, first_rise, without_root_at_start
+from plant_sim.solvers.motion import (
+    CONTACT,
+    DEPTH,
+    FLIGHT,
+    REST,
+    SPEED,
+    STICK,
+    VELOCITY,
+    Flow,
+    Vector,
+    crank_load_n_m,
+)
+
+NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK = range(9)
+"""Reach the stop; leave it; clear one that let go early, or press into it again; halt; slide; the crank's."""
+
+TURN = 2.0 * math.pi
+
+NEAR_RAD = 1e-9
+"""A crank this close to where a striker breaks away is there."""
+
+
+class Zeros(NamedTuple):
+    """How many derivatives, the value included, are zero at the step's start."""
+
+    depth: int
+    velocity: int
+    crank: int
+
+
+class Found(NamedTuple):
+    """The first event of a step and where in the step it is, 0 to 1."""
+
+    event: int
+    s: float
+
+
+class Scratch(NamedTuple):
+    """Arrays that only root finding writes: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3)."""
+
+    poly: Vector
+    press: Vector
+    stack: Vector
+
+
+@jit
+def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) -> float:
+    """First s at which sign · p(s) + offset, negative at first, reaches 0; `zeros` as in Zeros."""
+    poly = scratch.poly
+    degree = DEGREE
+    for i in range(DEGREE + 1):
+        poly[i] = sign * b[i] + offset
+    while degree > DEGREE - zeros:
+        without_root_at_start(poly, degree)
+        degree -= 1
+    return first_rise(poly, degree, scratch.stack)
+
+
+@by_part
+def stop_events(stop: Stop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+    """The earlier of `found` and the stop's own event."""
+    raise NotImplementedError
+
+
+@law(stop_events, NoStop)
+def _(stop: NoStop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+    return found
+
+
+@law(stop_events, RigidStop)
+def _(stop: RigidStop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+    if phase != FLIGHT:
+        return found
+    return earlier(found, TOUCH, root(dense[DEPTH], 1.0, 0.0, zeros.depth, scratch))
+
+
+@law(stop_events, HuntCrossley)
+def _(stop: HuntCrossley, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+    if phase == FLIGHT:
+        return earlier(found, TOUCH, root(dense[DEPTH], 1.0, 0.0, zeros.depth, scratch))
+    if phase == CONTACT:
+        return earlier(found, LEAVE, root(dense[DEPTH], -1.0, 0.0, zeros.depth, scratch))
+    return found
+
+
+@law(stop_events, KelvinVoigt)
+def _(stop: KelvinVoigt, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+    slope_s = stop.damping_n_s_m / stop.stiffness_n_m
+    depth, press = dense[DEPTH], scratch.press
+    beyond = phase == FLIGHT and depth[0] > 0.0
+    if phase == FLIGHT and not beyond:
+        return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros.depth, scratch))
+    if phase not in (FLIGHT, CONTACT):
+        return found
+    if beyond:
+        found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
+    for i in range(DEGREE + 1):
+        press[i] = depth[i] + slope_s * dense[VELOCITY, i]  # F/K
+    if beyond:
+        return earlier(found, PRESS, root(press, 1.0, 0.0, zeros.depth, scratch))
+    return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros.depth, scratch))
+
+
+@jit
+def earlier(found: Found, event: int, s: float) -> Found:
+    """`found`, or this event where it comes first."""
+    if s < found.s:
+        return Found(event, s)
+    return found
+
+
+@by_part
+def crank_events(
+    drive: Drive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    """The earlier of `found` and the crank's coming to rest, or breaking away from it."""
+    raise NotImplementedError
+
+
+@law(crank_events, IdealDrive)
+def _(
+    drive: IdealDrive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    return found
+
+
+@law(crank_events, MotorDrive)
+def _(
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    if drive.dry_n_m == 0.0:
+        return found
+    if not flow.crank_stuck:
+        return earlier(
+            found, CRANK_HALT, root(dense[SPEED], -flow.crank_direction, 0.0, zeros.crank, scratch)
+        )
+    # At rest the net torque is linear in the striker's depth: net(0) + slope (depth − depth(0)).
+    slope = crank_load_n_m(parts, y[2], 0.0) - crank_load_n_m(parts, y[2], 1.0)
+    torque = drive.torque_constant_n_m_a * motor_current_a(drive, flow.torque_n_m, 0.0)
+    net = torque - crank_load_n_m(parts, y[2], 0.0)
+    upward = root(dense[DEPTH], slope, net - drive.dry_n_m, 0, scratch)
+    downward = root(dense[DEPTH], -slope, -net - drive.dry_n_m, 0, scratch)
+    return earlier(earlier(found, CRANK_BREAK, upward), CRANK_BREAK, downward)
+
+
+@by_part
+def angle_event(
+    drive: Drive,
+    up_rad: float,
+    down_rad: float,
+    angle_rad: float,
+    h_s: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    """First s at which the crank, at `angle_rad` at first, reaches `up_rad` above it or `down_rad` below."""
+    raise NotImplementedError
+
+
+@law(angle_event, IdealDrive)
+def _(
+    drive: IdealDrive,
+    up_rad: float,
+    down_rad: float,
+    angle_rad: float,
+    h_s: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    turn = drive.omega_rad_s * h_s
+    bound = up_rad - angle_rad if turn > 0.0 else down_rad - angle_rad
+    if abs(bound) > abs(turn):
+        return NO_ROOT
+    return bound / turn
+
+
+@law(angle_event, MotorDrive)
+def _(
+    drive: MotorDrive,
+    up_rad: float,
+    down_rad: float,
+    angle_rad: float,
+    h_s: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    return min(root(dense[2], 1.0, -up_rad, 0, scratch), root(dense[2], -1.0, down_rad, 0, scratch))
+
+
+@jit
+def release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -> tuple[float, float]:
+    """Next crank angles above and below the present one, rad, at which a resting striker breaks away.
+
+    The spring's pull c (A sin θ + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
+    away from it). Angles within NEAR_RAD are passed over: whoever comes to rest there has been dealt with.
+    """
+    striker, stop, amplitude = parts.striker, parts.stop, parts.drive.amplitude_m
+    if amplitude == 0.0:
+        return math.inf, -math.inf
+    limit = static_limit_n(parts.friction, striker.mass_kg * striker.gravity_m_s2)
+    reach = striker.rest_length_m - origin_m(stop, striker) - depth_m
+    held = elastic_force_n(stop, max(depth_m, 0.0)) / striker.spring_n_m - reach
+    high = (held + limit / striker.spring_n_m) / amplitude
+    low = (held - limit / striker.spring_n_m) / amplitude
+    up, down = math.inf, -math.inf
+    if phase == STICK and abs(high) <= 1.0:
+        rising = math.asin(high)
+        up = min(up, _next(rising, angle_rad))
+        down = max(down, -_next(rising - math.pi, -angle_rad))
+    if abs(low) <= 1.0:
+        falling = math.pi - math.asin(low)
+        up = min(up, _next(falling, angle_rad))
+        down = max(down, -_next(falling - math.pi, -angle_rad))
+    return up, down
+
+
+@jit
+def _next(angle_rad: float, after_rad: float) -> float:
+    """The first of angle + 2π n that is greater than `after_rad`."""
+    turns = math.floor((after_rad + NEAR_RAD - angle_rad) / TURN) + 1.0
+    return angle_rad + turns * TURN
+
+
+@jit
+def first_event(
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    zeros: Zeros,
+    angle_rad: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> Found:
+    """The first event of a step whose continuous extension is `dense`."""
+    found = Found(NONE, NO_ROOT)
+    limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
+    found = crank_events(parts.drive, parts, flow, y, zeros, dense, scratch, found)
+    if flow.phase in (STICK, REST):
+        up, down = release_angles(parts, flow.phase, angle_rad, y[0])
+        return earlier(found, RELEASE, angle_event(parts.drive, up, down, angle_rad, h_s, dense, scratch))
+    if limit > 0.0:
+        found = earlier(found, HALT, root(dense[VELOCITY], -flow.direction, 0.0, zeros.velocity, scratch))
+    return stop_events(parts.stop, flow.phase, zeros, dense, scratch, found)

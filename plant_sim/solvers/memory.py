@@ -1,0 +1,119 @@
+"""What an advancing module carries from step to step, in arrays that kernels change in place."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import is_soft, origin_m
+from plant_sim.result import MotionState
+from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE
+from plant_sim.solvers.dop853 import STAGES
+from plant_sim.solvers.events import TURN, Scratch
+from plant_sim.solvers.motion import Vector, integrals, work_place
+
+# Places in Memory.mode.
+(
+    PHASE,
+    DIRECTION,
+    CRANK_DIRECTION,
+    CRANK_STUCK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    ZERO_CRANK,
+    TURNS,
+    IN_IMPACT,
+    IMPACTS,
+    SAMPLES,
+) = range(11)
+
+UNSETTLED = -1
+"""Phase of a module whose first phase the solver has yet to find."""
+
+# Places in Memory.held; the crank's angle is there with an ideal drive only.
+ELAPSED, STEP_FREE, STEP_CONTACT, REST_SPEED, CRANK_ANGLE = range(5)
+
+# Places in Memory.contact, which soft stops have.
+TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE = range(6)
+
+# Columns of Memory.impacts.
+IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
+
+# Places in Memory.observed.
+ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW = range(7)
+
+SHARE_OF_A_STEP = 0.1
+"""A forcing period takes some ten steps: each may err by this share of the period's accuracy."""
+
+
+class Memory(NamedTuple):
+    """State and mode, bookkeeping, results, and scratch from `scale` on."""
+
+    y: Vector
+    mode: NDArray[np.int64]
+    held: Vector
+    contact: Vector
+    impacts: Vector
+    observed: Vector
+    scale: Vector
+    k: Vector
+    trial: Vector
+    new: Vector
+    dense: Vector
+    scratch: Scratch
+
+
+def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
+    """Memory of a module at `initial`: only what these parts need, and room for some impacts."""
+    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    motion = work_place(drive)
+    size = motion + integrals(stop)
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    has_motor = isinstance(drive, MotorDrive)
+    y = np.zeros(size)
+    y[0] = initial.x_m - origin_m(stop, striker)
+    y[1] = initial.v_m_s
+    angle = initial.crank_rad % TURN
+    if has_motor:
+        y[2], y[3] = angle, initial.omega_rad_s
+    mode = np.zeros(11, dtype=np.int64)
+    mode[PHASE] = UNSETTLED
+    held = np.zeros(4 if has_motor else 5)
+    held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / natural
+    held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+    if not has_motor:
+        held[CRANK_ANGLE] = angle
+    return Memory(
+        y=y,
+        mode=mode,
+        held=held,
+        contact=np.zeros(6 if is_soft(stop) else 0),
+        impacts=np.zeros((impacts, 6)),
+        observed=np.zeros(7),
+        scale=_scale(parts, accuracy),
+        k=np.zeros((STAGES, size)),
+        trial=np.zeros(size),
+        new=np.zeros(size),
+        dense=np.zeros((motion, DEGREE + 1)),
+        scratch=Scratch(
+            poly=np.zeros(DEGREE + 1),
+            press=np.zeros(DEGREE + 1),
+            stack=np.zeros((DEEPEST_HALVING + 2, DEGREE + 3)),
+        ),
+    )
+
+
+def _scale(parts: Parts, accuracy: float) -> Vector:
+    """Error of one step in each quantity that weighs as much as SHARE_OF_A_STEP of `accuracy` in position."""
+    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    length = max(drive.amplitude_m, 1e-3)
+    motion = [1.0, natural]
+    if isinstance(drive, MotorDrive):
+        motion += [1.0 / length, natural / length]
+    force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
+    ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
+    return SHARE_OF_A_STEP * accuracy * np.array(motion + ledger)

@@ -1,0 +1,414 @@
+"""From phase to phase: what an event does to the state, and which phase follows.
+
+FLIGHT ── touch ──▶ impact at a rigid stop ──▶ FLIGHT, or REST_ON_STOP once the rebound is spent
+       ── touch ──▶ CONTACT with a soft stop ── leave ──▶ FLIGHT
+FLIGHT, CONTACT ── halt ──▶ STICK, or sliding the other way
+STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
+"""
+
+import math
+
+from plant_sim.kernels import by_part, jit, law
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import (
+    HuntCrossley,
+    KelvinVoigt,
+    NoStop,
+    RigidStop,
+    Stop,
+    damping_s_m,
+    elastic_energy_j,
+    elastic_force_n,
+    is_rigid,
+    is_soft,
+    restitution,
+    stop_force_n,
+)
+from plant_sim.sensing import Probe, sense_jump
+from plant_sim.solvers.events import (
+    CLEAR,
+    CRANK_BREAK,
+    CRANK_HALT,
+    HALT,
+    LEAVE,
+    NEAR_RAD,
+    PRESS,
+    RELEASE,
+    TOUCH,
+    TURN,
+)
+from plant_sim.solvers.memory import (
+    APPROACH,
+    CRANK_ANGLE,
+    CRANK_DIRECTION,
+    CRANK_STUCK,
+    DAMPING,
+    DIRECTION,
+    IMPACT_ANGLE,
+    IMPACT_TIME,
+    IMPACTS,
+    IMPULSE,
+    IMPULSE_BEFORE,
+    IN_IMPACT,
+    PEAK,
+    PEAK_FORCE,
+    PHASE,
+    REBOUND,
+    REST_SPEED,
+    TOUCH_ANGLE,
+    TOUCH_SPEED,
+    TOUCH_TIME,
+    TURNS,
+    ZERO_CRANK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    Memory,
+)
+from plant_sim.solvers.motion import CONTACT, FLIGHT, REST, STICK, crank_load_n_m, held_force_n, work_place
+
+TURN_LOW = 2.4492935982947064e-16
+"""By what 2π exceeds its nearest double: with it, many turns taken off leave no drift."""
+
+
+@by_part
+def crank_angle(drive: Drive, memory: Memory) -> float:
+    """Crank angle, rad, at the last step's end."""
+    raise NotImplementedError
+
+
+@law(crank_angle, IdealDrive)
+def _(drive: IdealDrive, memory: Memory) -> float:
+    angle_rad: float = memory.held[CRANK_ANGLE]
+    return angle_rad
+
+
+@law(crank_angle, MotorDrive)
+def _(drive: MotorDrive, memory: Memory) -> float:
+    angle_rad: float = memory.y[2]
+    return angle_rad
+
+
+@by_part
+def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
+    """Carry the crank's angle over a step, within [0, 2π)."""
+    raise NotImplementedError
+
+
+@law(turn_crank, IdealDrive)
+def _(drive: IdealDrive, memory: Memory, h_s: float) -> None:
+    angle_rad, turns = within_a_turn(memory.held[CRANK_ANGLE] + drive.omega_rad_s * h_s)
+    memory.held[CRANK_ANGLE] = angle_rad
+    memory.mode[TURNS] += turns
+
+
+@law(turn_crank, MotorDrive)
+def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
+    angle_rad, turns = within_a_turn(memory.y[2])
+    memory.y[2] = angle_rad
+    memory.mode[TURNS] += turns
+
+
+@jit
+def within_a_turn(angle_rad: float) -> tuple[float, int]:
+    """The angle in [0, 2π) and the whole turns taken off."""
+    turns = math.floor(angle_rad / TURN)
+    if turns == 0:
+        return angle_rad, 0
+    rest = (angle_rad - turns * TURN) - turns * TURN_LOW
+    if rest < 0.0:  # by rounding
+        return rest + TURN, turns - 1
+    return rest, turns
+
+
+@by_part
+def crank_speed(drive: Drive, memory: Memory) -> float:
+    """Crank speed, rad/s, at the last step's end."""
+    raise NotImplementedError
+
+
+@law(crank_speed, IdealDrive)
+def _(drive: IdealDrive, memory: Memory) -> float:
+    return drive.omega_rad_s
+
+
+@law(crank_speed, MotorDrive)
+def _(drive: MotorDrive, memory: Memory) -> float:
+    speed_rad_s: float = memory.y[3]
+    return speed_rad_s
+
+
+@jit
+def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
+    """Find the first phase of a module that has just been set up."""
+    y, mode, stop = memory.y, memory.mode, parts.stop
+    settle_crank(parts.drive, parts, memory, torque_n_m)
+    mode[PHASE] = FLIGHT
+    mode[DIRECTION] = 1 if y[1] > 0.0 else -1
+    if is_soft(stop) and y[0] > 0.0:
+        _open_contact(parts, memory, time_s, 0)
+        if stop_force_n(stop, elastic_force_n(stop, y[0]), y[1], memory.contact[DAMPING]) < 0.0:
+            mode[PHASE] = FLIGHT
+            mode[IN_IMPACT] = 0
+    if y[1] == 0.0:
+        _from_rest(parts, memory, time_s)
+    elif y[0] == 0.0 and y[1] < 0.0:
+        mode[ZERO_DEPTH] = 1
+
+
+@by_part
+def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Whether a resting crank stays at rest under this torque, and else which way it turns."""
+    raise NotImplementedError
+
+
+@law(settle_crank, IdealDrive)
+def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    return
+
+
+@law(settle_crank, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    y, mode = memory.y, memory.mode
+    mode[CRANK_STUCK] = 0
+    mode[ZERO_CRANK] = 0
+    if drive.dry_n_m == 0.0:
+        mode[CRANK_DIRECTION] = 0
+        return
+    if y[3] != 0.0:
+        mode[CRANK_DIRECTION] = 1 if y[3] > 0.0 else -1
+        return
+    torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
+    net = torque - crank_load_n_m(parts, y[2], y[0])
+    mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
+    mode[ZERO_CRANK] = 1
+    if abs(net) <= drive.dry_n_m:
+        mode[CRANK_DIRECTION] = 0
+        mode[CRANK_STUCK] = 1
+
+
+@jit
+def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: int, time_s: float) -> None:
+    """What an event does."""
+    if event == TOUCH:
+        _touch(parts, probe, memory, time_s)
+    elif event == PRESS:
+        _press(parts, memory, time_s)
+    elif event == LEAVE:
+        _leave(parts, memory)
+    elif event == CLEAR:
+        memory.y[0] = 0.0
+        memory.mode[ZERO_DEPTH] = 1
+    elif event == HALT:
+        memory.y[1] = 0.0
+        _from_rest(parts, memory, time_s)
+    elif event == RELEASE:
+        _release(parts, memory, time_s)
+    elif event == CRANK_HALT:
+        _halt_crank(parts.drive, parts, memory, torque_n_m)
+    elif event == CRANK_BREAK:
+        _break_crank(parts.drive, parts, memory, torque_n_m)
+
+
+@by_part
+def _halt_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    raise NotImplementedError
+
+
+@law(_halt_crank, IdealDrive)
+def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    return
+
+
+@law(_halt_crank, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    memory.y[3] = 0.0
+    settle_crank(drive, parts, memory, torque_n_m)
+
+
+@by_part
+def _break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    raise NotImplementedError
+
+
+@law(_break_crank, IdealDrive)
+def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    return
+
+
+@law(_break_crank, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
+    net = torque - crank_load_n_m(parts, memory.y[2], memory.y[0])
+    memory.mode[CRANK_STUCK] = 0
+    memory.mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
+    memory.mode[ZERO_CRANK] = 2
+
+
+@jit
+def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
+    """Reach the stop from outside, at depth 0."""
+    y, mode = memory.y, memory.mode
+    y[0] = 0.0
+    v = y[1]
+    if v < 0.0:  # a graze that rounding made an event
+        mode[ZERO_DEPTH] = 1
+    elif v == 0.0:
+        _from_rest(parts, memory, time_s)
+    elif is_soft(parts.stop):
+        _open_contact(parts, memory, time_s, _leaving_zeros(parts.stop))
+    else:
+        _strike(parts, probe, memory, time_s)
+        if y[1] > -memory.held[REST_SPEED]:
+            loss = 0.5 * parts.striker.mass_kg * y[1] * y[1]
+            y[work_place(parts.drive) + 2] += loss
+            y[1] = 0.0
+            _from_rest(parts, memory, time_s)
+
+
+@jit
+def _strike(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
+    """Newton's law: v⁺ = −k v⁻."""
+    mass, k = parts.striker.mass_kg, restitution(parts.stop)
+    v = memory.y[1]
+    memory.y[1] = -k * v
+    memory.y[work_place(parts.drive) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
+    memory.mode[DIRECTION] = -1
+    memory.mode[ZERO_DEPTH] = 1
+    _record(memory, time_s, v, k * v, mass * (1.0 + k) * v, math.nan, crank_angle(parts.drive, memory))
+    sense_jump(probe, (1.0 + k) * v)
+
+
+@by_part
+def _leaving_zeros(stop: Stop) -> int:
+    """How many derivatives of what ends a contact are zero where it begins, at depth 0 with some speed."""
+    raise NotImplementedError
+
+
+@law(_leaving_zeros, NoStop, RigidStop, HuntCrossley)
+def _(stop: NoStop | RigidStop | HuntCrossley) -> int:
+    return 1
+
+
+@law(_leaving_zeros, KelvinVoigt)
+def _(stop: KelvinVoigt) -> int:
+    return 0 if stop.damping_n_s_m > 0.0 else 1
+
+
+@jit
+def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
+    y, mode, contact = memory.y, memory.mode, memory.contact
+    mode[PHASE] = CONTACT
+    mode[IN_IMPACT] = 1
+    mode[ZERO_DEPTH] = zeros
+    speed = max(y[1], 0.0)
+    contact[TOUCH_TIME] = time_s
+    contact[TOUCH_SPEED] = speed
+    contact[TOUCH_ANGLE] = crank_angle(parts.drive, memory)
+    contact[DAMPING] = damping_s_m(parts.stop, speed)
+    contact[PEAK] = 0.0
+    contact[IMPULSE_BEFORE] = y[work_place(parts.drive) + 3]
+
+
+@jit
+def _press(parts: Parts, memory: Memory, time_s: float) -> None:
+    """Meet a stop that let go early and has not yet been left: it holds its spring's energy again."""
+    memory.y[work_place(parts.drive) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
+    _open_contact(parts, memory, time_s, 1)
+
+
+@jit
+def _leave(parts: Parts, memory: Memory) -> None:
+    """The end of a contact; what a stop that lets go early still holds is lost in its relaxing."""
+    y, mode, contact = memory.y, memory.mode, memory.contact
+    if _leaving_zeros(parts.stop) == 1:
+        y[0] = 0.0
+    y[work_place(parts.drive) + 2] += elastic_energy_j(parts.stop, y[0])
+    mode[PHASE] = FLIGHT
+    mode[IN_IMPACT] = 0
+    mode[ZERO_DEPTH] = 1 if y[1] < 0.0 else 2
+    _record(
+        memory,
+        contact[TOUCH_TIME],
+        contact[TOUCH_SPEED],
+        -y[1],
+        y[work_place(parts.drive) + 3] - contact[IMPULSE_BEFORE],
+        contact[PEAK],
+        contact[TOUCH_ANGLE],
+    )
+
+
+@jit
+def _from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
+    """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
+    y, mode = memory.y, memory.mode
+    net = held_force_n(parts, crank_angle(parts.drive, memory), y[0])
+    limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
+    growth, near = _pull_growth(parts, memory)
+    is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
+    breaks_forward = not is_on_stop and (net > limit or (net > limit - near and growth > 0.0))
+    breaks_back = net < -limit or (net < near - limit and growth < 0.0)
+    if not breaks_forward and not breaks_back and (is_on_stop or limit > 0.0):
+        mode[PHASE] = REST if is_on_stop else STICK
+        return
+    is_pulled = abs(net) > limit
+    forward = net > 0.0 if is_pulled or net != 0.0 else growth >= 0.0
+    _set_off(parts, memory, time_s, forward, 1 if is_pulled else 2)
+
+
+@jit
+def _pull_growth(parts: Parts, memory: Memory) -> tuple[float, float]:
+    """Growth of the spring's pull with time, N/s, and how much it changes within NEAR_RAD, N.
+
+    Where the piston turns round there is no growth to speak of: nothing breaks away there on its own.
+    """
+    cosine = math.cos(crank_angle(parts.drive, memory))
+    if abs(cosine) < 1e-4:
+        return 0.0, 0.0
+    per_rad = parts.striker.spring_n_m * parts.drive.amplitude_m * cosine
+    return per_rad * crank_speed(parts.drive, memory), abs(per_rad) * NEAR_RAD
+
+
+@jit
+def _release(parts: Parts, memory: Memory, time_s: float) -> None:
+    """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
+    net = held_force_n(parts, crank_angle(parts.drive, memory), memory.y[0])
+    forward = net > 0.0 and memory.mode[PHASE] == STICK
+    _set_off(parts, memory, time_s, forward, 2)
+
+
+@jit
+def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
+    """Slide on from v = 0, of whose derivatives, v included, `zeros` are zero."""
+    y, mode = memory.y, memory.mode
+    mode[DIRECTION] = 1 if forward else -1
+    mode[ZERO_VELOCITY] = zeros
+    if mode[IN_IMPACT] == 1:
+        mode[PHASE] = CONTACT
+        return
+    mode[PHASE] = FLIGHT
+    if y[0] == 0.0 and not forward:
+        mode[ZERO_DEPTH] = zeros + 1
+    elif is_soft(parts.stop) and y[0] == 0.0:
+        _open_contact(parts, memory, time_s, zeros + _leaving_zeros(parts.stop))
+
+
+@jit
+def _record(
+    memory: Memory,
+    time_s: float,
+    approach_m_s: float,
+    rebound_m_s: float,
+    impulse_n_s: float,
+    peak_force_n: float,
+    angle_rad: float,
+) -> None:
+    row = memory.impacts[memory.mode[IMPACTS]]
+    row[IMPACT_TIME] = time_s
+    row[APPROACH] = approach_m_s
+    row[REBOUND] = rebound_m_s
+    row[IMPULSE] = impulse_n_s
+    row[PEAK_FORCE] = peak_force_n
+    row[IMPACT_ANGLE] = angle_rad
+    memory.mode[IMPACTS] += 1
