@@ -75,6 +75,20 @@ def _compiled(function: Callable[_P, _R], *, parallel: bool) -> Callable[_P, _R]
     return kernel
 
 
+def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:
+    """The machine code of a kernel for arguments of these very types, compiled or loaded now.
+
+    It skips the look-up of the arguments' types, which for nested records takes longer than a short kernel;
+    whoever calls it keeps to those types.
+    """
+    dispatcher: Any = kernel
+    typeof: Callable[[object], types.Type] = numba.typeof
+    signature = tuple(typeof(argument) for argument in arguments)
+    dispatcher.compile(signature)
+    compiled: Callable[..., _R] = dispatcher.overloads[signature].entry_point
+    return compiled
+
+
 def by_part(generic: _Generic) -> _Generic:
     """A function with one law per type of its first argument, chosen when a kernel is compiled.
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from plant_sim.sensors import AccelerometerModel, EncoderModel, SensorModels
+from plant_sim.sensor_models import AccelerometerModel, EncoderModel, SensorModels
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, jit, law
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.sensors import AccelerometerModel, SensorModels
+from plant_sim.sensor_models import AccelerometerModel, SensorModels
 from plant_sim.solvers.bernstein import DEGREE
 from plant_sim.solvers.motion import SPEED, VELOCITY, Vector
 

@@ -1,31 +1,62 @@
-"""Sensors: low-pass, then noise and bias, then clip, then quantise."""
+"""Readings: what the low-passes hold, then noise and bias, then clipped, then quantised."""
 
+import math
 from typing import NamedTuple
 
+import numpy as np
 
-class AccelerometerModel(NamedTuple):
-    """One accelerometer's numbers; noise is a one-sided density."""
-
-    range_m_s2: float
-    count_m_s2: float
-    noise_m_s2_rthz: float
-    bias_m_s2: float
-    bandwidth_hz: float
+from plant_sim.sensing import HIGH, LOW, Sensing, filtered_acceleration_m_s2, filtered_speed_rad_s
+from plant_sim.sensor_models import AccelerometerModel, SensorModels
 
 
-class EncoderModel(NamedTuple):
-    """The drive's encoder: counts per revolution, and its speed estimate's bandwidth and noise (rms)."""
+class SensorReading(NamedTuple):
+    """One sample of everything. A housing that does not move reads its bias and noise."""
 
-    counts: int
-    bandwidth_rad_s: float
-    noise_rad_s: float
+    striker_low_m_s2: float
+    striker_high_m_s2: float
+    housing_m_s2: float
+    encoder_position_rev: float
+    encoder_velocity_rev_s: float
 
 
-class SensorModels(NamedTuple):
-    """All sensors of a scene."""
+class Accelerometer:
+    """The part of an accelerometer behind its low-pass."""
 
-    striker_low: AccelerometerModel
-    striker_high: AccelerometerModel
-    housing: AccelerometerModel
-    encoder: EncoderModel
-    rigid_contact_s: float
+    def __init__(self, model: AccelerometerModel) -> None:
+        # A Butterworth of second order passes the noise of π/(2√2) f_c.
+        bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * model.bandwidth_hz
+        self._count_m_s2 = model.count_m_s2
+        self._bias = model.bias_m_s2 / model.count_m_s2
+        self._noise = model.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / model.count_m_s2
+        # The positive full scale of two's complement is one count short of the range.
+        self._most = math.ceil(model.range_m_s2 / model.count_m_s2) - 1
+
+    def read(self, filtered_m_s2: float, noise: float) -> float:
+        """One reading, m/s², of the low-passed truth and a standard normal; it saturates in counts."""
+        count = round(filtered_m_s2 / self._count_m_s2 + self._bias + self._noise * noise)
+        return min(max(count, -self._most), self._most) * self._count_m_s2
+
+
+class Sensors:
+    """All sensors of a module, read together."""
+
+    def __init__(self, models: SensorModels, sensing: Sensing, noise: np.random.Generator) -> None:
+        self._low = Accelerometer(models.striker_low)
+        self._high = Accelerometer(models.striker_high)
+        self._housing = Accelerometer(models.housing)
+        self._encoder = models.encoder
+        self._sensing = sensing
+        self._noise = noise
+
+    def read(self, crank_rad: float) -> SensorReading:
+        """Read every sensor once, with new noise. The encoder is circular, [0, 1) revolutions."""
+        low, high, housing, speed = self._noise.standard_normal(4).tolist()
+        counts = self._encoder.counts
+        speed_rad_s = filtered_speed_rad_s(self._sensing) + self._encoder.noise_rad_s * speed
+        return SensorReading(
+            self._low.read(filtered_acceleration_m_s2(self._sensing, LOW), low),
+            self._high.read(filtered_acceleration_m_s2(self._sensing, HIGH), high),
+            self._housing.read(0.0, housing),
+            math.floor(crank_rad / (2.0 * math.pi) * counts) % counts / counts,
+            speed_rad_s / (2.0 * math.pi),
+        )

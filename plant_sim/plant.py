@@ -1,0 +1,178 @@
+"""The module as a thing that lives tick by tick: a torque goes in, readings come out."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from plant_sim.kernels import entry_point
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.result import EnergyLedger, MotionState, Phase
+from plant_sim.scene import Scene
+from plant_sim.sensing import NoSensing, Probe, allocate_sensing
+from plant_sim.sensors import SensorReading, Sensors
+from plant_sim.solvers.adaptive import (
+    BUFFER_FULL,
+    DONE,
+    NO_GRID,
+    NO_SAMPLES,
+    SolverError,
+    advance,
+    complaint,
+    ledger,
+    motion_state,
+)
+from plant_sim.solvers.memory import (
+    ACCELERATION,
+    ANGLE_NOW,
+    CURRENT,
+    ELAPSED,
+    IMPACTS,
+    MOTOR_TORQUE,
+    STOP_FORCE,
+    STORED,
+    allocate,
+)
+
+IMPACTS_A_CALL = 64
+"""Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
+
+
+class PlantError(ValueError):
+    """A call that the plant cannot answer."""
+
+
+class Impact(NamedTuple):
+    """One blow. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the speeds before and after it.
+
+    `peak_force_n` is nan at a rigid stop, which has none.
+    """
+
+    t_s: float
+    v_m_s: float
+    v_after_m_s: float
+    impulse_n_s: float
+    peak_force_n: float
+    crank_rad: float
+
+
+class Plant:
+    """A scene's module, advanced under a held torque; its sensors' noise is drawn from `seed`."""
+
+    def __init__(self, scene: Scene, seed: int) -> None:
+        self.scene = scene
+        self.parts = scene.parts()
+        initial = initial_state(scene)
+        self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
+        self._sensors: Sensors | None = None
+        self._probe: Probe = NoSensing()
+        if scene.sensors is not None:
+            models = scene.sensors.models()
+            sensing = allocate_sensing(models, initial.omega_rad_s)
+            self._probe = sensing
+            self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
+        self._t_s = initial.t_s
+        self._t_rest_s = 0.0
+        self._impacts: list[Impact] = []
+        self._advance = _compiled_advance(self)
+        self._call(0.0, 0.0)
+        self._stored_before_j = float(self._memory.observed[STORED])
+
+    def advance(self, torque_n_m: float, dt_s: float) -> None:
+        """Move on by `dt_s` under a held motor torque command (an ideal drive takes no notice of it)."""
+        if not (math.isfinite(torque_n_m) and math.isfinite(dt_s) and dt_s >= 0.0):
+            raise PlantError(
+                f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
+            )
+        self._call(torque_n_m, dt_s)
+        # Neumaier's sum: a day of ticks adds up to a day.
+        t_s = self._t_s + dt_s
+        self._t_rest_s += (self._t_s - t_s) + dt_s
+        self._t_s = t_s
+
+    def _call(self, torque_n_m: float, dt_s: float) -> None:
+        memory = self._memory
+        memory.held[ELAPSED] = 0.0
+        while True:
+            status = self._advance(
+                self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID, NO_SAMPLES
+            )
+            if memory.mode[IMPACTS]:
+                self._impacts += [Impact(*row) for row in memory.impacts[: memory.mode[IMPACTS]].tolist()]
+                memory.mode[IMPACTS] = 0
+            if status == DONE:
+                return
+            if status != BUFFER_FULL:
+                raise SolverError(complaint(status, self.parts, memory, self.t_s))
+
+    def sense(self) -> SensorReading:
+        """Sample every sensor now; each call draws new noise."""
+        if self._sensors is None:
+            raise PlantError("the scene has no sensors; add the table [sensors]")
+        return self._sensors.read(float(self._memory.observed[ANGLE_NOW]))
+
+    def take_impacts(self) -> list[Impact]:
+        """Impacts completed since the last call, oldest first (at a soft stop: those already separated)."""
+        impacts, self._impacts = self._impacts, []
+        return impacts
+
+    @property
+    def t_s(self) -> float:
+        """Time since the start, s."""
+        return self._t_s + self._t_rest_s
+
+    @property
+    def state(self) -> MotionState:
+        """The true motion now."""
+        return motion_state(self.parts, self._memory, self.t_s)
+
+    @property
+    def accel_m_s2(self) -> float:
+        """The striker's true x'', m/s²."""
+        return float(self._memory.observed[ACCELERATION])
+
+    @property
+    def stop_force_n(self) -> float:
+        """A soft stop's force on the striker, N; a rigid one's is no number."""
+        return float(self._memory.observed[STOP_FORCE])
+
+    @property
+    def motor_torque_n_m(self) -> float:
+        """The motor's torque on the crank before its losses, N m."""
+        return float(self._memory.observed[MOTOR_TORQUE])
+
+    @property
+    def current_a(self) -> float:
+        """The motor's torque-producing current, A."""
+        return float(self._memory.observed[CURRENT])
+
+    @property
+    def energy(self) -> EnergyLedger:
+        """Where the energy went since the start."""
+        return ledger(self.parts, self._memory, self._stored_before_j)
+
+
+def initial_state(scene: Scene) -> MotionState:
+    """The module at t = 0; its phase is for the solver to find."""
+    drive = scene.parts().drive
+    return MotionState(
+        t_s=0.0,
+        x_m=scene.initial_x_m,
+        v_m_s=scene.initial.v_m_s,
+        crank_rad=drive.phase_rad,
+        omega_rad_s=drive.omega_rad_s if isinstance(drive, IdealDrive) else 0.0,
+        phase=Phase.FLIGHT,
+    )
+
+
+def warm(scene: Scene) -> None:
+    """Compile, or load from the cache, all that a plant of this scene runs, before any clock starts."""
+    plant = Plant(scene, seed=0)
+    plant.advance(0.0, 1e-3)
+    if scene.sensors is not None:
+        plant.sense()
+
+
+def _compiled_advance(plant: Plant) -> Callable[..., int]:
+    return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)
