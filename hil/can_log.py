@@ -20,6 +20,10 @@ class CanLog:
         stamp = f"({t_us // 1_000_000}.{t_us % 1_000_000:06d}) {CHANNEL} "
         self._file.writelines([f"{stamp}{can_id:03X}#{data.hex().upper()}\n" for can_id, data in frames])
 
+    def flush(self) -> None:
+        """Hand what was written to the operating system."""
+        self._file.flush()
+
     def close(self) -> None:
         """Write what is left."""
         self._file.close()

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
 from firmware_py.core.step import Config
@@ -25,6 +24,10 @@ from plant_sim.scene_tables import Table
 SCENARIOS = Path(__file__).parent / "scenarios"
 LARGEST_RATIO = 4.0
 """The command frame carries no more."""
+
+
+REALTIME_PERIOD_S = 1e-3
+"""What classic CAN at 1 Mbit/s carries."""
 
 
 class ScenarioError(ValueError):
@@ -105,10 +108,6 @@ class Scenario:
         """Ticks of the whole run."""
         return round(self.duration_s / self.period_s)
 
-    def write(self, path: Path) -> None:
-        """Write the scenario as run."""
-        path.write_text(tomli_w.dumps(self.document))
-
 
 def scenario_names() -> list[str]:
     """The scenarios that come with the package."""
@@ -180,3 +179,12 @@ def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
         checks=tuple(table.checks),
         document=document,
     )
+
+
+def refuse_other_periods(period_s: float) -> None:
+    """Only lockstep may tick faster or slower than the bus carries."""
+    if period_s != REALTIME_PERIOD_S:
+        raise ScenarioError(
+            f"firmware.control.tick_s = {period_s}: in real time the bus carries one tick a "
+            f"{REALTIME_PERIOD_S} s; leave it out, or run with --clock lockstep"
+        )

@@ -37,6 +37,16 @@ class ProvidedBus:
         """The process that is the bus, if there is one, by its name."""
         return {} if self.holder is None else {self.holder.name: self.holder}
 
+    @property
+    def described(self) -> dict[str, str | bool]:
+        """What a run says of its bus."""
+        return {
+            "bus": self.name,
+            "bus_address": self.address,
+            "bus_reason": self.reason,
+            "kernel_can": self.kernel_can,
+        }
+
     def close(self) -> None:
         """Take down what was put up."""
         if self.holder is not None:
@@ -80,7 +90,7 @@ def provide_vcan(reason: str) -> ProvidedBus:
     if not has_kernel_can():
         raise BusError(
             "bus vcan: this kernel has no CAN sockets; wanted one with the modules can, can-raw and vcan, or "
-            " `vibrohil kernel -- vibrohil run … --bus vcan`"
+            "`vibrohil kernel -- vibrohil run … --bus vcan`"
         )
     folder = private_folder()
     holder = Child("vcan", [sys.executable, "-m", "hil.bus.vcan", str(folder)])

@@ -1,0 +1,228 @@
+"""A whole run: folder, bus, processes, common start, supervision, and the finished log.
+
+In real time this process plays the operator, 100 times a second, and watches the others between its frames:
+a child that ends early is named within 50 ms, the others go on for half a second so that their reaction is in
+the log, then all are stopped in order and the run folder is finished as after any run.
+"""
+
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from hil import run_folder, rundir
+from hil.bus import ProvidedBus, join, provide
+from hil.clock import NS_PER_S, MonotonicClock
+from hil.lockstep import run_lockstep
+from hil.loop import FixedRateLoop, LoopTiming
+from hil.nodes import OperatorRunner, Pace
+from hil.operator import OPERATOR_PERIOD_S
+from hil.processes import Child, ChildError
+from hil.scenario import Scenario, refuse_other_periods
+from hil.warm import warm_firmware, warm_plant
+
+Progress = Callable[[float, str], None]
+ClockName = Literal["real", "lockstep"]
+
+INTERRUPTED = "interrupted by Ctrl-C"
+READY_TIMEOUT_S = 120.0
+"""For imports and kernels that have never been compiled, on a busy machine."""
+START_DELAY_S = 0.3
+REACTION_S = 0.5
+"""How long the survivors of a dead node are watched."""
+END_TIMEOUT_S = 5.0
+
+
+class BenchError(RuntimeError):
+    """A run that could not be started."""
+
+
+@dataclass
+class Outcome:
+    """How a run ended; outcome.json."""
+
+    wall_s: float = 0.0
+    """Elapsed from the start to the end of the loops."""
+    reasons: list[str] = field(default_factory=list)
+    """Why the run is no good whatever its checks say: one sentence each."""
+    baseline_overruns: int | None = None
+
+
+def run_scenario(
+    scenario: Scenario, clock: ClockName, bus: str, out_dir: Path | None, seed: int, progress: Progress
+) -> dict[str, Any]:
+    """Run `scenario` and give its verdict; everything about the run is in its folder."""
+    if clock == "lockstep":
+        run_dir, outcome = in_lockstep(scenario, out_dir, seed, progress)
+    else:
+        refuse_other_periods(scenario.period_s)
+        with provide(bus) as provided:
+            run_dir = run_folder.create(scenario, out_dir, "real", provided.described, seed)
+            outcome = RealTimeRun(scenario, run_dir, seed, provided, progress).run()
+    progress(1.0, "writing log and verdict")
+    verdict = rundir.finish(run_dir)
+    if INTERRUPTED in outcome.reasons:
+        raise KeyboardInterrupt
+    return verdict
+
+
+def in_lockstep(
+    scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress
+) -> tuple[Path, Outcome]:
+    """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
+    progress(0.0, "compiling kernels")
+    warm_plant(scenario.scene)
+    warm_firmware(scenario.parameters)
+    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False}
+    run_dir = run_folder.create(scenario, out_dir, "lockstep", bus, seed)
+    run_folder.note(run_dir, t0_ns=0, wall_start_s=0.0)
+    run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
+    outcome = Outcome()
+    started = time.perf_counter()
+    try:
+        run_lockstep(scenario, run_dir, seed, progress)
+    except KeyboardInterrupt:
+        outcome.reasons.append(INTERRUPTED)
+    outcome.wall_s = time.perf_counter() - started
+    run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    return run_dir, outcome
+
+
+def program() -> str:
+    """The installed `vibrohil`, by which its nodes are known in the list of processes."""
+    beside = Path(sys.executable).with_name("vibrohil")
+    found = str(beside) if beside.exists() else shutil.which("vibrohil")
+    if found is None:
+        raise BenchError(f"no program vibrohil beside {sys.executable} or on PATH; run `make setup`")
+    return found
+
+
+class RealTimeRun:
+    """One run on the wall clock, with a process for each node."""
+
+    def __init__(
+        self, scenario: Scenario, run_dir: Path, seed: int, provided: ProvidedBus, progress: Progress
+    ) -> None:
+        self.scenario = scenario
+        self.run_dir = run_dir
+        self.seed = seed
+        self.provided = provided
+        self.progress = progress
+        self.clock = MonotonicClock()
+        self.outcome = Outcome()
+        self.children: dict[str, Child] = {}
+
+    def run(self) -> Outcome:
+        """Start, run, stop in order; how it ended is noted whatever happens."""
+        with ExitStack() as stack:
+            stack.callback(self.write_outcome)
+            stack.callback(self.stop_all)
+            self.start_all()
+            operator_bus = join(self.provided.address, accept=())
+            stack.callback(operator_bus.close)
+            pace = Pace(self.scenario.period_s, self.scenario.duration_s)
+            operator = OperatorRunner(self.scenario.commands, pace, operator_bus, self.run_dir)
+            stack.callback(operator.close)
+            t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+            wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
+            run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
+            for child in self.children.values():
+                child.tell(str(t0_ns))
+            try:
+                self.attend(operator, t0_ns)
+                if not self.outcome.reasons:
+                    self.await_ends()
+            except KeyboardInterrupt:
+                self.outcome.reasons.append(INTERRUPTED)
+            self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / NS_PER_S
+        return self.outcome
+
+    @property
+    def watched(self) -> dict[str, Child]:
+        """Every process whose end would end the run."""
+        return {**self.children, **self.provided.processes}
+
+    def commands(self) -> dict[str, list[str]]:
+        """The command line of each child, in the order in which they are stopped."""
+        address = self.provided.address
+        scenario = str(self.run_dir / "scenario.toml")
+        duration = str(self.scenario.duration_s)
+        common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
+        python = [sys.executable, "-m"]
+        return {
+            "firmware": [program(), "firmware", scenario, *common],
+            "plant": [program(), "plant", scenario, *common, "--seed", str(self.seed)],
+            "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
+            "recorder": [*python, "hil.recorder", str(self.run_dir), "--bus", address],
+        }
+
+    def start_all(self) -> None:
+        """Start the children together and wait until each is warm and on the bus."""
+        self.progress(0.0, f"starting on {self.provided.name}")
+        for name, command in self.commands().items():
+            self.children[name] = Child(name, command, self.run_dir / f"{name}.log")
+        pids = {name: child.pid for name, child in self.watched.items()}
+        run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
+        allowed = {}
+        for name, child in self.children.items():
+            try:
+                said = child.wait_ready(READY_TIMEOUT_S)
+            except ChildError as error:
+                self.outcome.reasons.append(str(error))
+                raise BenchError(str(error)) from error
+            if said:
+                allowed[name] = json.loads(said)
+        run_folder.note(self.run_dir, realtime=allowed)
+
+    def attend(self, operator: OperatorRunner, t0_ns: int) -> None:
+        """Play the operator to the end of the script, or until some time after a child has died."""
+        period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
+        loop = FixedRateLoop(self.clock, t0_ns, period_ns)
+        periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
+        last_period = periods
+        dead: set[str] = set()
+
+        def step(period: int, _: int) -> None:
+            nonlocal last_period
+            operator.step(period)
+            for name, child in self.watched.items():
+                if name not in dead and child.ended:
+                    dead.add(name)
+                    at_s = period * OPERATOR_PERIOD_S
+                    self.outcome.reasons.append(f"{child.how_it_ended()} at {at_s:.2f} s")
+                    last_period = min(last_period, period + round(REACTION_S / OPERATOR_PERIOD_S))
+            if period >= last_period:
+                loop.stop()
+            if period % 10 == 0:
+                self.progress(period / periods, "running")
+
+        def record(_: int, __: LoopTiming) -> None:
+            """The operator's own timing is nobody's concern."""
+
+        loop.run(periods, step, record)
+
+    def await_ends(self) -> None:
+        """The loops end by themselves within a tick or two of the script."""
+        for name in ("firmware", "plant", "baseline"):
+            child = self.children[name]
+            if not child.wait(END_TIMEOUT_S):
+                self.outcome.reasons.append(f"{name} did not end within {END_TIMEOUT_S:g} s of the script")
+            elif not child.succeeded:
+                self.outcome.reasons.append(child.how_it_ended())
+
+    def stop_all(self) -> None:
+        """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""
+        said = {name: child.stop().strip() for name, child in self.children.items()}
+        nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}
+        run_folder.note(self.run_dir, nodes=nodes)
+        self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")
+
+    def write_outcome(self) -> None:
+        """outcome.json."""
+        run_folder.write_json(self.run_dir / "outcome.json", vars(self.outcome))

@@ -1,0 +1,117 @@
+"""Firmware and plant as processes of their own: join a bus, warm up, start together, run to the end."""
+
+import json
+import signal
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from firmware_py.interface import codec
+from firmware_py.shell.parameters import config_from
+from hil.bus import Bus, join, provide
+from hil.clock import NS_PER_S, MonotonicClock
+from hil.loop import FixedRateLoop
+from hil.nodes import FirmwareRunner, Pace, PlantRunner
+from hil.plant_node import ACCEPTED_IDS
+from hil.processes import READY, read_start_ns
+from hil.realtime import NODE_PRIORITY, become_realtime, die_with_parent
+from hil.scenario import changed, load_scenario, refuse_other_periods
+from hil.warm import warm_firmware, warm_plant
+
+START_DELAY_S = 0.2
+"""A node alone starts so long after it is ready."""
+
+FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
+"""All that the firmware listens to."""
+
+
+def firmware_main(
+    scenario: str | None,
+    settings: Sequence[str],
+    bus: str,
+    out_dir: Path | None,
+    sync: bool,
+    until_s: float | None,
+) -> None:
+    """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
+    if scenario is None:
+        parameters = changed({"firmware": {}}, settings)["firmware"]
+    else:
+        parameters = load_scenario(scenario, settings).parameters
+    pace = Pace(config_from(parameters).tick_s, until_s)
+    refuse_other_periods(pace.period_s)
+    with own_lifetime(sync), joined(bus, FIRMWARE_IDS) as node_bus:
+        warm_firmware(parameters)
+        runner = FirmwareRunner(parameters, pace, node_bus, out_dir)
+        run_loop(runner, pace, 0.5, node_bus, sync)
+
+
+def plant_main(
+    scenario: str,
+    settings: Sequence[str],
+    bus: str,
+    out_dir: Path | None,
+    seed: int,
+    sync: bool,
+    until_s: float | None,
+) -> None:
+    """`vibrohil plant`: the module of a scenario's scene on `bus`, with its drive and its sensors."""
+    loaded = load_scenario(scenario, settings)
+    pace = Pace(loaded.period_s, until_s)
+    refuse_other_periods(pace.period_s)
+    with own_lifetime(sync), joined(bus, ACCEPTED_IDS) as node_bus:
+        warm_plant(loaded.scene)
+        runner = PlantRunner(loaded.scene, seed, pace, node_bus, out_dir)
+        run_loop(runner, pace, 0.0, node_bus, sync)
+
+
+@contextmanager
+def own_lifetime(sync: bool) -> Iterator[None]:
+    """A node that others start ends with them, and leaves Ctrl-C to them."""
+    if sync:
+        die_with_parent()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield
+
+
+@contextmanager
+def joined(spec: str, accept: Collection[int]) -> Iterator[Bus]:
+    """The bus `spec` names, made first where need be; says on standard error how others join it."""
+    with provide(spec) as provided:
+        if provided.address != spec:
+            print(
+                f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
+                file=sys.stderr,
+            )
+        node_bus = join(provided.address, accept)
+        try:
+            yield node_bus
+        finally:
+            node_bus.close()
+
+
+def run_loop(
+    runner: FirmwareRunner | PlantRunner, pace: Pace, offset: float, node_bus: Bus, sync: bool
+) -> None:
+    """Start at the common time, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
+    clock = MonotonicClock()
+    period_ns = round(pace.period_s * NS_PER_S)
+    report = become_realtime(NODE_PRIORITY)
+    if sync:
+        print(READY, json.dumps(report._asdict()), flush=True)
+        t0_ns = read_start_ns()
+    else:
+        t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+        print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
+    loop = FixedRateLoop(clock, t0_ns, period_ns, round(offset * period_ns))
+    for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: loop.stop())
+    node_bus.receive()  # what was sent before the start is not of this run
+    try:
+        loop.run(pace.ticks, runner.step, runner.record)
+    finally:
+        runner.close()
+    summary = {"overruns": loop.overruns, **asdict(node_bus.counters)}
+    print(json.dumps(summary), file=sys.stdout if sync else sys.stderr, flush=True)

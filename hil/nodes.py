@@ -1,0 +1,138 @@
+"""The bench's nodes between bus and trace: what a loop calls each tick, in lockstep and real time alike."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.step import Outputs, State
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.node import Counters, FirmwareNode
+from firmware_py.shell.parameters import config_from
+from hil.loop import LoopTiming
+from hil.operator import Command, OperatorNode, OperatorRecord
+from hil.plant_node import ImpactRecord, PlantNode, PlantRecord
+from hil.trace import TraceWriter
+from plant_sim.scene import Scene
+
+LONGEST_PREALLOCATED_S = 120.0
+"""Traces of longer runs grow while the loop runs, 8 MB at a time."""
+
+
+class NodeBus(Protocol):
+    """What a node needs of its bus."""
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Send frames in order."""
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived."""
+
+
+class Pace(NamedTuple):
+    """How fast nodes tick and for how long; None: until they are stopped."""
+
+    period_s: float
+    duration_s: float | None
+
+    @property
+    def ticks(self) -> int | None:
+        """Ticks of the whole run."""
+        return None if self.duration_s is None else round(self.duration_s / self.period_s)
+
+    @property
+    def expected_records(self) -> int:
+        """Records that a trace makes room for at the start."""
+        return round(min(self.duration_s or 0.0, LONGEST_PREALLOCATED_S) / self.period_s)
+
+
+class PlantRunner:
+    """The plant's node at t_k: publish, obey what has arrived, move on."""
+
+    def __init__(self, scene: Scene, seed: int, pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
+        self.node = PlantNode(scene, seed, pace.period_s)
+        self.bus = bus
+        self._trace = self._impacts = None
+        if out_dir is not None:
+            fields = [("", PlantRecord), ("", LoopTiming)]
+            self._trace = TraceWriter(out_dir / "plant.trace", fields, pace.expected_records)
+            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)])
+
+    def step(self, _: int, elapsed_ticks: int) -> None:
+        """One tick. Time that the loop has skipped passes for the plant first, with the torque it had."""
+        node, bus = self.node, self.bus
+        if elapsed_ticks > 1:
+            node.wait(elapsed_ticks - 1)
+        bus.send_all(node.publish())
+        node.advance(bus.receive())
+
+    def record(self, _: int, timing: LoopTiming) -> None:
+        """Append the tick's records."""
+        impacts = self.node.take_impacts()
+        if self._trace is None or self._impacts is None:
+            return
+        self._trace.append(self.node.record, timing)
+        for impact in impacts:
+            self._impacts.append(impact)
+
+    def close(self) -> None:
+        """Close the traces."""
+        if self._trace is not None and self._impacts is not None:
+            self._trace.close()
+            self._impacts.close()
+
+
+class FirmwareRunner:
+    """The firmware's node at t_k + T/2: take what has arrived, tick, send."""
+
+    def __init__(self, parameters: Mapping[str, Any], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
+        self.node = FirmwareNode(config_from(parameters), parameters)
+        self.bus = bus
+        self._period_s = pace.period_s
+        self._trace = None
+        if out_dir is not None:
+            fields = [
+                ("tick", int),
+                ("t_s", float),
+                ("inputs", Inputs),
+                ("state", State),
+                ("outputs", Outputs),
+                ("counters", Counters),
+                ("", LoopTiming),
+            ]
+            self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records)
+
+    def step(self, _: int, elapsed_ticks: int) -> None:
+        """One tick."""
+        bus = self.bus
+        bus.send_all(self.node.tick(bus.receive(), elapsed_ticks))
+
+    def record(self, tick: int, timing: LoopTiming) -> None:
+        """Append the tick's record."""
+        if self._trace is not None:
+            node = self.node
+            t_s = (tick + 0.5) * self._period_s
+            self._trace.append(tick, t_s, node.inputs, node.state, node.outputs, node.counters, timing)
+
+    def close(self) -> None:
+        """Close the trace."""
+        if self._trace is not None:
+            self._trace.close()
+
+
+class OperatorRunner:
+    """The operator's node, once an `OPERATOR_PERIOD_S`."""
+
+    def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path) -> None:
+        self.node = OperatorNode(commands, pace.period_s)
+        self.bus = bus
+        self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
+
+    def step(self, period: int, _: int = 1) -> None:
+        """One period."""
+        self.bus.send_all(self.node.publish(period))
+        self._trace.append(self.node.record)
+
+    def close(self) -> None:
+        """Close the trace."""
+        self._trace.close()

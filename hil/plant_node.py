@@ -1,0 +1,191 @@
+"""The plant as one CAN node: the module, its sensors and its motor's drive.
+
+At t_k `publish` gives what the sensors see. `advance` then obeys the frames that have arrived and moves the
+module to t_{k+1}. Where the loop has skipped ticks, `wait` lets their time pass: the world goes on meanwhile.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import Accelerometer
+from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
+from plant_sim.parts.drive import MotorDrive
+from plant_sim.plant import Impact, Plant, SensorReading
+from plant_sim.result import Phase
+from plant_sim.scene import Scene
+from plant_sim.scene_tables import MotorTable
+
+ACCEPTED_IDS = tuple(COMMANDS)
+"""All that this node listens to."""
+CAN_PERIOD_S = 1e-3
+"""The fastest frame's period on the real bus; a lockstep run may tick faster or slower."""
+
+
+class PlantRecord(NamedTuple):
+    """The truth at t_k, what was published of it, and the torque asked for from t_k on."""
+
+    tick: int
+    t_s: float
+    x_m: float
+    v_m_s: float
+    accel_m_s2: float
+    crank_rad: float
+    omega_rad_s: float
+    phase: Phase
+    torque_command_n_m: float
+    motor_torque_n_m: float
+    current_a: float
+    stop_force_n: float
+    drive_work_j: float
+    stored_j: float
+    friction_j: float
+    impact_loss_j: float
+    axis_state: int
+    axis_error: int
+    striker_low_m_s2: float
+    striker_high_m_s2: float
+    housing_m_s2: float
+    encoder_position_rev: float
+    encoder_velocity_rev_s: float
+
+
+class ImpactRecord(NamedTuple):
+    """One impact that has ended; the time is the touch-down's."""
+
+    t_s: float
+    v_m_s: float
+    v_after_m_s: float
+    impulse_n_s: float
+    peak_force_n: float
+    crank_rad: float
+
+
+class PeriodicFrame(NamedTuple):
+    """A frame the drive sends every so many ticks."""
+
+    every_ticks: int
+    encode: Callable[[Any], Frame]
+    record: Callable[[Telemetry], Any]
+
+
+def drive_config(scene: Scene) -> DriveConfig:
+    """The drive that fits the scene's motor; the default one where the scene's drive is ideal."""
+    drive = scene.parts().drive
+    motor: MotorDrive | MotorTable = drive if isinstance(drive, MotorDrive) else MotorTable()
+    return DriveConfig(
+        motor.torque_constant_n_m_a,
+        motor.resistance_ohm,
+        motor.supply_v,
+        motor.current_limit_a,
+        motor.speed_limit_rad_s,
+    )
+
+
+class PlantNode:
+    """Publishes the state at t_k, then moves to t_{k+1} under the drive's torque."""
+
+    def __init__(self, scene: Scene, seed: int, period_s: float = CAN_PERIOD_S) -> None:
+        self.plant = Plant(scene, seed=seed)
+        self.drive = Drive(drive_config(scene))
+        self.period_s = period_s
+        self.tick = 0
+        self.record: PlantRecord
+        self._counter = -1
+        self._last_tick = -1
+        self._reading: SensorReading
+        drive = self.drive
+        self._periodic = [
+            self._periodic_frame(codec.DRIVE_HEARTBEAT, drive.heartbeat),
+            self._periodic_frame(codec.DRIVE_ERRORS, drive.errors),
+            self._periodic_frame(codec.DRIVE_CURRENT, drive.current),
+            self._periodic_frame(codec.DRIVE_TEMPERATURE, drive.temperature),
+            self._periodic_frame(codec.DRIVE_SUPPLY, drive.supply),
+        ]
+
+    def _periodic_frame(
+        self, frame_codec: codec.FrameCodec[Any], record: Callable[[Telemetry], Any]
+    ) -> PeriodicFrame:
+        assert frame_codec.period_s is not None
+        every_ticks = max(1, round(frame_codec.period_s / self.period_s))
+        return PeriodicFrame(every_ticks, frame_codec.encode, record)
+
+    def _telemetry(self) -> Telemetry:
+        reading, plant = self._reading, self.plant
+        return Telemetry(
+            reading.encoder_position_rev,
+            reading.encoder_velocity_rev_s,
+            plant.current_a,
+            plant.motor_torque_n_m,
+            plant.state.omega_rad_s,
+        )
+
+    def publish(self) -> list[Frame]:
+        """The frames of tick k: both sensors' every tick, the drive's others when their period has passed."""
+        self._reading = reading = self.plant.sense()
+        self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
+        telemetry = self._telemetry()
+        frames = [
+            codec.ACCELEROMETER.encode(
+                Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
+                self._counter,
+            ),
+            codec.ENCODER_ESTIMATES.encode(self.drive.encoder_estimates(telemetry)),
+        ]
+        for every_ticks, encode, record in self._periodic:
+            if self.tick // every_ticks != self._last_tick // every_ticks:
+                frames.append(encode(record(telemetry)))
+        self._last_tick = self.tick
+        return frames
+
+    def advance(self, frames: Sequence[Frame]) -> None:
+        """Obey `frames`, note the record of this tick, and move on to the next."""
+        drive = self.drive
+        drive.handle(frames, self._reading.encoder_position_rev)
+        self.record = self._record_of(drive.torque_n_m(self.plant.state.omega_rad_s))
+        self.wait(1)
+
+    def wait(self, ticks: int) -> None:
+        """Let `ticks` pass under the drive's torque; a watchdog that expires in between ends it there."""
+        plant, drive = self.plant, self.drive
+        self.tick += ticks
+        rest_s = ticks * self.period_s
+        while rest_s > TIME_RESOLUTION_S:
+            dt_s = min(rest_s, max(drive.watchdog_left_s, TIME_RESOLUTION_S))
+            plant.advance(drive.torque_n_m(plant.state.omega_rad_s), dt_s)
+            drive.elapse(dt_s, plant.state.omega_rad_s, plant.current_a)
+            rest_s -= dt_s
+
+    def _record_of(self, torque_n_m: float) -> PlantRecord:
+        plant, reading = self.plant, self._reading
+        state, energy = plant.state, plant.energy
+        return PlantRecord(
+            self.tick,
+            self.tick * self.period_s,
+            state.x_m,
+            state.v_m_s,
+            plant.accel_m_s2,
+            state.crank_rad,
+            state.omega_rad_s,
+            state.phase,
+            torque_n_m,
+            plant.motor_torque_n_m,
+            plant.current_a,
+            plant.stop_force_n,
+            energy.drive_work_j,
+            energy.stored_change_j,
+            energy.friction_j,
+            energy.impact_loss_j,
+            self.drive.axis_state,
+            self.drive.active_errors,
+            reading.striker_low_m_s2,
+            reading.striker_high_m_s2,
+            reading.housing_m_s2,
+            reading.encoder_position_rev,
+            reading.encoder_velocity_rev_s,
+        )
+
+    def take_impacts(self) -> list[Impact]:
+        """The impacts that have ended since the last call."""
+        return self.plant.take_impacts()
