@@ -1,0 +1,46 @@
+"""Verdicts as JUnit XML, which CI systems list: a suite a scenario, a case a check, its value inside."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+
+def measured(check: Mapping[str, Any]) -> str:
+    """What was measured against which limit, in a sentence."""
+    value, unit = check["value"], "" if check["unit"] == "1" else check["unit"]
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    found = "not there" if value is None else f"{text} {unit}".rstrip()
+    return found + f", wanted {check['limit']} {unit}".rstrip()
+
+
+def suite(verdict: Mapping[str, Any]) -> Element:
+    """One run: its checks, and one case for the run itself."""
+    checks, reasons = verdict["checks"], verdict["reasons"]
+    failures = sum(not check["passed"] for check in checks)
+    element = Element(
+        "testsuite",
+        name=verdict["scenario"],
+        tests=str(len(checks) + 1),
+        failures=str(failures),
+        errors=str(int(bool(reasons))),
+        time=f"{verdict['duration_s']:.3f}",
+    )
+    run = SubElement(element, "testcase", classname=verdict["scenario"], name="runs to its end")
+    if reasons:
+        SubElement(run, "error", message="; ".join(reasons))
+    for check in checks:
+        case = SubElement(element, "testcase", classname=verdict["scenario"], name=check["name"])
+        properties = SubElement(case, "properties")
+        for key in ("value", "unit", "limit"):
+            SubElement(properties, "property", name=key, value=str(check[key]))
+        if not check["passed"]:
+            SubElement(case, "failure", message=f"{check['name']} is {measured(check)}")
+    return element
+
+
+def document(verdicts: Sequence[Mapping[str, Any]]) -> str:
+    """The file for one run or for a suite of them."""
+    root = Element("testsuites", name="vibrohil")
+    root.extend(suite(verdict) for verdict in verdicts)
+    indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n"

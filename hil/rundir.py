@@ -1,0 +1,57 @@
+"""The run folder, turned into a verdict.
+
+run.json       what was run: scenario, clock, bus, seed, versions, start
+scenario.toml  the scenario as run
+*.trace        what each process knew at each tick; can.log, what was on the bus
+outcome.json   how it ended: elapsed time, a bare loop's overruns, and reasons why it is no proper run
+run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, again and again if need be
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hil import junit
+from hil.checks import CheckResult, checks_of, evaluate
+from hil.figures import figures_from
+from hil.report import write_report
+from hil.rerun_log import LOG_NAME, write_log
+from hil.run_traces import RunTraces, read_run
+
+
+def verdict_of(
+    figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
+) -> dict[str, Any]:
+    """The verdict as it is written and printed: all figures, the checks, and whether all is well."""
+    return {
+        **figures,
+        "checks": [asdict(result) for result in results],
+        "reasons": list(reasons),
+        "passed": not reasons and all(result.passed for result in results),
+        "out": str(out),
+    }
+
+
+def reasons_of(traces: RunTraces) -> list[str]:
+    """Why this is no proper run, whatever its checks say."""
+    reasons = list(traces.outcome.get("reasons", []))
+    if not traces.outcome:
+        reasons.append("the run was cut short: it left no outcome.json")
+    nodes = {"plant": traces.plant, "firmware": traces.firmware}
+    return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
+
+
+def finish(run_dir: Path) -> dict[str, Any]:
+    """Judge the run in `run_dir`, also one that was cut short, and write its log, verdict and report."""
+    traces = read_run(run_dir)
+    figures = figures_from(traces)
+    content = figures.as_json()
+    results = evaluate(checks_of(traces.scenario), content)
+    verdict = verdict_of(content, results, reasons_of(traces), run_dir)
+    (run_dir / "verdict.json").write_text(json.dumps(verdict, indent=2, allow_nan=False) + "\n")
+    (run_dir / "junit.xml").write_text(junit.document([verdict]))
+    write_log(run_dir / LOG_NAME, traces, figures, results)
+    write_report(run_dir / "report.html", traces, figures, verdict)
+    return verdict

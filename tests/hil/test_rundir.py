@@ -1,0 +1,177 @@
+"""A finished run folder: verdict, JUnit and report, also of a run that went wrong."""
+
+import html.parser
+import json
+from xml.etree import ElementTree
+
+import pytest
+from run_folder import make_run, write_run
+
+from hil import junit
+from hil.report import write_suite_report
+from hil.report_plots import thinned
+from hil.rerun_program import rerun
+from hil.rundir import finish
+
+# What a program that reads the verdict may rely on.
+KEYS = {
+    *("scenario", "clock", "bus", "kernel_can", "real_time", "duration_s", "ticks", "overruns"),
+    *("baseline_overruns", "tick_us", "bus_load", "realtime_factor", "impacts", "regime", "peak_force_n"),
+    *("estimate", "detector", "checks", "passed", "out"),
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    run_dir = write_run(make_run(), tmp_path_factory.mktemp("run"))
+    return run_dir, finish(run_dir)
+
+
+class Page(html.parser.HTMLParser):
+    """What a page refers to and says, and whether its tags close."""
+
+    VOID = frozenset({"meta", "br", "link", "img", "input", "hr"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.references, self.words = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        names = {"src", "href", "xlink:href"}
+        self.references += [value for name, value in attrs if name in names and not value.startswith("#")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_the_verdict_has_every_key_and_is_what_is_written(finished):
+    run_dir, verdict = finished
+    assert set(verdict) >= KEYS
+    assert verdict["passed"]
+    assert verdict["out"] == str(run_dir)
+    assert json.loads((run_dir / "verdict.json").read_text()) == json.loads(json.dumps(verdict))
+    assert verdict["checks"][0] == {
+        "name": "regime",
+        "passed": True,
+        "value": "impact",
+        "unit": "",
+        "limit": "= impact",
+    }
+    assert {"t_s", "v_m_s"} == set(verdict["impacts"][0])
+
+
+def test_the_log_of_a_finished_run_is_whole(finished):
+    run_dir, _ = finished
+    assert rerun(["rrd", "verify", run_dir / "run.rrd"]).returncode == 0
+
+
+def test_finishing_again_changes_nothing(finished, tmp_path):
+    run_dir, verdict = finished
+    assert finish(run_dir) == verdict
+
+
+def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path):
+    made_up = make_run()
+    made_up.scenario["checks"] = [
+        {"name": "peak_force_n", "high": 100.0, "unit": "N"},
+        {"name": "regime", "equals": "impact"},
+    ]
+    verdict = finish(write_run(made_up, tmp_path))
+    assert not verdict["passed"]
+
+    suite = ElementTree.parse(tmp_path / "junit.xml").getroot()[0]
+    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("made-up", "3", "1")
+    failure = suite.find("testcase/failure")
+    assert failure.get("message") == "peak_force_n is 250 N, wanted ≤ 100 N"
+    case = suite.find("testcase[@name='peak_force_n']")
+    assert {item.get("name"): item.get("value") for item in case.iter("property")} == {
+        "value": "250.0",
+        "unit": "N",
+        "limit": "≤ 100",
+    }
+
+
+def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
+    made_up = make_run()
+    made_up.impacts = {name: values[:0] for name, values in made_up.impacts.items()}
+    made_up.scenario["checks"] = [{"name": "capture_s", "high": 10.0}]
+    verdict = finish(write_run(made_up, tmp_path))
+    assert verdict["checks"][0]["value"] is None
+    assert not verdict["passed"]
+    assert "capture_s is not there, wanted ≤ 10 s" in (tmp_path / "junit.xml").read_text()
+
+
+@pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace", "outcome.json"])
+def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(tmp_path, lost):
+    run_dir = write_run(make_run(), tmp_path)
+    (run_dir / lost).unlink()
+    verdict = finish(run_dir)
+    assert not verdict["passed"]
+    assert any(lost.split(".")[0] in reason for reason in verdict["reasons"])
+    assert verdict["reasons"][0] in (run_dir / "report.html").read_text().replace("&#39;", "'")
+    assert rerun(["rrd", "verify", run_dir / "run.rrd"]).returncode == 0
+
+
+def test_a_dead_process_fails_the_run_with_the_reason(tmp_path):
+    made_up = make_run()
+    made_up.outcome["reasons"] = ["firmware was killed by SIGKILL at 4.00 s"]
+    verdict = finish(write_run(made_up, tmp_path))
+    assert not verdict["passed"]
+    error = ElementTree.parse(tmp_path / "junit.xml").getroot().find("testsuite/testcase/error")
+    assert error.get("message") == "firmware was killed by SIGKILL at 4.00 s"
+
+
+def test_the_report_stands_alone_and_says_the_verdict_first(finished):
+    run_dir, _ = finished
+    text = (run_dir / "report.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert page.references == []
+    assert "http" not in text.replace("http://www.w3.org/", "").replace("http://purl.org/", "").replace(
+        "http://creativecommons.org/", ""
+    )
+    said = "".join(page.words[page.words.index("PASSED") :])
+    for word in ("A made-up run", "detector.recall", "Phase portrait", "0.1.0", "hunt-crossley"):
+        assert word in said
+    assert text.count("<svg") == 5
+    assert "prefers-color-scheme: dark" in text
+    assert "#010203" not in text
+    assert len(text) < 1_500_000
+
+
+def test_the_report_escapes_what_a_scenario_says(tmp_path):
+    made_up = make_run()
+    made_up.scenario["title"] = "<script>alert(1)</script>"
+    finish(write_run(made_up, tmp_path))
+    assert "<script>" not in (tmp_path / "report.html").read_text()
+
+
+def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
+    _, verdict = finished
+    failed = {**verdict, "scenario": "other", "passed": False, "reasons": ["plant left no trace"]}
+    write_suite_report(tmp_path / "index.html", [verdict, failed])
+    page = Page((tmp_path / "index.html").read_text())
+    assert page.open == []
+    words = " ".join(page.words)
+    assert "1 of 2 scenarios passed" in words
+    assert "plant left no trace" in words
+    suites = ElementTree.fromstring(junit.document([verdict, failed]).split("\n", 1)[1])
+    assert [suite.get("errors") for suite in suites] == ["0", "1"]
+
+
+def test_a_thinned_curve_keeps_its_extremes():
+    import numpy as np
+
+    t = np.linspace(0.0, 1.0, 30_000)
+    x = np.sin(2 * np.pi * 40 * t)
+    x[12_345] = 7.0
+    thin_t, thin_x = thinned(t, x)
+    assert len(thin_t) <= 2400
+    assert thin_x.max() == 7.0
+    assert thin_t[np.argmax(thin_x)] == t[12_345]
