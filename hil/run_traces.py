@@ -106,9 +106,14 @@ def read_bus(path: Path) -> BusLog:
     return parse_candump(path.read_bytes()) if path.exists() else NO_BUS
 
 
+def read_scenario(run_dir: Path) -> dict[str, Any]:
+    """The scenario as run, in raw tables."""
+    path = run_dir / "scenario.toml"
+    return tomllib.loads(path.read_text()) if path.exists() else {}
+
+
 def read_run(run_dir: Path) -> RunTraces:
     """Everything in `run_dir`, also of a run that was killed or is still going."""
-    scenario = run_dir / "scenario.toml"
     return RunTraces(
         plant=read_trace(run_dir / "plant.trace"),
         firmware=read_trace(run_dir / "firmware.trace"),
@@ -117,5 +122,5 @@ def read_run(run_dir: Path) -> RunTraces:
         bus=read_bus(run_dir / "can.log"),
         run=read_json(run_dir / "run.json"),
         outcome=read_json(run_dir / "outcome.json"),
-        scenario=tomllib.loads(scenario.read_text()) if scenario.exists() else {},
+        scenario=read_scenario(run_dir),
     )

@@ -1,0 +1,128 @@
+"""The recorder, a process of its own beside a run in real time: the bus to can.log, all traces to run.rrd.
+
+`python -m hil.recorder RUN_DIR --bus ADDRESS` waits for the start like the nodes. Once a second it appends
+what is new, so that a kill of any process, this one included, costs the log no more than that second; the
+traces lose nothing. It ends on SIGTERM, or when its parent is gone, with everything written.
+"""
+
+import argparse
+import json
+import os
+import select
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hil import trace
+from hil.bus import Bus, join
+from hil.can_log import CanLog
+from hil.processes import READY, read_start_ns, stop_requests
+from hil.rerun_log import LOG_NAME, RunLog
+from hil.run_traces import NO_RECORDS, BusLog, Records, RunTraces, read_json, read_scenario
+
+APPEND_PERIOD_S = 1.0
+DRAIN_PERIOD_S = 0.02
+"""Some sixty frames wait in the bus's buffer until they are taken; they carry the time they came."""
+NICENESS = 10
+"""Below the loops, also where they run at ordinary priority."""
+TRACES = ("plant", "firmware", "impacts", "operator")
+
+
+class Follower:
+    """Reads what is new in each trace of a run that is going on."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self.run_dir = run_dir
+        self._read = dict.fromkeys(TRACES, 0)
+
+    def new_records(self, name: str) -> Records:
+        """The records of one trace since the last call; none while nobody has begun it."""
+        path = self.run_dir / f"{name}.trace"
+        if not path.exists():
+            return NO_RECORDS
+        records = trace.read(path, self._read[name])
+        self._read[name] += len(records)
+        return records
+
+
+class Recorder:
+    """Follows one run: drains the bus, appends to can.log and run.rrd."""
+
+    def __init__(self, run_dir: Path, bus: Bus | None) -> None:
+        self.bus = bus
+        self.follower = Follower(run_dir)
+        run = read_json(run_dir / "run.json")
+        self.wall_start_ns = round(float(run["wall_start_s"]) * 1e9)
+        self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
+        self.can_log = CanLog(run_dir / "can.log")
+        self.frames = 0
+        self._arrived_s: list[float] = []
+        self._can_ids: list[int] = []
+        self._payloads: list[bytes] = []
+
+    def drain(self) -> None:
+        """Take the frames that have arrived."""
+        while self.bus is not None and (arrived := self.bus.receive_stamped()):
+            for wall_ns, frame in arrived:
+                t_us = (wall_ns - self.wall_start_ns) // 1000
+                if t_us >= 0:  # what was sent before the start is not of this run
+                    self.can_log.write(t_us, (frame,))
+                    self._arrived_s.append(t_us * 1e-6)
+                    self._can_ids.append(frame.can_id)
+                    self._payloads.append(frame.data)
+
+    def append(self) -> None:
+        """Bring both logs up to date, and hand them to the operating system."""
+        self.frames += len(self._payloads)
+        bus = BusLog(
+            t_s=np.array(self._arrived_s),
+            can_id=np.array(self._can_ids, np.int64),
+            length=np.array([len(data) for data in self._payloads], np.int64),
+            payloads=tuple(self._payloads),
+        )
+        self._arrived_s, self._can_ids, self._payloads = [], [], []
+        self.can_log.flush()
+        plant, firmware, impacts, operator = (self.follower.new_records(name) for name in TRACES)
+        self.log.append(RunTraces(plant, firmware, impacts, operator, bus))
+
+    def close(self) -> None:
+        """Write what is left and both files' ends."""
+        self.drain()
+        self.append()
+        self.can_log.close()
+        self.log.close()
+
+
+def record(recorder: Recorder, wakers: list[int]) -> None:
+    """Follow the run until one of the descriptors `wakers` becomes readable."""
+    due_s = time.monotonic() + APPEND_PERIOD_S
+    while not select.select(wakers, [], [], DRAIN_PERIOD_S)[0]:
+        recorder.drain()
+        if time.monotonic() >= due_s:
+            recorder.append()
+            due_s += APPEND_PERIOD_S
+    recorder.close()
+
+
+def main() -> None:
+    """Record the run in a folder until told to stop."""
+    parser = argparse.ArgumentParser(description="Record a run that is going on.")
+    parser.add_argument("run_dir", type=Path)
+    parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")
+    arguments = parser.parse_args()
+    os.nice(NICENESS)
+    stopping = stop_requests()
+    bus = None if arguments.bus is None else join(arguments.bus, stamped=True)
+    print(READY, flush=True)
+    read_start_ns()
+    recorder = Recorder(arguments.run_dir, bus)
+    record(recorder, [stopping.fileno(), sys.stdin.fileno()])
+    if bus is not None:
+        bus.close()
+    print(json.dumps({"frames": recorder.frames}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

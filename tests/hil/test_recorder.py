@@ -1,0 +1,113 @@
+"""The recorder beside a run that goes on: on time, complete at its end, and short of a second when killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from run_folder import T_S, make_run, write_run, write_trace
+
+from firmware_py.interface import codec
+from firmware_py.interface.records import SetInputTorque
+from hil.bus import join, provide
+from hil.log_reader import column_hashes, read_traces, repair
+from hil.processes import Child
+from hil.rerun_log import rebuild
+from hil.run_traces import read_bus
+from hil.trace import TraceWriter
+
+SPEED_UP = 4
+"""The made-up run of 7 s is played to the recorder in less."""
+
+
+@pytest.fixture
+def run_dir(tmp_path):
+    """A run folder as it is when the start is given: no traces yet."""
+    made_up = make_run()
+    made_up.run["wall_start_s"] = time.time()
+    made_up.scenario["checks"] = []
+    write_run(made_up, tmp_path)
+    for path in (*tmp_path.glob("*.trace"), tmp_path / "can.log", tmp_path / "outcome.json"):
+        path.unlink()
+    return tmp_path
+
+
+def start(run_dir, *options) -> Child:
+    command = [sys.executable, "-m", "hil.recorder", str(run_dir), *options]
+    child = Child("recorder", command, run_dir / "recorder.log")
+    child.wait_ready(30.0)
+    child.tell("0")
+    return child
+
+
+def play(run_dir, until_s: float) -> None:
+    """Write the made-up plant's trace as its process would, `SPEED_UP` times too fast."""
+    columns = make_run().plant
+    kinds = {"f": float, "i": int, "b": bool}
+    fields = [(name, kinds[values.dtype.kind]) for name, values in columns.items()]
+    rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
+    writer = TraceWriter(run_dir / "plant.trace", fields)
+    started = time.monotonic()
+    for number, row in enumerate(rows[: round(until_s / T_S)]):
+        writer.append(*row)
+        ahead_s = number * T_S / SPEED_UP - (time.monotonic() - started)
+        if ahead_s > 0.01:
+            time.sleep(ahead_s)
+    writer.close()
+
+
+def test_at_its_end_all_is_written_and_the_same_as_rebuilt(run_dir):
+    with provide("local") as provided:
+        recorder = start(run_dir, "--bus", provided.address)
+        sender = join(provided.address, accept=())
+        frame = codec.encode(SetInputTorque(0.25))
+        play(run_dir, 2.0)
+        for name in ("firmware", "impacts", "operator"):
+            write_trace(run_dir / f"{name}.trace", getattr(make_run(), name))
+        for _ in range(50):
+            sender.send(frame)
+            time.sleep(0.002)
+        time.sleep(0.1)
+        said = json.loads(recorder.stop())
+        sender.close()
+    assert recorder.succeeded, recorder.last_errors()
+
+    assert not repair(run_dir / "run.rrd"), "an ordered end leaves a whole file"
+    bus = read_bus(run_dir / "can.log")
+    assert said == {"frames": 50}
+    assert bus.payloads == (frame.data,) * 50
+    assert 0.0 < bus.t_s[0] < bus.t_s[-1] < 30.0
+    live = column_hashes(run_dir / "run.rrd")
+    whole = column_hashes(rebuild(run_dir))
+    assert {name.split(":")[0] for name in whole if live.get(name) != whole[name]} <= {"/stop"}
+
+
+def test_killed_it_loses_a_second_at_most_and_the_traces_lose_nothing(run_dir):
+    recorder = start(run_dir)
+    play(run_dir, 7.0)
+    os.kill(recorder.pid, signal.SIGKILL)
+    recorder.wait(5.0)
+    recorder.stop()
+
+    repair(run_dir / "run.rrd")
+    # Played four times too fast, a second of the clock is four of the run.
+    assert read_traces(run_dir / "run.rrd").plant["t_s"][-1] >= 7.0 - 1.2 * SPEED_UP
+    assert read_traces(rebuild(run_dir)).plant["t_s"][-1] == pytest.approx(7.0 - T_S)
+
+
+def test_it_ends_in_order_when_its_parent_is_gone(run_dir):
+    command = [sys.executable, "-m", "hil.recorder", str(run_dir)]
+    recorder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert recorder.stdout.readline() == b"ready\n"
+    recorder.stdin.write(b"0\n")
+    recorder.stdin.flush()
+    write_trace(run_dir / "plant.trace", make_run().plant)
+    time.sleep(0.3)
+    recorder.stdin.close()
+    assert recorder.wait(10.0) == 0
+    recorder.stdout.close()
+    assert not repair(run_dir / "run.rrd")
+    assert len(read_traces(run_dir / "run.rrd").plant) == len(make_run().plant["t_s"])
