@@ -1,0 +1,115 @@
+"""Opening a run: whatever was killed it opens, and nobody else can see it."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from hil.rerun_log import LOG_NAME, RunLog
+from hil.rerun_program import rerun, rerun_environment
+from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces
+from tools import view
+from tools.output import BadInputError
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / LOG_NAME
+    with RunLog(path, {"scenario": "empty"}, {"title": "An empty run"}) as writer:
+        writer.append(RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS))
+    return path
+
+
+def listening(pid: int) -> set[str]:
+    """Local addresses, in the kernel's hexadecimal, of the listening sockets of one process."""
+    sockets = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            sockets.add(descriptor.readlink().name)
+        except OSError:
+            continue
+    addresses = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            _, local, _, state, *rest = line.split()
+            if state == "0A" and f"socket:[{rest[5]}]" in sockets:
+                addresses.add(local.split(":")[0])
+    return addresses
+
+
+def test_the_web_viewer_listens_on_loopback_only(log):
+    # The viewer opens a browser by itself; the test gives it one that does nothing.
+    environment = {**rerun_environment(), "BROWSER": "true"}
+    process = subprocess.Popen(
+        view.viewer_command(log, web=True),
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        addresses: set[str] = set()
+        deadline = time.monotonic() + 20.0
+        while len(addresses) == 0 and time.monotonic() < deadline:
+            time.sleep(0.2)
+            addresses = listening(process.pid)
+        time.sleep(0.5)
+        assert listening(process.pid) == {"0100007F"}
+    finally:
+        os.kill(process.pid, signal.SIGTERM)
+        process.wait(10.0)
+
+
+def test_a_window_is_bound_to_loopback_as_well():
+    command = view.viewer_command(Path("run.rrd"), web=False)
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+
+
+def test_usage_data_is_switched_off():
+    settings = Path(rerun_environment()["XDG_CONFIG_HOME"]) / "rerun" / "analytics.json"
+    assert '"analytics_enabled":false' in settings.read_text().replace(" ", "")
+
+
+def test_a_cut_log_is_mended_before_it_is_opened(log):
+    log.write_bytes(log.read_bytes()[:-200])
+    assert view.log_of(log) == log
+    assert rerun(["rrd", "verify", log]).returncode == 0
+
+
+def test_a_run_that_goes_on_is_not_touched(log):
+    (log.parent / "plant.trace").touch()
+    log.write_bytes(log.read_bytes()[:-200])
+    before = log.read_bytes()
+    opened = view.log_of(log.parent)
+    assert opened != log
+    assert log.read_bytes() == before
+    assert rerun(["rrd", "verify", opened]).returncode == 0
+
+
+def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
+    monkeypatch.setattr(view, "RUNS", tmp_path / "runs")
+    with pytest.raises(BadInputError, match="no run in"):
+        view.log_of(None)
+    for age_s, name in ((100, "older"), (0, "newer")):
+        run_dir = tmp_path / "runs" / name
+        run_dir.mkdir(parents=True)
+        (run_dir / "run.json").write_text("{}")
+        (run_dir / "outcome.json").write_text("{}")
+        (run_dir / LOG_NAME).write_bytes(log.read_bytes())
+        os.utime(run_dir / "run.json", (time.time() - age_s,) * 2)
+    assert view.log_of(None) == tmp_path / "runs" / "newer" / LOG_NAME
+
+
+@pytest.mark.parametrize("name", ["nothing.rrd", "nothing"])
+def test_what_is_no_run_is_refused(tmp_path, name):
+    with pytest.raises(BadInputError, match=name):
+        view.log_of(tmp_path / name)
+
+
+def test_without_a_display_the_browser_is_recommended(log, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(BadInputError, match="--web"):
+        view.view(log, web=False)
