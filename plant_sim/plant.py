@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.kernels import entry_point
-from plant_sim.parts.drive import IdealDrive
-from plant_sim.result import EnergyLedger, MotionState, Phase
+from plant_sim.result import EnergyLedger, MotionState
 from plant_sim.scene import Scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing
 from plant_sim.sensors import SensorReading, Sensors
+from plant_sim.simulate import initial_state
 from plant_sim.solvers.adaptive import (
     BUFFER_FULL,
     DONE,
@@ -44,7 +44,7 @@ class PlantError(ValueError):
 
 
 class Impact(NamedTuple):
-    """One blow. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the speeds before and after it.
+    """One blow. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
 
     `peak_force_n` is nan at a rigid stop, which has none.
     """
@@ -151,19 +151,6 @@ class Plant:
     def energy(self) -> EnergyLedger:
         """Where the energy went since the start."""
         return ledger(self.parts, self._memory, self._stored_before_j)
-
-
-def initial_state(scene: Scene) -> MotionState:
-    """The module at t = 0; its phase is for the solver to find."""
-    drive = scene.parts().drive
-    return MotionState(
-        t_s=0.0,
-        x_m=scene.initial_x_m,
-        v_m_s=scene.initial.v_m_s,
-        crank_rad=drive.phase_rad,
-        omega_rad_s=drive.omega_rad_s if isinstance(drive, IdealDrive) else 0.0,
-        phase=Phase.FLIGHT,
-    )
 
 
 def warm(scene: Scene) -> None:

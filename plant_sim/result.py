@@ -51,7 +51,7 @@ class EnergyLedger:
 
 @dataclass(frozen=True, slots=True)
 class Impacts:
-    """One entry an impact: touch-down time, approach speed v⁻ > 0, speed after it, impulse, peak force.
+    """One entry an impact: touch-down time, approach velocity v⁻ > 0, velocity after it, impulse, peak force.
 
     `peak_force_n` is nan at a rigid stop, which has none. Arrays share one shape (n,).
     """

@@ -276,7 +276,7 @@ def _strike(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     memory.y[work_place(parts.drive) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
     memory.mode[DIRECTION] = -1
     memory.mode[ZERO_DEPTH] = 1
-    _record(memory, time_s, v, k * v, mass * (1.0 + k) * v, math.nan, crank_angle(parts.drive, memory))
+    _record(memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_angle(parts.drive, memory))
     sense_jump(probe, (1.0 + k) * v)
 
 
@@ -332,7 +332,7 @@ def _leave(parts: Parts, memory: Memory) -> None:
         memory,
         contact[TOUCH_TIME],
         contact[TOUCH_SPEED],
-        -y[1],
+        y[1],
         y[work_place(parts.drive) + 3] - contact[IMPULSE_BEFORE],
         contact[PEAK],
         contact[TOUCH_ANGLE],

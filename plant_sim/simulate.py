@@ -1,0 +1,69 @@
+"""A scene run on its own, by the solver that fits it."""
+
+import math
+
+import numpy as np
+
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop, RigidStop
+from plant_sim.result import MotionState, Phase, SimulationResult
+from plant_sim.scene import Scene
+from plant_sim.solvers import adaptive, exact
+
+
+class SimulationError(ValueError):
+    """A run that was asked for wrongly."""
+
+
+def simulate(
+    scene: Scene, until_s: float, torque_n_m: float = 0.0, samples_s: float | None = None
+) -> SimulationResult:
+    """Run a scene from its start to `until_s` under a held motor torque.
+
+    `samples_s` asks for the motion at that spacing, both ends included.
+    """
+    if not (math.isfinite(until_s) and until_s > 0.0):
+        raise SimulationError(f"until_s = {until_s}: wanted a positive, finite time to run to, in s")
+    if not math.isfinite(torque_n_m):
+        raise SimulationError(f"torque_n_m = {torque_n_m}: wanted a finite motor torque, in N m")
+    if samples_s is not None and not (math.isfinite(samples_s) and samples_s > 0.0):
+        raise SimulationError(f"samples_s = {samples_s}: wanted a positive, finite spacing, in s")
+    parts, initial = scene.parts(), initial_state(scene)
+    if torque_n_m != 0.0 and isinstance(parts.drive, IdealDrive):
+        raise SimulationError(
+            f"torque_n_m = {torque_n_m} is given for an ideal drive, which takes none; "
+            "leave it out, or set drive.model = 'motor'"
+        )
+    grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
+    if method_for(scene, parts) == "exact":
+        return exact.simulate(parts, initial, until_s, grid)
+    return adaptive.simulate(
+        parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy
+    )
+
+
+def initial_state(scene: Scene) -> MotionState:
+    """The module at t = 0; its phase is for the solver to find."""
+    drive = scene.parts().drive
+    return MotionState(
+        t_s=0.0,
+        x_m=scene.initial_x_m,
+        v_m_s=scene.initial.v_m_s,
+        crank_rad=drive.phase_rad,
+        omega_rad_s=drive.omega_rad_s if isinstance(drive, IdealDrive) else 0.0,
+        phase=Phase.FLIGHT,
+    )
+
+
+def method_for(scene: Scene, parts: Parts) -> str:
+    """The solver that a scene asks for; `auto` is exact where there is a closed form."""
+    if scene.solver.method != "auto":
+        return scene.solver.method
+    has_closed_form = (
+        isinstance(parts.drive, IdealDrive)
+        and not isinstance(parts.friction, Stribeck)
+        and isinstance(parts.stop, NoStop | RigidStop)
+    )
+    return "exact" if has_closed_form else "adaptive"
