@@ -83,8 +83,6 @@ class DriveConfig(NamedTuple):
 class Telemetry(NamedTuple):
     """What the drive measures at one instant."""
 
-    encoder_position_rev: float
-    encoder_velocity_rev_s: float
     current_a: float
     torque_n_m: float
     omega_rad_s: float
@@ -220,12 +218,10 @@ class Drive:
         """The position estimate, circular in [0, 1)."""
         return (encoder_position_rev + self.position_offset_rev) % 1.0
 
-    def encoder_estimates(self, telemetry: Telemetry) -> EncoderEstimates:
+    def encoder_estimates(self, position_rev: float, velocity_rev_s: float) -> EncoderEstimates:
         """0x09. The last float32 below 1 may round up to it: that is 0 again."""
-        position_rev = self.position_rev(telemetry.encoder_position_rev)
-        if position_rev > LARGEST_POSITION_REV:
-            position_rev = 0.0
-        return EncoderEstimates(position_rev, telemetry.encoder_velocity_rev_s)
+        position_rev = self.position_rev(position_rev)
+        return EncoderEstimates(position_rev if position_rev <= LARGEST_POSITION_REV else 0.0, velocity_rev_s)
 
     def heartbeat(self, _: Telemetry) -> DriveHeartbeat:
         """0x01. The trajectory flag is 1 where there is none to follow."""

@@ -12,10 +12,11 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import Accelerometer
 from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
 from plant_sim.parts.drive import MotorDrive
-from plant_sim.plant import Impact, Plant, SensorReading
+from plant_sim.plant import Impact, Plant
 from plant_sim.result import Phase
 from plant_sim.scene import Scene
 from plant_sim.scene_tables import MotorTable
+from plant_sim.sensors import SensorReading
 
 ACCEPTED_IDS = tuple(COMMANDS)
 """All that this node listens to."""
@@ -94,6 +95,7 @@ class PlantNode:
         self.record: PlantRecord
         self._counter = -1
         self._last_tick = -1
+        self._state = self.plant.state
         self._reading: SensorReading
         drive = self.drive
         self._periodic = [
@@ -112,29 +114,30 @@ class PlantNode:
         return PeriodicFrame(every_ticks, frame_codec.encode, record)
 
     def _telemetry(self) -> Telemetry:
-        reading, plant = self._reading, self.plant
+        plant = self.plant
         return Telemetry(
-            reading.encoder_position_rev,
-            reading.encoder_velocity_rev_s,
             plant.current_a,
             plant.motor_torque_n_m,
-            plant.state.omega_rad_s,
+            self._state.omega_rad_s,
         )
 
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors' every tick, the drive's others when their period has passed."""
         self._reading = reading = self.plant.sense()
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
-        telemetry = self._telemetry()
         frames = [
             codec.ACCELEROMETER.encode(
                 Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
                 self._counter,
             ),
-            codec.ENCODER_ESTIMATES.encode(self.drive.encoder_estimates(telemetry)),
+            codec.ENCODER_ESTIMATES.encode(
+                self.drive.encoder_estimates(reading.encoder_position_rev, reading.encoder_velocity_rev_s)
+            ),
         ]
+        telemetry = None
         for every_ticks, encode, record in self._periodic:
             if self.tick // every_ticks != self._last_tick // every_ticks:
+                telemetry = telemetry or self._telemetry()
                 frames.append(encode(record(telemetry)))
         self._last_tick = self.tick
         return frames
@@ -143,7 +146,7 @@ class PlantNode:
         """Obey `frames`, note the record of this tick, and move on to the next."""
         drive = self.drive
         drive.handle(frames, self._reading.encoder_position_rev)
-        self.record = self._record_of(drive.torque_n_m(self.plant.state.omega_rad_s))
+        self.record = self._record_of(drive.torque_n_m(self._state.omega_rad_s))
         self.wait(1)
 
     def wait(self, ticks: int) -> None:
@@ -153,13 +156,14 @@ class PlantNode:
         rest_s = ticks * self.period_s
         while rest_s > TIME_RESOLUTION_S:
             dt_s = min(rest_s, max(drive.watchdog_left_s, TIME_RESOLUTION_S))
-            plant.advance(drive.torque_n_m(plant.state.omega_rad_s), dt_s)
-            drive.elapse(dt_s, plant.state.omega_rad_s, plant.current_a)
+            plant.advance(drive.torque_n_m(self._state.omega_rad_s), dt_s)
+            self._state = plant.state
+            drive.elapse(dt_s, self._state.omega_rad_s, plant.current_a)
             rest_s -= dt_s
 
     def _record_of(self, torque_n_m: float) -> PlantRecord:
         plant, reading = self.plant, self._reading
-        state, energy = plant.state, plant.energy
+        state, energy = self._state, plant.energy
         return PlantRecord(
             self.tick,
             self.tick * self.period_s,

@@ -181,7 +181,7 @@ def test_torque_that_is_no_number_is_refused(value: float) -> None:
 )
 def test_position_on_the_bus_is_circular(rev: float) -> None:
     drive = Drive(CONFIG)
-    frame = codec.ENCODER_ESTIMATES.encode(drive.encoder_estimates(Telemetry(rev, 1.5, 0.0, 0.0, 0.0)))
+    frame = codec.ENCODER_ESTIMATES.encode(drive.encoder_estimates(rev, 1.5))
     position_rev, velocity_rev_s = struct.unpack("<ff", frame.data)
     assert 0.0 <= position_rev < 1.0
     assert abs((position_rev - rev + 0.5) % 1.0 - 0.5) < 1e-7
@@ -197,7 +197,7 @@ def test_absolute_position_moves_the_zero() -> None:
 
 def test_heartbeat_current_and_supply_say_what_the_motor_does() -> None:
     drive = armed_drive(0.4)
-    telemetry = Telemetry(0.0, 0.0, current_a=5.0, torque_n_m=0.4, omega_rad_s=10.0)
+    telemetry = Telemetry(current_a=5.0, torque_n_m=0.4, omega_rad_s=10.0)
     assert drive.heartbeat(telemetry) == (0, AxisState.CLOSED_LOOP_CONTROL, SUCCESS, 1)
     assert drive.current(telemetry) == pytest.approx((5.0, 5.0))
     supply = drive.supply(telemetry)
@@ -211,5 +211,5 @@ def test_winding_warms_to_its_steady_temperature() -> None:
         drive.elapse(0.1, 0.0, 5.0)
     assert drive.motor_degc == pytest.approx(25.0 + 3.0 * 0.4 * 25.0, rel=1e-3)
     drive.elapse(TICK_S, 0.0, 0.0)
-    temperature = drive.temperature(Telemetry(0.0, 0.0, 0.0, 0.0, 0.0))
+    temperature = drive.temperature(Telemetry(0.0, 0.0, 0.0))
     assert 25.0 < temperature.inverter_degc < temperature.motor_degc
