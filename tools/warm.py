@@ -1,19 +1,19 @@
-"""`python -m tools.warm`: compiles the plant's kernels for the default scene, so that no run has to wait."""
+"""`python -m tools.warm`: compiles the default scenario's kernels before anything has to wait for them."""
 
 import time
 
+from hil.scenario import load_scenario
+from hil.warm import warm_plant
 from plant_sim.kernels import cache_folder
-from plant_sim.plant import warm
-from plant_sim.scene import load_scene
 
-DEFAULT_SCENE = "table1-motor-soft"
+DEFAULT_SCENARIO = "soft-start-multistable"
 
 
 def main() -> None:
     """Compile, and say meanwhile why it takes a while."""
     print(f"setup: compiling the plant's kernels into {cache_folder()}; half a minute, once", flush=True)
     started_s = time.perf_counter()
-    warm(load_scene(DEFAULT_SCENE))
+    warm_plant(load_scenario(DEFAULT_SCENARIO).scene)
     print(f"setup: kernels ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 
