@@ -17,11 +17,14 @@ DARK_TRUTH, DARK_BELIEF = 0x2E6DA8FF, 0xA8691EFF
 
 
 class Moments(NamedTuple):
-    """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest blow."""
+    """What to open on, in simulated seconds: the run-up, and a few drive periods close up; the fastest blow,
+    and whether a check failed.
+    """
 
     run_up_s: tuple[float, float]
     detail_s: tuple[float, float]
     largest_v_m_s: float
+    marked: bool
 
 
 class Mark(NamedTuple):
@@ -157,7 +160,7 @@ def shares(kind: Any, *parts: Any, by: Sequence[float], name: str | None = None)
     return kind(*parts, name=name, **{key: list(by)})
 
 
-def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None, marked: bool) -> Any:
     """What the run was, at one glance."""
     return shares(
         rrb.Vertical,
@@ -166,10 +169,10 @@ def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None) ->
         rrb.Horizontal(
             plot("Impacts", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
             plot("Crank speed [rad/s]", *SPEED, legend=rrb.Corner2D.RightBottom),
-            plot("Torque [N m]", *TORQUE),
+            plot("Torque [N m]", *TORQUE, legend=rrb.Corner2D.LeftBottom),
         ),
         shares(rrb.Horizontal, module(), events(), by=(3, 2)),
-        by=(6, 7, 5, 5),
+        by=(6 if marked else 5, 7, 5, 5),
         name="Overview",
     )
 
@@ -270,7 +273,7 @@ def bus_and_timing() -> Any:
                 Line("/firmware", "overruns", "firmware", "1", BELIEF),
                 Line("/plant", "overruns", "plant", "1", TRUTH),
             ),
-            plot("Bus load (of 1 Mbit/s)", Whole("/can/load")),
+            plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), up_to=1.0),
         ),
         rrb.Horizontal(
             lanes("axis", "fault", "limit", "motion"),
@@ -295,19 +298,17 @@ def layout(moments: Moments | None) -> rrb.Blueprint:
     detail_s = moments.detail_s if moments else None
     run_up_s = moments.run_up_s if moments else None
     fastest_m_s = 1.15 * moments.largest_v_m_s if moments else None
-    panel: dict[str, Any] = {"play_state": "following"}
-    if moments:
-        selected = rr.encodings.AbsoluteTimeRange(*(rr.TimeInt(seconds=edge) for edge in moments.detail_s))
-        panel = {"play_state": "playing", "time_selection": selected, "loop_mode": "selection"}
     return rrb.Blueprint(
         rrb.Tabs(
-            overview(detail_s, fastest_m_s),
+            overview(detail_s, fastest_m_s, marked=moments is not None and moments.marked),
             start_up(run_up_s, fastest_m_s),
             estimator(detail_s),
             impacts(detail_s, fastest_m_s),
             bus_and_timing(),
             about(),
         ),
-        rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=0.25, **panel),
+        rrb.TimePanel(
+            timeline="sim_time", state="collapsed", play_state="playing" if moments else "following"
+        ),
         collapse_panels=True,
     )

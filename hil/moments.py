@@ -1,6 +1,6 @@
 """When in a run to look: the run-up, a close-up, and the moment of each failed check."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def marks(results: Iterable[CheckResult], traces: RunTraces, figures: Figures) -
     ]
 
 
-def moments(traces: RunTraces, figures: Figures, failed: Iterable[Mark]) -> Moments:
+def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Moments:
     """What the log opens on: the first failed check, else the end of the run-up, else the end of the run."""
     end_s = figures.duration_s
     at_s = min((mark.t_s for mark in failed), default=figures.hold_start_s)
@@ -95,6 +95,7 @@ def moments(traces: RunTraces, figures: Figures, failed: Iterable[Mark]) -> Mome
     left_s = min(max(centre_s - CLOSE_UP_S / 2.0, 0.0), max(end_s - CLOSE_UP_S, 0.0))
     return Moments(
         largest_v_m_s=figures.largest_v_m_s or 1.0,
+        marked=bool(failed),
         run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),
         detail_s=(left_s, left_s + CLOSE_UP_S),
     )

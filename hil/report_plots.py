@@ -259,9 +259,11 @@ def timing(traces: RunTraces, figures: Figures) -> Plot:
             if largest <= 0.0:
                 nothing(axes, "not measured in lockstep")
                 continue
-            bins = np.linspace(0.0, largest, 60).tolist()
+            bins = np.geomspace(1.0, max(largest, 10.0), 60).tolist()
             for sample, (_, color, loop) in zip(samples, loops, strict=True):
-                axes.hist(sample, bins=bins, histtype="step", color=color, label=loop)
+                if (sample > 0.0).any():
+                    axes.hist(sample, bins=bins, histtype="step", color=color, label=loop)
+            axes.set_xscale("log")
             axes.set_yscale("log")
             axes.set_xlabel(label)
             axes.legend(loc="upper right")

@@ -76,6 +76,11 @@ def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
     return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
 
 
+def signal_array(values: Sequence[float]) -> pa.Array:
+    """A decoded signal; single precision is more than any frame carries, and the bytes are in `can/raw`."""
+    return pa.array(values, pa.float32() if isinstance(values[0], float) else None)
+
+
 def axis_errors(bits: int) -> str:
     """The names of the drive's error bits.
 
@@ -272,7 +277,7 @@ class RunLog:
                 else:
                     times.append(float(bus.t_s[row]))
             if records and codec.record._fields:
-                signals = [pa.array(values) for values in zip(*records, strict=True)]
+                signals = [signal_array(values) for values in zip(*records, strict=True)]
                 struct = pa.StructArray.from_arrays(signals, names=list(codec.record._fields))
                 self._send(f"can/{codec.record.__name__}", np.array(times), dynamic("frame", struct))
         if refused:
