@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
 from plant_sim.solvers.bernstein import DEGREE
@@ -162,7 +162,7 @@ def _(drive: MotorDrive, dense: Vector, share: float, power: Vector) -> None:
     to_power(dense[SPEED], share, power)
 
 
-@jit
+@subroutine
 def to_power(b: Vector, share: float, power: Vector) -> None:
     """Coefficients in s/share of p: c_j = shareʲ C(n, j) Δʲb_0, with Δ the forward difference."""
     for i in range(DEGREE + 1):
@@ -176,7 +176,7 @@ def to_power(b: Vector, share: float, power: Vector) -> None:
         power[j] *= binomial
 
 
-@jit
+@subroutine
 def driven(pole: complex, state: complex, power: Vector, degree: int, h_s: float) -> complex:
     """State after h of z' = λ z + u with u = Σ c_j (t/h)ʲ: e^(λh) z + Σ c_j I_j.
 
@@ -200,7 +200,7 @@ def driven(pole: complex, state: complex, power: Vector, degree: int, h_s: float
     return total
 
 
-@jit
+@subroutine
 def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
     """Drive the accelerometers' filters by one half-sine, and let it age."""
     age, jump, whole = pulse[AGE], pulse[JUMP], probe.pulse_s

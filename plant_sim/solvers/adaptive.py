@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import by_part, jit, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
@@ -115,7 +115,7 @@ def advance(
     return status
 
 
-@jit
+@subroutine
 def _step(
     parts: Parts,
     probe: Probe,
@@ -176,7 +176,7 @@ def _step(
     return used
 
 
-@jit
+@subroutine
 def _flow(parts: Parts, memory: Memory, torque_n_m: float) -> Flow:
     mode = memory.mode
     return Flow(
@@ -190,7 +190,7 @@ def _flow(parts: Parts, memory: Memory, torque_n_m: float) -> Flow:
     )
 
 
-@jit
+@subroutine
 def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) -> float:
     """Step again, up to the event only; a touch-down is then polished on the step itself."""
     y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
@@ -204,7 +204,7 @@ def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) 
     return used
 
 
-@jit
+@subroutine
 def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, zeros: Zeros) -> bool:
     """Whether an event could lie in the step: bounds from its ends and twice its stages' largest slopes."""
     if flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
@@ -245,7 +245,7 @@ def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vect
     return slowest <= h_s * 2.0 * steepest
 
 
-@jit
+@subroutine
 def _follow_peak(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
     """Largest force of the contact so far, with a parabola through the largest of five on the step."""
     dense, contact = memory.dense, memory.contact
@@ -266,14 +266,14 @@ def _follow_peak(parts: Parts, memory: Memory, damping_s_m: float, share: float)
     contact[PEAK] = max(contact[PEAK], best)
 
 
-@jit
+@subroutine
 def _force_at(parts: Parts, dense: Vector, damping_s_m: float, s: float) -> float:
     depth = max(evaluate(dense[0], DEGREE, s), 0.0)
     velocity = evaluate(dense[1], DEGREE, s)
     return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), velocity, damping_s_m)
 
 
-@jit
+@subroutine
 def _sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
     mode = memory.mode
     while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] <= start_s + memory.held[ELAPSED]:
@@ -282,7 +282,7 @@ def _sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, sa
         mode[SAMPLES] += 1
 
 
-@jit
+@subroutine
 def _sample_step(
     parts: Parts, memory: Memory, begin_s: float, h_s: float, used_s: float, grid_s: Vector, samples: Vector
 ) -> None:
@@ -311,7 +311,7 @@ def _(drive: MotorDrive, memory: Memory, s: float, h_s: float) -> float:
     return evaluate(memory.dense[2], DEGREE, s)
 
 
-@jit
+@subroutine
 def _observe(parts: Parts, memory: Memory, torque_n_m: float) -> None:
     """What can be read off the module now."""
     y, observed = memory.y, memory.observed

@@ -9,7 +9,7 @@ that is so.
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import subroutine
 
 Coefficients = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ DEEPEST_HALVING = 40
 """An excursion narrower than 2⁻⁴⁰ of a step is below rounding: it is no crossing."""
 
 
-@jit
+@subroutine
 def evaluate(b: Coefficients, degree: int, s: float) -> float:
     """p(s) by de Casteljau's scheme, with b unchanged."""
     r = 1.0 - s
@@ -39,14 +39,14 @@ def evaluate(b: Coefficients, degree: int, s: float) -> float:
     return value
 
 
-@jit
+@subroutine
 def without_root_at_start(b: Coefficients, degree: int) -> None:
     """Replace p by p(s)/s, of one degree less, in place; p(0) is taken as 0."""
     for i in range(degree):
         b[i] = b[i + 1] * degree / (i + 1)
 
 
-@jit
+@subroutine
 def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
     """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does.
 
@@ -80,7 +80,7 @@ def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
     return NO_ROOT
 
 
-@jit
+@subroutine
 def _reaches_zero(b: Coefficients, degree: int) -> bool:
     highest: float = b[0]
     for i in range(1, degree + 1):
@@ -88,7 +88,7 @@ def _reaches_zero(b: Coefficients, degree: int) -> bool:
     return highest >= 0.0
 
 
-@jit
+@subroutine
 def _sign_changes(b: Coefficients, degree: int) -> int:
     changes = 0
     for i in range(degree):
@@ -97,7 +97,7 @@ def _sign_changes(b: Coefficients, degree: int) -> int:
     return changes
 
 
-@jit
+@subroutine
 def _halve(stack: Coefficients, top: int, degree: int) -> None:
     """Put the left half of the polynomial on the top of the stack above its right half."""
     right, left = stack[top], stack[top + 1]
@@ -112,7 +112,7 @@ def _halve(stack: Coefficients, top: int, degree: int) -> None:
     right[DEGREE + 2] = width
 
 
-@jit
+@subroutine
 def _only_root(b: Coefficients, degree: int) -> float:
     """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights."""
     low, high = 0.0, 1.0

@@ -5,7 +5,7 @@ Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed. 199
 
 import math
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.bernstein import DEGREE
 from plant_sim.solvers.dop853_coefficients import E3, E5, A, C, D
@@ -17,7 +17,7 @@ STAGES = 16
 ORDER = 8
 
 
-@jit
+@subroutine
 def attempt(
     parts: Parts, flow: Flow, h_s: float, y: Vector, scale: Vector, k: Vector, trial: Vector, new: Vector
 ) -> float:
@@ -44,7 +44,7 @@ def attempt(
     return abs(h_s) * fifth / math.sqrt((fifth + 0.01 * third) * n)
 
 
-@jit
+@subroutine
 def _stage(n: int, h_s: float, y: Vector, k: Vector, stage: int, first: int, out: Vector) -> None:
     """y + h Σ a_j k_j; rows of A hold zeros in columns 1 to `first` − 1 from row 5 on."""
     for i in range(n):
@@ -58,7 +58,7 @@ def _stage(n: int, h_s: float, y: Vector, k: Vector, stage: int, first: int, out
         out[i] = y[i] + h_s * out[i]
 
 
-@jit
+@subroutine
 def extend(
     parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, trial: Vector, dense: Vector
 ) -> None:
@@ -89,7 +89,7 @@ def extend(
         _add(b, DEGREE, y[i])
 
 
-@jit
+@subroutine
 def _extension_term(h_s: float, k: Vector, row: int, i: int) -> float:
     total: float = D[row, 0] * k[0, i]
     for j in range(5, STAGES):
@@ -97,13 +97,13 @@ def _extension_term(h_s: float, k: Vector, row: int, i: int) -> float:
     return h_s * total
 
 
-@jit
+@subroutine
 def _add(b: Vector, degree: int, constant: float) -> None:
     for j in range(degree + 1):
         b[j] += constant
 
 
-@jit
+@subroutine
 def _times_s(b: Vector, degree: int) -> None:
     """s p(s), one degree higher: c_j = j b_(j−1) / (n + 1)."""
     for j in range(degree + 1, 0, -1):
@@ -111,7 +111,7 @@ def _times_s(b: Vector, degree: int) -> None:
     b[0] = 0.0
 
 
-@jit
+@subroutine
 def _times_one_minus_s(b: Vector, degree: int) -> None:
     """(1 − s) p(s), one degree higher: c_j = (n + 1 − j) b_j / (n + 1)."""
     b[degree + 1] = 0.0

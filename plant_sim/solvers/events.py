@@ -8,7 +8,7 @@ that its own zero is no event.
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
@@ -67,7 +67,7 @@ class Scratch(NamedTuple):
     stack: Vector
 
 
-@jit
+@subroutine
 def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) -> float:
     """First s at which sign · p(s) + offset, negative at first, reaches 0; `zeros` as in Zeros."""
     poly = scratch.poly
@@ -125,7 +125,7 @@ def _(stop: KelvinVoigt, phase: int, zeros: Zeros, dense: Vector, scratch: Scrat
     return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros.depth, scratch))
 
 
-@jit
+@subroutine
 def earlier(found: Found, event: int, s: float) -> Found:
     """`found`, or this event where it comes first."""
     if s < found.s:
@@ -232,7 +232,7 @@ def _(
     return min(root(dense[2], 1.0, -up_rad, 0, scratch), root(dense[2], -1.0, down_rad, 0, scratch))
 
 
-@jit
+@subroutine
 def release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -> tuple[float, float]:
     """Next crank angles above and below the present one, rad, at which a resting striker breaks away.
 
@@ -259,14 +259,14 @@ def release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -
     return up, down
 
 
-@jit
+@subroutine
 def _next(angle_rad: float, after_rad: float) -> float:
     """The first of angle + 2π n that is greater than `after_rad`."""
     turns = math.floor((after_rad + NEAR_RAD - angle_rad) / TURN) + 1.0
     return angle_rad + turns * TURN
 
 
-@jit
+@subroutine
 def first_event(
     parts: Parts,
     flow: Flow,

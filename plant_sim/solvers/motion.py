@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import friction_force_n
 from plant_sim.parts.parts import Parts
@@ -93,7 +93,7 @@ def _(stop: KelvinVoigt | HuntCrossley) -> int:
     return 4
 
 
-@jit
+@subroutine
 def state_size(parts: Parts) -> int:
     """Length of the integrated state."""
     return work_place(parts.drive) + integrals(parts.stop)
@@ -142,7 +142,7 @@ def _(drive: MotorDrive, flow: Flow, load_n_m: float, omega_rad_s: float, out: V
     return loss_n_m * omega_rad_s
 
 
-@jit
+@subroutine
 def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -> None:
     """Time derivative of the state `tau_s` after the step's start, into `out`."""
     striker, drive, friction, stop = parts
@@ -173,13 +173,13 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
         out[work + 1] = crank_loss
 
 
-@jit
+@subroutine
 def in_touch(phase: int, depth_m: float) -> bool:
     """Whether a soft stop presses on the striker in this phase."""
     return phase == CONTACT or (phase == STICK and depth_m > 0.0)
 
 
-@jit
+@subroutine
 def held_force_n(parts: Parts, theta_rad: float, depth_m: float) -> float:
     """Force, N, on a striker at rest there, apart from dry friction and from a rigid stop."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
@@ -188,7 +188,7 @@ def held_force_n(parts: Parts, theta_rad: float, depth_m: float) -> float:
     return spring - elastic_force_n(stop, max(depth_m, 0.0))
 
 
-@jit
+@subroutine
 def crank_load_n_m(parts: Parts, theta_rad: float, depth_m: float) -> float:
     """Torque, N m, that the coupling spring takes from the crank: c (A sin θ + l0 − x) A cos θ."""
     striker, amplitude_m = parts.striker, parts.drive.amplitude_m
@@ -213,7 +213,7 @@ def _(drive: MotorDrive, omega_rad_s: float) -> float:
     return 0.5 * drive.inertia_kg_m2 * omega_rad_s * omega_rad_s
 
 
-@jit
+@subroutine
 def stored_energy_j(
     parts: Parts, phase: int, depth_m: float, v_m_s: float, theta_rad: float, omega_rad_s: float
 ) -> float:

@@ -8,7 +8,7 @@ STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 
 import math
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
@@ -110,7 +110,7 @@ def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
     memory.mode[TURNS] += turns
 
 
-@jit
+@subroutine
 def within_a_turn(angle_rad: float) -> tuple[float, int]:
     """The angle in [0, 2π) and the whole turns taken off."""
     turns = math.floor(angle_rad / TURN)
@@ -139,7 +139,7 @@ def _(drive: MotorDrive, memory: Memory) -> float:
     return speed_rad_s
 
 
-@jit
+@subroutine
 def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
     """Find the first phase of a module that has just been set up."""
     y, mode, stop = memory.y, memory.mode, parts.stop
@@ -188,7 +188,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
         mode[CRANK_STUCK] = 1
 
 
-@jit
+@subroutine
 def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: int, time_s: float) -> None:
     """What an event does."""
     if event == TOUCH:
@@ -246,7 +246,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
     memory.mode[ZERO_CRANK] = 2
 
 
-@jit
+@subroutine
 def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     """Reach the stop from outside, at depth 0."""
     y, mode = memory.y, memory.mode
@@ -267,7 +267,7 @@ def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
             _from_rest(parts, memory, time_s)
 
 
-@jit
+@subroutine
 def _strike(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     """Newton's law: v⁺ = −k v⁻."""
     mass, k = parts.striker.mass_kg, restitution(parts.stop)
@@ -296,7 +296,7 @@ def _(stop: KelvinVoigt) -> int:
     return 0 if stop.damping_n_s_m > 0.0 else 1
 
 
-@jit
+@subroutine
 def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
     y, mode, contact = memory.y, memory.mode, memory.contact
     mode[PHASE] = CONTACT
@@ -311,14 +311,14 @@ def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> No
     contact[IMPULSE_BEFORE] = y[work_place(parts.drive) + 3]
 
 
-@jit
+@subroutine
 def _press(parts: Parts, memory: Memory, time_s: float) -> None:
     """Meet a stop that let go early and has not yet been left: it holds its spring's energy again."""
     memory.y[work_place(parts.drive) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
     _open_contact(parts, memory, time_s, 1)
 
 
-@jit
+@subroutine
 def _leave(parts: Parts, memory: Memory) -> None:
     """The end of a contact; what a stop that lets go early still holds is lost in its relaxing."""
     y, mode, contact = memory.y, memory.mode, memory.contact
@@ -339,7 +339,7 @@ def _leave(parts: Parts, memory: Memory) -> None:
     )
 
 
-@jit
+@subroutine
 def _from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
     y, mode = memory.y, memory.mode
@@ -357,7 +357,7 @@ def _from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     _set_off(parts, memory, time_s, forward, 1 if is_pulled else 2)
 
 
-@jit
+@subroutine
 def _pull_growth(parts: Parts, memory: Memory) -> tuple[float, float]:
     """Growth of the spring's pull with time, N/s, and how much it changes within NEAR_RAD, N.
 
@@ -370,7 +370,7 @@ def _pull_growth(parts: Parts, memory: Memory) -> tuple[float, float]:
     return per_rad * crank_speed(parts.drive, memory), abs(per_rad) * NEAR_RAD
 
 
-@jit
+@subroutine
 def _release(parts: Parts, memory: Memory, time_s: float) -> None:
     """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
     net = held_force_n(parts, crank_angle(parts.drive, memory), memory.y[0])
@@ -378,7 +378,7 @@ def _release(parts: Parts, memory: Memory, time_s: float) -> None:
     _set_off(parts, memory, time_s, forward, 2)
 
 
-@jit
+@subroutine
 def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
     """Slide on from v = 0, of whose derivatives, v included, `zeros` are zero."""
     y, mode = memory.y, memory.mode
@@ -394,7 +394,7 @@ def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: 
         _open_contact(parts, memory, time_s, zeros + _leaving_zeros(parts.stop))
 
 
-@jit
+@subroutine
 def _record(
     memory: Memory,
     time_s: float,
