@@ -1,0 +1,102 @@
+"""Lockstep with the real plant and the real firmware: order of time, determinism, verdicts."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil import trace
+from hil.checks import evaluate
+from hil.figures import figures_of
+from hil.lockstep import run_lockstep
+from hil.run_folder import create, note
+from hil.scenario import Scenario, load_scenario
+
+MEASURED = ("wake_latency_us", "work_us")
+"""The only columns that a second run of the same seed may change: they are of this machine."""
+
+QUICK = [
+    "script.duration_s=3.0",
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.5,request="idle"}]',
+    "firmware.start.rise_s=1.0",
+]
+
+
+def run(scenario: Scenario, run_dir: Path, seed: int = 1) -> Path:
+    create(scenario, run_dir, "lockstep", {"bus": "in-process", "kernel_can": False}, seed)
+    note(run_dir, wall_start_s=0.0)
+    run_lockstep(scenario, run_dir, seed, lambda *_: None)
+    return run_dir
+
+
+@pytest.fixture(scope="module")
+def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run(load_scenario("soft-start-multistable", QUICK), tmp_path_factory.mktemp("quick"))
+
+
+def test_same_seed_gives_the_same_bytes(quick_run: Path, tmp_path: Path) -> None:
+    again = run(load_scenario("soft-start-multistable", QUICK), tmp_path)
+    assert (again / "can.log").read_bytes() == (quick_run / "can.log").read_bytes()
+    for name in ("plant", "impacts", "operator", "firmware"):
+        one, other = trace.read(quick_run / f"{name}.trace"), trace.read(again / f"{name}.trace")
+        assert len(one) == len(other) > 0
+        for column in one.dtype.names or ():
+            if column not in MEASURED:
+                np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+
+
+def test_another_seed_gives_other_noise(quick_run: Path, tmp_path: Path) -> None:
+    other = run(load_scenario("soft-start-multistable", QUICK), tmp_path, seed=2)
+    assert (other / "can.log").read_bytes() != (quick_run / "can.log").read_bytes()
+
+
+def test_firmware_sees_the_state_of_its_own_tick(quick_run: Path) -> None:
+    plant, firmware = trace.read(quick_run / "plant.trace"), trace.read(quick_run / "firmware.trace")
+    np.testing.assert_array_equal(plant["tick"], np.arange(3000))
+    np.testing.assert_array_equal(firmware["tick"], np.arange(3000))
+    np.testing.assert_allclose(firmware["t_s"] - plant["t_s"], 0.5e-3, atol=1e-12)
+    sensed = firmware["inputs.encoder.position_rev"] - plant["encoder_position_rev"]
+    assert np.max(np.abs((sensed + 0.5) % 1.0 - 0.5)) < 1e-6
+    assert set(firmware["inputs.accelerometer.age_ticks"]) == {0}
+
+
+def test_torque_acts_from_the_next_tick(quick_run: Path) -> None:
+    plant, firmware = trace.read(quick_run / "plant.trace"), trace.read(quick_run / "firmware.trace")
+    driving = np.flatnonzero(plant["axis_state"] == 8)
+    assert len(driving) > 1000
+    late = driving[10:]
+    np.testing.assert_allclose(
+        plant["torque_command_n_m"][late], firmware["outputs.torque_n_m"][late - 1], atol=1e-6
+    )
+
+
+def test_can_log_has_each_frame_at_its_time(quick_run: Path) -> None:
+    lines = (quick_run / "can.log").read_text().splitlines()
+    stamps = [float(line[1 : line.index(")")]) for line in lines]
+    assert stamps == sorted(stamps)
+    accelerometer = [stamp for stamp, line in zip(stamps, lines, strict=True) if " 080#" in line]
+    np.testing.assert_allclose(accelerometer, np.arange(3000) * 1e-3, atol=1e-9)
+    torque = [stamp for stamp, line in zip(stamps, lines, strict=True) if " 00E#" in line]
+    np.testing.assert_allclose(torque, np.arange(3000) * 1e-3 + 0.5e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("tick_s", [0.00025, 0.0005, 0.002, 0.004])
+def test_other_control_periods_run_the_same_physics(tick_s: float, tmp_path: Path) -> None:
+    scenario = load_scenario("soft-start-multistable", [*QUICK, f"firmware.control.tick_s={tick_s}"])
+    run_dir = run(scenario, tmp_path)
+    plant = trace.read(run_dir / "plant.trace")
+    assert len(plant) == round(3.0 / tick_s)
+    assert plant["t_s"][-1] == pytest.approx(3.0 - tick_s)
+    rising = plant["omega_rad_s"][np.searchsorted(plant["t_s"], 2.0)]
+    assert rising == pytest.approx(1.1 * 9.354, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["instant-start-multistable", "quick-start-below-the-band", "operator-lost", "e-stop-in-the-hold"],
+)
+def test_short_scenarios_pass_their_checks(name: str, tmp_path: Path) -> None:
+    scenario = load_scenario(name)
+    figures = figures_of(run(scenario, tmp_path)).as_json()
+    failed = [result for result in evaluate(scenario.checks, figures) if not result.passed]
+    assert not failed

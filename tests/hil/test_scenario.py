@@ -1,0 +1,120 @@
+"""Scenario files: what is taken, what is refused, and how it is said."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from firmware_py.shell.parameters import ParameterError
+from hil.operator import Command, Request
+from hil.scenario import ScenarioError, load_scenario, scenario_names
+from plant_sim.scene import SceneError
+
+MINIMAL = """
+title = "Nothing moves"
+scene = "table1-motor-soft"
+[script]
+duration_s = 2.0
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "nothing-moves.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_of_the_package_loads_and_checks_something(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.title[0].isupper()
+    assert scenario.checks
+    assert scenario.commands
+
+
+def test_default_scenario_is_the_soft_start() -> None:
+    scenario = load_scenario("soft-start-multistable")
+    assert scenario.commands == (Command(0.5, Request.RUN, 1.3), Command(28.0, Request.IDLE, 0.0))
+    assert scenario.ticks == 33_000
+    assert scenario.scene.drive.amplitude_m == 0.02
+
+
+def test_scene_by_name_is_written_out_and_can_be_changed(tmp_path: Path) -> None:
+    path = written(tmp_path, MINIMAL)
+    scenario = load_scenario(
+        path,
+        ["scene.stop.restitution=0.4", "firmware.stop.restitution=0.6", "script.duration_s=3.5"],
+    )
+    assert scenario.name == "nothing-moves"
+    assert scenario.document["scene"]["striker"]["mass_kg"] == 0.8
+    assert scenario.scene.stop.restitution == 0.4  # type: ignore[union-attr]
+    assert scenario.parameters == {"stop": {"restitution": 0.6}}
+    assert scenario.duration_s == 3.5
+
+
+def test_control_period_paces_the_run(tmp_path: Path) -> None:
+    scenario = load_scenario(written(tmp_path, MINIMAL), ["firmware.control.tick_s=0.00025"])
+    assert scenario.period_s == 0.00025
+    assert scenario.ticks == 8000
+
+
+RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
+
+
+@pytest.mark.parametrize(
+    ("more", "settings", "said"),
+    [
+        ("[scirpt]\n", [], r"scirpt = .* is not a known key; did you mean script\?"),
+        ("", ["script.duration_s=-1"], r"script.duration_s = -1.* is not a number greater than 0"),
+        ("", ["script.duration_s=nan"], r"script.duration_s = nan is not a finite number"),
+        ("", ["script.durations=1"], r"script.durations = 1 is not a known key; did you mean duration_s\?"),
+        (RUN_COMMAND, [], r"the command at 1.0 s asks for 'run' with no target_ratio; .* e.g. 1.3"),
+        (RUN_COMMAND + "target_ratio = 9.0\n", [], r"target_ratio = 9.0 is not a number of at most 4"),
+        (RUN_COMMAND + "target_ratio = 1.3\n", ["script.duration_s=0.5"], r"comes after the end"),
+        (
+            RUN_COMMAND.replace("run", "walk"),
+            [],
+            r"script.commands.0.request = 'walk' is not 'idle', 'run'.*; give what is asked for",
+        ),
+        ('[[checks]]\nname = "regmie"\nequals = "impact"\n', [], r"did you mean regime"),
+        ('[[checks]]\nname = "peak_force_n"\nhigh = 1.0\nunit = "kN"\n', [], r"the figure is in 'N'"),
+        ("", ["duration=3"], r"is not KEY=VALUE with a dotted key"),
+        ("", ["skript.duration_s=3"], r"starts with 'skript'; wanted one of"),
+    ],
+)
+def test_bad_scenario_is_refused_with_key_value_and_remedy(
+    tmp_path: Path, more: str, settings: list[str], said: str
+) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        load_scenario(written(tmp_path, MINIMAL + more), settings)
+
+
+def test_bad_plant_and_bad_beliefs_are_refused_too(tmp_path: Path) -> None:
+    path = written(tmp_path, MINIMAL)
+    with pytest.raises(SceneError, match=r"striker.mass_kg = -1.*greater than 0"):
+        load_scenario(path, ["scene.striker.mass_kg=-1.0"])
+    with pytest.raises(ParameterError, match=r"no firmware parameter 'stop.restituton'; did you mean"):
+        load_scenario(path, ["firmware.stop.restituton=0.5"])
+    with pytest.raises(ParameterError, match=r"striker.mass_kg = nan"):
+        load_scenario(path, [f"firmware.striker.mass_kg={math.nan}"])
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("soft-start-multistabel", r"no named scenario; did you mean soft-start-multistable\?"),
+        (
+            "nowhere/at-all.toml",
+            r"cannot be read \(No such file or directory\); give an existing file or one of",
+        ),
+    ],
+)
+def test_scenario_that_is_not_there_is_refused(source: str, said: str) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        load_scenario(source)
+
+
+def test_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="is not valid TOML"):
+        load_scenario(written(tmp_path, "title = "))
