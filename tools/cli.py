@@ -29,7 +29,7 @@ app = typer.Typer(
     add_completion=False,
 )
 
-COMMANDS = ("run", "firmware", "plant", "simulate", "view", "kernel", "doctor")
+COMMANDS = ("run", "firmware", "plant", "simulate", "view", "kernel", "schedule", "doctor")
 
 for command in COMMANDS:
     import_module(f"tools.commands.{command}").register(app)
