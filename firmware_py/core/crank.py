@@ -13,6 +13,9 @@ from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
 from firmware_py.core.numbers import TAU, limited, turned, wrapped
 
+FASTEST_RAD_S = 1000.0
+"""No speed is believed beyond: 25 times what the motor can do."""
+
 
 class CrankConfig(NamedTuple):
     """`gain_…` are g, h and k of the tracker at one tick."""
@@ -54,6 +57,7 @@ def step(
         and math.isfinite(encoder.position_rev)
         and abs(encoder.position_rev) < 1e6
         and math.isfinite(encoder.velocity_rev_s)
+        and abs(encoder.velocity_rev_s) < 1e4
     )
     measured_rad = 0.0
     if usable:
@@ -61,7 +65,7 @@ def step(
         if state.missed_ticks >= NEVER_TICKS:
             return CrankState(
                 angle_rad=turned(measured_rad),
-                omega_rad_s=TAU * encoder.velocity_rev_s,
+                omega_rad_s=limited(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
                 disturbance_rad_s2=0.0,
                 innovation_rad=0.0,
                 missed_ticks=0,
@@ -77,7 +81,7 @@ def step(
     if not usable:
         return CrankState(
             angle_rad=turned(angle_rad),
-            omega_rad_s=omega_rad_s,
+            omega_rad_s=limited(omega_rad_s, FASTEST_RAD_S),
             disturbance_rad_s2=state.disturbance_rad_s2,
             innovation_rad=0.0,
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
@@ -86,7 +90,7 @@ def step(
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
         angle_rad=turned(angle_rad + config.gain_angle * innovation_rad),
-        omega_rad_s=omega_rad_s + config.gain_speed * innovation_rad / T,
+        omega_rad_s=limited(omega_rad_s + config.gain_speed * innovation_rad / T, FASTEST_RAD_S),
         disturbance_rad_s2=limited(
             state.disturbance_rad_s2 + 2.0 * config.gain_acceleration * innovation_rad / (T * T),
             config.largest_disturbance_rad_s2,

@@ -1,7 +1,7 @@
 """When the striker touches the stop: a one-sided test on the innovation, confirmed by a second vote.
 
-The stop can only push back, so a touch-down shows as an acceleration far below the model's. It counts where
-it exceeds both an absolute floor and a multiple of the innovation's own spread, and where the estimate has
+The stop can only push back, so a touch-down shows as an acceleration below the model's. It counts where it
+exceeds an absolute floor by a multiple of what the estimate itself is uncertain, and where the estimate has
 the striker near the stop and coming; or, should the estimate be lost, where two readings in a row exceed
 several times as much. After a separation the detector stays blind for the refractory time.
 
@@ -96,7 +96,7 @@ def _free(
 ) -> tuple[DetectorState, Contact]:
     # Where a dry guide reverses, the model is off by up to twice the friction.
     dry_m_s2 = (0.3 if estimate.v_m_s > 0.04 else 2.0) * config.dry_m_s2
-    limit_m_s2 = at_least(config.sigmas * estimate.innovation_std_m_s2, config.floor_m_s2 + dry_m_s2)
+    limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * estimate.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
     reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p_xx, 0.0))
     near = estimate.x_m > config.stop_m - reach_m and estimate.v_m_s > -3.0 * math.sqrt(
@@ -121,11 +121,13 @@ def _free(
             ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0
         )
 
-    speed_m_s = at_least(estimate.v_m_s, 0.03)
-    # a = growth (x'⁻ t)^1.5, and the impulse so far is 0.4 a t by unit of mass
-    age_s = (excess_m_s2 / config.growth) ** (2.0 / 3.0) / speed_m_s
-    age_s = min(age_s, 3.0 * config.tick_s) + config.delay_s
-    speed_m_s = at_least(estimate.v_m_s + 0.4 * excess_m_s2 * age_s, 0.03)
+    # a = growth (x'⁻ t)^1.5 seen through the delay τ: since touch-down it has lost a (0.4 t + τ).
+    slope = (excess_m_s2 / config.growth) ** (2.0 / 3.0)
+    age_s = min(slope / at_least(estimate.v_m_s, 0.03), 3.0 * config.tick_s)
+    speed_m_s = at_least(estimate.v_m_s + excess_m_s2 * (0.4 * age_s + config.delay_s), 0.03)
+    age_s = min(slope / speed_m_s, 3.0 * config.tick_s)
+    speed_m_s = at_least(estimate.v_m_s + excess_m_s2 * (0.4 * age_s + config.delay_s), 0.03)
+    age_s += config.delay_s
     touched = DetectorState(
         phase=ContactPhase.CONTACT,
         contact_ticks=0,

@@ -11,7 +11,7 @@ is the measurement: x = x_stop at touch-down and at separation. Where the readin
 contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne, Council & Johnson,
 The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k is not known.
 
-A first-order low-pass of time constant τ delays the readings: its input is a = z + τ z', and ∫a over a tick
+A low-pass of group delay τ delays the readings: its input is a = z + τ z', and ∫a over a tick
 is the trapezoid of z plus τ times its change.
 """
 
@@ -27,6 +27,10 @@ from firmware_py.interface.enums import ContactPhase
 
 LONGEST_GAP_TICKS = 20
 """A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step."""
+
+
+LARGEST = 1e3
+"""An estimate beyond, in SI units, has diverged and starts anew."""
 
 
 class StrikerBelief(NamedTuple):
@@ -94,7 +98,8 @@ class SensorState(NamedTuple):
 class EstimatorState(NamedTuple):
     """Mean, upper triangle of P, the last innovation, and the belief kept from touch-down.
 
-    `nis` is the normalised innovation squared of a correction by the model, 0 without one.
+    `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
+    the normalised innovation squared of a correction by the model, 0 without one.
     """
 
     x_m: float
@@ -108,6 +113,7 @@ class EstimatorState(NamedTuple):
     p_bb: float
     innovation_m_s2: float
     innovation_std_m_s2: float
+    spread_m_s2: float
     nis: float
     sensor: SensorState
     touch_down: Belief
@@ -140,6 +146,7 @@ INITIAL = EstimatorState(
     p_bb=0.0,
     innovation_m_s2=0.0,
     innovation_std_m_s2=0.0,
+    spread_m_s2=0.0,
     nis=0.0,
     sensor=SensorState(0.0, 0.0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_BELIEF,
@@ -271,19 +278,19 @@ def propagate(
 
     innovation = 0.0
     variance = config.model_variance
+    own_variance = 0.0
     if fresh:
         innovation = kalman.innovation(
             belief, sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s), config.row
         )
-        variance = at_least(
-            kalman.innovation_variance(belief.p, config.row, _model_variance(config, belief)),
-            config.model_variance,
-        )
+        own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
+        variance = own_variance + _model_variance(config, belief)
     return _state(
         belief,
         sensor,
         innovation,
         math.sqrt(variance),
+        math.sqrt(own_variance),
         innovation * innovation / variance,
         state.touch_down,
         state.started or fresh,
@@ -328,7 +335,9 @@ def correct(
     spread = config.spread
     p = belief.p
     if not (
-        math.isfinite(belief.x_m + belief.v_m_s + belief.bias_m_s2)
+        abs(belief.x_m) < LARGEST
+        and abs(belief.v_m_s) < LARGEST
+        and abs(belief.bias_m_s2) < LARGEST
         and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
     ):
         return INITIAL
@@ -350,6 +359,7 @@ def correct(
         propagated.sensor,
         propagated.innovation_m_s2,
         propagated.innovation_std_m_s2,
+        propagated.spread_m_s2,
         propagated.nis if by_model else 0.0,
         touch_down,
         propagated.started,
@@ -424,6 +434,7 @@ def _state(
     sensor: SensorState,
     innovation_m_s2: float,
     innovation_std_m_s2: float,
+    spread_m_s2: float,
     nis: float,
     touch_down: Belief,
     started: bool,
@@ -441,6 +452,7 @@ def _state(
         p_bb=p.bb,
         innovation_m_s2=innovation_m_s2,
         innovation_std_m_s2=innovation_std_m_s2,
+        spread_m_s2=spread_m_s2,
         nis=nis,
         sensor=sensor,
         touch_down=touch_down,

@@ -73,7 +73,14 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("crank.largest_disturbance_rad_s2", "rad/s^2", 0.0, 1e5, 1600.0, "0.8 N m on 5e-4 kg m^2"),
     Parameter("sensor.low_full_scale_m_s2", "m/s^2", 1.0, 1e4, 156.9064, "16 g"),
     Parameter("sensor.high_full_scale_m_s2", "m/s^2", 1.0, 1e5, 1961.33, "200 g"),
-    Parameter("sensor.bandwidth_hz", "Hz", 20.0, 1e5, 400.0, "the accelerometers' low-pass, first order"),
+    Parameter(
+        "sensor.bandwidth_hz",
+        "Hz",
+        20.0,
+        1e5,
+        400.0,
+        "the accelerometers' low-pass, Butterworth of second order",
+    ),
     Parameter(
         "sensor.high_offset_s", "s", 0.01, 1e4, 2.0, "time to learn the high range's offset; bias is slow"
     ),
@@ -129,10 +136,8 @@ TABLE: tuple[Parameter, ...] = (
         "estimator.restitution_std", "1", 1e-3, 1.0, 0.1, "where Newton's law has to stand in: twice +-0.05"
     ),
     # --- detector -----------------------------------------------------------------------------------
-    Parameter("detector.floor_m_s2", "m/s^2", 0.1, 1e3, 4.0, "a blow of 0.05 m/s peaks at 9 m/s^2"),
-    Parameter(
-        "detector.sigmas", "1", 0.5, 100.0, 1.5, "in spreads of the innovation: lasting errors, not noise"
-    ),
+    Parameter("detector.floor_m_s2", "m/s^2", 0.1, 1e3, 1.5, "five times what 2 % of c and 1 mm of l0 do"),
+    Parameter("detector.sigmas", "1", 0.5, 100.0, 4.0, "spreads of the estimate, on top of the floor"),
     Parameter("detector.near_m", "m", 0.0, 1.0, 0.006, "near the stop; the spread of the estimate is added"),
     Parameter("detector.sure_factor", "1", 1.0, 100.0, 3.0, "twice this much in a row counts anywhere"),
     Parameter("detector.end_m_s2", "m/s^2", 0.01, 1e3, 1.5, "a contact has ended below this"),
@@ -340,7 +345,7 @@ def config_of(values: Mapping[str, float]) -> Config:
     stiffness_1_s2 = values["striker.spring_n_m"] / mass_kg
     damping_1_s = values["friction.b_n_s_m"] / mass_kg
     natural_rad_s = math.sqrt(stiffness_1_s2)
-    delay_s = 1.0 / (TAU * values["sensor.bandwidth_hz"])
+    delay_s = math.sqrt(2.0) / (TAU * values["sensor.bandwidth_hz"])  # Butterworth, second order, at rest
     restitution = values["stop.restitution"]
     gain_angle, gain_speed, gain_acceleration = critically_damped_gains(
         values["crank.bandwidth_rad_s"], tick_s
