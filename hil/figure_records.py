@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 
 
 class Quantity(NamedTuple):
-    """A figure's unit ("1" for a ratio, "" for a name or a record) and its meaning."""
+    """A figure's unit, empty for numbers without one and for names, and its meaning."""
 
     unit: str
     meaning: str
@@ -38,10 +38,10 @@ class Latency:
 class LoopTiming:
     """One loop's own clockwork."""
 
-    ticks: Annotated[int, Quantity("1", "ticks run")]
-    overruns: Annotated[int, Quantity("1", "ticks skipped because the next deadline had passed")]
-    late_wakeups: Annotated[int, Quantity("1", "wake-ups more than half a tick late")]
-    long_work: Annotated[int, Quantity("1", "ticks whose work took more than half a tick")]
+    ticks: Annotated[int, Quantity("", "ticks run")]
+    overruns: Annotated[int, Quantity("", "ticks skipped because the next deadline had passed")]
+    late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late")]
+    long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick")]
     work_us: Annotated[Spread, Quantity("", "work in a tick")]
     wake_us: Annotated[Spread, Quantity("", "wake-up latency")]
 
@@ -71,7 +71,7 @@ class EstimateFigures:
     x_worst_m: Annotated[float | None, Quantity("m", "largest error of the striker's position")]
     nis_mean: Annotated[
         float | None,
-        Quantity("1", "mean normalised innovation squared; 1 if the filter's covariance is honest"),
+        Quantity("", "mean normalised innovation squared; 1 if the filter's covariance is honest"),
     ]
 
 
@@ -79,10 +79,8 @@ class EstimateFigures:
 class DetectorFigures:
     """The firmware's detections against the true touch-downs of at least 0.05 m/s, over the whole run."""
 
-    precision: Annotated[
-        float | None, Quantity("1", "detections that belong to an impact, of all detections")
-    ]
-    recall: Annotated[float | None, Quantity("1", "impacts that were detected, of all that should have been")]
+    precision: Annotated[float | None, Quantity("", "detections that belong to an impact, of all detections")]
+    recall: Annotated[float | None, Quantity("", "impacts that were detected, of all that should have been")]
     latency_ms: Annotated[Latency, Quantity("", "from touch-down to the tick that reports it")]
     speed_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the reported approach speed")]
 
@@ -92,8 +90,8 @@ class SpeedFigures:
     """The crank's true speed over the second half of the hold."""
 
     mean_rad_s: Annotated[float | None, Quantity("rad/s", "mean crank speed")]
-    error: Annotated[float | None, Quantity("1", "mean crank speed over its mean target, less one")]
-    ripple: Annotated[float | None, Quantity("1", "half of the peak-to-peak crank speed over its mean")]
+    error: Annotated[float | None, Quantity("", "mean crank speed over its mean target, less one")]
+    ripple: Annotated[float | None, Quantity("", "half of the peak-to-peak crank speed over its mean")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +108,7 @@ class SafeStateFigures:
         float | None, Quantity("s", "until the firmware's torque command was zero for good")
     ]
     blows_after: Annotated[
-        int | None, Quantity("1", "impacts after that moment: a torque of zero is no promise of none")
+        int | None, Quantity("", "impacts after that moment: a torque of zero is no promise of none")
     ]
 
 
@@ -124,27 +122,25 @@ class Figures:
     kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
     real_time: Annotated[bool, Quantity("", "whether a real-time run met its timing")]
     duration_s: Annotated[float, Quantity("s", "simulated duration")]
-    ticks: Annotated[int, Quantity("1", "ticks the firmware ran")]
-    overruns: Annotated[int, Quantity("1", "ticks skipped, both loops")]
-    baseline_overruns: Annotated[int | None, Quantity("1", "ticks a bare sleep loop skipped beside the run")]
-    late_wakeups: Annotated[int, Quantity("1", "wake-ups more than half a tick late, both loops")]
-    long_work: Annotated[int, Quantity("1", "ticks whose work took more than half a tick, both loops")]
+    ticks: Annotated[int, Quantity("", "ticks the firmware ran")]
+    overruns: Annotated[int, Quantity("", "ticks skipped, both loops")]
+    baseline_overruns: Annotated[int | None, Quantity("", "ticks a bare sleep loop skipped beside the run")]
+    late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late, both loops")]
+    long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick, both loops")]
     tick_us: Annotated[Spread, Quantity("", "work in a firmware tick")]
     wake_us: Annotated[Spread, Quantity("", "wake-up latency of the firmware's loop")]
     loops: Annotated[Loops, Quantity("", "timing of each loop")]
     bus_load: Annotated[
-        float | None, Quantity("1", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing")
+        float | None, Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing")
     ]
-    realtime_factor: Annotated[float | None, Quantity("1", "simulated over elapsed time")]
+    realtime_factor: Annotated[float | None, Quantity("", "simulated over elapsed time")]
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
-    impact_count: Annotated[int, Quantity("1", "true touch-downs of the run")]
+    impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
     regime_believed: Annotated[str, Quantity("", "what the firmware believed at the end of the hold")]
     hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]
     hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
-    impacts_per_period: Annotated[
-        float | None, Quantity("1", "impacts per turn of the crank during the hold")
-    ]
+    impacts_per_period: Annotated[float | None, Quantity("", "impacts per turn of the crank during the hold")]
     capture_s: Annotated[
         float | None, Quantity("s", "first impact from which on every drive period of the hold had one")
     ]
@@ -166,7 +162,7 @@ class Figures:
     ]
     safe_state: Annotated[SafeStateFigures, Quantity("", "what happened once the drive was to be off")]
     energy_residual: Annotated[
-        float | None, Quantity("1", "what the plant's energy ledger leaves unbalanced, of all exchanged")
+        float | None, Quantity("", "what the plant's energy ledger leaves unbalanced, of all exchanged")
     ]
 
     def as_json(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 def measured(check: Mapping[str, Any]) -> str:
     """What was measured against which limit, in a sentence."""
-    value, unit = check["value"], "" if check["unit"] == "1" else check["unit"]
+    value, unit = check["value"], check["unit"]
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     found = "not there" if value is None else f"{text} {unit}".rstrip()
     return found + f", wanted {check['limit']} {unit}".rstrip()

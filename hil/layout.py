@@ -211,7 +211,7 @@ def estimator(detail_s: tuple[float, float] | None) -> Any:
                 Line("/firmware", deviation, "its σ", "m/s²", TARGET),
                 span_s=detail_s,
             ),
-            plot("NIS", Line("/firmware", "state.estimator.nis", "NIS", "1", OTHER)),
+            plot("NIS", Line("/firmware", "state.estimator.nis", "NIS", "", OTHER)),
             plot(
                 "Accelerometer bias [m/s²]",
                 Line(
@@ -270,8 +270,8 @@ def bus_and_timing() -> Any:
         rrb.Horizontal(
             plot(
                 "Ticks skipped so far",
-                Line("/firmware", "overruns", "firmware", "1", BELIEF),
-                Line("/plant", "overruns", "plant", "1", TRUTH),
+                Line("/firmware", "overruns", "firmware", "", BELIEF),
+                Line("/plant", "overruns", "plant", "", TRUTH),
             ),
             plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), up_to=1.0),
         ),

@@ -32,7 +32,7 @@ HEADLINES = (
 def shown(value: Any, unit: str) -> str:
     """A figure as people read it.
 
-    >>> shown(0.02345678, "m"), shown(None, "N"), shown(0.25, "1"), shown(True, "")
+    >>> shown(0.02345678, "m"), shown(None, "N"), shown(0.25, ""), shown(True, "")
     ('0.02346 m', '—', '0.25', 'yes')
     """
     if value is None:
@@ -40,7 +40,7 @@ def shown(value: Any, unit: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text if unit in ("", "1") else f"{text} {unit}"
+    return f"{text} {unit}".rstrip()
 
 
 @cache

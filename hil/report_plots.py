@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from hil import detection
-from hil.bus_figures import bits_on_the_bus, load_by_bin, load_over_time
+from hil.bus_figures import LOAD_BIN_S, bits_on_the_bus, load_by_bin, load_over_time
 from hil.figure_records import Figures
 from hil.run_traces import Records, RunTraces, column
 
@@ -259,7 +259,8 @@ def timing(traces: RunTraces, figures: Figures) -> Plot:
             if largest <= 0.0:
                 nothing(axes, "not measured in lockstep")
                 continue
-            bins = np.geomspace(1.0, max(largest, 10.0), 60).tolist()
+            smallest = min(float(sample[sample > 0.0].min()) for sample in samples if (sample > 0.0).any())
+            bins = np.geomspace(0.9 * smallest, 1.1 * largest, 60).tolist()
             for sample, (_, color, loop) in zip(samples, loops, strict=True):
                 if (sample > 0.0).any():
                     axes.hist(sample, bins=bins, histtype="step", color=color, label=loop)
@@ -269,8 +270,9 @@ def timing(traces: RunTraces, figures: Figures) -> Plot:
             axes.legend(loc="upper right")
         work.set_ylabel("ticks")
         bits = load_by_bin(traces.bus.t_s, bits_on_the_bus(traces.bus.length))
-        if bits:
-            t_s, fraction = load_over_time(bits)
+        whole = {n: sent for n, sent in bits.items() if (n + 1) * LOAD_BIN_S <= figures.duration_s}
+        if whole:
+            t_s, fraction = load_over_time(whole)
             load.plot(t_s, 100.0 * fraction, color=OTHER, lw=0.9)
             load.set(xlabel="simulated time [s]", ylabel="bus load [%]")
             load.set_ylim(bottom=0.0)

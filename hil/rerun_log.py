@@ -163,14 +163,14 @@ class RunLog:
         self._document("about/outcome", json.dumps(dict(outcome), indent=2), "json")
         for mark in sorted(marks):
             self._events([mark.t_s], [mark.text], "ERROR")
-        if marks:
-            self._declare("states/checks", rr.StateConfiguration(values=["ok"], visible=[False]))
-            lane = [(mark.t_s, mark.text) for mark in sorted(marks)]
-            self._send(
-                "states/checks",
-                np.array([t_s for t_s, _ in lane]),
-                rr.StateChange.columns(state=[text for _, text in lane]),
-            )
+        texts: dict[float, str] = {}
+        for mark in sorted(marks):
+            texts[mark.t_s] = f"{texts[mark.t_s]}; {mark.text}" if mark.t_s in texts else mark.text
+        if texts:
+            states = list(texts.values())
+            alarms = rr.StateConfiguration(values=states, colors=colors([ALARM] * len(states)))
+            self._declare("states/checks", alarms)
+            self._send("states/checks", np.array(list(texts)), rr.StateChange.columns(state=states))
 
     # --- one trace each ------------------------------------------------------------------------------
 

@@ -191,7 +191,7 @@ def make_run() -> MadeUpRun:
             "scene": {"stop": {"law": "hunt-crossley", "position_m": STOP_M}, "drive": {"amplitude_m": 0.02}},
             "checks": [
                 {"name": "regime", "equals": "impact"},
-                {"name": "detector.recall", "low": 0.9, "unit": "1"},
+                {"name": "detector.recall", "low": 0.9, "unit": ""},
             ],
         },
     )
