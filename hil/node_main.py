@@ -16,7 +16,7 @@ from hil.loop import FixedRateLoop
 from hil.nodes import FirmwareRunner, Pace, PlantRunner
 from hil.plant_node import ACCEPTED_IDS
 from hil.processes import READY, read_start_ns
-from hil.realtime import NODE_PRIORITY, become_realtime, die_with_parent
+from hil.realtime import NODE, become_realtime, die_with_parent
 from hil.scenario import changed, load_scenario, refuse_other_periods
 from hil.warm import warm_firmware, warm_plant
 
@@ -98,7 +98,7 @@ def run_loop(
     """Start at the common time, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
     clock = MonotonicClock()
     period_ns = round(pace.period_s * NS_PER_S)
-    report = become_realtime(NODE_PRIORITY)
+    report = become_realtime(NODE)
     if sync:
         print(READY, json.dumps(report._asdict()), flush=True)
         t0_ns = read_start_ns()

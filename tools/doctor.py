@@ -19,7 +19,7 @@ from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
 from hil.bus.vcan import VcanError, enter_own_network
 from hil.clock import MonotonicClock
-from hil.realtime import NODE_PRIORITY, RealtimeReport, become_realtime
+from hil.realtime import BASELINE, RealtimeReport, become_realtime
 from hil.uml import REMEDY as INSTALL_UML
 from plant_sim.kernels import KernelCacheError, cache_folder
 
@@ -60,9 +60,11 @@ def checks() -> list[DoctorCheck]:
         _user_mode_linux(),
         DoctorCheck(
             "SCHED_FIFO",
-            realtime.fifo,
+            realtime.scheduler != "ordinary",
             "run as root, or give this user rtprio 30 in /etc/security/limits.d and log in again",
-            "allowed" if realtime.fifo else "refused: any busy process delays the loops",
+            f"allowed: {realtime.scheduler}"
+            if realtime.scheduler != "ordinary"
+            else "refused: any busy process delays the loops",
         ),
         DoctorCheck(
             "mlockall",
@@ -192,7 +194,7 @@ def _user_mode_linux() -> DoctorCheck:
 
 def _bare_loop() -> tuple[RealtimeReport, list[float]]:
     """Sleep from deadline to deadline with no work between; return how late each wake-up was, in µs."""
-    report = become_realtime(NODE_PRIORITY)
+    report = become_realtime(BASELINE)
     clock = MonotonicClock()
     start_ns = clock.now_ns() + PERIOD_NS
     late_us = []

@@ -19,7 +19,7 @@ from typing import IO
 from hil.bus.hub_socket import CONTROL_ID, HELLO, HELLO_DEAF, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, FRAME_BYTES
 from hil.processes import stop_requests
-from hil.realtime import HUB_PRIORITY, become_realtime
+from hil.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
 MAX_QUEUED_BYTES = 1 << 16
@@ -169,7 +169,7 @@ def main() -> None:
     parser.add_argument("socket", type=Path, help="where to listen; its folder must be the user's own")
     path: Path = parser.parse_args().socket
     stop = stop_requests()
-    become_realtime(HUB_PRIORITY)
+    become_realtime(HUB)
     hub = Hub(path)
     print("ready", flush=True)
     hub.serve((sys.stdin, stop))
