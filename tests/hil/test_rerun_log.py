@@ -127,6 +127,7 @@ def test_the_same_traces_give_the_same_columns(run_dir, log_path, tmp_path):
     assert column_hashes(again) == column_hashes(log_path)
 
     made_up.plant["x_m"][1234] += 1e-15
+    made_up.firmware["work_us"] += 1.0
     other = column_hashes(rebuild(write_run(made_up, tmp_path / "other")))
     same = column_hashes(log_path)
     assert {name for name in same if same[name] != other[name]} == {"/plant:trace:record.x_m"}

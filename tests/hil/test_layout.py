@@ -1,0 +1,99 @@
+"""The layout: every field it plots is one that the bench's processes write, and it is legible when opened."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+from run_folder import make_run, write_run
+
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.step import Outputs, State
+from firmware_py.shell.node import Counters
+from hil import lanes, layout
+from hil.loop import LoopTiming
+from hil.operator import OperatorRecord
+from hil.plant_node import ImpactRecord, PlantRecord
+from hil.rerun_log import rebuild
+from hil.rerun_program import rerun_environment, rerun_program
+from hil.trace import flatten
+
+WIDTH, HEIGHT = 1280, 800
+
+
+def columns(*fields):
+    return {column.name for name, kind in fields for column in flatten(name, kind)}
+
+
+WRITTEN = {
+    "/plant": columns(("", PlantRecord), ("", LoopTiming)),
+    "/firmware": columns(
+        ("inputs", Inputs), ("state", State), ("outputs", Outputs), ("counters", Counters), ("", LoopTiming)
+    ),
+    "/impacts/truth": columns(("", ImpactRecord)),
+    "/operator": columns(("", OperatorRecord)),
+}
+
+
+def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
+    plotted = []
+    plot = layout.plot
+
+    def collecting(name, *series, **options):
+        plotted.extend(series)
+        return plot(name, *series, **options)
+
+    monkeypatch.setattr(layout, "plot", collecting)
+    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, marked=True))
+
+    fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
+    fields += [
+        (item.entity, item.variance) for item in plotted if isinstance(item, layout.Line) and item.variance
+    ]
+    assert len(fields) > 40
+    for entity, field in fields:
+        if field is not None:
+            assert field in WRITTEN[entity], f"{entity} has no {field}"
+
+
+def test_every_lane_is_written_by_the_bench():
+    assert {lane.column for lane in lanes.PLANT_LANES} <= WRITTEN["/plant"]
+    assert {lane.column for lane in lanes.FIRMWARE_LANES} <= WRITTEN["/firmware"]
+
+
+def test_a_state_that_has_no_name_is_shown_by_its_number():
+    assert lanes.state_name(lanes.PLANT_LANES[0].states, 17) == "unknown 17"
+
+
+def near(picture, rgba, tolerance=40):
+    """How many pixels have about this colour."""
+    color = np.array([rgba >> 24, rgba >> 16 & 255, rgba >> 8 & 255])
+    return int(np.count_nonzero((np.abs(picture - color) < tolerance).all(axis=-1)))
+
+
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display; install xvfb")
+def test_the_overview_shows_truth_belief_stop_and_modes(tmp_path):
+    """Rendered as a user sees it, without a display: see that the plots, lanes and the picture are there."""
+    made_up = make_run()
+    made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1.0}]
+    log = rebuild(write_run(made_up, tmp_path))
+    picture_path = tmp_path / "overview.png"
+    viewer = [rerun_program(), log, "--screenshot-to", picture_path, "--window-size", f"{WIDTH}x{HEIGHT}"]
+    quiet = {**rerun_environment(), "RUST_LOG": "error"}
+    display = ["xvfb-run", "-a", "-s", f"-screen 0 {WIDTH}x{HEIGHT}x24"]
+    loopback = ["--bind", "127.0.0.1", "--port", "auto", "--renderer", "vulkan"]
+    outcome = subprocess.run(
+        [*display, *viewer, *loopback], env=quiet, capture_output=True, text=True, timeout=120.0, check=False
+    )
+    if "adapter" in outcome.stderr.lower() and not picture_path.exists():
+        pytest.skip("no graphics driver; install mesa-vulkan-drivers")
+    assert picture_path.exists(), outcome.stderr
+
+    picture = np.asarray(Image.open(picture_path).convert("RGB").resize((WIDTH, HEIGHT)), dtype=int)
+    top, middle = picture[60:260], picture[260:480]
+    assert near(top, lanes.GOOD) > 2000, "the lane of mode run"
+    assert near(top, lanes.ALARM, tolerance=60) > 500, "the failed check"
+    assert near(middle, lanes.TRUTH) > 300, "the true striker"
+    assert near(middle, lanes.ALARM) > 500, "the stop's line"
+    assert near(picture[600:], lanes.TRUTH) > 100, "the striker in the moving picture"
