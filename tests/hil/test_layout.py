@@ -90,10 +90,11 @@ def test_the_overview_shows_truth_belief_stop_and_modes(tmp_path):
         pytest.skip("no graphics driver; install mesa-vulkan-drivers")
     assert picture_path.exists(), outcome.stderr
 
-    picture = np.asarray(Image.open(picture_path).convert("RGB").resize((WIDTH, HEIGHT)), dtype=int)
-    top, middle = picture[60:260], picture[260:480]
+    picture = np.asarray(Image.open(picture_path).convert("RGB"), dtype=int)
+    rows = len(picture)
+    top, middle = picture[rows * 60 // HEIGHT : rows * 250 // HEIGHT], picture[rows // 3 : rows * 3 // 5]
     assert near(top, lanes.GOOD) > 2000, "the lane of mode run"
     assert near(top, lanes.ALARM, tolerance=60) > 500, "the failed check"
     assert near(middle, lanes.TRUTH) > 300, "the true striker"
     assert near(middle, lanes.ALARM) > 500, "the stop's line"
-    assert near(picture[600:], lanes.TRUTH) > 100, "the striker in the moving picture"
+    assert near(picture[rows * 3 // 4 :], lanes.TRUTH) > 100, "the striker in the moving picture"
