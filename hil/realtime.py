@@ -43,7 +43,7 @@ class RealtimeReport(NamedTuple):
     """What was allowed."""
 
     scheduler: str
-    """deadline: a reserved share of a CPU; fifo: a fixed priority; ordinary: any busy process is in its way."""
+    """deadline: a reserved share of a CPU; fifo: a fixed priority; ordinary: any busy process delays it."""
     memory_locked: bool
     """No page that was once used is fetched again from disk."""
     timer_slack: bool

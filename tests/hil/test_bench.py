@@ -1,0 +1,202 @@
+"""Real time: processes that start together, die, and are missed; runs on the wall clock, on `local`."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from hil import trace
+from hil.bench import run_scenario
+from hil.processes import Child, ChildError
+from hil.scenario import Scenario, load_scenario
+
+QUICK = [
+    "script.duration_s=3.0",
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=2.6,request="idle"}]',
+    "firmware.start.rise_s=1.0",
+    "checks=[]",
+]
+
+
+def quick() -> Scenario:
+    return load_scenario("soft-start-multistable", QUICK[:3])
+
+
+def silent(_: float, __: str) -> None:
+    """Nobody looks at the progress."""
+
+
+def run(run_dir: Path) -> dict[str, Any]:
+    return run_scenario(quick(), clock="real", bus="local", out_dir=run_dir, seed=1, progress=silent)
+
+
+def run_and_disturb(run_dir: Path, disturb: Callable[[dict[str, int]], None], at_s: float) -> dict[str, Any]:
+    """Run, and call `disturb` with the process numbers `at_s` after the start."""
+
+    def watch() -> None:
+        traced = run_dir / "operator.trace"
+        while not traced.exists() or len(trace.read(traced)) < at_s * 100:
+            time.sleep(0.005)
+        disturb(json.loads((run_dir / "processes.json").read_text()))
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    verdict = run(run_dir)
+    watcher.join(1.0)
+    return verdict
+
+
+def none_left(run_dir: Path) -> bool:
+    """Whether no process of the run is there any more."""
+    pids = json.loads((run_dir / "processes.json").read_text())
+    pids.pop("operator")
+    return not any(psutil.pid_exists(pid) for pid in pids.values())
+
+
+@pytest.mark.realtime
+def test_run_starts_together_keeps_its_rate_and_leaves_nothing(tmp_path: Path) -> None:
+    verdict = run(tmp_path)
+    assert verdict["reasons"] == []
+    plant, firmware = trace.read(tmp_path / "plant.trace"), trace.read(tmp_path / "firmware.trace")
+    for records in (plant, firmware):
+        assert records["tick"][-1] == 2999
+        assert len(records) == 3000 - records["overruns"][-1]
+    assert (
+        verdict["overruns"] <= 4 * verdict["baseline_overruns"] + 60
+    )  # two loops; busy neighbours: 1 % each
+    offset_ns = firmware["deadline_ns"][0] - plant["deadline_ns"][0]
+    assert offset_ns - 1_000_000 * (firmware["tick"][0] - plant["tick"][0]) == 500_000
+    described = json.loads((tmp_path / "run.json").read_text())
+    assert described["bus"] == "local"
+    assert set(described["realtime"]) == {"firmware", "plant"}
+    assert described["nodes"]["firmware"]["unsent"] == 0
+    assert verdict["impact_count"] > 0
+    assert none_left(tmp_path)
+
+
+@pytest.mark.realtime
+def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
+    killed_s = []
+
+    def kill(pids: dict[str, int]) -> None:
+        os.kill(pids["firmware"], signal.SIGKILL)
+        killed_s.append(time.monotonic())
+
+    verdict = run_and_disturb(tmp_path, kill, at_s=1.8)
+    assert any(reason.startswith("firmware was killed by SIGKILL at ") for reason in verdict["reasons"])
+    assert not verdict["passed"]
+    plant = trace.read(tmp_path / "plant.trace")
+    t0_s = json.loads((tmp_path / "run.json").read_text())["t0_ns"] * 1e-9
+    at_s = killed_s[0] - t0_s
+    before = plant[(plant["t_s"] > at_s - 0.2) & (plant["t_s"] < at_s)]
+    after = plant[plant["t_s"] > at_s + 0.1]
+    assert np.max(np.abs(before["motor_torque_n_m"])) > 0.01
+    assert len(after) > 300  # its reaction is in the log
+    assert np.max(np.abs(after["motor_torque_n_m"])) == 0.0
+    assert set(after["axis_error"]) == {0x01000000}  # WATCHDOG_TIMER_EXPIRED
+    assert (tmp_path / "run.rrd").exists()
+    assert none_left(tmp_path)
+
+
+@pytest.mark.realtime
+def test_killed_plant_makes_the_firmware_command_nothing(tmp_path: Path) -> None:
+    killed_s = []
+
+    def kill(pids: dict[str, int]) -> None:
+        os.kill(pids["plant"], signal.SIGKILL)
+        killed_s.append(time.monotonic())
+
+    verdict = run_and_disturb(tmp_path, kill, at_s=1.8)
+    assert any(reason.startswith("plant was killed by SIGKILL at ") for reason in verdict["reasons"])
+    assert verdict["fault"] != "none"
+    firmware = trace.read(tmp_path / "firmware.trace")
+    t0_s = json.loads((tmp_path / "run.json").read_text())["t0_ns"] * 1e-9
+    after = firmware[firmware["t_s"] > killed_s[0] - t0_s + 0.1]
+    assert len(after) > 300
+    assert np.max(np.abs(after["outputs.torque_n_m"])) == 0.0
+    assert none_left(tmp_path)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("name", ["hub", "recorder"])
+def test_death_of_any_other_process_is_named_and_the_run_finished(name: str, tmp_path: Path) -> None:
+    verdict = run_and_disturb(tmp_path, lambda pids: os.kill(pids[name], signal.SIGKILL), at_s=1.0)
+    (reason,) = verdict["reasons"]
+    named, _, at_s = reason.removesuffix(" s").partition(" was killed by SIGKILL at ")
+    assert named == name
+    assert 1.0 <= float(at_s) <= 1.3
+    assert (tmp_path / "run.rrd").exists()
+    assert none_left(tmp_path)
+
+
+RUN = """
+import sys
+from pathlib import Path
+from hil.bench import run_scenario
+from hil.scenario import load_scenario
+scenario = load_scenario("soft-start-multistable", sys.argv[2:])
+run_scenario(scenario, "real", "local", Path(sys.argv[1]), 1, lambda *_: None)
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_end_of_the_bench_is_the_end_of_all(number: signal.Signals, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", RUN, str(tmp_path), *QUICK[:3]], stderr=subprocess.PIPE
+    ) as bench:
+        traced = tmp_path / "operator.trace"
+        while not traced.exists() or len(trace.read(traced)) < 100:
+            time.sleep(0.01)
+            assert bench.poll() is None
+        bench.send_signal(number)
+        assert bench.wait(20.0) != 0
+    deadline = time.monotonic() + 3.0
+    while not none_left(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert none_left(tmp_path)
+    assert len(trace.read(tmp_path / "firmware.trace")) > 500
+    if number == signal.SIGINT:
+        verdict = json.loads((tmp_path / "verdict.json").read_text())
+        assert verdict["reasons"] == ["interrupted by Ctrl-C"]
+
+
+def child(code: str, tmp_path: Path) -> Child:
+    return Child("child", [sys.executable, "-c", code], tmp_path / "child.log")
+
+
+def test_child_that_fails_before_it_is_ready_is_quoted(tmp_path: Path) -> None:
+    failing = child("raise SystemExit('no such sensor')", tmp_path)
+    with pytest.raises(ChildError, match=r"child ended with status 1 before it was ready\nno such sensor"):
+        failing.wait_ready(10.0)
+    failing.stop()
+
+
+def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> None:
+    mute = child("import time; time.sleep(60)", tmp_path)
+    with pytest.raises(ChildError, match=r"child said nothing for 0.2 s"):
+        mute.wait_ready(0.2)
+    mute.stop()
+    assert mute.how_it_ended() == "child was killed by SIGTERM"
+
+
+def test_child_that_will_not_stop_is_made_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hil.processes.STOP_TIMEOUT_S", 0.3)
+    stubborn = child(
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
+        "print('ready', flush=True); time.sleep(60)",
+        tmp_path,
+    )
+    stubborn.wait_ready(10.0)
+    stubborn.stop()
+    assert stubborn.how_it_ended() == "child was killed by SIGKILL"
