@@ -94,14 +94,17 @@ def _free(
     fresh: bool,
     elapsed_ticks: int,
 ) -> tuple[DetectorState, Contact]:
+    # Without what the excess took in this tick (trapezoid, and τ times its change) it would still be coming.
+    dt_s = elapsed_ticks * config.tick_s
+    lost_m_s = excess_m_s2 * (0.5 * dt_s + config.delay_s) + state.excess_m_s2 * (0.5 * dt_s - config.delay_s)
+    coming_m_s = estimate.v_m_s + lost_m_s
     # Where a dry guide reverses, the model is off by up to twice the friction.
-    dry_m_s2 = (0.3 if estimate.v_m_s > 0.04 else 2.0) * config.dry_m_s2
+    dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
     limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * estimate.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
     reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p_xx, 0.0))
-    near = estimate.x_m > config.stop_m - reach_m and estimate.v_m_s > -3.0 * math.sqrt(
-        at_least(estimate.p_vv, 0.0)
-    )
+    slack_m_s = 3.0 * math.sqrt(at_least(estimate.p_vv, 0.0))
+    near = estimate.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
     sure_m_s2 = config.sure_factor * limit_m_s2
     sure = excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2
     if not (fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2 and (near or sure)):
@@ -121,13 +124,10 @@ def _free(
             ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0
         )
 
-    # a = growth (x'⁻ t)^1.5 seen through the delay τ: since touch-down it has lost a (0.4 t + τ).
-    slope = (excess_m_s2 / config.growth) ** (2.0 / 3.0)
-    age_s = min(slope / at_least(estimate.v_m_s, 0.03), 3.0 * config.tick_s)
-    speed_m_s = at_least(estimate.v_m_s + excess_m_s2 * (0.4 * age_s + config.delay_s), 0.03)
-    age_s = min(slope / speed_m_s, 3.0 * config.tick_s)
-    speed_m_s = at_least(estimate.v_m_s + excess_m_s2 * (0.4 * age_s + config.delay_s), 0.03)
-    age_s += config.delay_s
+    speed_m_s = at_least(coming_m_s, 0.03)
+    # a = growth (x'⁻ t)^1.5
+    age_s = (excess_m_s2 / config.growth) ** (2.0 / 3.0) / speed_m_s
+    age_s = min(age_s, 3.0 * config.tick_s) + config.delay_s
     touched = DetectorState(
         phase=ContactPhase.CONTACT,
         contact_ticks=0,

@@ -78,6 +78,7 @@ class EstimatorConfig(NamedTuple):
     strapdown_noise: ProcessNoise
     model_noise: ProcessNoise
     contact_noise: ProcessNoise
+    bend_share: float
     model_variance: float
     stop_variance: float
     touch_down_jitter_s: float
@@ -86,9 +87,14 @@ class EstimatorConfig(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """The reading in use: low range, or the high one (its offset taken off) where the low one clips."""
+    """The reading in use: low range, or the high one (its offset taken off) where the low one clips.
+
+    `before_m_s2` and `second_m_s2` are the readings before it.
+    """
 
     acceleration_m_s2: float
+    before_m_s2: float
+    second_m_s2: float
     housing_m_s2: float
     high_offset_m_s2: float
     clipped: bool
@@ -148,7 +154,7 @@ INITIAL = EstimatorState(
     innovation_std_m_s2=0.0,
     spread_m_s2=0.0,
     nis=0.0,
-    sensor=SensorState(0.0, 0.0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
+    sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_BELIEF,
     started=False,
 )
@@ -192,6 +198,8 @@ def sense(
     ):
         return SensorState(
             acceleration_m_s2=state.acceleration_m_s2,
+            before_m_s2=state.before_m_s2,
+            second_m_s2=state.second_m_s2,
             housing_m_s2=state.housing_m_s2,
             high_offset_m_s2=state.high_offset_m_s2,
             clipped=state.clipped,
@@ -209,10 +217,28 @@ def sense(
         clipped = abs(new.high_m_s2) > 0.98 * config.high_full_scale_m_s2
     return SensorState(
         acceleration_m_s2=acceleration_m_s2,
+        before_m_s2=state.acceleration_m_s2,
+        second_m_s2=state.before_m_s2,
         housing_m_s2=new.housing_m_s2,
         high_offset_m_s2=offset_m_s2,
         clipped=clipped,
         missed_ticks=0,
+    )
+
+
+@compiled
+def _strapdown_noise(
+    config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
+) -> ProcessNoise:
+    """Q of a tick; in a contact with the trapezoid's error, which the second difference of z measures."""
+    if phase == ContactPhase.FREE:
+        return config.strapdown_noise
+    bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
+    error_m_s = config.bend_share * bend_m_s2 * dt_s
+    return ProcessNoise(
+        xx=config.contact_noise.xx,
+        vv=config.contact_noise.vv + error_m_s * error_m_s,
+        bb=config.contact_noise.bb,
     )
 
 
@@ -271,7 +297,7 @@ def propagate(
             belief_of(state),
             Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s),
             Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
-            config.contact_noise if phase == ContactPhase.CONTACT else config.strapdown_noise,
+            _strapdown_noise(config, sensor, phase, dt_s),
         )
     else:
         belief = _by_model(config, belief_of(state), angle_rad, omega_rad_s, elapsed_ticks)
@@ -323,6 +349,14 @@ def correct(
             z = striker.stop_m + belief.v_m_s * contact.age_s
             jitter_m = belief.v_m_s * config.separation_jitter_s
             belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
+            # Newton's law beside the measured jump: it counts where the blow was too short to sample.
+            before_m_s = contact.approach_speed_m_s
+            belief = kalman.update(
+                belief,
+                -striker.restitution * before_m_s,
+                Row(0.0, 1.0, 0.0),
+                before_m_s * before_m_s * config.restitution_variance,
+            )
         else:
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model:

@@ -182,6 +182,7 @@ def step(
     closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
     # Frozen: the drive goes on reporting a speed, but the position does not move with it.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
+    frozen_ticks = _held(frozen, state.frozen_ticks, n) if encoder.age_ticks == 0 else state.frozen_ticks
     invalid = not (
         estimate.started
         and abs(estimate.x_m) < 10.0
@@ -190,7 +191,7 @@ def step(
     )
     stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
     new = MonitorState(
-        frozen_ticks=_held(frozen, state.frozen_ticks, n),
+        frozen_ticks=frozen_ticks,
         overcurrent_ticks=_held(not abs(power.current_a) <= limits.current_a, state.overcurrent_ticks, n),
         voltage_ticks=_held(
             not limits.lowest_v <= power.voltage_v <= limits.highest_v, state.voltage_ticks, n

@@ -110,7 +110,7 @@ TABLE: tuple[Parameter, ...] = (
         "m/s^2",
         1e-4,
         100.0,
-        3.0,
+        2.0,
         "2 % of c, 30 % of b: errors that last a period count many times",
     ),
     Parameter(
@@ -121,6 +121,9 @@ TABLE: tuple[Parameter, ...] = (
     ),
     Parameter(
         "estimator.contact_noise_m_s", "m/s", 0.0, 1.0, 1e-3, "by tick in contact: counts of 49 mg, aliasing"
+    ),
+    Parameter(
+        "estimator.bend_share", "1", 0.0, 1.0, 0.05, "of a reading's second difference: the trapezoid's error"
     ),
     Parameter(
         "estimator.gap_noise_m_s", "m/s", 0.0, 1.0, 3e-3, "by tick without a reading: a blow may be missed"
@@ -400,6 +403,7 @@ def config_of(values: Mapping[str, float]) -> Config:
         contact_noise=ProcessNoise(
             xx=0.0, vv=square("estimator.contact_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
         ),
+        bend_share=values["estimator.bend_share"],
         model_variance=square("estimator.model_std_m_s2"),
         stop_variance=square("estimator.stop_std_m"),
         touch_down_jitter_s=values["estimator.touch_down_jitter_s"],

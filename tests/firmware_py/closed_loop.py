@@ -1,0 +1,146 @@
+"""The firmware's node on the simulated module, frame by frame, with a drive that obeys at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.step import Outputs, State
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, OperatorRequest
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import (
+    Accelerometer,
+    DriveCurrent,
+    DriveErrors,
+    DriveEstop,
+    DriveHeartbeat,
+    DriveSupply,
+    DriveTemperature,
+    EncoderEstimates,
+    OperatorCommand,
+    SetAxisState,
+    SetInputTorque,
+)
+from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.parameters import config_from
+from plant_sim.plant import Plant
+from plant_sim.result import MotionState
+from plant_sim.scene import load_scene
+
+KT_N_M_A = 0.08
+TICK_S = 0.001
+
+SCENE: dict[str, dict[str, Any]] = {
+    "striker": {"mass_kg": 0.8, "spring_n_m": 70.0, "rest_length_m": 0.12},
+    "drive": {"model": "motor", "amplitude_m": 0.02},
+    "friction": {"law": "viscous", "b_n_s_m": 0.2},
+    "stop": {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01},
+    "motor": {},
+    "sensors": {},
+}
+"""The firmware's nominal module as a plant."""
+
+
+def scene_with(**tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """`SCENE` with tables replaced, or extended where the law stays the same."""
+    changed = dict(SCENE)
+    for name, table in tables.items():
+        changed[name] = table if "law" in table else {**SCENE.get(name, {}), **table}
+    return changed
+
+
+@dataclass
+class Bench:
+    """Lockstep: sensors at t_k, the node's tick, its torque from t_{k+1}."""
+
+    parameters: dict[str, Any] = field(default_factory=dict)
+    scene: dict[str, Any] = field(default_factory=lambda: SCENE)
+    seed: int = 1
+    request: OperatorRequest = OperatorRequest.IDLE
+    ratio: float = 1.3
+    change: Callable[[int, list[Frame]], list[Frame]] = lambda _, frames: frames
+    """What happens to the frames on their way to the firmware."""
+
+    def __post_init__(self) -> None:
+        self.node = FirmwareNode(config_from(self.parameters), self.parameters)
+        self.plant = Plant(load_scene(self.scene), self.seed)
+        self.tick = 0
+        self.axis_state = AxisState.IDLE.value
+        self.axis_error = 0
+        self.torque_n_m = 0.0
+        self.sent: list[Frame] = []
+        self.inputs: list[Inputs] = []
+        self.states: list[State] = []
+        self.outputs: list[Outputs] = []
+        self.motions: list[MotionState] = []
+        self.touch_downs: list[tuple[float, float]] = []
+
+    def frames(self) -> list[Frame]:
+        """What the plant and the operator send at t_k."""
+        k = self.tick
+        s = self.plant.sense()
+        frames = [
+            codec.ENCODER_ESTIMATES.encode(
+                EncoderEstimates(s.encoder_position_rev, s.encoder_velocity_rev_s)
+            ),
+            codec.ACCELEROMETER.encode(
+                Accelerometer(s.striker_low_m_s2, s.striker_high_m_s2, s.housing_m_s2), k
+            ),
+        ]
+        if k % 10 == 0:
+            current_a = self.torque_n_m / KT_N_M_A
+            frames.append(codec.DRIVE_CURRENT.encode(DriveCurrent(current_a, current_a)))
+        if k % 100 == 0:
+            frames += [
+                codec.DRIVE_HEARTBEAT.encode(DriveHeartbeat(self.axis_error, self.axis_state, 0, 0)),
+                codec.DRIVE_ERRORS.encode(DriveErrors(self.axis_error, self.axis_error)),
+                codec.DRIVE_TEMPERATURE.encode(DriveTemperature(30.0, 30.0)),
+                codec.DRIVE_SUPPLY.encode(DriveSupply(24.0, 0.5)),
+                codec.OPERATOR_COMMAND.encode(OperatorCommand(self.request.value, self.ratio), k // 100),
+            ]
+        return frames
+
+    def run(self, seconds: float, keep: bool = True) -> Outputs:
+        """Go on for `seconds`; the last outputs."""
+        for _ in range(round(seconds * 1000)):
+            frames = self.change(self.tick, self.frames())
+            self.sent = self.node.tick(frames, 1)
+            if keep:
+                self.inputs.append(self.node.inputs)
+                self.states.append(self.node.state)
+                self.outputs.append(self.node.outputs)
+                self.motions.append(self.plant.state)
+            acting_n_m = self.torque_n_m if self.axis_state == AxisState.CLOSED_LOOP_CONTROL else 0.0
+            self.plant.advance(acting_n_m, TICK_S)
+            self.touch_downs += [(blow.t_s, blow.v_m_s) for blow in self.plant.take_impacts()]
+            self._obey(self.sent)
+            self.tick += 1
+        return self.node.outputs
+
+    def _obey(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            record = codec.decode(frame)
+            if isinstance(record, SetInputTorque):
+                self.torque_n_m = record.torque_n_m
+            elif isinstance(record, SetAxisState):
+                if self.axis_error == 0 or record.requested_state == AxisState.IDLE:
+                    self.axis_state = record.requested_state
+            elif isinstance(record, DriveEstop):
+                self.axis_state, self.axis_error = AxisState.IDLE.value, 0x02000000
+            elif frame.can_id == codec.CLEAR_ERRORS.can_id:
+                self.axis_error = 0
+
+    def started(self, rest_s: float = 0.4) -> "Bench":
+        """Through INIT and READY, then ask for RUN."""
+        self.run(rest_s)
+        self.request = OperatorRequest.RUN
+        return self
+
+    def column(self, value: Callable[[State, Outputs, MotionState], float]) -> NDArray[np.float64]:
+        """One value a kept tick."""
+        rows = zip(self.states, self.outputs, self.motions, strict=True)
+        return np.array([value(*row) for row in rows])

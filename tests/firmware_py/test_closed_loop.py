@@ -1,0 +1,196 @@
+"""The firmware on the simulated module, by frames: the default run, and what it does when things break."""
+
+import math
+
+import numpy as np
+import pytest
+from closed_loop import Bench, scene_with
+from records import HEALTHY, leaves, replaced
+
+from firmware_py.core.step import INITIAL, step
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.parameters import config_from
+
+HIT_M_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def default_run() -> Bench:
+    """From rest to r = 1.3, held, stopped; shortened."""
+    bench = Bench().started()
+    bench.run(16.0)
+    bench.request = OperatorRequest.IDLE
+    bench.run(3.0)
+    return bench
+
+
+def times(bench: Bench) -> np.ndarray:
+    return np.array([m.t_s for m in bench.motions])
+
+
+def test_the_ramp_captures_what_an_instant_start_cannot(default_run: Bench) -> None:
+    modes = [o.mode for o in default_run.outputs]
+    order = [mode for k, mode in enumerate(modes) if k == 0 or modes[k - 1] != mode]
+    assert order == [Mode.READY, Mode.SOFT_START, Mode.RUN, Mode.STOPPING, Mode.READY]
+    assert default_run.outputs[-1].fault == Fault.NONE
+    run = modes.index(Mode.RUN)
+    assert default_run.outputs[run + 4000].regime == Regime.IMPACT
+    steady = [v for t, v in default_run.touch_downs if 11.0 < t < 16.0]
+    assert np.mean(steady) == pytest.approx(0.91, abs=0.02)
+
+
+def test_an_instant_start_ends_without_impacts() -> None:
+    """The same target with a rise of 0.1 s: what the ramp is for."""
+    bench = Bench({"start.rise_s": 0.1, "start.attempts": 0, "start.missing_periods": 20}).started()
+    bench.run(9.0)
+    assert bench.node.outputs.mode == Mode.SOFT_START
+    late = [v for t, v in bench.touch_downs if t > 6.0]
+    assert late == []
+
+
+def test_the_estimate_follows_the_truth(default_run: Bench) -> None:
+    t = times(default_run)
+    window = (t > 10.0) & (t < 16.0)
+    x = default_run.column(lambda s, _, m: s.estimator.x_m - m.x_m)[window]
+    v = default_run.column(lambda s, _, m: s.estimator.v_m_s - m.v_m_s)[window]
+    assert math.sqrt(np.mean(x * x)) < 0.4e-3
+    assert math.sqrt(np.mean(v * v)) < 0.003
+    assert default_run.states[15000].estimator.bias_m_s2 == pytest.approx(0.02 * 9.80665, abs=0.005)
+
+
+def test_every_blow_is_found_once_and_soon(default_run: Bench) -> None:
+    found = times(default_run)[[o.impact for o in default_run.outputs]]
+    true = np.array([t for t, v in default_run.touch_downs if v >= HIT_M_S])
+    assert len(found) == len(true)
+    latency = found - true
+    assert latency.min() > 0.0
+    assert np.median(latency) < 1.2e-3
+    assert latency.max() < 3e-3
+
+
+def test_age_speed_and_impulse_of_a_blow(default_run: Bench) -> None:
+    t = times(default_run)
+    true = [(a, v) for a, v in default_run.touch_downs if 10.0 < a < 15.0]
+    touched = [k for k, o in enumerate(default_run.outputs) if o.impact and 10.0 < t[k] < 15.0]
+    left = [k for k, o in enumerate(default_run.outputs) if o.separation and 10.0 < t[k] < 15.0]
+    for k, (at, v) in zip(touched, true, strict=True):
+        outputs = default_run.outputs[k]
+        assert t[k] - outputs.impact_age_s == pytest.approx(at, abs=5e-4)
+        assert outputs.impact_speed_m_s == pytest.approx(v, abs=0.03)
+    for k in left:
+        assert default_run.outputs[k].impact_impulse_n_s == pytest.approx(0.8 * 0.91 * 1.5, rel=0.03)
+
+
+def test_the_speed_is_held_and_the_torque_within_its_limit(default_run: Bench) -> None:
+    t = times(default_run)
+    omega = default_run.column(lambda _s, _o, m: m.omega_rad_s)[(t > 10.0) & (t < 16.0)]
+    assert omega.std() / omega.mean() < 0.002
+    assert omega.mean() == pytest.approx(1.3 * 9.354143, rel=1e-3)
+    torque = default_run.column(lambda _s, o, _m: o.torque_n_m)
+    assert np.abs(torque).max() < 0.2
+
+
+def test_no_blow_on_the_way_is_harder_than_the_steady_ones(default_run: Bench) -> None:
+    steady = max(v for t, v in default_run.touch_downs if 11.0 < t < 16.0)
+    assert max(v for _, v in default_run.touch_downs) <= 1.05 * steady
+    stopping = [v for t, v in default_run.touch_downs if t > 16.4]
+    assert len(stopping) <= 4
+
+
+def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> None:
+    reports = [o for o in default_run.outputs[11000:16000] if o.period_ended]
+    assert len(reports) >= 8
+    for report in reports:
+        assert report.period_impacts == 1
+        assert math.degrees(report.impact_phase_rad) == pytest.approx(48.0, abs=4.0)
+
+
+def test_a_lost_sensor_ends_all_torque_within_100_ms() -> None:
+    bench = Bench().started()
+    bench.run(3.0)
+    assert any(abs(o.torque_n_m) > 0.01 for o in bench.outputs[-500:])
+    bench.change = lambda _, frames: [f for f in frames if f.can_id != codec.ACCELEROMETER.can_id]
+    bench.run(0.1)
+    assert bench.node.outputs.torque_n_m == 0.0
+    assert bench.node.outputs.fault == Fault.SENSOR_TIMEOUT
+    bench.run(0.1)
+    assert bench.axis_state == AxisState.IDLE
+
+
+def test_a_plant_that_falls_silent_ends_all_torque_within_100_ms() -> None:
+    bench = Bench().started()
+    bench.run(3.0)
+    bench.change = lambda _, frames: []
+    bench.run(0.1)
+    assert bench.node.outputs.torque_n_m == 0.0
+    assert bench.node.outputs.mode == Mode.FAULT
+    assert bench.node.outputs.fault in (Fault.SENSOR_TIMEOUT, Fault.ENCODER_TIMEOUT)
+
+
+def test_frozen_drive_data_is_found_out_within_100_ms() -> None:
+    bench = Bench().started()
+    bench.run(4.0)
+    held: list[Frame] = []
+
+    def freeze(_: int, frames: list[Frame]) -> list[Frame]:
+        if not held:
+            held.extend(f for f in frames if f.can_id == codec.ENCODER_ESTIMATES.can_id)
+        return [f for f in frames if f.can_id != codec.ENCODER_ESTIMATES.can_id] + held
+
+    bench.change = freeze
+    bench.run(0.1)
+    assert bench.node.outputs.fault == Fault.DRIVE_FROZEN
+    assert bench.node.outputs.torque_n_m == 0.0
+
+
+def test_a_few_lost_and_skipped_frames_do_no_harm() -> None:
+    rng = np.random.default_rng(2)
+    bench = Bench(change=lambda _, frames: [f for f in frames if rng.random() > 0.02]).started()
+    bench.run(12.0)
+    assert bench.node.outputs.mode == Mode.RUN
+    assert bench.node.outputs.regime == Regime.IMPACT
+    t = times(bench)
+    x = bench.column(lambda s, _, m: s.estimator.x_m - m.x_m)[t > 9.0]
+    assert math.sqrt(np.mean(x * x)) < 1.5e-3
+
+
+@pytest.mark.parametrize("contact_s", [0.001, 0.0005])
+def test_a_blow_shorter_than_the_sampling_is_carried_across_by_newtons_law(contact_s: float) -> None:
+    bench = Bench({"stop.contact_s": contact_s}, scene_with(stop={"contact_s": contact_s})).started()
+    bench.run(12.0)
+    assert bench.node.outputs.mode == Mode.RUN
+    t = times(bench)
+    x = bench.column(lambda s, _, m: s.estimator.x_m - m.x_m)[t > 9.0]
+    assert math.sqrt(np.mean(x * x)) < 2.5e-3
+
+
+def test_nothing_that_is_no_number_ever_drives_the_motor() -> None:
+    """NaN and infinity in every field of the inputs, in motion: torque stays finite and within its limit."""
+    bench = Bench().started()
+    bench.run(3.0)
+    state, healthy = bench.node.state, bench.node.inputs
+    config = bench.node.config
+    numbers = [path for path, value in leaves(healthy).items() if isinstance(value, float)]
+    assert len(numbers) >= 9
+    for path in numbers:
+        for bad in (math.nan, math.inf, -math.inf, 1e300, -1e300):
+            after = state
+            for _ in range(400):
+                after, outputs = step(config, after, replaced(healthy, path, bad))
+                assert math.isfinite(outputs.torque_n_m)
+                assert abs(outputs.torque_n_m) <= config.speed.torque_limit_n_m
+            if path.startswith(("accelerometer", "encoder", "power", "operator")):
+                safe = outputs.mode in (Mode.FAULT, Mode.STOPPING)
+                assert safe or path in ("accelerometer.housing_m_s2",), (path, bad)
+
+
+def test_nothing_moves_at_power_up_whatever_the_operator_says() -> None:
+    config, state = config_from({}), INITIAL
+    wants = replaced(HEALTHY, "operator.request", OperatorRequest.RUN)
+    for _ in range(2000):
+        state, outputs = step(config, state, wants)
+        assert outputs.torque_n_m == 0.0
+        assert outputs.axis_request == AxisState.IDLE
+    assert outputs.mode == Mode.READY

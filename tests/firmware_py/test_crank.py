@@ -1,0 +1,100 @@
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.core import crank
+from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
+from firmware_py.core.numbers import TAU, at_least, limited, turned, wrapped
+from firmware_py.shell.parameters import config_from, critically_damped_gains
+
+CONFIG = config_from({}).crank
+
+
+def follow(
+    position_rev: np.ndarray, velocity_rev_s: float = 0.0, acceleration: float = 0.0
+) -> list[crank.CrankState]:
+    state, states = crank.INITIAL, []
+    for position in position_rev:
+        state = crank.step(CONFIG, state, EncoderInput(float(position), velocity_rev_s, 0), 1, acceleration)
+        states.append(state)
+    return states
+
+
+def test_angles_on_the_circle() -> None:
+    for angle in np.linspace(-20.0, 20.0, 401):
+        assert -math.pi <= wrapped(angle) < math.pi
+        assert 0.0 <= turned(angle) < TAU
+        assert math.cos(wrapped(angle)) == pytest.approx(math.cos(angle), abs=1e-12)
+        assert math.sin(turned(angle)) == pytest.approx(math.sin(angle), abs=1e-12)
+    assert turned(-1e-20) == 0.0
+
+
+def test_a_limit_fails_safe() -> None:
+    assert limited(3.0, 2.0) == 2.0
+    assert limited(-3.0, 2.0) == -2.0
+    assert limited(1.5, 2.0) == 1.5
+    assert limited(math.inf, 2.0) == 2.0
+    assert limited(-math.inf, 2.0) == -2.0
+    assert limited(math.nan, 2.0) == 0.0
+    assert at_least(math.nan, 1.0) == 1.0
+
+
+def test_constant_speed_is_followed_without_lag() -> None:
+    t = np.arange(2000) * 1e-3
+    last = follow(12.0 * t / TAU)[-1]
+    assert last.omega_rad_s == pytest.approx(12.0, rel=1e-6)
+    assert wrapped(last.angle_rad - 12.0 * t[-1]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_circular_and_a_running_count_give_the_same() -> None:
+    turns = 12.0 * np.arange(3000) * 1e-3 / TAU
+    running, circular, far = follow(turns), follow(turns % 1.0), follow(turns + 5000.0)
+    np.testing.assert_allclose(
+        [s.omega_rad_s for s in running], [s.omega_rad_s for s in circular], rtol=0, atol=1e-6
+    )
+    np.testing.assert_allclose([s.omega_rad_s for s in far], [s.omega_rad_s for s in circular], atol=1e-3)
+
+
+def test_an_unknown_acceleration_becomes_the_disturbance() -> None:
+    t = np.arange(1000) * 1e-3
+    last = follow(0.5 * 40.0 * t * t / TAU)[-1]
+    assert last.disturbance_rad_s2 == pytest.approx(40.0, rel=1e-3)
+    assert last.omega_rad_s == pytest.approx(40.0 * t[-1], rel=1e-4)
+    known = follow(0.5 * 40.0 * t * t / TAU, acceleration=40.0)[-1]
+    assert known.disturbance_rad_s2 == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_tracker_has_a_triple_pole() -> None:
+    T = 1e-3
+    g, h, k = critically_damped_gains(200.0, T)
+    f = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+    poles = np.linalg.eigvals((np.eye(3) - np.outer([g, h / T, 2 * k / T**2], [1, 0, 0])) @ f)
+    np.testing.assert_allclose(poles, math.exp(-200.0 * T), atol=1e-4)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e30])
+def test_what_is_no_position_is_a_missing_one(bad: float) -> None:
+    turns = 12.0 * np.arange(500) * 1e-3 / TAU
+    state = follow(turns)[-1]
+    missed = crank.step(CONFIG, state, EncoderInput(bad, 0.0, 0), 1, 0.0)
+    assert missed.missed_ticks == 1
+    assert missed.omega_rad_s == pytest.approx(12.0, rel=1e-3)
+    assert wrapped(missed.angle_rad - state.angle_rad) == pytest.approx(0.012, rel=1e-2)
+
+
+def test_gaps_are_bridged_and_counted() -> None:
+    state = follow(12.0 * np.arange(500) * 1e-3 / TAU)[-1]
+    for _ in range(10):
+        state = crank.step(CONFIG, state, EncoderInput(0.0, 0.0, 5), 1, 0.0)
+    assert state.missed_ticks == 10
+    skipped = crank.step(CONFIG, state, EncoderInput(0.0, 0.0, 5), 7, 0.0)
+    assert skipped.missed_ticks == 17
+
+
+def test_nothing_is_known_before_the_first_reading() -> None:
+    state = crank.step(CONFIG, crank.INITIAL, EncoderInput(0.3, 0.0, NEVER_TICKS), 1, 0.0)
+    assert state == crank.INITIAL
+    first = crank.step(CONFIG, state, EncoderInput(0.25, 2.0, 0), 1, 0.0)
+    assert first.angle_rad == pytest.approx(math.pi / 2)
+    assert first.omega_rad_s == pytest.approx(2.0 * TAU)

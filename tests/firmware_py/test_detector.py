@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from firmware_py.core import detector, estimator
+from firmware_py.core.estimator import Contact, EstimatorState
+from firmware_py.interface.enums import ContactPhase
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).detector
+COMING = estimator.INITIAL._replace(
+    x_m=0.179,
+    v_m_s=0.9,
+    p_xx=1e-8,
+    p_vv=1e-6,
+    spread_m_s2=0.0,
+    started=True,
+    sensor=estimator.INITIAL.sensor._replace(missed_ticks=0),
+)
+
+
+def run(excesses: list[float], base: EstimatorState = COMING, **changes: float) -> list[Contact]:
+    state, found = detector.INITIAL, []
+    for excess in excesses:
+        state, contact = detector.step(CONFIG, state, base._replace(innovation_m_s2=-excess, **changes), 1)
+        found.append(contact)
+    return found
+
+
+def test_a_touch_down_is_found_at_the_first_tick_beyond_the_floor() -> None:
+    found = run([0.5, 1.4, 1.6, 60.0])
+    assert [c.touch_down for c in found] == [False, False, True, False]
+    assert found[-1].phase == ContactPhase.CONTACT
+
+
+def test_a_pull_is_no_touch_down() -> None:
+    assert not any(c.touch_down for c in run([-100.0] * 20))
+
+
+def test_the_threshold_follows_the_spread_of_the_innovation() -> None:
+    assert not any(c.touch_down for c in run([40.0], spread_m_s2=10.0))
+    assert run([100.0], spread_m_s2=10.0)[0].touch_down
+
+
+@pytest.mark.parametrize("changes", [{"x_m": 0.10}, {"v_m_s": -0.5}])
+def test_far_from_the_stop_or_leaving_one_reading_is_not_believed(changes: dict[str, float]) -> None:
+    assert not run([7.0], **changes)[0].touch_down
+
+
+def test_a_lost_estimate_does_not_hide_a_blow() -> None:
+    assert [c.touch_down for c in run([30.0, 200.0], x_m=0.10)] == [False, True]
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.4, 0.9])
+def test_the_age_of_a_hertz_contact_is_found_between_ticks(speed: float) -> None:
+    errors = []
+    for age in np.linspace(0.3e-3, 1.2e-3, 10):
+        excess = CONFIG.growth * (speed * age) ** 1.5
+        if excess > CONFIG.floor_m_s2:
+            slowed = speed - excess * (0.5 * CONFIG.tick_s + CONFIG.delay_s)
+            contact = run([excess], v_m_s=slowed)[0]
+            errors.append(contact.age_s - CONFIG.delay_s - age)
+            assert contact.approach_speed_m_s == pytest.approx(speed, abs=0.03)
+    assert errors
+    assert np.abs(errors).max() < 1e-4
+
+
+def contact_run(
+    excesses: list[float], speeds: list[float], clipped: bool = False
+) -> tuple[list[Contact], detector.DetectorState]:
+    state, found = detector.INITIAL, []
+    for excess, speed in zip(excesses, speeds, strict=True):
+        sensor = COMING.sensor._replace(clipped=clipped and excess > 100.0)
+        estimate = COMING._replace(innovation_m_s2=-excess, v_m_s=speed, sensor=sensor)
+        state, contact = detector.step(CONFIG, state, estimate, 1)
+        found.append(contact)
+    return found, state
+
+
+def test_a_contact_ends_below_its_share_of_the_peak_and_gives_the_impulse() -> None:
+    excesses = [10.0, 150.0, 300.0, 150.0, 20.0, 5.0, 0.5]
+    speeds = [0.9, 0.8, 0.4, -0.1, -0.4, -0.45, -0.45]
+    found, state = contact_run(excesses, speeds)
+    assert [c.separation for c in found] == [False] * 5 + [True, False]
+    assert found[5].measured
+    assert state.impulse_n_s == pytest.approx(0.8 * (found[5].approach_speed_m_s + 0.45))
+    assert state.since_touch_down_s == pytest.approx(found[0].age_s + 5e-3)
+    assert state.impacts == 1
+
+
+def test_a_clipped_contact_is_not_measured() -> None:
+    found, state = contact_run([10.0, 300.0, 300.0, 0.0], [0.9, 0.5, -0.1, -0.2], clipped=True)
+    assert found[3].separation
+    assert not found[3].measured
+    assert state.impulse_n_s == pytest.approx(1.5 * 0.8 * found[0].approach_speed_m_s)
+
+
+@pytest.mark.parametrize("leaving", [0.6, -1.6])
+def test_a_rebound_that_no_stop_can_give_is_not_measured(leaving: float) -> None:
+    found, _ = contact_run([10.0, 300.0, 0.0], [0.9, 0.2, leaving])
+    assert found[2].separation
+    assert not found[2].measured
+
+
+def test_after_a_separation_the_detector_is_blind_for_its_refractory_time() -> None:
+    excesses = [10.0, 300.0, 0.0] + [50.0] * 10
+    found, state = contact_run(excesses, [0.9, 0.2, -0.45] + [0.3] * 10)
+    again = [k for k, c in enumerate(found) if c.touch_down]
+    assert again == [0, 3 + CONFIG.refractory_ticks - 1]
+    assert state.impacts == 2
+
+
+def test_a_contact_without_readings_ends_after_its_nominal_time() -> None:
+    state, contact = detector.step(CONFIG, detector.INITIAL, COMING._replace(innovation_m_s2=-50.0), 1)
+    silent = COMING._replace(sensor=COMING.sensor._replace(missed_ticks=1))
+    ticks = 0
+    while not contact.separation:
+        state, contact = detector.step(CONFIG, state, silent, 1)
+        ticks += 1
+        assert ticks < 100
+    assert ticks == CONFIG.newton_contact_ticks
+    assert not contact.measured
+
+
+def test_no_contact_lasts_for_ever() -> None:
+    found, state = contact_run(
+        [50.0] * (CONFIG.longest_contact_ticks + 1), [0.5] * (CONFIG.longest_contact_ticks + 1)
+    )
+    assert found[-1].separation
+    assert state.phase == ContactPhase.FREE
+
+
+def test_nothing_is_found_before_the_estimate_has_started() -> None:
+    assert not run([100.0], COMING._replace(started=False))[0].touch_down

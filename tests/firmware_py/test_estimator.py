@@ -1,0 +1,210 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from firmware_py.core import estimator
+from firmware_py.core.estimator import Contact, EstimatorConfig, EstimatorState
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.kalman import Belief, Covariance
+from firmware_py.interface.enums import ContactPhase
+from firmware_py.shell.parameters import config_from, free_flight
+
+FREE = Contact(ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=True)
+EXACT_SENSOR = {"sensor.bandwidth_hz": 1e5}
+
+
+def tick(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    reading: float,
+    angle_rad: float = 0.0,
+    contact: Contact = FREE,
+    age: int = 0,
+    high: float | None = None,
+    elapsed: int = 1,
+) -> EstimatorState:
+    sample = AccelerometerInput(reading, reading if high is None else high, 0.0, age)
+    propagated = estimator.propagate(config, state, sample, contact.phase, angle_rad, 0.0, elapsed)
+    return estimator.correct(config, propagated, contact, angle_rad, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"),
+    [(87.5, 0.25), (87.5, 2 * math.sqrt(87.5)), (87.5, 60.0), (87.5, 0.0), (1.0, 2.0)],
+)
+def test_the_closed_form_is_the_matrix_exponential(stiffness: float, damping: float) -> None:
+    f = free_flight(stiffness, damping, 1e-3)
+    reference = expm(np.array([[0.0, 1.0], [-stiffness, -damping]]) * 1e-3)
+    np.testing.assert_allclose([[f.x_x, f.x_v], [f.v_x, f.v_v]], reference, rtol=1e-12)
+
+
+def test_bias_is_found_at_rest() -> None:
+    config = config_from({}).estimator
+    state = estimator.INITIAL
+    for _ in range(8000):
+        state = tick(config, state, 0.4)
+    assert state.bias_m_s2 == pytest.approx(0.4, abs=0.01)
+    assert state.x_m == pytest.approx(0.12, abs=2e-4)
+    assert state.v_m_s == pytest.approx(0.0, abs=2e-3)
+
+
+def test_free_vibration_is_followed_with_unknown_start_and_bias() -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    f = free_flight(87.5, 0.25, 1e-3)
+    x, v, state, errors = 0.03, 0.2, estimator.INITIAL, []
+    for _ in range(8000):
+        state = tick(config, state, -87.5 * x - 0.25 * v - 0.35)
+        errors.append((state.x_m - 0.12 - x, state.v_m_s - v))
+        x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
+    late = np.array(errors[-2000:])
+    assert np.abs(late[:, 0]).max() < 3e-4
+    assert np.abs(late[:, 1]).max() < 3e-3
+    assert state.bias_m_s2 == pytest.approx(-0.35, abs=0.02)
+
+
+def test_the_low_pass_delay_is_made_up_for() -> None:
+    """A pulse through the low-pass: speed and place after it are those of the pulse itself."""
+    w = 2 * math.pi * 400.0
+    config = config_from({}).estimator
+    contact = Contact(ContactPhase.CONTACT, False, False, 0.0, 0.9, measured=True, settled=False)
+    state = estimator.INITIAL
+    for _ in range(10):
+        state = tick(config, state, 0.0)
+    start = state
+    filtered, slope, steps, t = 0.0, 0.0, 200, 0.0
+    for _ in range(30):
+        for _ in range(steps):
+            pulse = 200.0 * math.sin(math.pi * t / 0.010) if t < 0.010 else 0.0
+            filtered += 1e-3 / steps * slope
+            slope += 1e-3 / steps * (w * w * (pulse - filtered) - math.sqrt(2.0) * w * slope)
+            t += 1e-3 / steps
+        state = tick(config, state, filtered, contact=contact, high=filtered)
+    area = 200.0 * 0.010 * 2.0 / math.pi
+    dv = state.v_m_s - start.v_m_s
+    assert dv == pytest.approx(area, rel=2e-3)
+    assert state.x_m - start.x_m == pytest.approx(area * (0.030 - 0.005), rel=5e-3)
+
+
+def test_the_high_range_takes_over_with_its_offset_removed() -> None:
+    config = config_from({"sensor.high_offset_s": 0.05}).estimator
+    state = estimator.INITIAL
+    for _ in range(1000):
+        state = tick(config, state, 1.0, high=3.0)
+    assert state.sensor.high_offset_m_s2 == pytest.approx(2.0, abs=1e-3)
+    clipped = tick(config, state, -156.9, high=-298.0)
+    assert clipped.sensor.acceleration_m_s2 == pytest.approx(-300.0, abs=1e-3)
+    assert not clipped.sensor.clipped
+    assert tick(config, state, -156.9, high=-1961.0).sensor.clipped
+
+
+def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
+    config = config_from({}).estimator
+    state = estimator.INITIAL
+    for _ in range(5):
+        state = tick(config, state, 0.0)
+    wide = state._replace(x_m=0.170, v_m_s=0.9, p_xx=1e-4, p_vv=1e-3, p_xv=0.0)
+    touched = tick(
+        config, wide, 0.0, contact=Contact(ContactPhase.CONTACT, True, False, 1e-3, 0.9, True, False)
+    )
+    assert touched.x_m == pytest.approx(0.1809, abs=2e-4)
+    assert touched.p_xx < 2e-7
+    assert touched.touch_down.v_m_s == 0.9
+    left = tick(
+        config,
+        touched._replace(x_m=0.1815, v_m_s=-0.45, p_xx=1e-6),
+        0.0,
+        contact=Contact(ContactPhase.FREE, False, True, 1e-3, 0.9, True, False),
+    )
+    assert left.x_m < 0.1810
+    assert left.x_m > 0.1790
+
+
+def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_saltation_of_the_flow() -> (
+    None
+):
+    config = config_from({"estimator.restitution_std": 1e-3, "estimator.stop_std_m": 1e-6}).estimator
+    config = config._replace(separation_jitter_s=0.0)
+    p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
+    before = Belief(0.18, 0.9, 0.2, p)
+    after = estimator._newton(config, 0.25, before, 0.4, 0.0)
+    assert after.x_m == pytest.approx(0.18)
+    assert after.v_m_s == pytest.approx(-0.45)
+    assert after.bias_m_s2 == 0.25
+
+    def through(x: float, v: float) -> tuple[float, float]:
+        """Where a neighbour that starts at t = 0 is at t = 0: it meets the stop earlier or later."""
+        a0 = estimator.model_acceleration(config.striker, 0.4, 0.18, 0.9)
+        a1 = estimator.model_acceleration(config.striker, 0.4, 0.18, -0.45)
+        t = (0.18 - x) / v
+        v_hit = v + a0 * t
+        v_out = -0.5 * v_hit - a1 * t
+        return 0.18 - v_out * t, v_out
+
+    e = 1e-6
+    centre = np.array(through(0.18, 0.9))
+    jacobian = np.column_stack(
+        [
+            (np.array(through(0.18 + e, 0.9)) - centre) / e,
+            (np.array(through(0.18, 0.9 + e)) - centre) / e,
+        ]
+    )
+    expected = jacobian @ np.array([[p.xx, p.xv], [p.xv, p.vv]]) @ jacobian.T
+    expected[1, 1] += 0.81e-6
+    got = np.array([[after.p.xx, after.p.xv], [after.p.xv, after.p.vv]])
+    np.testing.assert_allclose(got, expected, rtol=1e-3, atol=2e-12)
+
+
+def test_gaps_are_bridged_by_the_model() -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    f = free_flight(87.5, 0.25, 1e-3)
+    x, v, state = 0.03, 0.2, estimator.INITIAL
+    for k in range(6000):
+        state = tick(config, state, -87.5 * x - 0.25 * v, age=0 if k < 5950 else 5)
+        x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
+    assert state.sensor.missed_ticks == 50
+    assert state.x_m - 0.12 == pytest.approx(f.x_v * 0 + x, abs=1e-3)
+    assert state.p_vv > (3e-3) ** 2 * 40
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_a_missing_reading(bad: float) -> None:
+    config = config_from({}).estimator
+    state = estimator.INITIAL
+    assert not tick(config, state, bad).started
+    for _ in range(10):
+        state = tick(config, state, 0.1)
+    hit = tick(config, state, bad)
+    assert hit.sensor.missed_ticks == 1
+    assert math.isfinite(hit.x_m + hit.v_m_s + hit.p_xx)
+
+
+def test_an_estimate_that_is_no_number_starts_anew() -> None:
+    config = config_from({}).estimator
+    state = tick(config, estimator.INITIAL, 0.0)
+    assert tick(config, state._replace(x_m=math.nan), 0.0) == estimator.INITIAL
+
+
+def test_variances_keep_their_floors() -> None:
+    config = config_from({}).estimator
+    state = estimator.INITIAL
+    for _ in range(3000):
+        state = tick(config, state, 0.0)
+    spread = config.spread
+    assert state.p_xx >= spread.floor_xx
+    assert state.p_vv >= spread.floor_vv
+    assert state.p_bb >= spread.floor_bb
+
+
+def test_a_dry_guide_widens_what_the_model_is_trusted_with() -> None:
+    dry = config_from({"friction.mu": 0.2}).estimator
+    wet = config_from({}).estimator
+    one, other = (tick(c, tick(c, estimator.INITIAL, 0.0), 0.0) for c in (dry, wet))
+    assert one.p_xx > other.p_xx
+
+
+def test_nothing_is_believed_before_the_first_reading() -> None:
+    config = config_from({}).estimator
+    state = tick(config, estimator.INITIAL, 0.0, age=NEVER_TICKS)
+    assert not state.started

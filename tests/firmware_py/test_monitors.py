@@ -1,0 +1,172 @@
+import math
+
+import pytest
+from records import HEALTHY, replaced
+
+from firmware_py.core import crank, detector, estimator, monitors
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.monitors import Findings, MonitorState
+from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).monitors
+CRANK = crank.INITIAL._replace(omega_rad_s=12.0, missed_ticks=0)
+ESTIMATE = estimator.INITIAL._replace(
+    x_m=0.12, p_xx=1e-6, started=True, sensor=estimator.INITIAL.sensor._replace(missed_ticks=0)
+)
+CLOSED = replaced(HEALTHY, "drive.axis_state", AxisState.CLOSED_LOOP_CONTROL)
+
+
+def watch(
+    inputs: Inputs = CLOSED,
+    ticks: int = 1,
+    mode: Mode = Mode.RUN,
+    crank_state: crank.CrankState = CRANK,
+    estimate: estimator.EstimatorState = ESTIMATE,
+    impulse: float = 1.0,
+    separated: bool = False,
+    target: float = 12.0,
+    state: MonitorState = monitors.INITIAL,
+) -> tuple[MonitorState, Findings]:
+    findings = None
+    for _ in range(ticks):
+        state, findings = monitors.step(
+            CONFIG,
+            state,
+            mode,
+            inputs,
+            crank_state,
+            estimate,
+            detector.INITIAL._replace(impulse_n_s=impulse),
+            separated,
+            target,
+        )
+    assert findings is not None
+    return state, findings
+
+
+def test_a_healthy_module_has_no_faults() -> None:
+    _, findings = watch(ticks=5000)
+    assert findings == Findings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=False)
+
+
+@pytest.mark.parametrize(
+    ("path", "longest", "fault"),
+    [
+        ("accelerometer.age_ticks", 30, Fault.SENSOR_TIMEOUT),
+        ("encoder.age_ticks", 30, Fault.ENCODER_TIMEOUT),
+        ("drive.age_ticks", 350, Fault.DRIVE_TIMEOUT),
+        ("power.age_ticks", 350, Fault.DRIVE_TIMEOUT),
+    ],
+)
+def test_each_source_has_a_watchdog(path: str, longest: int, fault: Fault) -> None:
+    assert watch(replaced(CLOSED, path, longest))[1].watchdog == Fault.NONE
+    assert watch(replaced(CLOSED, path, longest + 1))[1].watchdog == fault
+
+
+def test_the_operator_has_a_watchdog() -> None:
+    assert not watch(replaced(CLOSED, "operator.age_ticks", 350))[1].operator_lost
+    assert watch(replaced(CLOSED, "operator.age_ticks", 351))[1].operator_lost
+
+
+def test_frames_without_numbers_count_as_silence() -> None:
+    assert watch(crank_state=CRANK._replace(missed_ticks=31))[1].watchdog == Fault.ENCODER_TIMEOUT
+    silent = ESTIMATE._replace(sensor=ESTIMATE.sensor._replace(missed_ticks=31))
+    assert watch(estimate=silent)[1].watchdog == Fault.SENSOR_TIMEOUT
+
+
+@pytest.mark.parametrize(
+    ("path", "good", "bad", "ticks", "fault"),
+    [
+        ("power.current_a", 11.9, 12.1, 21, Fault.OVERCURRENT),
+        ("power.current_a", -11.9, -12.1, 21, Fault.OVERCURRENT),
+        ("power.voltage_v", 18.1, 17.9, 151, Fault.UNDERVOLTAGE),
+        ("power.voltage_v", 29.9, 30.1, 151, Fault.OVERVOLTAGE),
+        ("power.inverter_degc", 79.9, 80.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", 89.9, 90.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", -29.0, -31.0, 1, Fault.OVERTEMPERATURE),
+        ("power.inverter_degc", -29.0, -31.0, 1, Fault.OVERTEMPERATURE),
+    ],
+)
+def test_each_measured_limit(path: str, good: float, bad: float, ticks: int, fault: Fault) -> None:
+    assert watch(replaced(CLOSED, path, good), 1000)[1].limit == Fault.NONE
+    assert watch(replaced(CLOSED, path, bad), ticks)[1].limit == fault
+    if ticks > 1:
+        assert watch(replaced(CLOSED, path, bad), ticks - 1)[1].limit == Fault.NONE
+    assert watch(replaced(CLOSED, path, math.nan), 1000)[1].limit != Fault.NONE
+
+
+def test_an_interrupted_condition_starts_anew() -> None:
+    state, _ = watch(replaced(CLOSED, "power.current_a", 15.0), 20)
+    state, _ = watch(state=state)
+    _, findings = watch(replaced(CLOSED, "power.current_a", 15.0), 20, state=state)
+    assert findings.limit == Fault.NONE
+
+
+@pytest.mark.parametrize(
+    ("omega", "fault"), [(24.9, Fault.NONE), (25.1, Fault.OVERSPEED), (-25.1, Fault.OVERSPEED)]
+)
+def test_overspeed(omega: float, fault: Fault) -> None:
+    assert watch(crank_state=CRANK._replace(omega_rad_s=omega))[1].limit == fault
+
+
+def test_overspeed_also_by_the_drives_own_estimate() -> None:
+    fast = replaced(CLOSED, "encoder.velocity_rev_s", 6.0)
+    assert watch(fast)[1].limit == Fault.OVERSPEED
+    assert watch(replaced(CLOSED, "encoder.velocity_rev_s", math.nan))[1].limit == Fault.OVERSPEED
+
+
+def test_frozen_drive_data_is_found_out() -> None:
+    frozen = replaced(CLOSED, "encoder.velocity_rev_s", 1.9)
+    assert watch(frozen, 20)[1].limit == Fault.NONE
+    assert watch(frozen, 22)[1].limit == Fault.DRIVE_FROZEN
+
+
+def test_a_standing_crank_is_not_frozen() -> None:
+    assert (
+        watch(HEALTHY, 1000, Mode.READY, CRANK._replace(omega_rad_s=0.0), target=0.0)[1].limit == Fault.NONE
+    )
+
+
+@pytest.mark.parametrize(
+    ("impulse", "fault"), [(1.59, Fault.NONE), (1.61, Fault.IMPULSE_LIMIT), (math.nan, Fault.IMPULSE_LIMIT)]
+)
+def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Fault) -> None:
+    assert watch(impulse=impulse, separated=True)[1].limit == fault
+    assert watch(impulse=impulse)[1].limit == Fault.NONE
+
+
+@pytest.mark.parametrize(
+    "changes", [{"p_xx": 0.06**2}, {"p_xx": math.nan}, {"x_m": math.nan}, {"started": False}]
+)
+def test_an_estimate_that_is_none(changes: dict[str, float]) -> None:
+    bad = ESTIMATE._replace(**changes)
+    assert watch(ticks=1000, estimate=bad)[1].limit == Fault.NONE
+    assert watch(ticks=1001, estimate=bad)[1].limit == Fault.ESTIMATE_INVALID
+    assert watch(ticks=2000, estimate=bad, mode=Mode.READY)[1].limit == Fault.NONE
+
+
+def test_stall() -> None:
+    slow = CRANK._replace(omega_rad_s=3.0)
+    assert watch(ticks=800, crank_state=slow)[1].limit == Fault.NONE
+    assert watch(ticks=801, crank_state=slow)[1].limit == Fault.STALL
+    assert watch(ticks=2000, crank_state=CRANK._replace(omega_rad_s=-12.0))[1].limit == Fault.STALL
+
+
+def test_a_drive_error_and_a_drive_that_lets_go() -> None:
+    assert watch(replaced(CLOSED, "drive.axis_error", 0x200))[1].drive == Fault.DRIVE_ERROR
+    state, findings = watch()
+    assert findings.drive == Fault.NONE
+    assert watch(HEALTHY, state=state)[1].drive == Fault.DRIVE_ERROR
+
+
+def test_a_drive_that_does_not_enable() -> None:
+    assert watch(HEALTHY, 1000, Mode.SOFT_START)[1].drive == Fault.NONE
+    assert watch(HEALTHY, 1001, Mode.SOFT_START)[1].drive == Fault.DRIVE_ERROR
+
+
+def test_standstill_takes_its_time() -> None:
+    still = CRANK._replace(omega_rad_s=0.1)
+    assert not watch(ticks=300, crank_state=still)[1].standstill
+    assert watch(ticks=301, crank_state=still)[1].standstill
+    assert not watch(ticks=1000)[1].standstill

@@ -1,0 +1,258 @@
+"""The node by frames alone: what it drops, what it counts, what it sends and when."""
+
+import math
+
+import pytest
+from closed_loop import Bench
+
+from firmware_py.core.inputs import NEVER_TICKS
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, ParameterStatus
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import (
+    Accelerometer,
+    DriveEstop,
+    EncoderEstimates,
+    FirmwareHeartbeat,
+    OperatorCommand,
+    ParameterRequest,
+    ParameterValue,
+    SetAxisState,
+    SetControllerMode,
+    SetInputTorque,
+    SetLimits,
+)
+from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.parameters import BY_NAME, INDEX, config_from
+
+G = 9.80665
+
+
+def node() -> FirmwareNode:
+    return FirmwareNode(config_from({}))
+
+
+def sample(counter: int, low: float = 1.0) -> Frame:
+    return codec.ACCELEROMETER.encode(Accelerometer(low, low, 0.0), counter)
+
+
+def test_a_silent_bus_leaves_everything_at_rest() -> None:
+    one = node()
+    for _ in range(500):
+        frames = [codec.decode(frame) for frame in one.tick([], 1)]
+        assert frames[0] == SetInputTorque(0.0)
+        assert not any(isinstance(record, SetAxisState) for record in frames)
+    assert one.outputs.mode == Mode.INIT
+    assert one.inputs.accelerometer.age_ticks == NEVER_TICKS
+
+
+def test_ages_count_elapsed_ticks() -> None:
+    one = node()
+    one.tick([sample(0)], 1)
+    assert one.inputs.accelerometer.age_ticks == 0
+    one.tick([], 1)
+    one.tick([], 3)
+    assert one.inputs.accelerometer.age_ticks == 4
+    assert one.counters.skipped_ticks == 2
+
+
+def test_a_tick_cannot_come_before_the_last() -> None:
+    with pytest.raises(ValueError, match="elapsed_ticks = 0"):
+        node().tick([], 0)
+
+
+def test_bad_frames_are_dropped_and_counted_by_reason() -> None:
+    one = node()
+    good = sample(0)
+    one.tick([good], 1)
+    flipped = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
+    one.tick([flipped], 1)
+    assert one.counters.rejected_crc == 1
+    one.tick([Frame(good.can_id, good.data[:5])], 1)
+    assert one.counters.rejected_length == 1
+    one.tick([good], 1)
+    assert one.counters.rejected_repeated == 1
+    one.tick([Frame(codec.ENCODER_ESTIMATES.can_id, b"\x00\x00\xc0\x7f" * 2)], 1)
+    assert one.counters.rejected_value == 1
+    assert one.inputs.accelerometer.age_ticks == 4
+    assert one.inputs.encoder.age_ticks == NEVER_TICKS
+    assert one.counters.frames == 1
+
+
+def test_a_gap_in_the_counter_is_counted_and_the_frame_used() -> None:
+    one = node()
+    one.tick([sample(0)], 1)
+    one.tick([sample(3)], 1)
+    assert one.counters.counter_gaps == 1
+    assert one.inputs.accelerometer.age_ticks == 0
+    one.tick([sample(4)], 1)
+    assert one.counters.counter_gaps == 1
+    for count in range(5, 40):
+        one.tick([sample(count % 16)], 1)
+    assert one.counters.counter_gaps == 1
+
+
+def test_frames_of_others_are_passed_over() -> None:
+    one = node()
+    one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x115, b"\x01")], 1)
+    assert one.counters == one.counters._replace(frames=0, rejected_crc=0, rejected_length=0)
+
+
+def test_the_newest_of_several_frames_counts() -> None:
+    one = node()
+    one.tick([sample(0, 1.0), sample(1, 2.0)], 1)
+    assert one.inputs.accelerometer.low_m_s2 == pytest.approx(2.0, abs=0.01)
+
+
+def test_cyclic_frames_keep_their_periods() -> None:
+    one, sent = node(), []
+    for tick in range(1000):
+        sent += [(tick, frame.can_id) for frame in one.tick([], 1)]
+    for its_codec, period in (
+        (codec.SET_INPUT_TORQUE, 1),
+        (codec.STRIKER_ESTIMATE, 10),
+        (codec.FIRMWARE_HEARTBEAT, 100),
+    ):
+        ticks = [tick for tick, can_id in sent if can_id == its_codec.can_id]
+        assert ticks == list(range(ticks[0], 1000, period))
+
+
+def test_own_counters_roll() -> None:
+    one, counters = node(), []
+    for _ in range(2000):
+        for frame in one.tick([], 1):
+            if frame.can_id == codec.FIRMWARE_HEARTBEAT.can_id:
+                counters.append(codec.FIRMWARE_HEARTBEAT.counter(frame.data))
+    assert counters == [k % 16 for k in range(20)]
+
+
+def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
+    bench = Bench(change=lambda _, frames: frames)
+    sent: list = []
+    for _ in range(400):
+        bench.run(0.001, keep=False)
+        sent += [codec.decode(frame) for frame in bench.sent]
+    assert bench.node.outputs.mode == Mode.READY
+    assert not any(isinstance(record, SetAxisState | SetControllerMode | SetLimits) for record in sent)
+    bench.request = OperatorRequest.RUN
+    sent.clear()
+    for _ in range(400):
+        bench.run(0.001, keep=False)
+        sent += [codec.decode(frame) for frame in bench.sent]
+    kinds = [type(record) for record in sent if type(record) in (SetControllerMode, SetLimits, SetAxisState)]
+    assert kinds[:3] == [SetControllerMode, SetLimits, SetAxisState]
+    assert SetControllerMode(1, 1) in sent
+    limits = next(record for record in sent if isinstance(record, SetLimits))
+    assert limits.current_limit_a == 10.0
+    assert limits.velocity_limit_rev_s == pytest.approx(35.0 / (2 * math.pi))
+    assert bench.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    bench.request = OperatorRequest.IDLE
+    bench.run(3.5, keep=False)
+    assert bench.node.outputs.mode == Mode.READY
+    assert bench.axis_state == AxisState.IDLE
+
+
+def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -> None:
+    bench = Bench().started()
+    bench.run(1.0, keep=False)
+    assert bench.node.outputs.mode == Mode.SOFT_START
+    estop = codec.DRIVE_ESTOP.encode(DriveEstop())
+    bench.change = lambda _, frames: [*frames, estop]
+    bench.run(0.001, keep=False)
+    bench.change = lambda _, frames: frames
+    records = [codec.decode(frame) for frame in bench.sent]
+    assert records[0] == SetInputTorque(0.0)
+    assert DriveEstop() in records
+    assert SetAxisState(AxisState.IDLE) in records
+    bench.run(1.0, keep=False)
+    assert bench.node.outputs.mode == Mode.E_STOP
+    # Clearing leads back to READY, and only IDLE and RUN from there to motion.
+    bench.request = OperatorRequest.CLEAR_FAULTS
+    bench.run(0.5, keep=False)
+    assert bench.node.outputs.mode == Mode.READY
+    assert bench.axis_error == 0
+    bench.request = OperatorRequest.RUN
+    bench.run(0.3, keep=False)
+    assert bench.node.outputs.mode == Mode.READY
+    bench.request = OperatorRequest.IDLE
+    bench.run(0.3, keep=False)
+    bench.request = OperatorRequest.RUN
+    bench.run(0.3, keep=False)
+    assert bench.node.outputs.mode == Mode.SOFT_START
+
+
+def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> ParameterValue:
+    answers = [codec.decode(f) for f in one.tick([codec.PARAMETER_REQUEST.encode(request, counter)], 1)]
+    return next(record for record in answers if isinstance(record, ParameterValue))
+
+
+def test_parameters_are_read_and_written_by_index_with_their_bounds_checked() -> None:
+    one = FirmwareNode(config_from({"start.rise_s": 4.0}), {"start.rise_s": 4.0})
+    index = INDEX["start.rise_s"]
+    assert ask(one, ParameterRequest(index, 0, 0.0), 0) == ParameterValue(index, ParameterStatus.OK, 4.0)
+    assert ask(one, ParameterRequest(index, 1, 6.0), 1) == ParameterValue(index, ParameterStatus.OK, 6.0)
+    assert one.config.start.rise_s == 6.0
+    too_long = BY_NAME["start.rise_s"].high + 1.0
+    refused = ask(one, ParameterRequest(index, 1, too_long), 2)
+    assert refused == ParameterValue(index, ParameterStatus.OUT_OF_RANGE, 6.0)
+    assert one.config.start.rise_s == 6.0
+    assert ask(one, ParameterRequest(60_000, 0, 0.0), 3).status == ParameterStatus.UNKNOWN_INDEX
+
+
+def test_parameters_are_not_written_while_it_moves() -> None:
+    bench = Bench().started()
+    bench.run(0.5, keep=False)
+    index = INDEX["start.rise_s"]
+    answer = ask(bench.node, ParameterRequest(index, 1, 6.0), 0)
+    assert answer == ParameterValue(index, ParameterStatus.NOT_WHILE_MOVING, 5.0)
+
+
+def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
+    bench = Bench().started()
+    bench.run(1.0, keep=False)
+    bench.axis_error = 0x200
+    reported = []
+    for _ in range(300):
+        bench.run(0.001, keep=False)
+        reported += [codec.decode(f) for f in bench.sent if f.can_id == codec.FAULT_EVENT.can_id]
+    assert [(event.fault, event.disarm_reason) for event in reported] == [(Fault.DRIVE_ERROR, 0x200)]
+
+
+def test_the_heartbeat_says_where_the_firmware_stands() -> None:
+    bench = Bench().started()
+    beats = []
+    for _ in range(800):
+        bench.run(0.001, keep=False)
+        beats += [codec.decode(f) for f in bench.sent if f.can_id == codec.FIRMWARE_HEARTBEAT.can_id]
+    assert isinstance(beats[-1], FirmwareHeartbeat)
+    assert beats[0].mode == Mode.SOFT_START
+    assert beats[0].target_omega_rad_s == 0.0
+    assert beats[-1].mode == Mode.SOFT_START
+    assert beats[-1].target_omega_rad_s > 0.0
+
+
+def test_an_operator_frame_with_a_wrong_crc_starts_nothing() -> None:
+    bench = Bench()
+    bench.run(0.4, keep=False)
+
+    def corrupt(_: int, frames: list[Frame]) -> list[Frame]:
+        return [
+            Frame(f.can_id, f.data[:-1] + bytes([f.data[-1] ^ 0xFF]))
+            if f.can_id == codec.OPERATOR_COMMAND.can_id
+            else f
+            for f in frames
+        ]
+
+    bench.change = corrupt
+    bench.request = OperatorRequest.RUN
+    bench.run(0.6, keep=False)
+    assert bench.node.outputs.mode == Mode.INIT
+    assert bench.node.counters.rejected_crc > 0
+
+
+def test_a_command_outside_the_runnable_ratios_starts_nothing() -> None:
+    bench = Bench(ratio=0.0).started()
+    bench.run(0.5, keep=False)
+    assert bench.node.outputs.mode == Mode.READY
+    assert codec.encode(OperatorCommand(1, 0.0), 0).can_id == codec.OPERATOR_COMMAND.can_id
+    assert codec.encode(EncoderEstimates(0.0, 0.0)).can_id == codec.ENCODER_ESTIMATES.can_id

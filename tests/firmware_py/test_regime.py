@@ -1,0 +1,104 @@
+import math
+
+import pytest
+
+from firmware_py.core import regime
+from firmware_py.core.regime import Period
+from firmware_py.interface.enums import Regime
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).regime
+OMEGA = 12.0
+
+
+def hit(speed: float = 0.9, impacts: int = 1) -> Period:
+    return Period(impacts, speed, 0.5, 300.0)
+
+
+MISS = Period(0, 0.0, 0.0, 10.0)
+STILL = Period(0, 0.0, 0.0, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("periods", "expected"),
+    [
+        ([hit(), hit(), hit(), hit()], Regime.IMPACT),
+        ([hit(), hit(), MISS, MISS], Regime.IMPACT),
+        ([hit(impacts=2), hit(impacts=2), hit(impacts=2), hit(impacts=2)], Regime.IMPACT),
+        ([MISS] * 4, Regime.NON_IMPACT),
+        ([STILL] * 4, Regime.STUCK),
+        ([hit(), MISS, hit(), MISS], Regime.PERIOD_N),
+        ([MISS, hit(), MISS, hit()], Regime.PERIOD_N),
+        ([hit(0.9), hit(0.5), hit(0.9), hit(0.5)], Regime.PERIOD_N),
+        ([hit(impacts=2), hit(), hit(impacts=2), hit()], Regime.PERIOD_N),
+        ([hit(), MISS, MISS, hit()], Regime.PERIOD_N),
+        ([hit(impacts=6), hit(impacts=5), hit(impacts=6), hit(impacts=5)], Regime.CHATTERING),
+        ([hit(0.03), hit(0.03), hit(0.03), hit(0.03)], Regime.UNCERTAIN),
+        ([hit(), MISS, MISS, MISS], Regime.UNCERTAIN),
+        ([hit(impacts=3), hit(impacts=2), hit(), MISS], Regime.UNCERTAIN),
+    ],
+)
+def test_four_periods_decide(periods: list[Period], expected: Regime) -> None:
+    assert regime.decide(CONFIG, *periods) == expected
+
+
+def turn(
+    state: regime.RegimeState, impacts: int, speed: float = 0.9, phase_deg: float = 48.0
+) -> regime.RegimeState:
+    """One drive period at constant speed, with `impacts` that many degrees past the forward dead centre."""
+    ticks = round(2 * math.pi / OMEGA * 1000)
+    at = math.radians(90.0 + phase_deg)
+    places = [at + 0.1 * i for i in range(impacts)]
+    for tick in range(ticks):
+        angle = 2 * math.pi * tick / ticks
+        touch = any(angle - 2 * math.pi / ticks < place <= angle for place in places)
+        state = regime.step(CONFIG, state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0, 1)
+    return state
+
+
+def test_a_steady_motion_is_reported_with_its_phase_and_peak() -> None:
+    state = regime.INITIAL
+    for _ in range(6):
+        state = turn(state, 1)
+    assert state.regime == Regime.IMPACT
+    assert math.degrees(state.last.phase_rad) == pytest.approx(48.0, abs=1.0)
+    assert state.last.peak_m_s2 == 250.0
+    assert state.last.speed_m_s == pytest.approx(0.9)
+
+
+def test_one_odd_period_does_not_change_the_report() -> None:
+    state = regime.INITIAL
+    for impacts in (1, 1, 1, 1, 1, 2, 1, 1):
+        state = turn(state, impacts)
+        if impacts == 2:
+            assert state.regime == Regime.IMPACT
+    assert state.regime == Regime.IMPACT
+
+
+def test_impacts_that_stop_are_lost_first_and_then_gone() -> None:
+    state, seen = regime.INITIAL, []
+    for impacts in (1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0):
+        state = turn(state, impacts)
+        seen.append(state.regime)
+    assert Regime.LOST in seen
+    assert seen[-1] == Regime.NON_IMPACT
+    assert seen.index(Regime.LOST) <= 8
+
+
+def test_every_period_ends_once() -> None:
+    state, ended = regime.INITIAL, 0
+    for _ in range(5):
+        before = state.periods
+        state = turn(state, 1)
+        ended += state.periods - before
+    assert ended == 4  # the fifth ends with the next turn's first tick
+
+
+def test_a_crank_that_stands_has_no_regime() -> None:
+    state = regime.INITIAL
+    for _ in range(5):
+        state = turn(state, 1)
+    for _ in range(2 * CONFIG.longest_period_ticks + 10):
+        state = regime.step(CONFIG, state, 1.0, 0.0, False, 0.0, 0.0, 0.1, 1)
+    assert state.regime in (Regime.UNCERTAIN, Regime.LOST)
+    assert state.periods == 0

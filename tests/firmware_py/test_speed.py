@@ -1,0 +1,102 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.core import crank, estimator, speed
+from firmware_py.interface.enums import ActingLimit
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).speed
+CRANK = crank.INITIAL._replace(angle_rad=0.0, omega_rad_s=12.0, missed_ticks=0)
+ESTIMATE = estimator.INITIAL._replace(x_m=0.12)
+
+
+def step(
+    state: speed.SpeedState = speed.INITIAL, target: float = 12.0, omega: float = 12.0
+) -> speed.SpeedState:
+    return speed.step(CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE, target, 0.0, 1)
+
+
+def test_the_load_is_the_work_gradient_of_the_spring() -> None:
+    """T = d/dθ ½ c (A sin θ + l0 − x)²."""
+
+    def energy(theta: float) -> float:
+        return 0.5 * 70.0 * (0.02 * math.sin(theta) + 0.12 - 0.15) ** 2
+
+    for theta in np.linspace(0.0, 6.2, 9):
+        slope = (energy(theta + 1e-6) - energy(theta - 1e-6)) / 2e-6
+        load = speed.crank_load(
+            CONFIG.load, CRANK._replace(angle_rad=theta), ESTIMATE._replace(x_m=0.15), 0.0
+        )
+        assert load == pytest.approx(slope, abs=1e-8)
+
+
+def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
+    bad = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 15.0)
+    for target, omega, x in itertools.product(bad, (0.0, 15.0, 1e3, -1e3, math.nan), bad):
+        state = speed.INITIAL
+        for _ in range(3):
+            state = speed.step(
+                CONFIG, state, CRANK._replace(omega_rad_s=omega), ESTIMATE._replace(x_m=x), target, target, 1
+            )
+            assert abs(state.torque_n_m) <= CONFIG.torque_limit_n_m
+            assert math.isfinite(state.integral_n_m)
+
+
+def test_the_rate_is_limited_and_said_so() -> None:
+    state = step(target=19.0, omega=0.0)
+    assert state.torque_n_m == pytest.approx(CONFIG.torque_rate_n_m_s * 1e-3)
+    assert state.acting_limit == ActingLimit.TORQUE_RATE
+    for _ in range(30):
+        state = step(state, target=19.0, omega=0.0)
+    assert state.torque_n_m == CONFIG.torque_limit_n_m
+    assert state.acting_limit == ActingLimit.TORQUE
+
+
+def test_the_integral_does_not_wind_up_against_a_limit() -> None:
+    state = speed.INITIAL
+    for _ in range(5000):
+        state = step(state, target=19.0, omega=0.0)
+    assert abs(state.integral_n_m) < 0.05
+    for _ in range(20):
+        state = step(state, target=12.0, omega=12.5)
+    assert state.torque_n_m < 0.05
+
+
+def test_the_integral_removes_a_lasting_error() -> None:
+    state = speed.INITIAL
+    for _ in range(1000):
+        state = step(state, target=12.0, omega=11.9)
+    assert state.integral_n_m == pytest.approx(CONFIG.gain_i_n_m * 0.1, rel=0.05)
+
+
+def test_beyond_the_speed_limit_nothing_pushes_on() -> None:
+    state = speed.INITIAL
+    for _ in range(100):
+        state = step(state, target=25.0, omega=20.5)
+    assert state.torque_n_m <= 0.0
+    assert state.acting_limit == ActingLimit.SPEED
+
+
+def test_safe_is_zero_at_once() -> None:
+    state = step(target=19.0, omega=0.0)
+    safe = speed.safe(state)
+    assert safe.torque_n_m == 0.0
+    assert safe.integral_n_m == 0.0
+    assert safe.acting_n_m == state.torque_n_m
+    assert safe.acting_limit == ActingLimit.SAFE_STATE
+
+
+def test_the_tracker_is_told_the_torque_that_acts() -> None:
+    state = speed.INITIAL._replace(torque_n_m=0.3, acting_n_m=0.1)
+    still = ESTIMATE._replace(x_m=0.12 + 0.02 * math.sin(12.0 * 0.5e-3))
+    load = CONFIG.load
+    expected = (0.1 - load.viscous_n_m_s * 12.0 - load.dry_n_m) / load.inertia_kg_m2
+    assert speed.known_acceleration(CONFIG, state, CRANK, still) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_standing_crank_is_not_believed_to_move_by_less_than_its_dry_friction() -> None:
+    state = speed.INITIAL._replace(acting_n_m=0.004)
+    assert speed.known_acceleration(CONFIG, state, CRANK._replace(omega_rad_s=0.0), ESTIMATE) == 0.0

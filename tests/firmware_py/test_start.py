@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+
+from firmware_py.core import regime, start
+from firmware_py.core.regime import Period
+from firmware_py.core.start import Stage
+from firmware_py.interface.enums import Mode
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).start
+QUIET = regime.INITIAL
+
+
+def periods(hit: bool) -> regime.RegimeState:
+    return regime.INITIAL._replace(ended=True, last=Period(1 if hit else 0, 0.9, 0.0, 300.0))
+
+
+def until(
+    state: start.StartState,
+    seconds: float,
+    mode: Mode = Mode.SOFT_START,
+    ratio: float = 1.3,
+    hits: bool = True,
+) -> tuple[start.StartState, np.ndarray]:
+    """Run with a drive period of 0.5 s that has an impact or not; targets as followed."""
+    targets = []
+    for tick in range(round(seconds * 1000)):
+        seen = periods(hits) if tick % 500 == 499 else QUIET
+        state = start.step(CONFIG, state, mode, ratio, True, state.target_omega_rad_s, seen, 1)
+        targets.append(state.target_omega_rad_s)
+    return state, np.array(targets)
+
+
+def test_the_s_curve_starts_and_ends_flat_and_never_turns_back() -> None:
+    s = np.linspace(-0.5, 1.5, 2001)
+    height, slope = np.array([start.s_curve(float(x)) for x in s]).T
+    assert height[0] == 0.0
+    assert height[-1] == 1.0
+    assert start.s_curve(0.5) == (0.5, 1.5)
+    assert np.all(np.diff(height) >= 0.0)
+    np.testing.assert_allclose(np.gradient(height, s)[1:-1], slope[1:-1], atol=5e-3)
+    assert slope.max() == 1.5
+    assert slope[np.searchsorted(s, 0.0)] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_rise_reaches_the_target_in_its_time_without_overshoot() -> None:
+    state, targets = until(start.INITIAL, 5.2, hits=False)
+    goal = 1.3 * CONFIG.natural_rad_s
+    assert targets[-1] == pytest.approx(goal, rel=1e-12)
+    assert np.all(np.diff(targets) >= 0.0)
+    assert np.searchsorted(targets, goal * (1 - 1e-9)) == pytest.approx(5000, abs=5)
+    assert np.abs(np.diff(targets)).max() * 1000.0 == pytest.approx(1.5 * goal / CONFIG.rise_s, rel=1e-2)
+    assert state.stage == Stage.CONFIRM
+
+
+def test_impacts_in_consecutive_periods_capture() -> None:
+    state, _ = until(start.INITIAL, 8.0)
+    assert state.captured
+    assert state.stage == Stage.HOLD
+
+
+def test_below_the_onset_of_impacts_none_are_waited_for() -> None:
+    state, _ = until(start.INITIAL, 5.2, ratio=0.6, hits=False)
+    assert state.captured
+
+
+def test_a_failed_capture_dips_and_then_gives_up_within_30_s() -> None:
+    state, targets = until(start.INITIAL, 30.0, hits=False)
+    assert state.failed
+    assert not state.captured
+    assert state.attempts == CONFIG.attempts
+    dips = np.flatnonzero(np.diff((targets < 1.05 * CONFIG.natural_rad_s).astype(int)) == 1)
+    assert len(dips) == CONFIG.attempts
+    frozen, _ = until(state, 1.0)
+    assert frozen == state
+
+
+def test_a_lost_regime_is_recaptured() -> None:
+    state, _ = until(start.INITIAL, 8.0)
+    state, _ = until(state, 2.0, Mode.RUN, hits=False)
+    assert state.stage == Stage.DIP
+    assert not state.captured
+    state, targets = until(state, 9.0, Mode.RUN)
+    assert state.captured
+    assert targets.min() == pytest.approx(CONFIG.dip_ratio * CONFIG.natural_rad_s, rel=1e-9)
+    assert targets[-1] == pytest.approx(1.3 * CONFIG.natural_rad_s, rel=1e-9)
+    state, _ = until(state, 30.0, Mode.RUN)
+    assert state.attempts == 0
+
+
+def test_a_new_target_is_approached_on_a_curve_of_its_own() -> None:
+    state, _ = until(start.INITIAL, 8.0)
+    state, targets = until(state, 3.0, Mode.RUN, ratio=1.1)
+    assert targets[-1] == pytest.approx(1.1 * CONFIG.natural_rad_s, rel=1e-12)
+    assert np.all(np.diff(targets) <= 0.0)
+    assert state.captured
+
+
+def test_stopping_goes_to_zero_in_its_time() -> None:
+    state, _ = until(start.INITIAL, 8.0)
+    state, targets = until(state, 2.1, Mode.STOPPING)
+    assert targets[-1] == 0.0
+    assert np.all(np.diff(targets) <= 0.0)
+    assert np.count_nonzero(targets > 0.0) == pytest.approx(2000, abs=2)
+
+
+def test_nothing_is_asked_for_until_the_drive_is_ready() -> None:
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, False, 0.0, QUIET, 1)
+    assert state == start.INITIAL
+
+
+@pytest.mark.parametrize("mode", [Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP])
+def test_modes_without_motion_forget_everything(mode: Mode) -> None:
+    state, _ = until(start.INITIAL, 6.0)
+    assert start.step(CONFIG, state, mode, 1.3, True, 12.0, QUIET, 1) == start.INITIAL
+
+
+@pytest.mark.parametrize(("ratio", "valid"), [(1.3, True), (0.0, False), (3.0, False), (float("nan"), False)])
+def test_ratios_that_can_be_run(ratio: float, valid: bool) -> None:
+    assert start.valid_ratio(CONFIG, ratio) is valid
+
+
+def test_a_start_onto_a_turning_crank_begins_at_its_speed() -> None:
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, 3.0, QUIET, 1)
+    assert state.target_omega_rad_s == 3.0

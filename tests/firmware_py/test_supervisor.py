@@ -1,0 +1,195 @@
+"""Every mode against every combination of conditions, held to rules written independently of the code."""
+
+import itertools
+
+import pytest
+
+from firmware_py.core import supervisor
+from firmware_py.core.monitors import Findings
+from firmware_py.core.supervisor import Conditions, SupervisorState, counting_fault, transition
+from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+
+MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+LATCHED = (Mode.FAULT, Mode.E_STOP)
+CALM = Findings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=True)
+
+
+def all_conditions() -> list[Conditions]:
+    flags = itertools.product((False, True), repeat=9)
+    return [
+        Conditions(e, f, i, d, o, r, s, c, t, k, z)
+        for (e, i, d, o, s, c, t, k, z) in flags
+        for f in (Fault.NONE, Fault.OVERSPEED)
+        for r in OperatorRequest
+    ]
+
+
+CONDITIONS = all_conditions()
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_every_mode_under_every_condition(mode: Mode) -> None:
+    for c in CONDITIONS:
+        after = transition(mode, c)
+        assert isinstance(after, Mode)
+        wants_run = c.operator_fresh and c.request == OperatorRequest.RUN
+        if c.estop:
+            assert after == Mode.E_STOP
+            continue
+        # Motion begins in one place only: out of READY, asked for by a fresh operator who was seen idle.
+        if after in MOVING and mode not in MOVING:
+            assert (mode, after) == (Mode.READY, Mode.SOFT_START)
+            assert wants_run
+            assert c.idle_seen
+            assert c.inputs_fresh
+            assert c.target_valid
+            assert c.fault == Fault.NONE
+        # A fault ends all motion in the same tick.
+        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY):
+            assert after == Mode.FAULT
+        # What is latched is left only for INIT, by a fresh, armed request to clear, with the cause gone.
+        if mode in LATCHED:
+            cleared = c.operator_fresh and c.request == OperatorRequest.CLEAR_FAULTS and c.clear_armed
+            assert after == (Mode.INIT if cleared and c.fault == Fault.NONE else mode)
+        if mode == Mode.INIT:
+            well = c.inputs_fresh and c.operator_fresh and c.drive_well
+            assert after == (Mode.READY if well else Mode.INIT)
+        if (
+            mode in (Mode.SOFT_START, Mode.RUN)
+            and c.fault == Fault.NONE
+            and not (wants_run and c.target_valid)
+        ):
+            assert after == Mode.STOPPING
+        if mode == Mode.SOFT_START and c.fault == Fault.NONE and wants_run and c.target_valid:
+            assert after == (Mode.RUN if c.captured else Mode.SOFT_START)
+        if mode == Mode.RUN and c.fault == Fault.NONE and wants_run and c.target_valid:
+            assert after == Mode.RUN
+        if mode == Mode.STOPPING and c.fault == Fault.NONE:
+            assert after == (Mode.READY if c.standstill else Mode.STOPPING)
+        if mode == Mode.READY and c.fault == Fault.NONE and not (c.inputs_fresh and c.operator_fresh):
+            assert after == Mode.INIT
+        # Clearing never arms.
+        if c.request == OperatorRequest.CLEAR_FAULTS:
+            assert after not in (Mode.SOFT_START, Mode.RUN)
+
+
+WATCHDOG = CALM._replace(watchdog=Fault.SENSOR_TIMEOUT)
+LIMIT = CALM._replace(limit=Fault.OVERSPEED)
+DRIVE = CALM._replace(drive=Fault.DRIVE_ERROR)
+ALONE = CALM._replace(operator_lost=True)
+
+
+@pytest.mark.parametrize(
+    ("findings", "failed", "expected"),
+    [
+        (CALM, False, {}),
+        (WATCHDOG, False, dict.fromkeys((*MOVING, *LATCHED), Fault.SENSOR_TIMEOUT)),
+        (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERSPEED)),
+        (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
+        (ALONE, False, dict.fromkeys((Mode.SOFT_START, Mode.RUN), Fault.OPERATOR_TIMEOUT)),
+        (CALM, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
+    ],
+)
+def test_which_finding_is_a_fault_in_which_mode(
+    findings: Findings, failed: bool, expected: dict[Mode, Fault]
+) -> None:
+    for mode in Mode:
+        assert counting_fault(mode, findings, failed) == expected.get(mode, Fault.NONE), mode
+
+
+def step(
+    state: SupervisorState,
+    findings: Findings = CALM,
+    request: OperatorRequest = OperatorRequest.IDLE,
+    estop: bool = False,
+    captured: bool = False,
+    failed: bool = False,
+) -> SupervisorState:
+    return supervisor.step(state, findings, estop, request, 0x200, True, captured, failed, 1)
+
+
+def test_the_way_to_motion_and_back() -> None:
+    state = supervisor.INITIAL
+    modes = []
+    for request, findings, captured in [
+        (OperatorRequest.RUN, WATCHDOG, False),
+        (OperatorRequest.RUN, CALM, False),
+        (OperatorRequest.RUN, CALM, False),
+        (OperatorRequest.IDLE, CALM, False),
+        (OperatorRequest.RUN, CALM, False),
+        (OperatorRequest.RUN, CALM, True),
+        (OperatorRequest.IDLE, CALM._replace(standstill=False), True),
+        (OperatorRequest.RUN, CALM, False),
+        (OperatorRequest.RUN, CALM, False),
+    ]:
+        state = step(state, findings, request, captured=captured)
+        modes.append(state.mode)
+    assert modes == [
+        Mode.INIT,
+        Mode.READY,
+        Mode.READY,  # RUN was never let go: nothing moves
+        Mode.READY,
+        Mode.SOFT_START,
+        Mode.RUN,
+        Mode.STOPPING,
+        Mode.READY,
+        Mode.READY,
+    ]
+
+
+def running() -> SupervisorState:
+    return supervisor.INITIAL._replace(mode=Mode.RUN)
+
+
+def test_the_first_reason_stays_latched() -> None:
+    state = step(running(), LIMIT, OperatorRequest.RUN)
+    assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0x200)
+    state = step(state, WATCHDOG, OperatorRequest.RUN)
+    assert state.fault == Fault.OVERSPEED
+    state = step(state, CALM, OperatorRequest.IDLE)
+    assert (state.mode, state.fault) == (Mode.FAULT, Fault.OVERSPEED)
+
+
+def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
+    state = step(running(), LIMIT, OperatorRequest.CLEAR_FAULTS)
+    for _ in range(5):
+        state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+    assert state.mode == Mode.FAULT
+    state = step(state, CALM, OperatorRequest.IDLE)
+    state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+    assert (state.mode, state.fault) == (Mode.INIT, Fault.NONE)
+    # and holding it leads to READY, never further
+    for _ in range(5):
+        state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+    assert state.mode == Mode.READY
+    assert step(state, CALM, OperatorRequest.RUN).mode == Mode.READY
+
+
+def test_a_cause_that_stands_cannot_be_cleared() -> None:
+    state = step(running(), WATCHDOG, OperatorRequest.RUN)
+    state = step(state, WATCHDOG, OperatorRequest.IDLE)
+    assert step(state, WATCHDOG, OperatorRequest.CLEAR_FAULTS).mode == Mode.FAULT
+    assert step(state, DRIVE, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_an_e_stop_takes_every_mode_and_stays(mode: Mode) -> None:
+    state = step(supervisor.INITIAL._replace(mode=mode), estop=True)
+    assert state.mode == Mode.E_STOP
+    for request in (OperatorRequest.RUN, OperatorRequest.IDLE, OperatorRequest.RUN):
+        state = step(state, CALM, request)
+        assert state.mode == Mode.E_STOP
+    assert step(state, CALM, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
+
+
+def test_a_fault_before_an_e_stop_keeps_its_reason() -> None:
+    state = step(running(), LIMIT, OperatorRequest.RUN)
+    assert step(state, estop=True).fault == Fault.OVERSPEED
+
+
+def test_an_operator_who_falls_silent_in_ready_has_to_be_seen_idle_again() -> None:
+    state = supervisor.INITIAL._replace(mode=Mode.READY, idle_seen=True)
+    state = step(state, ALONE)
+    assert state.mode == Mode.INIT
+    state = step(state, CALM, OperatorRequest.RUN)
+    assert (state.mode, state.idle_seen) == (Mode.READY, False)
