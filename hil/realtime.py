@@ -23,6 +23,9 @@ RESET_ON_FORK = 1
 SCHEDULING_ATTRIBUTES = struct.Struct("=IIQiIQQQII")
 
 
+NODE_PRIORITY = 20
+
+
 class Reservation(NamedTuple):
     """What a process needs of a CPU: `runtime_ns` in each `period_ns`, or else a fixed `priority`."""
 
@@ -31,11 +34,11 @@ class Reservation(NamedTuple):
     priority: int
 
 
-NODE = Reservation(runtime_ns=600_000, period_ns=1_000_000, priority=20)
+NODE = Reservation(runtime_ns=600_000, period_ns=1_000_000, priority=NODE_PRIORITY)
 """A loop at 1 kHz: twice what the firmware takes on a busy machine."""
-BASELINE = Reservation(runtime_ns=100_000, period_ns=1_000_000, priority=20)
+BASELINE = Reservation(runtime_ns=100_000, period_ns=1_000_000, priority=NODE_PRIORITY)
 """The bare loop beside them, scheduled as they are, so that the three compare."""
-HUB = Reservation(runtime_ns=100_000, period_ns=250_000, priority=30)
+HUB = Reservation(runtime_ns=100_000, period_ns=250_000, priority=NODE_PRIORITY + 10)
 """Before the nodes: a frame that waits for its own sender is late for everyone."""
 
 
@@ -72,7 +75,8 @@ def become_realtime(reservation: Reservation) -> RealtimeReport:
         return RealtimeReport("ordinary", memory_locked=False, timer_slack=False)
     memory_locked = library.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0
     timer_slack = library.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
-    return RealtimeReport(take_scheduler(library, reservation), memory_locked, timer_slack)
+    scheduler = "ordinary" if is_user_mode_linux() else take_scheduler(library, reservation)
+    return RealtimeReport(scheduler, memory_locked, timer_slack)
 
 
 def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
@@ -81,8 +85,6 @@ def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
     A fixed priority alone still lets ordinary processes that have waited for a second run for 50 ms (Linux's
     fair server); a reservation with a deadline of one tick comes before them.
     """
-    if is_user_mode_linux():
-        return "ordinary"
     number = SCHED_SETATTR.get(platform.machine())
     if number is not None:
         runtime_ns, period_ns, _ = reservation
@@ -92,11 +94,16 @@ def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
         )
         if library.syscall(number, 0, attributes, 0) == 0:
             return "deadline"
+    return "fifo" if take_fifo(reservation.priority) else "ordinary"
+
+
+def take_fifo(priority: int) -> bool:
+    """Ask for SCHED_FIFO; ordinary users mostly may not have it."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(reservation.priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
-        return "ordinary"
-    return "fifo"
+        return False
+    return True
 
 
 def die_with_parent() -> None:
