@@ -54,10 +54,11 @@ def design_speed_loop(
     gain_p = _rounded(inertia_kg_m2 * crossover_rad_s)
     gain_i = _rounded(inertia_kg_m2 * crossover_rad_s**2 / integral_ratio)
     loop = speed_loop(inertia_kg_m2, viscous_n_m_s, tick_s, tracker_rad_s, gain_p, gain_i)
-    gain_margin, phase_margin, _, _, crossover, _ = control.stability_margins(loop, method="frd")
-
-    omega = np.geomspace(0.1, 0.99 * math.pi / tick_s, 4000)
+    # From a hundredth of the crossover up: the double integrator below has no margins, only rounding errors.
+    omega = np.geomspace(0.01 * crossover_rad_s, 0.99 * math.pi / tick_s, 4000)
     response = _response(loop, omega)
+    gain_margin, phase_margin, _, _, crossover, _ = control.stability_margins(control.frd(response, omega))
+
     motor = _response(_motor(inertia_kg_m2, viscous_n_m_s, tick_s), omega)
     # The tracker follows the motor exactly while it knows the torque: the target sees K G / (1 + K G).
     pi = gain_p + gain_i * tick_s / (1.0 - np.exp(-1j * omega * tick_s))
