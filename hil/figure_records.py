@@ -5,6 +5,7 @@ report and tables take units and meanings from here. Times are simulated seconds
 name says otherwise.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -15,6 +16,15 @@ class Quantity(NamedTuple):
 
     unit: str
     meaning: str
+
+
+def plain(value: Any) -> Any:
+    """`value` with None for each float that is not finite, to any depth."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +130,9 @@ class Figures:
     clock: Annotated[str, Quantity("", "real or lockstep")]
     bus: Annotated[str, Quantity("", "the bus it ran on")]
     kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
-    real_time: Annotated[bool, Quantity("", "whether a real-time run met its timing")]
+    real_time: Annotated[
+        bool | None, Quantity("", "whether a real-time run met its timing; none in lockstep")
+    ]
     duration_s: Annotated[float, Quantity("s", "simulated duration")]
     ticks: Annotated[int, Quantity("", "ticks the firmware ran")]
     overruns: Annotated[int, Quantity("", "ticks skipped, both loops")]
@@ -166,8 +178,9 @@ class Figures:
     ]
 
     def as_json(self) -> dict[str, Any]:
-        """Nested dictionaries of JSON's own types."""
-        return asdict(self)
+        """Nested dictionaries of JSON's own types; what is not finite is None, as if the run had not given it."""
+        content: dict[str, Any] = plain(asdict(self))
+        return content
 
 
 class FigureSpec(NamedTuple):

@@ -330,6 +330,7 @@ def figures_from(traces: RunTraces) -> Figures:
     clock = str(run.get("clock", "lockstep"))
     loops = Loops(plant=loop_timing(plant, period_s), firmware=loop_timing(firmware, period_s))
     baseline = outcome.get("baseline_overruns")
+    under_uml = bool(run.get("user_mode_linux", False))
     hold = hold_window(firmware)
     motion = hold_motion(plant, impacts, hold)
     end = drive_end(plant, firmware)
@@ -349,8 +350,7 @@ def figures_from(traces: RunTraces) -> Figures:
         clock=clock,
         bus=str(run.get("bus", "")),
         kernel_can=bool(run.get("kernel_can", False)),
-        real_time=clock == "real"
-        and met_its_timing(loops, baseline, bool(run.get("user_mode_linux", False))),
+        real_time=met_its_timing(loops, baseline, under_uml) if clock == "real" else None,
         duration_s=duration_s,
         ticks=loops.firmware.ticks,
         overruns=loops.plant.overruns + loops.firmware.overruns,

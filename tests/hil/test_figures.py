@@ -1,5 +1,7 @@
 """Figures against made-up traces whose answers are known."""
 
+import json
+
 import numpy as np
 import pytest
 from run_folder import (
@@ -120,6 +122,14 @@ def test_late_wake_ups_and_long_work_are_counted_apart(made_up, tmp_path):
 def test_a_rigid_stop_has_no_peak_force(made_up, tmp_path):
     made_up.impacts["peak_force_n"][:] = np.nan
     assert figures_of(write_run(made_up, tmp_path)).peak_force_n is None
+
+
+def test_an_estimate_that_is_not_finite_is_a_figure_not_given(made_up, tmp_path):
+    made_up.firmware["state.estimator.x_m"][5000:] = np.nan
+    figures = figures_of(write_run(made_up, tmp_path)).as_json()
+    assert figures["estimate"]["x_rmse_m"] is None
+    assert figures["estimate"]["v_rmse_m_s"] == pytest.approx(1e-2)
+    json.dumps(figures, allow_nan=False)
 
 
 def test_missed_and_false_detections(made_up, tmp_path):
