@@ -178,7 +178,7 @@ class Figures:
     ]
 
     def as_json(self) -> dict[str, Any]:
-        """Nested dictionaries of JSON's own types; what is not finite is None, as if the run had not given it."""
+        """Nested dictionaries of JSON's own types; what is not finite is None, as what is not there."""
         content: dict[str, Any] = plain(asdict(self))
         return content
 
