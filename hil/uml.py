@@ -35,6 +35,7 @@ from typing import BinaryIO, Final
 KERNEL: Final = "linux.uml"
 REMEDY: Final = "install Debian's packages: apt-get install user-mode-linux busybox"
 BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; a machine busy with other things gets twenty times that
+PRIORITY: Final = 20  # above what is ordinary, below the machine's own interrupt threads at 50
 GRACE_S: Final = 10.0  # what a signalled command gets to end its children and close its log
 POLL_S: Final = 0.02  # between two looks at the command's output: live for a reader, nothing for the CPU
 CONSOLE_LINES: Final = 15  # of the kernel's last messages in an error
@@ -109,7 +110,7 @@ def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | No
     with tempfile.TemporaryDirectory(prefix="vibrohil-kernel-") as name:
         folder = Path(name)
         _write_guest(folder, busybox, command)
-        with (folder / "console").open("wb") as console, _pinned(cpu):
+        with (folder / "console").open("wb") as console, _favoured(cpu):
             process = subprocess.Popen(
                 [
                     kernel,
@@ -189,15 +190,23 @@ def _memory_folder(memory: str) -> str:
 
 
 @contextmanager
-def _pinned(cpu: int) -> Iterator[None]:
-    """Keep this thread, and so every process that it starts meanwhile, on one CPU."""
+def _favoured(cpu: int) -> Iterator[None]:
+    """Keep this thread, and so every process that it starts meanwhile, on one CPU, and first in line there.
+
+    SCHED_FIFO for the guest as a whole, where this user may have it, does for its loops what they cannot do
+    inside: on a busy machine a bare 1 kHz loop in the guest loses 0.4 % of its ticks with it, 7 % without.
+    """
     allowed = os.sched_getaffinity(0)
     if cpu not in allowed:
         raise UmlError(f"host CPU for user-mode Linux: got {cpu}, wanted one of {sorted(allowed)}")
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setaffinity(0, {cpu})
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     try:
         yield
     finally:
+        os.sched_setscheduler(0, policy, parameters)
         os.sched_setaffinity(0, allowed)
 
 

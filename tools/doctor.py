@@ -31,6 +31,11 @@ PERIOD_NS = 1_000_000
 WAKE_UPS = 2000
 WAKE_LIMIT_US = 500.0
 """Half a period: a firmware tick that starts later than that has lost the time of the plant's."""
+SCHEDULERS = {
+    "deadline": "SCHED_DEADLINE: each loop has its share of a CPU",
+    "fifo": "SCHED_FIFO: each loop comes before ordinary processes",
+    "ordinary": "refused: any busy process delays the loops",
+}
 VULKAN_DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
 
 Answer = TypeVar("Answer")
@@ -210,7 +215,7 @@ def _wake_up(late_us: list[float]) -> DoctorCheck:
     return DoctorCheck(
         "timer wake-up",
         bool(p99_us <= WAKE_LIMIT_US),
-        "end what else runs on this machine; allow SCHED_FIFO; in a virtual machine, give it CPUs of its own",
+        "end what else runs on this machine; allow real-time scheduling; give a virtual machine its own CPUs",
         f"late by {p50_us:.0f} µs p50, {p99_us:.0f} µs p99, {worst_us:.0f} µs worst of {WAKE_UPS} at 1 kHz",
     )
 

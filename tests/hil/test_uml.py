@@ -152,6 +152,7 @@ def test_the_kernel_keeps_to_one_cpu_and_its_starter_does_not(sleeping: subproce
     cpus = {frozenset(os.sched_getaffinity(pid)) for pid in kernels_of(sleeping)}
     assert cpus == {frozenset({max(os.sched_getaffinity(0))})}
     assert os.sched_getaffinity(sleeping.pid) == os.sched_getaffinity(0)
+    assert os.sched_getscheduler(sleeping.pid) == os.SCHED_OTHER
 
 
 @pytest.mark.uml
