@@ -51,10 +51,10 @@ def _run(
 ) -> tuple[
     NDArray[np.float64], tuple[float, float, float, float], tuple[float, float, float, float], int, bool
 ]:
-    """A whole run from `start` = (t, y, v, crank): impacts, final (t, y, v, crank), energies, phase, too
-    many events.
+    """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether there were too many events.
 
-    Shapes: impacts (n, 4) as t, v⁻, v⁺, crank; samples (len(samples_t_s), 3) as y, v, crank.
+    `start` is (t, y, v, crank). Shapes: impacts (6, n) in the order of `Impacts`; samples
+    (len(samples_t_s), 3) as y, v, crank.
     """
     o = oscillator(striker, drive, friction, stop)
     motion = begin(o, start[0], start[1], start[2], start[3])
@@ -62,7 +62,7 @@ def _run(
     ledger = empty_ledger()
     cycles = (until_s - motion.t_s) * (o.drive_rad_s + o.natural_rad_s) / TURN_RAD
     events_left = EVENTS_PER_RUN + EVENTS_PER_CYCLE * cycles
-    impacts, found, next_sample = np.empty((64, 4)), 0, 0
+    blows, found, next_sample = np.empty((64, 4)), 0, 0
     event = Event.IMPACT
     while event != Event.HORIZON and events_left > 0.0:
         arrival, event = next_event(o, motion, until_s)
@@ -70,17 +70,26 @@ def _run(
         ledger = booked(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
         if event == Event.IMPACT:
-            if found == len(impacts):
-                impacts = np.concatenate((impacts, np.empty_like(impacts)))
-            impacts[found, 0] = arrival.t_s + arrival.t_low_s
-            impacts[found, 1] = arrival.v_m_s
-            impacts[found, 2] = departure.v_m_s
-            impacts[found, 3] = arrival.crank_rad
+            if found == len(blows):
+                blows = np.concatenate((blows, np.empty_like(blows)))
+            blows[found, 0] = arrival.t_s
+            blows[found, 1] = arrival.v_m_s
+            blows[found, 2] = departure.v_m_s
+            blows[found, 3] = arrival.crank_rad
             found += 1
         motion = departure
         events_left -= 1.0
+    impacts = np.empty((6, found))
+    for index in range(found):
+        v, v_after = blows[index, 1], blows[index, 2]
+        impacts[0, index] = blows[index, 0]
+        impacts[1, index] = v
+        impacts[2, index] = v_after
+        impacts[3, index] = o.mass_kg * (v - v_after)
+        impacts[4, index] = np.nan  # a rigid stop has no peak force
+        impacts[5, index] = blows[index, 3] % TURN_RAD
     return (
-        impacts[:found],
+        impacts,
         (motion.t_s, motion.y_m, motion.v_m_s, motion.crank_rad),
         (
             ledger.drive_j + ledger.drive_low_j,
@@ -148,11 +157,11 @@ def simulate(
             f"a rigid stop; this scene has {drive!r}, {friction!r} and {stop!r}: use the adaptive solver"
         )
     grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
-    _require_run(initial, until_s, grid)
+    require_run(initial, until_s, grid)
 
-    start = (initial.t_s, _start_m(striker, stop, initial), initial.v_m_s, initial.crank_rad)
+    start = (initial.t_s, start_m(striker, stop, initial), initial.v_m_s, initial.crank_rad)
     samples = np.empty((len(grid), 3))
-    blows, final, energies, phase, too_many = _run(
+    impacts, final, energies, phase, too_many = _run(
         striker, drive, friction, stop, start, until_s, rest_speed_m_s, grid, samples
     )
     if too_many:
@@ -163,7 +172,7 @@ def simulate(
         )
     t_s, y_m, v_m_s, crank_rad = final
     return SimulationResult(
-        impacts=_impacts(striker, blows),
+        impacts=Impacts(*impacts),
         final=MotionState(
             t_s, _position_m(striker, stop, y_m), v_m_s, crank_rad % TURN_RAD, drive.omega_rad_s, Phase(phase)
         ),
@@ -173,7 +182,8 @@ def simulate(
     )
 
 
-def _require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.float64]) -> None:
+def require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.float64]) -> None:
+    """Refuse numbers that make no run."""
     numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
     if not all(map(math.isfinite, numbers)):
         raise UnsupportedSceneError(
@@ -192,7 +202,8 @@ def _require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.f
         )
 
 
-def _start_m(striker: Striker, stop: NoStop | RigidStop, initial: MotionState) -> float:
+def start_m(striker: Striker, stop: NoStop | RigidStop, initial: MotionState) -> float:
+    """y at the start; refuses one beyond the stop."""
     y_m = initial.x_m - striker.rest_length_m
     if isinstance(stop, NoStop):
         return y_m
@@ -209,18 +220,6 @@ def _position_m(striker: Striker, stop: NoStop | RigidStop, y_m: float) -> float
     if isinstance(stop, NoStop):
         return x_m
     return stop.position_m if y_m >= stop.position_m - striker.rest_length_m else min(x_m, stop.position_m)
-
-
-def _impacts(striker: Striker, blows: NDArray[np.float64]) -> Impacts:
-    t_s, v_m_s, v_after_m_s, crank_rad = blows.T
-    return Impacts(
-        t_s=t_s,
-        v_m_s=v_m_s,
-        v_after_m_s=v_after_m_s,
-        impulse_n_s=striker.mass_kg * (v_m_s - v_after_m_s),
-        peak_force_n=np.full(len(t_s), np.nan),
-        crank_rad=crank_rad % TURN_RAD,
-    )
 
 
 def _samples(

@@ -17,8 +17,12 @@ import numpy as np
 from plant_sim.kernels import jit
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import two_sum
+from plant_sim.solvers.laws import is_dry
 from plant_sim.solvers.modes import Motion
-from plant_sim.solvers.oscillator import Flight, Oscillator, flow, is_dry, launch
+from plant_sim.solvers.oscillator import Flight, Oscillator, flow, launch
+
+CLOSED_FORM_GAIN = 128.0
+"""Steady amplitude over A up to which the closed forms' cancelling terms leave 13 digits."""
 
 PANEL_RAD = 3.2
 _nodes, _weights = np.polynomial.legendre.leggauss(12)
@@ -80,7 +84,7 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
 
     h = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
     flight = launch(o, motion.y_m, motion.v_m_s, sin0, cos0, motion.direction)
-    if o.resonant:
+    if o.steady_m > CLOSED_FORM_GAIN * A:
         y_cos, v2 = _quadrature(o, flight, sin0, cos0, h)
     else:
         y_cos, v2 = _closed_form(o, flight, motion, arrival, h)
@@ -113,7 +117,8 @@ def _closed_form(
     sigma, w2, Omega = o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
     P, R = o.steady_sin_m, o.steady_cos_m  # steady motion P sin θ + R cos θ
     sin0, cos0, sin1, cos1 = motion.sin_crank, motion.cos_crank, arrival.sin_crank, arrival.cos_crank
-    z0, u0 = flight.free_m, flight.free_m_s
+    z0 = (motion.y_m - flight.offset_m) - (P * sin0 + R * cos0)
+    u0 = motion.v_m_s - Omega * (P * cos0 - R * sin0)
     z1 = (arrival.y_m - flight.offset_m) - (P * sin1 + R * cos1)
     u1 = arrival.v_m_s - Omega * (P * cos1 - R * sin1)
     free = -(0.5 * (u1 - u0) * (u1 + u0) + 0.5 * w2 * (z1 - z0) * (z1 + z0))

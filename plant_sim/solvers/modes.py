@@ -28,13 +28,12 @@ from typing import NamedTuple
 from plant_sim.kernels import jit
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
+from plant_sim.solvers.laws import has_stop, is_dry
 from plant_sim.solvers.oscillator import (
     Flight,
     Oscillator,
     Point,
     flow,
-    has_stop,
-    is_dry,
     launch,
     point,
 )

@@ -18,16 +18,17 @@ is used, a divided difference of the exponential taken by expm1 and sin, which i
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import by_part, jit, law
+from plant_sim.kernels import jit
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
-from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.friction import Friction
+from plant_sim.parts.stop import Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
+from plant_sim.solvers.laws import damping_n_s_m, dry_limit_m_s2, restitution, stop_position_m
 
-RESONANT_GAIN = (
-    128.0  # steady amplitude over A from which on the response from rest is used: two digits at stake
-)
+RESONANT_GAIN = 16.0
+"""Steady amplitude over A from which on the response from rest is used: it would cost more than one digit."""
+
 LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 
 
@@ -54,6 +55,11 @@ class Oscillator(NamedTuple):
     steady_m: float  # its amplitude
     resonant: bool
     beat_rad_s: float  # Ω − ν
+    coincident: bool  # λ1 = iΩ
+    near_re_s: float  # 1 / (iΩ − λ1)
+    near_im_s: float
+    far_re_s: float  # 1 / (iΩ − λ2)
+    far_im_s: float
     fastest_1_s: float  # the n-th derivative of the motion scales with at most its n-th power
 
 
@@ -69,105 +75,13 @@ class Flight(NamedTuple):
     piston_cos_m: float
 
 
-@by_part
-def is_dry(friction: Friction) -> bool:
-    """Whether the law has a dry part: the striker can stick and friction reverses with it."""
-    raise NotImplementedError
-
-
-@law(is_dry, NoFriction, Viscous)
-def _(friction: Friction) -> bool:
-    return False
-
-
-@law(is_dry, Coulomb)
-def _(friction: Friction) -> bool:
-    return True
-
-
-@by_part
-def _damping_n_s_m(friction: Friction) -> float:
-    raise NotImplementedError
-
-
-@law(_damping_n_s_m, NoFriction)
-def _(friction: NoFriction) -> float:
-    return 0.0
-
-
-@law(_damping_n_s_m, Viscous, Coulomb)
-def _(friction: Viscous | Coulomb) -> float:
-    return friction.b_n_s_m
-
-
-@by_part
-def _dry_m_s2(friction: Friction, striker: Striker) -> float:
-    raise NotImplementedError
-
-
-@law(_dry_m_s2, NoFriction, Viscous)
-def _(friction: Friction, striker: Striker) -> float:
-    return 0.0
-
-
-@law(_dry_m_s2, Coulomb)
-def _(friction: Coulomb, striker: Striker) -> float:
-    return friction.mu * striker.gravity_m_s2
-
-
-@by_part
-def has_stop(stop: Stop) -> bool:
-    """Whether there is anything to hit."""
-    raise NotImplementedError
-
-
-@law(has_stop, NoStop)
-def _(stop: NoStop) -> bool:
-    return False
-
-
-@law(has_stop, RigidStop)
-def _(stop: RigidStop) -> bool:
-    return True
-
-
-@by_part
-def _stop_position_m(stop: Stop) -> float:
-    raise NotImplementedError
-
-
-@law(_stop_position_m, NoStop)
-def _(stop: NoStop) -> float:
-    return math.inf
-
-
-@law(_stop_position_m, RigidStop)
-def _(stop: RigidStop) -> float:
-    return stop.position_m
-
-
-@by_part
-def _restitution(stop: Stop) -> float:
-    raise NotImplementedError
-
-
-@law(_restitution, NoStop)
-def _(stop: NoStop) -> float:
-    return 0.0
-
-
-@law(_restitution, RigidStop)
-def _(stop: RigidStop) -> float:
-    return stop.restitution
-
-
 @jit
 def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: Stop) -> Oscillator:
     """Constants of a scene with an ideal drive; callable from kernels, once per scene."""
     Omega = drive.omega_rad_s
     w2, w2_low = quotient(striker.spring_n_m, striker.mass_kg)
     w, _w_low = square_root(w2, w2_low)
-    sigma, sigma_low = quotient(_damping_n_s_m(friction), 2.0 * striker.mass_kg)
+    sigma, sigma_low = quotient(damping_n_s_m(friction), 2.0 * striker.mass_kg)
     square, square_low = two_product(sigma, sigma)
     spread, spread_low = w2 - square, (w2_low - square_low) - 2.0 * sigma * sigma_low
     spread_low += (w2 - spread) - square  # what rounding left of the difference
@@ -181,13 +95,12 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: St
     square, square_low = two_product(Omega, Omega)
     detune = (w2 - square) + (w2_low - square_low)
     drag = 2.0 * sigma * Omega
-    scale = max(abs(detune), abs(drag), 1e-300)
-    modulus = scale * math.hypot(detune / scale, drag / scale)
+    modulus = max(math.hypot(detune, drag), 1e-280)
     gain = w2 / modulus
     in_phase, quadrature = gain * (detune / modulus), -gain * (drag / modulus)
     resonant = not gain < RESONANT_GAIN
-    if resonant:
-        in_phase, quadrature, gain = 0.0, 0.0, 0.0
+    beat, total = (Omega - nu) - nu_low, Omega + nu
+    near, far = sigma * sigma + beat * beat, sigma * sigma + total * total
 
     return Oscillator(
         friction,
@@ -202,14 +115,19 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: St
         nu,
         nu_low,
         split,
-        _dry_m_s2(friction, striker) / w2,
-        _stop_position_m(stop) - striker.rest_length_m,
-        _restitution(stop),
+        dry_limit_m_s2(friction, striker.gravity_m_s2, 0.0) / w2,
+        stop_position_m(stop) - striker.rest_length_m,
+        restitution(stop),
         drive.amplitude_m * in_phase,
         drive.amplitude_m * quadrature,
         abs(drive.amplitude_m) * gain,
         resonant,
-        (Omega - nu) - nu_low,
+        beat,
+        not near > 0.0,
+        sigma / near,
+        -beat / near,
+        sigma / far,
+        -total / far,
         max(w, Omega, 2.0 * sigma),
     )
 
@@ -240,7 +158,7 @@ def launch(
 
 
 @jit
-def free_response(
+def _free_response(
     o: Oscillator, h: float, sin_ringing: float, cos_ringing: float
 ) -> tuple[float, float, float]:
     """C, S and D after h seconds, given the sine and cosine of ν h."""
@@ -263,67 +181,62 @@ def free_response(
 
 
 @jit
-def resonant_response(
-    o: Oscillator,
-    h: float,
-    S: float,
-    sin_ringing: float,
-    cos_ringing: float,
-    sin_drive: float,
-    cos_drive: float,
-) -> tuple[float, float, float, float]:
-    """Q(h) and its rate, each as real and imaginary part."""
-    sigma, nu, Omega, beat = o.decay_1_s, o.ringing_rad_s, o.drive_rad_s, o.beat_rad_s
-    decay = math.exp(-sigma * h)
+def _resonant_flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
+    """`flow` near resonance: the free motion from the whole start, and the response from rest."""
+    sigma, nu, Omega = o.decay_1_s, o.ringing_rad_s, o.drive_rad_s
+    sin_ringing, cos_ringing = _sin_cos(nu, o.ringing_low_rad_s, h)
+    sin_half, cos_half = _sin_cos(0.5 * o.beat_rad_s, 0.0, h)
+    sin_beat, vers_beat = 2.0 * sin_half * cos_half, 2.0 * sin_half * sin_half
+    sin_drive = sin_ringing + (cos_ringing * sin_beat - sin_ringing * vers_beat)
+    cos_drive = cos_ringing - (sin_ringing * sin_beat + cos_ringing * vers_beat)
+    drop = math.expm1(-sigma * h)
+    decay = 1.0 + drop
+    S = decay * sin_ringing / nu
+    C, D = decay * cos_ringing + sigma * S, decay * cos_ringing - sigma * S
+
     # q1 = exp[λ1, iΩ] = e^(iΩh) (1 − e^(−εh)) / ε,  ε = iΩ − λ1 = σ + i (Ω − ν)
-    beat_angle = beat * h
-    half = math.sin(0.5 * beat_angle)
-    loss_re = -math.expm1(-sigma * h) + decay * 2.0 * half * half
-    loss_im = decay * math.sin(beat_angle)
-    size = sigma * sigma + beat * beat
-    if size > 0.0:
-        ratio_re = (loss_re * sigma + loss_im * beat) / size
-        ratio_im = (loss_im * sigma - loss_re * beat) / size
+    loss_re, loss_im = decay * vers_beat - drop, decay * sin_beat
+    if o.coincident:
+        near_re, near_im = h, 0.0
     else:
-        ratio_re, ratio_im = h, 0.0
-    q1_re = cos_drive * ratio_re - sin_drive * ratio_im
-    q1_im = cos_drive * ratio_im + sin_drive * ratio_re
-    # q2 = exp[λ2, iΩ] = (e^(iΩh) − e^(λ2 h)) / (σ + i (Ω + ν))
-    far = Omega + nu
-    size = sigma * sigma + far * far
-    step_re = cos_drive - decay * cos_ringing
-    step_im = sin_drive + decay * sin_ringing
-    q2_re = (step_re * sigma + step_im * far) / size
-    q2_im = (step_im * sigma - step_re * far) / size
-    # Q = (q1 − q2) / (λ1 − λ2),  Q' = iΩ Q + exp[λ1, λ2]
-    Q_re = (q1_im - q2_im) / (2.0 * nu)
-    Q_im = (q2_re - q1_re) / (2.0 * nu)
-    return Q_re, Q_im, S - Omega * Q_im, Omega * Q_re
+        near_re = loss_re * o.near_re_s - loss_im * o.near_im_s
+        near_im = loss_re * o.near_im_s + loss_im * o.near_re_s
+    q1_re = cos_drive * near_re - sin_drive * near_im
+    q1_im = cos_drive * near_im + sin_drive * near_re
+    # q2 = exp[λ2, iΩ] = (e^(iΩh) − e^(λ2 h)) / (iΩ − λ2)
+    step_re, step_im = cos_drive - decay * cos_ringing, sin_drive + decay * sin_ringing
+    q2_re = step_re * o.far_re_s - step_im * o.far_im_s
+    q2_im = step_re * o.far_im_s + step_im * o.far_re_s
+    # Q = (q1 − q2) / (λ1 − λ2),  Q' = iΩ Q + exp[λ1, λ2];  forced part = ω² A (sin θ0 Re Q + cos θ0 Im Q)
+    Q_re, Q_im = (q1_im - q2_im) * (0.5 / nu), (q2_re - q1_re) * (0.5 / nu)
+    y = flight.free_m * C + flight.free_m_s * S
+    v = flight.free_m_s * D - o.stiffness_1_s2 * flight.free_m * S
+    y += flight.forced_cos * Q_re + flight.forced_sin * Q_im
+    v += flight.forced_cos * (S - Omega * Q_im) + flight.forced_sin * (Omega * Q_re)
+    return y + flight.offset_m, v, sin_drive, cos_drive
+
+
+@jit
+def _sin_cos(rate: float, rate_low: float, h: float) -> tuple[float, float]:
+    """Sine and cosine of an angle that grows at a rate; a long one is reduced in two floats."""
+    angle = rate * h
+    if abs(angle) > LONG_ANGLE_RAD:
+        angle, _ = turned(0.0, 0.0, rate, rate_low, h)
+    return math.sin(angle), math.cos(angle)
 
 
 @jit
 def flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
     """y and y' h seconds into a flight, with the sine and cosine of Ω h."""
-    ringing_angle = o.ringing_rad_s * h
-    drive_angle = o.drive_rad_s * h
-    if max(ringing_angle, drive_angle) > LONG_ANGLE_RAD:
-        ringing_angle, _ = turned(0.0, 0.0, o.ringing_rad_s, o.ringing_low_rad_s, h)
-        drive_angle, _ = turned(0.0, 0.0, o.drive_rad_s, 0.0, h)
-    sin_ringing, cos_ringing = math.sin(ringing_angle), math.cos(ringing_angle)
-    sin_drive, cos_drive = math.sin(drive_angle), math.cos(drive_angle)
-    C, S, D = free_response(o, h, sin_ringing, cos_ringing)
+    if o.resonant:
+        return _resonant_flow(o, flight, h)
+    sin_ringing, cos_ringing = _sin_cos(o.ringing_rad_s, o.ringing_low_rad_s, h)
+    sin_drive, cos_drive = _sin_cos(o.drive_rad_s, 0.0, h)
+    C, S, D = _free_response(o, h, sin_ringing, cos_ringing)
     y = flight.free_m * C + flight.free_m_s * S
     v = flight.free_m_s * D - o.stiffness_1_s2 * flight.free_m * S
-    if o.resonant:
-        Q_re, Q_im, rate_re, rate_im = resonant_response(
-            o, h, S, sin_ringing, cos_ringing, sin_drive, cos_drive
-        )
-        y += flight.forced_cos * Q_re + flight.forced_sin * Q_im
-        v += flight.forced_cos * rate_re + flight.forced_sin * rate_im
-        # Im{e^(iθ0) Q} = sin θ0 Re Q + cos θ0 Im Q
-    else:
-        y += flight.forced_sin * sin_drive + flight.forced_cos * cos_drive
-        v += o.drive_rad_s * (flight.forced_sin * cos_drive - flight.forced_cos * sin_drive)
+    y += flight.forced_sin * sin_drive + flight.forced_cos * cos_drive
+    v += o.drive_rad_s * (flight.forced_sin * cos_drive - flight.forced_cos * sin_drive)
     return y + flight.offset_m, v, sin_drive, cos_drive
 
 

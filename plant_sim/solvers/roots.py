@@ -48,8 +48,8 @@ def clear_span(
             return limit
     trial = min(limit, _first_root(g, slope, bend, limit))
     for _ in range(_TRIALS):
-        # Up to `trial` g(s) ≤ g + g' s + B(s) s²/2 with B(s) = g'' + g''' s/3 + M s²/12, where M is the lesser
-        # of the bound on g'''' and g'''' + |g'''''| s/5. With M ≥ 0, B is largest at one end of the trial.
+        # Up to `trial` g(s) ≤ g + g' s + B(s) s²/2 with B(s) = g'' + g''' s/3 + M s²/12, M the lesser of
+        # the bound on g'''' and g'''' + |g'''''| s/5. With M ≥ 0, B is largest at one end of the trial.
         square = max(0.0, min(fourth_bound, fourth + 0.2 * fifth_bound * trial)) / 12.0
         reach = _first_root(g, slope, max(bend, bend + (linear + square * trial) * trial), limit)
         if reach >= trial:
