@@ -100,7 +100,11 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
         can_socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:
         can_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    can_socket.bind((interface,))
+    try:
+        can_socket.bind((interface,))
+    except OSError:
+        can_socket.close()
+        raise
     return can_socket
 
 
