@@ -152,36 +152,49 @@ if COMPILED:
     predict = predict_written_out
     update = update_written_out
 else:
+    from functools import lru_cache
+
     import filterpy.kalman
     import numpy as np
     from numpy.typing import NDArray
 
-    def _matrix(p: Covariance) -> NDArray[np.float64]:
-        return np.array([[p.xx, p.xv, p.xb], [p.xv, p.vv, p.vb], [p.xb, p.vb, p.bb]])
+    Array = NDArray[np.float64]
 
-    def _belief(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> Belief:
-        (x_m,), (v_m_s,), (bias_m_s2,) = mean.tolist()
+    # F, Q, H and R are the same in almost every tick; filterpy leaves its arguments as they are.
+    @lru_cache(maxsize=16)
+    def _transition(f: Transition) -> Array:
+        return np.array([[f.x_x, f.x_v, f.x_b], [f.v_x, f.v_v, f.v_b], [0.0, 0.0, 1.0]])
+
+    @lru_cache(maxsize=16)
+    def _diagonal(q: ProcessNoise) -> Array:
+        return np.diag(np.array(q))
+
+    @lru_cache(maxsize=16)
+    def _row(row: Row) -> Array:
+        return np.array([row])
+
+    @lru_cache(maxsize=16)
+    def _one(value: float) -> Array:
+        return np.array([[value]])
+
+    def _arrays(belief: Belief) -> tuple[Array, Array]:
+        p = belief.p
+        mean = np.array((belief.x_m, belief.v_m_s, belief.bias_m_s2))
+        return mean, np.array(((p.xx, p.xv, p.xb), (p.xv, p.vv, p.vb), (p.xb, p.vb, p.bb)))
+
+    def _belief(mean: Array, covariance: Array) -> Belief:
+        x_m, v_m_s, bias_m_s2 = mean.tolist()
         (xx, xv, xb), (_, vv, vb), (_, _, bb) = covariance.tolist()
         return Belief(x_m, v_m_s, bias_m_s2, Covariance(xx, xv, xb, vv, vb, bb))
 
     def predict(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
         """x = F x + u, P = F P Fᵀ + Q (`filterpy.kalman.predict`)."""
-        mean, covariance = filterpy.kalman.predict(
-            np.array([[belief.x_m], [belief.v_m_s], [belief.bias_m_s2]]),
-            _matrix(belief.p),
-            F=np.array([[f.x_x, f.x_v, f.x_b], [f.v_x, f.v_v, f.v_b], [0.0, 0.0, 1.0]]),
-            Q=np.array([[q.xx, 0.0, 0.0], [0.0, q.vv, 0.0], [0.0, 0.0, q.bb]]),
-            u=np.array([[push.x_m], [push.v_m_s], [0.0]]),
-        )
-        return _belief(mean, covariance)
+        mean, covariance = _arrays(belief)
+        u = np.array((push.x_m, push.v_m_s, 0.0))
+        return _belief(*filterpy.kalman.predict(mean, covariance, _transition(f), _diagonal(q), u))
 
     def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
         """x = x + K y, P in Joseph form (`filterpy.kalman.update`)."""
-        mean, covariance = filterpy.kalman.update(
-            np.array([[belief.x_m], [belief.v_m_s], [belief.bias_m_s2]]),
-            _matrix(belief.p),
-            np.array([[z]]),
-            np.array([[variance]]),
-            H=np.array([[row.x, row.v, row.b]]),
-        )
-        return _belief(mean, covariance)
+        mean, covariance = _arrays(belief)
+        measured = np.array(((z,),))
+        return _belief(*filterpy.kalman.update(mean, covariance, measured, _one(variance), _row(row)))

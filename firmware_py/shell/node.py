@@ -61,9 +61,14 @@ PASSTHROUGH = 1
 RETRY_S = 0.05
 """How often a request that the drive has not followed yet is repeated."""
 
+_REQUESTS = {request.value: request for request in OperatorRequest}
 _AXIS_STATES = {state.value: state for state in AxisState}
 _STILL = (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP)
 """Modes in which parameters may be written."""
+
+
+_REJECTED = {FrameErrorReason.LENGTH: 0, FrameErrorReason.CRC: 1}
+"""Which of the three counters of rejections a reason belongs to; all others are wrong values."""
 
 
 class NodeError(RuntimeError):
@@ -112,7 +117,7 @@ class FirmwareNode:
         self.counters = Counters(0, 0, 0, 0, 0, 0, 0)
         self._frames = 0
         self._gaps = 0
-        self._rejected = dict.fromkeys(FrameErrorReason, 0)
+        self._rejected = [0, 0, 0]
         self._repeated = 0
         self._skipped_ticks = 0
 
@@ -145,6 +150,15 @@ class FirmwareNode:
             (codec.PARAMETER_REQUEST, self._take_request),
         )
         self._sources = {its_codec.can_id: _Source(its_codec, take) for its_codec, take in listens}
+        self._listened = tuple(self._sources.values())
+        self._acceleration_source = self._sources[codec.ACCELEROMETER.can_id]
+        self._position_source = self._sources[codec.ENCODER_ESTIMATES.can_id]
+        self._heartbeat_source = self._sources[codec.DRIVE_HEARTBEAT.can_id]
+        self._command_source = self._sources[codec.OPERATOR_COMMAND.can_id]
+        self._power_sources = [
+            self._sources[its_codec.can_id]
+            for its_codec in (codec.DRIVE_CURRENT, codec.DRIVE_TEMPERATURE, codec.DRIVE_SUPPLY)
+        ]
         self.inputs: Inputs = self._inputs(1)
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
@@ -155,8 +169,9 @@ class FirmwareNode:
             )
         self._ticks += elapsed_ticks
         self._skipped_ticks += elapsed_ticks - 1
-        for source in self._sources.values():
-            source.age_ticks += elapsed_ticks
+        for source in self._listened:
+            age_ticks = source.age_ticks + elapsed_ticks
+            source.age_ticks = age_ticks if age_ticks < NEVER_TICKS else NEVER_TICKS
         for frame in frames_in:
             self._receive(frame)
         self.inputs = self._inputs(elapsed_ticks)
@@ -164,18 +179,13 @@ class FirmwareNode:
         before = self.outputs
         self.state, self.outputs = step(self.config, self.state, self.inputs)
         frames_out = self._frames_out(before, self.outputs)
-        rejected = self._rejected
-        length, crc = rejected[FrameErrorReason.LENGTH], rejected[FrameErrorReason.CRC]
-        self.counters = Counters(
-            frames=self._frames,
-            rejected_length=length,
-            rejected_crc=crc,
-            rejected_value=sum(rejected.values()) - length - crc if any(rejected.values()) else 0,
-            rejected_repeated=self._repeated,
-            counter_gaps=self._gaps,
-            skipped_ticks=self._skipped_ticks,
-        )
+        if frames_in or elapsed_ticks > 1:
+            self.counters = self._counted()
         return frames_out
+
+    def _counted(self) -> Counters:
+        length, crc, value = self._rejected
+        return Counters(self._frames, length, crc, value, self._repeated, self._gaps, self._skipped_ticks)
 
     # --- in -----------------------------------------------------------------------------------------
 
@@ -187,7 +197,7 @@ class FirmwareNode:
         try:
             record = its_codec.decode(frame.data)
         except FrameError as error:
-            self._rejected[error.reason] += 1
+            self._rejected[_REJECTED.get(error.reason, 2)] += 1
             return
         if its_codec.protected:
             counter = its_codec.counter(frame.data)
@@ -231,45 +241,29 @@ class FirmwareNode:
     def _take_request(self, record: ParameterRequest) -> None:
         self._requests.append(record)
 
-    def _age(self, its_codec: FrameCodec[Any]) -> int:
-        return min(self._sources[its_codec.can_id].age_ticks, NEVER_TICKS)
-
     def _inputs(self, elapsed_ticks: int) -> Inputs:
-        acceleration, position, heartbeat = self._acceleration, self._position, self._heartbeat
+        heartbeat, temperature = self._heartbeat, self._temperature
         return Inputs(
-            elapsed_ticks=elapsed_ticks,
-            accelerometer=AccelerometerInput(
-                acceleration.striker_low_m_s2,
-                acceleration.striker_high_m_s2,
-                acceleration.housing_m_s2,
-                self._age(codec.ACCELEROMETER),
-            ),
-            encoder=EncoderInput(
-                position.position_rev, position.velocity_rev_s, self._age(codec.ENCODER_ESTIMATES)
-            ),
-            drive=DriveInput(
+            elapsed_ticks,
+            AccelerometerInput(*self._acceleration, self._acceleration_source.age_ticks),
+            EncoderInput(*self._position, self._position_source.age_ticks),
+            DriveInput(
                 _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
                 heartbeat.axis_error,
                 self._disarm_reason,
-                self._age(codec.DRIVE_HEARTBEAT),
+                self._heartbeat_source.age_ticks,
             ),
-            power=PowerInput(
+            PowerInput(
                 self._current_a,
                 self._voltage_v,
-                self._temperature.inverter_degc,
-                self._temperature.motor_degc,
-                max(
-                    self._age(codec.DRIVE_CURRENT),
-                    self._age(codec.DRIVE_TEMPERATURE),
-                    self._age(codec.DRIVE_SUPPLY),
-                ),
+                temperature.inverter_degc,
+                temperature.motor_degc,
+                max([source.age_ticks for source in self._power_sources]),
             ),
-            operator=OperatorInput(
-                OperatorRequest(self._command.request),
-                self._command.target_ratio,
-                self._age(codec.OPERATOR_COMMAND),
+            OperatorInput(
+                _REQUESTS[self._command.request], self._command.target_ratio, self._command_source.age_ticks
             ),
-            estop=self._estop,
+            self._estop,
         )
 
     # --- out ----------------------------------------------------------------------------------------
@@ -328,7 +322,7 @@ class FirmwareNode:
         if outputs.clear_errors and error and self._spaced(codec.CLEAR_ERRORS, RETRY_S):
             self._send(frames, codec.CLEAR_ERRORS, ClearErrors(identify=0))
         state = self._heartbeat.axis_state
-        if state == outputs.axis_request.value or self._age(codec.DRIVE_HEARTBEAT) >= NEVER_TICKS:
+        if state == outputs.axis_request.value or self._heartbeat_source.age_ticks >= NEVER_TICKS:
             return
         if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
             return
