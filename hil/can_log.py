@@ -6,6 +6,7 @@ from pathlib import Path
 from firmware_py.interface.frame import Frame
 
 CHANNEL = "can0"
+FRAME_NAMES = [f" {CHANNEL} {can_id:03X}#" for can_id in range(0x800)]
 FLUSHED_BYTES = 1 << 18
 
 
@@ -17,8 +18,10 @@ class CanLog:
 
     def write(self, t_us: int, frames: Iterable[Frame]) -> None:
         """Note frames that were on the bus at `t_us`."""
-        stamp = f"({t_us // 1_000_000}.{t_us % 1_000_000:06d}) {CHANNEL} "
-        self._file.writelines([f"{stamp}{can_id:03X}#{data.hex().upper()}\n" for can_id, data in frames])
+        seconds, micros = divmod(t_us, 1_000_000)
+        stamp = f"({seconds}.{micros:06})"
+        lines = [f"{stamp}{FRAME_NAMES[can_id]}{data.hex().upper()}\n" for can_id, data in frames]
+        self._file.write("".join(lines))
 
     def flush(self) -> None:
         """Hand what was written to the operating system."""

@@ -94,7 +94,8 @@ class PlantNode:
         self.tick = 0
         self.record: PlantRecord
         self._counter = -1
-        self._last_tick = -1
+        self._last_periodic_tick = -1
+        self._next_periodic_tick = 0
         self._state = self.plant.state
         self._reading: SensorReading
         drive = self.drive
@@ -113,14 +114,6 @@ class PlantNode:
         every_ticks = max(1, round(frame_codec.period_s / self.period_s))
         return PeriodicFrame(every_ticks, frame_codec.encode, record)
 
-    def _telemetry(self) -> Telemetry:
-        plant = self.plant
-        return Telemetry(
-            plant.current_a,
-            plant.motor_torque_n_m,
-            self._state.omega_rad_s,
-        )
-
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors' every tick, the drive's others when their period has passed."""
         self._reading = reading = self.plant.sense()
@@ -134,12 +127,23 @@ class PlantNode:
                 self.drive.encoder_estimates(reading.encoder_position_rev, reading.encoder_velocity_rev_s)
             ),
         ]
-        telemetry = None
-        for every_ticks, encode, record in self._periodic:
-            if self.tick // every_ticks != self._last_tick // every_ticks:
-                telemetry = telemetry or self._telemetry()
-                frames.append(encode(record(telemetry)))
-        self._last_tick = self.tick
+        if self.tick >= self._next_periodic_tick:
+            frames += self._periodic_frames()
+        return frames
+
+    def _periodic_frames(self) -> list[Frame]:
+        """The drive's frames whose period has begun since the last call."""
+        plant = self.plant
+        telemetry = Telemetry(plant.current_a, plant.motor_torque_n_m, self._state.omega_rad_s)
+        frames = [
+            encode(record(telemetry))
+            for every_ticks, encode, record in self._periodic
+            if self.tick // every_ticks != self._last_periodic_tick // every_ticks
+        ]
+        self._last_periodic_tick = self.tick
+        self._next_periodic_tick = min(
+            (self.tick // periodic.every_ticks + 1) * periodic.every_ticks for periodic in self._periodic
+        )
         return frames
 
     def advance(self, frames: Sequence[Frame]) -> None:
