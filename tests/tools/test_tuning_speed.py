@@ -30,7 +30,7 @@ def test_the_margins_are_comfortable(design: SpeedDesign) -> None:
 
 
 def in_time(design: SpeedDesign, motor_gain: float = 1.0) -> np.ndarray:
-    """Motor, tracker and PI tick by tick after a push; the motor is `motor_gain` times as strong as thought."""
+    """Motor, tracker and PI tick by tick after a push; the motor has `motor_gain` times the strength."""
     g, h, k = critically_damped_gains(TRACKER, T)
     angle = omega = at = speed = extra = integral = 0.0
     torque = 0.0
