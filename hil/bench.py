@@ -65,6 +65,8 @@ def run_scenario(
         with provide(bus) as provided:
             run_dir = run_folder.create(scenario, out_dir, "real", provided.described, seed)
             outcome = RealTimeRun(scenario, run_dir, seed, provided, progress).run()
+        if provided.said:
+            run_folder.note(run_dir, bus_said=json.loads(provided.said))
     progress(1.0, "writing log and verdict")
     verdict = rundir.finish(run_dir)
     if INTERRUPTED in outcome.reasons:

@@ -36,14 +36,16 @@ def firmware_main(
     until_s: float | None,
 ) -> None:
     """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
+    if sync:
+        belong_to_parent()
     if scenario is None:
         parameters = changed({"firmware": {}}, settings)["firmware"]
     else:
         parameters = load_scenario(scenario, settings).parameters
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
-    with own_lifetime(sync), joined(bus, FIRMWARE_IDS) as node_bus:
-        warm_firmware(parameters)
+    warm_firmware(parameters)
+    with joined(bus, FIRMWARE_IDS) as node_bus:
         runner = FirmwareRunner(parameters, pace, node_bus, out_dir)
         run_loop(runner, pace, 0.5, node_bus, sync)
 
@@ -58,22 +60,21 @@ def plant_main(
     until_s: float | None,
 ) -> None:
     """`vibrohil plant`: the module of a scenario's scene on `bus`, with its drive and its sensors."""
+    if sync:
+        belong_to_parent()
     loaded = load_scenario(scenario, settings)
     pace = Pace(loaded.period_s, until_s)
     refuse_other_periods(pace.period_s)
-    with own_lifetime(sync), joined(bus, ACCEPTED_IDS) as node_bus:
-        warm_plant(loaded.scene)
+    warm_plant(loaded.scene)
+    with joined(bus, ACCEPTED_IDS) as node_bus:
         runner = PlantRunner(loaded.scene, seed, pace, node_bus, out_dir)
         run_loop(runner, pace, 0.0, node_bus, sync)
 
 
-@contextmanager
-def own_lifetime(sync: bool) -> Iterator[None]:
+def belong_to_parent() -> None:
     """A node that others start ends with them, and leaves Ctrl-C to them."""
-    if sync:
-        die_with_parent()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    yield
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
@@ -108,7 +109,8 @@ def run_loop(
     loop = FixedRateLoop(clock, t0_ns, period_ns, round(offset * period_ns))
     for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: loop.stop())
-    node_bus.receive()  # what was sent before the start is not of this run
+    while node_bus.receive():
+        """What was sent before the start is not of this run."""
     try:
         loop.run(pace.ticks, runner.step, runner.record)
     finally:

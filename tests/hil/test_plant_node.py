@@ -1,0 +1,148 @@
+"""The plant's node: what it sends when, and that its world goes on while its loop does not."""
+
+import random
+import struct
+
+import numpy as np
+import pytest
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.frame import Frame
+from hil.plant_node import PlantNode
+from plant_sim.plant import Plant
+from plant_sim.scene import load_scene, read_scene
+
+ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
+
+
+def torque(torque_n_m: float) -> Frame:
+    return Frame(0x0E, struct.pack("<f", torque_n_m) + bytes(4))
+
+
+def plant_node(period_s: float = 1e-3) -> PlantNode:
+    return PlantNode(load_scene("table1-motor-soft"), seed=1, period_s=period_s)
+
+
+def ticks_of(can_id: int, period_s: float, ticks: int) -> list[int]:
+    node = plant_node(period_s)
+    found = []
+    for tick in range(ticks):
+        found += [tick for frame in node.publish() if frame.can_id == can_id]
+        node.advance([])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("can_id", "period_s", "every"),
+    [
+        (0x080, 1e-3, 1),  # both sensors: every tick, however long
+        (0x009, 1e-3, 1),
+        (0x080, 0.25e-3, 1),
+        (0x009, 4e-3, 1),
+        (0x014, 1e-3, 10),  # current
+        (0x014, 0.5e-3, 20),
+        (0x001, 1e-3, 100),  # heartbeat, errors, temperature, supply
+        (0x003, 1e-3, 100),
+        (0x015, 1e-3, 100),
+        (0x017, 1e-3, 100),
+        (0x001, 4e-3, 25),
+    ],
+)
+def test_each_frame_comes_at_its_period(can_id: int, period_s: float, every: int) -> None:
+    assert ticks_of(can_id, period_s, 301) == list(range(0, 301, every))
+
+
+def test_accelerometer_counts_its_frames() -> None:
+    node = plant_node()
+    counters = []
+    for _ in range(40):
+        counters.append(codec.ACCELEROMETER.counter(node.publish()[0].data))
+        node.advance([])
+    assert counters == [number % 16 for number in range(40)]
+
+
+def test_torque_turns_the_crank_forward_and_the_record_says_so() -> None:
+    node = plant_node()
+    for _ in range(100):
+        node.publish()
+        node.advance([ARM, torque(0.05)])
+    record = node.record
+    assert record.tick == 99
+    assert record.t_s == pytest.approx(0.099)
+    assert record.torque_command_n_m == pytest.approx(0.05)
+    assert record.motor_torque_n_m == pytest.approx(0.05)
+    assert record.current_a == pytest.approx(0.625)
+    assert record.omega_rad_s > 5.0
+    assert record.drive_work_j > 0.0
+    assert record.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    assert record.encoder_position_rev == pytest.approx(record.crank_rad / (2.0 * np.pi) % 1.0, abs=1e-3)
+
+
+def test_world_goes_on_through_a_pause_but_the_watchdog_ends_the_torque() -> None:
+    node = plant_node()
+    node.publish()
+    node.advance([ARM, torque(0.1)])
+    node.wait(199)
+    alone = Plant(load_scene("table1-motor-soft"), seed=1)
+    for tick in range(200):
+        alone.advance(0.1 if tick < 50 else 0.0, 1e-3)
+    assert node.tick == 200
+    assert node.plant.t_s == pytest.approx(0.2)
+    assert node.drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert node.plant.state.omega_rad_s == pytest.approx(alone.state.omega_rad_s, rel=1e-6)
+    assert node.plant.state.crank_rad == pytest.approx(alone.state.crank_rad, rel=1e-6)
+
+
+def test_pause_leaves_no_burst_of_frames_behind() -> None:
+    node = plant_node()
+    node.publish()
+    node.advance([])
+    node.wait(1000)
+    assert sorted(frame.can_id for frame in node.publish()) == [
+        0x001,
+        0x003,
+        0x009,
+        0x014,
+        0x015,
+        0x017,
+        0x080,
+    ]
+    node.advance([])
+    assert [frame.can_id for frame in node.publish()] == [0x080, 0x009]
+
+
+def test_same_seed_gives_the_same_frames() -> None:
+    def sent(seed: int) -> list[Frame]:
+        node = PlantNode(load_scene("table1-motor-soft"), seed)
+        frames = []
+        for _ in range(50):
+            frames += node.publish()
+            node.advance([ARM, torque(0.1)])
+        return frames
+
+    assert sent(3) == sent(3)
+    assert sent(3) != sent(4)
+
+
+def test_no_frame_whatsoever_stops_the_plant_or_takes_the_limits_off() -> None:
+    rng = random.Random(1)
+    node = plant_node()
+    for _ in range(3000):
+        frames = [Frame(rng.randrange(0x20), rng.randbytes(rng.randrange(9))) for _ in range(3)]
+        frames += [Frame(rng.choice((0x07, 0x0B, 0x0D, 0x0E, 0x0F, 0x19)), rng.randbytes(8))]
+        node.publish()
+        node.advance([ARM, *frames])
+        record = node.record
+        assert abs(record.torque_command_n_m) <= 0.8 + 1e-9
+        assert np.isfinite(record[1:]).all()
+    assert node.drive.rejected > 0
+
+
+def test_ideal_drive_turns_whatever_is_commanded() -> None:
+    scene = load_scene({**read_scene("table1-viscous"), "sensors": {}})
+    node = PlantNode(scene, seed=1)
+    for _ in range(20):
+        node.publish()
+        node.advance([ARM, torque(-0.5)])
+    assert node.record.omega_rad_s == pytest.approx(1.3 * 9.354, rel=1e-3)
