@@ -30,8 +30,30 @@ INTERMISSION_BITS = 3
 TAIL_BITS = DELIMITERS_AND_ACK_BITS + END_OF_FRAME_BITS
 """What follows the stuffed part within the frame itself."""
 
+BITS_BEFORE_DATA = 19
+"""Start bit to length code."""
 ARBITRATION_BITS = 13
 """Start bit, identifier and RTR, before stuffing: where several nodes may still be sending."""
+
+NS_PER_S = 1_000_000_000
+
+
+class BitRateError(ValueError):
+    """A bit rate that CAN or integer nanoseconds cannot do."""
+
+
+def bit_ns_of(bitrate: int) -> int:
+    """Return the duration of a bit; it has to be a whole number of nanoseconds.
+
+    >>> bit_ns_of(500_000)
+    2000
+    """
+    if not 10_000 <= bitrate <= 1_000_000 or NS_PER_S % bitrate:
+        raise BitRateError(
+            f"bit rate {bitrate}; wanted 10000 to 1000000 bit/s with bits of whole nanoseconds, such as "
+            "1000000, 500000, 250000 or 125000"
+        )
+    return NS_PER_S // bitrate
 
 
 def crc15(bits: tuple[int, ...], register: int = 0) -> int:
@@ -140,7 +162,7 @@ def _tables() -> _Tables:
 @cache
 def _header(can_id: int, length: int) -> tuple[int, int, int]:
     """Checksum register, stuffing state and stuff bits after start bit … length code; at most 2048 · 9."""
-    bits = unstuffed_bits(Frame(can_id, bytes(length)))[:19]
+    bits = unstuffed_bits(Frame(can_id, bytes(length)))[:BITS_BEFORE_DATA]
     step = _stuffing_step(1, bits)  # run 0 of recessive bits: the bus was idle
     return crc15(bits), step & _STATE_MASK, step >> _STATE_BITS
 

@@ -13,6 +13,7 @@ from cantools.database.can import Message
 
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
+from hil.can_bits import bit_ns_of
 from hil.schedulability import (
     ErrorModel,
     Pacing,
@@ -22,7 +23,6 @@ from hil.schedulability import (
     response_times,
 )
 
-NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 
 TICK_NS = NS_PER_MS
@@ -44,7 +44,7 @@ NO_NODE = "Vector__XXX"
 
 
 class MessageSetError(ValueError):
-    """The DBC or the bit rate does not say what the analysis needs."""
+    """The DBC does not say what the analysis needs."""
 
 
 class Schedule(NamedTuple):
@@ -64,20 +64,6 @@ class Schedule(NamedTuple):
     def schedulable(self) -> bool:
         """Whether every frame is always through before its deadline."""
         return not self.late
-
-
-def bit_ns_of(bitrate: int) -> int:
-    """Return the duration of a bit; it has to be a whole number of nanoseconds.
-
-    >>> bit_ns_of(500_000)
-    2000
-    """
-    if not 10_000 <= bitrate <= 1_000_000 or NS_PER_S % bitrate:
-        raise MessageSetError(
-            f"bit rate {bitrate}; wanted 10000 to 1000000 bit/s with bits of whole nanoseconds, such as "
-            "1000000, 500000, 250000 or 125000"
-        )
-    return NS_PER_S // bitrate
 
 
 def bus_streams(bitrate: int, paced: Collection[str] = PACED_SENDERS) -> list[Stream]:

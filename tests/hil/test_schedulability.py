@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
+from hil.can_bits import BitRateError
 from hil.message_set import (
     ALL_SENDERS,
     ONE_ERROR,
     TICK_NS,
-    MessageSetError,
     bus_schedule,
     bus_streams,
 )
@@ -306,7 +306,7 @@ def test_only_slow_frames_are_paced() -> None:
 
 @pytest.mark.parametrize("bitrate", [0, -1, 300_000, 999_999, 2_000_000])
 def test_an_odd_bit_rate_is_refused(bitrate: int) -> None:
-    with pytest.raises(MessageSetError, match="wanted 10000 to 1000000"):
+    with pytest.raises(BitRateError, match="wanted 10000 to 1000000"):
         bus_schedule(bitrate)
 
 

@@ -24,11 +24,12 @@ def schedule(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
-    from hil.message_set import ALL_SENDERS, ONE_ERROR, MessageSetError, bus_schedule
+    from hil.can_bits import BitRateError
+    from hil.message_set import ALL_SENDERS, ONE_ERROR, bus_schedule
 
     try:
         analysed = bus_schedule(bitrate)
-    except MessageSetError as error:
+    except BitRateError as error:
         raise BadInputError(str(error)) from error
     disturbed = bus_schedule(bitrate, errors=ONE_ERROR)
     others = [bus_schedule(other) for other in REPORTED_BITRATES if other != bitrate]

@@ -1,0 +1,369 @@
+"""The modelled bus as its users see it, with times and counters worked out by hand."""
+
+import random
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.interface.frame import Frame
+from hil.bus_model import Delivery, ErrorCounters, ModelledBus, Standing
+from hil.bus_model import fault_confinement as rules
+from hil.bus_model.core import advance, queue
+from hil.bus_model.state import BusState, NodeState
+from hil.can_bits import arbitration_length, frame_bits, wire_bits
+
+US = 1000
+NODES = ("a", "b", "c")
+SHORT = Frame(0x100, b"")
+LONG = Frame(0x200, bytes.fromhex("0123456789abcdef"))
+
+
+def bus_of(*nodes: str, bitrate: int = 1_000_000) -> ModelledBus:
+    return ModelledBus(nodes or NODES, bitrate)
+
+
+def heard(deliveries: Sequence[Delivery]) -> list[tuple[int, str, int]]:
+    return [(delivery.t_ns, delivery.sender, delivery.frame.can_id) for delivery in deliveries]
+
+
+@pytest.mark.parametrize(("bitrate", "bit_ns"), [(1_000_000, 1000), (500_000, 2000), (250_000, 4000)])
+def test_a_frame_arrives_at_its_end_without_the_intermission(bitrate: int, bit_ns: int) -> None:
+    bus = bus_of(bitrate=bitrate)
+    bus.submit("a", LONG, 7 * bit_ns - 1)  # the node begins with the next whole bit
+    end_ns = 7 * bit_ns + (frame_bits(LONG) - 3) * bit_ns
+    assert bus.deliver(end_ns - 1) == []
+    assert bus.deliver(end_ns) == [Delivery(end_ns, "a", LONG, ("b", "c"), 7 * bit_ns)]
+    assert bus.deliver(end_ns + 1_000_000) == []
+    assert bus.figures == (1, 0, frame_bits(LONG) * bit_ns, 0)
+
+
+@pytest.mark.parametrize(
+    ("queued", "order"),
+    [
+        # (node, identifier) all at once: the lowest identifier first, whoever sends it
+        ([("a", 3), ("b", 2), ("c", 1)], [1, 2, 3]),
+        ([("a", 1), ("b", 2), ("c", 3)], [1, 2, 3]),
+        ([("a", 0x7FF), ("b", 0x000), ("c", 0x3FF)], [0x000, 0x3FF, 0x7FF]),
+        ([("a", 0x400), ("b", 0x3FF)], [0x3FF, 0x400]),
+        # a node's queue is in order of priority too
+        ([("a", 9), ("a", 5), ("a", 7), ("b", 6)], [5, 6, 7, 9]),
+    ],
+)
+def test_arbitration(queued: list[tuple[str, int]], order: list[int]) -> None:
+    bus = bus_of()
+    frames = {can_id: Frame(can_id, bytes([can_id & 0xFF])) for _, can_id in queued}
+    for node, can_id in queued:
+        bus.submit(node, frames[can_id], 0)
+    expected, start = [], 0
+    for can_id in order:
+        expected.append((start + frame_bits(frames[can_id]) - 3) * US)
+        start += frame_bits(frames[can_id])
+    arrived = bus.deliver(5_000 * US)
+    assert [delivery.frame.can_id for delivery in arrived] == order
+    assert [delivery.t_ns for delivery in arrived] == expected
+
+
+def test_frames_of_one_identifier_stay_in_order() -> None:
+    bus = bus_of()
+    frames = [Frame(0x50, bytes([number])) for number in range(20)]
+    for frame in frames:
+        bus.submit("b", frame, 0)
+    assert [delivery.frame for delivery in bus.deliver(10_000 * US)] == frames
+
+
+def test_what_has_started_is_not_interrupted() -> None:
+    urgent = Frame(0, b"")
+    for queued_us, first in ((0, urgent), (1, LONG)):
+        bus = bus_of()
+        bus.submit("a", LONG, 0)
+        bus.submit("b", urgent, queued_us * US)
+        assert bus.deliver(1000 * US)[0].frame == first
+
+
+def test_time_runs_one_way_only() -> None:
+    bus = bus_of()
+    bus.deliver(5 * US)
+    with pytest.raises(ValueError, match="in the order of time"):
+        bus.submit("a", SHORT, 4 * US)
+    with pytest.raises(ValueError, match="in the order of time"):
+        bus.deliver(4 * US)
+
+
+def test_what_does_not_exist_is_refused() -> None:
+    with pytest.raises(ValueError, match="no node 'x' on this bus; it has a, b, c"):
+        bus_of().submit("x", SHORT, 0)
+    with pytest.raises(ValueError, match="wanted each once"):
+        ModelledBus(["a", "a"])
+    with pytest.raises(ValueError, match="bit rate 300000"):
+        ModelledBus(["a"], 300_000)
+    with pytest.raises(ValueError, match="no classic CAN frame"):
+        bus_of().submit("a", Frame(0x800, b""), 0)
+    with pytest.raises(ValueError, match="hits of 1 or more"):
+        bus_of().corrupt(hits=0)
+    with pytest.raises(ValueError, match="a period of 1 ns or more"):
+        bus_of().babble("a", SHORT, 0, 0, 1)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    entries=st.lists(
+        st.tuples(st.integers(0, 400), st.sampled_from(NODES), st.integers(0, 0x7FF), st.binary(max_size=8)),
+        max_size=12,
+    ),
+    cuts=st.lists(st.integers(0, 3000), max_size=8),
+    seed=st.integers(0, 99),
+)
+def test_how_often_one_asks_changes_nothing(
+    entries: list[tuple[int, str, int, bytes]], cuts: list[int], seed: int
+) -> None:
+    """Nor does anything but the calls: the same calls, the same deliveries."""
+
+    def play(asked: list[int]) -> list[Delivery]:
+        bus = bus_of()
+        dice = random.Random(seed)
+        for _ in range(3):
+            bus.corrupt(skip=dice.randrange(6), bit=dice.randrange(140))
+        bus.babble("c", Frame(0x0F2, b"\x01"), 311 * US, 50 * US, 1500 * US)
+        arrived = []
+        calls = [*((bit, entry) for entry in entries for bit in entry[:1]), *((cut, None) for cut in asked)]
+        for bit, entry in sorted(calls, key=lambda call: call[0]):
+            if entry is None:
+                arrived += bus.deliver(bit * US)
+            else:
+                bus.submit(entry[1], Frame(*entry[2:]), bit * US)
+        return arrived + bus.deliver(10_000 * US)
+
+    whole = play([])
+    assert play(cuts) == whole
+    assert all(one.t_ns < other.t_ns for one, other in pairwise(whole))
+
+
+def test_a_full_queue_loses_the_newest() -> None:
+    bus = bus_of()
+    for number in range(70):
+        bus.submit("a", Frame(0x100, bytes([number])), 0)
+    arrived = bus.deliver(100_000 * US)
+    assert [delivery.frame.data[0] for delivery in arrived] == list(range(64))
+    assert bus.figures.lost == 6
+
+
+# --- errors by hand ------------------------------------------------------------------------------------
+
+
+def test_a_destroyed_frame_is_repeated_after_the_error_frame() -> None:
+    """The first bit after RTR is hit: IDE turns recessive, so the flag's six dominant bits come in full."""
+    frame = Frame(0x2AA, b"")
+    bus = bus_of()
+    bus.corrupt()
+    bus.submit("a", frame, 0)
+    hit = arbitration_length(frame)
+    assert wire_bits(frame)[hit] == 0
+    # the receivers' flags answer after the sixth bit of the sender's: 12 bits, delimiter 8, intermission 3
+    again = hit + 1 + 12 + 8 + 3
+    assert heard(bus.deliver(1000 * US)) == [((again + frame_bits(frame) - 3) * US, "a", 0x2AA)]
+    assert bus.counters("a") == (8 - 1, 0)
+    assert bus.counters("b") == bus.counters("c") == (0, 0)  # 1 for the error, less 1 for the frame
+    assert bus.figures == (1, 1, (again + frame_bits(frame)) * US, 0)
+
+
+def test_a_frame_hit_in_its_very_last_bit_comes_twice() -> None:
+    bus = bus_of()
+    bus.corrupt(bit=1000)
+    bus.submit("a", LONG, 0)
+    first, second = bus.deliver(1000 * US)
+    assert (first.frame, second.frame) == (LONG, LONG)
+    assert first.t_ns == (frame_bits(LONG) - 3) * US
+    assert second.t_ns - first.t_ns == (6 + 8 + 3 + frame_bits(LONG) - 3) * US
+    assert bus.counters("a") == (7, 0)
+
+
+def test_corruption_counts_the_frames_it_is_meant_for() -> None:
+    bus = bus_of()
+    bus.corrupt(can_id=0x200, skip=1, hits=2)
+    for can_id in (0x100, 0x200, 0x100, 0x200, 0x300):
+        bus.submit("a", Frame(can_id, bytes([can_id >> 8])), 0)
+    arrived = bus.deliver(10_000 * US)
+    assert [delivery.frame.can_id for delivery in arrived] == [0x100, 0x100, 0x200, 0x200, 0x300]
+    assert bus.figures.errors == 2
+    assert arrived[3].t_ns - arrived[2].t_ns > 2 * 50 * US
+    bus.corrupt(hits=1000)
+    bus.end_corruption()
+    bus.submit("a", SHORT, 10_000 * US)
+    assert len(bus.deliver(11_000 * US)) == 1
+
+
+RULES: dict[str, Callable[[ErrorCounters], ErrorCounters]] = {
+    "transmit error": rules.after_transmit_error,
+    "unacknowledged": rules.after_missing_acknowledgement,
+    "sent": rules.after_transmitting,
+    "received": rules.after_receiving,
+    "receive error": lambda before: rules.after_receive_error(before, first_to_signal=False),
+    "first to signal": lambda before: rules.after_receive_error(before, first_to_signal=True),
+}
+ACTIVE, PASSIVE, OFF = Standing.ERROR_ACTIVE, Standing.ERROR_PASSIVE, Standing.BUS_OFF
+
+
+@pytest.mark.parametrize(
+    ("steps", "counters", "standing"),
+    [
+        (["transmit error"] * 15, (120, 0), ACTIVE),
+        (["transmit error"] * 16, (128, 0), PASSIVE),
+        (["transmit error"] * 16 + ["sent"], (127, 0), ACTIVE),
+        (["transmit error"] * 31, (248, 0), PASSIVE),
+        (["transmit error"] * 32, (256, 0), OFF),
+        (["transmit error"] * 31 + ["sent", "transmit error"], (255, 0), PASSIVE),
+        (["sent"] * 3, (0, 0), ACTIVE),
+        (["transmit error"] + ["sent"] * 3, (5, 0), ACTIVE),
+        (["unacknowledged"] * 16, (128, 0), PASSIVE),
+        (["unacknowledged"] * 1000, (128, 0), PASSIVE),
+        (["receive error"] * 127, (0, 127), ACTIVE),
+        (["receive error"] * 128, (0, 128), PASSIVE),
+        (["receive error"] * 1000, (0, 128), PASSIVE),
+        (["receive error"] * 128 + ["received"], (0, 119), ACTIVE),
+        (["first to signal"] * 14, (0, 126), ACTIVE),
+        (["first to signal"] * 15, (0, 135), PASSIVE),
+        (["first to signal"] * 15 + ["received"], (0, 119), ACTIVE),
+        (["receive error"] * 3 + ["received"] * 5, (0, 0), ACTIVE),
+        (["transmit error", "receive error", "sent", "received"], (7, 0), ACTIVE),
+    ],
+)
+def test_error_counters(steps: list[str], counters: tuple[int, int], standing: Standing) -> None:
+    state = ErrorCounters()
+    for step in steps:
+        state = RULES[step](state)
+    assert state == counters
+    assert state.standing is standing
+
+
+def test_a_sender_goes_off_after_32_errors_in_a_row_and_the_others_stay() -> None:
+    bus = bus_of()
+    bus.corrupt(hits=1000)
+    bus.submit("a", SHORT, 0)
+    assert bus.deliver(10_000 * US) == []
+    assert bus.figures.errors == 32
+    assert bus.figures.lost == 1
+    assert bus.counters("b").receive == 32
+    assert bus.counters("a").standing is ACTIVE  # off, and back again meanwhile
+    bus.end_corruption()
+    bus.submit("b", SHORT, 10_000 * US)
+    assert bus.deliver(11_000 * US)[0].receivers == ("a", "c")
+
+
+def test_an_idle_bus_lets_a_node_back_after_1408_bits() -> None:
+    for late_bits, arrives in ((0, False), (1, True)):
+        bus = bus_of()
+        bus.deliver(100 * US)
+        bus.switch_off("a")
+        back_us = 100 + 128 * 11
+        bus.submit("a", LONG, (back_us - 1 + late_bits) * US)
+        assert bus.counters("a").standing is (ACTIVE if arrives else OFF)
+        assert bool(bus.deliver(5000 * US)) == arrives
+        assert bus.figures.lost == (0 if arrives else 1)
+
+
+def test_a_busy_bus_lets_a_node_back_after_128_frames() -> None:
+    """The end of every frame is one run of 11 recessive bits; back to back, there is no other."""
+    bus = bus_of()
+    bus.switch_off("a")
+    arrived: list[Delivery] = []
+    t_us = 0
+    while bus.counters("a").standing is OFF:
+        if t_us % 40 == 0:
+            bus.submit("b", SHORT, t_us * US)
+        t_us += 1
+        arrived += bus.deliver(t_us * US)
+    assert len(arrived) == 128
+    assert t_us == 128 * frame_bits(SHORT)
+
+
+def test_a_node_that_is_off_neither_hears_nor_acknowledges() -> None:
+    bus = bus_of("a", "b")
+    bus.switch_off("b")
+    bus.submit("a", SHORT, 0)
+    assert bus.deliver(1000 * US) == []
+    assert bus.counters("a").transmit > 0
+    arrived = bus.deliver(10_000 * US)  # b is back, and the frame is still being repeated
+    assert heard(arrived)[0][1:] == ("a", 0x100)
+    assert arrived[0].t_ns > 1408 * US
+
+
+def test_an_unplugged_node_is_alone() -> None:
+    bus = bus_of()
+    bus.submit("a", SHORT, 0)
+    bus.submit("a", LONG, 0)
+    bus.unplug("a")
+    bus.submit("a", LONG, 10 * US)
+    bus.submit("b", LONG, 10 * US)
+    assert [(one.sender, one.receivers) for one in bus.deliver(1000 * US)] == [("b", ("c",))]
+    assert bus.figures.lost == 3
+    bus.plug("a")
+    bus.submit("a", SHORT, 1000 * US)
+    assert [(one.sender, one.receivers) for one in bus.deliver(2000 * US)] == [("a", ("b", "c"))]
+
+
+def test_an_error_passive_sender_waits_for_the_others() -> None:
+    """After its frame it keeps silent for 8 bits: a less urgent frame of another node goes first."""
+    for errors, order in ((0, [0x10, 0x11, 0x200]), (130, [0x10, 0x200, 0x11])):
+        nodes = (NodeState(counters=ErrorCounters(errors, 0)), NodeState(), NodeState())
+        state = BusState(nodes=nodes)
+        for node, frame in ((0, Frame(0x10, b"")), (0, Frame(0x11, b"")), (1, LONG)):
+            state = queue(state, node, frame, depth=9)
+        state, arrivals = advance(state, 1000)
+        assert [arrival.pending.can_id for arrival in arrivals] == order
+
+
+def test_an_error_passive_sender_alone_waits_8_bits() -> None:
+    nodes = (NodeState(counters=ErrorCounters(140, 0)), NodeState())
+    state = BusState(nodes=nodes)
+    for _ in range(2):
+        state = queue(state, 0, SHORT, depth=9)
+    state, arrivals = advance(state, 1000)
+    assert arrivals[1].bit - arrivals[0].bit == frame_bits(SHORT) + 8
+
+
+def test_an_error_passive_rival_loses_without_a_trace() -> None:
+    """Its flag is recessive: the frame of the same identifier that is dominant where they differ goes on."""
+    nodes = (NodeState(counters=ErrorCounters(150, 0)), NodeState(), NodeState())
+    state = BusState(nodes=nodes)
+    state = queue(state, 0, Frame(0x50, b"\xff"), depth=9)
+    state = queue(state, 1, Frame(0x50, b"\x00"), depth=9)
+    state, arrivals = advance(state, 1000)
+    assert [(one.senders, one.receivers, one.pending.frame.data) for one in arrivals] == [
+        ((1,), (2,), b"\x00"),
+        ((0,), (1, 2), b"\xff"),
+    ]
+    assert [node.counters for node in state.nodes] == [(150 + 8 - 1, 0), (0, 0), (0, 0)]
+
+
+def test_equal_frames_at_the_same_time_are_one() -> None:
+    bus = bus_of()
+    bus.submit("a", SHORT, 0)
+    bus.submit("b", SHORT, 0)
+    assert bus.deliver(1000 * US) == [Delivery((frame_bits(SHORT) - 3) * US, "a", SHORT, ("c",), 0)]
+
+
+def test_a_babbler_with_the_highest_priority_starves_the_others() -> None:
+    bus = bus_of()
+    babble = Frame(0, bytes(8))
+    bus.babble("c", babble, 100 * US, 1000 * US, 5000 * US)
+    bus.submit("a", LONG, 1500 * US)
+    arrived = bus.deliver(20_000 * US)
+    assert sum(delivery.sender == "c" for delivery in arrived) == 40
+    (late,) = [delivery for delivery in arrived if delivery.sender == "a"]
+    assert late.t_ns > 1000 * US + 40 * frame_bits(babble) * US
+
+
+def test_a_babbler_with_anothers_identifier_drives_it_off() -> None:
+    """Every collision costs both; who sends the more dominant data wins once the other is error-passive."""
+    bus = bus_of()
+    bus.babble("c", Frame(0x00E, bytes(8)), 200 * US, 0, 50_000 * US)
+    standings = set()
+    for tick in range(50):
+        bus.submit("a", Frame(0x00E, b"\xff" * 8), tick * 1000 * US)
+        bus.deliver((tick + 1) * 1000 * US)
+        standings.add(bus.counters("a").standing)
+    assert bus.figures.errors > 16
+    assert PASSIVE in standings or OFF in standings
