@@ -5,7 +5,8 @@ started is not interrupted: `advance` decides every start before the time it is 
 that time. Nodes are numbered.
 
 Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is cut
-off while its frame is on the wire finishes it.
+off while its frame is on the wire finishes it; an error-passive node is done with an error when the others
+are, where a real one may need up to 6 bits more of silence.
 """
 
 from bisect import bisect

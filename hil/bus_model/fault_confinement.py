@@ -53,12 +53,13 @@ def after_transmit_error(counters: ErrorCounters) -> ErrorCounters:
     return ErrorCounters(counters.transmit + 8, counters.receive)
 
 
-def after_missing_acknowledgement(counters: ErrorCounters) -> ErrorCounters:
+def after_missing_acknowledgement(counters: ErrorCounters, flag_met_dominant: bool) -> ErrorCounters:
     """Return the counters of a sender that nobody has acknowledged.
 
-    An error-passive one is not punished further, so a node that is alone on the bus never goes off.
+    An error-passive one whose flag nobody answered is not punished, so a node that is alone on the bus never
+    goes off.
     """
-    if counters.standing is Standing.ERROR_PASSIVE:
+    if counters.standing is Standing.ERROR_PASSIVE and not flag_met_dominant:
         return counters
     return after_transmit_error(counters)
 

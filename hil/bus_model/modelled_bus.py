@@ -130,6 +130,10 @@ class ModelledBus:
         """The node's error counters, and with them its standing."""
         return self._state.nodes[self._number(node)].counters
 
+    def lost(self, node: str) -> int:
+        """Frames that the node has refused or thrown away."""
+        return self._state.nodes[self._number(node)].lost
+
     @property
     def figures(self) -> BusFigures:
         """What has happened so far; a frame under way counts from its start."""

@@ -108,9 +108,7 @@ def soak(
     bit_ns = bit_ns_of(bitrate)
     names = sorted({stream.sender for stream in streams})
     sources = [_Source(stream, dice) for stream in streams]
-    by_stream = {
-        (names.index(source.stream.sender), source.stream.can_id): source for source in sources
-    }
+    by_stream = {(names.index(source.stream.sender), source.stream.can_id): source for source in sources}
     senders = [
         _Sender(number, [source for source in sources if source.stream.sender == name], tick_ns, dice)
         for number, name in enumerate(names)

@@ -25,6 +25,7 @@ from hil.bus_model.errors_on_the_wire import (
 from hil.bus_model.fault_confinement import (
     ErrorCounters,
     Standing,
+    after_missing_acknowledgement,
     after_receive_error,
     after_receiving,
     after_transmit_error,
@@ -177,8 +178,10 @@ def _unacknowledged(parts: Parts, deaf: int | None) -> Outcome:
     answered = deaf is not None and parts.any_active([deaf])
     dominant = answered or parts.any_active(parts.senders)
     failure = Failure(bit, signalling_bits([1] if answered else []), dominant)
-    # Senders whose flags meet no dominant bit are error-passive and not punished.
-    charged = parts.transmit_errors(parts.senders) if dominant else {}
+    charged = {
+        number: after_missing_acknowledgement(parts.nodes[number].counters, dominant)
+        for number in parts.senders
+    }
     return Outcome(failure, charged | parts.receive_errors())
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame
-from hil.bus_model import Delivery, ErrorCounters, ModelledBus, Standing
+from hil.bus_model import Delivery, ErrorCounters, ModelledBus, ModelledInProcessBus, Standing
 from hil.bus_model import fault_confinement as rules
 from hil.bus_model.core import advance, queue
 from hil.bus_model.state import BusState, NodeState
@@ -197,7 +197,8 @@ def test_corruption_counts_the_frames_it_is_meant_for() -> None:
 
 RULES: dict[str, Callable[[ErrorCounters], ErrorCounters]] = {
     "transmit error": rules.after_transmit_error,
-    "unacknowledged": rules.after_missing_acknowledgement,
+    "unacknowledged": lambda before: rules.after_missing_acknowledgement(before, flag_met_dominant=False),
+    "answered": lambda before: rules.after_missing_acknowledgement(before, flag_met_dominant=True),
     "sent": rules.after_transmitting,
     "received": rules.after_receiving,
     "receive error": lambda before: rules.after_receive_error(before, first_to_signal=False),
@@ -219,6 +220,7 @@ ACTIVE, PASSIVE, OFF = Standing.ERROR_ACTIVE, Standing.ERROR_PASSIVE, Standing.B
         (["transmit error"] + ["sent"] * 3, (5, 0), ACTIVE),
         (["unacknowledged"] * 16, (128, 0), PASSIVE),
         (["unacknowledged"] * 1000, (128, 0), PASSIVE),
+        (["unacknowledged"] * 100 + ["answered"], (136, 0), PASSIVE),
         (["receive error"] * 127, (0, 127), ACTIVE),
         (["receive error"] * 128, (0, 128), PASSIVE),
         (["receive error"] * 1000, (0, 128), PASSIVE),
@@ -367,3 +369,21 @@ def test_a_babbler_with_anothers_identifier_drives_it_off() -> None:
         standings.add(bus.counters("a").standing)
     assert bus.figures.errors > 16
     assert PASSIVE in standings or OFF in standings
+
+
+def test_nodes_of_one_process_meet_on_it_in_time() -> None:
+    """What is sent at t_k is there half a tick later, less urgent frames only if the time was long enough."""
+    bus = ModelledInProcessBus(["plant", "firmware"])
+    plant, firmware = bus.join("plant"), bus.join("firmware")
+    bus.move_to(1_000_000)
+    plant.send_all([LONG, SHORT])
+    assert bus.move_to(1_000_000 + (frame_bits(SHORT) + 20) * US)[0].queued_ns == 1_000_000
+    assert firmware.receive() == [SHORT]
+    firmware.send(Frame(0x001, b""))
+    bus.move_to(1_500_000)
+    assert firmware.receive() == [LONG]
+    assert firmware.receive() == []
+    assert plant.receive() == [Frame(0x001, b"")]
+    bus.model.unplug("firmware")
+    firmware.send(SHORT)
+    assert firmware.counters.unsent == 1
