@@ -312,3 +312,57 @@ def layout(moments: Moments | None) -> rrb.Blueprint:
         ),
         collapse_panels=True,
     )
+
+
+def both(name: str, entity: str, field: str, unit: str, **options: Any) -> rrb.TimeSeriesView:
+    """One field of two runs in one plot."""
+    return plot(
+        name,
+        Line(f"/a{entity}", field, "a", unit, TRUTH),
+        Line(f"/b{entity}", field, "b", unit, BELIEF),
+        **options,
+    )
+
+
+def overlay(difference_s: float | None) -> rrb.Blueprint:
+    """The layout of two runs in one recording, close up on their first difference."""
+    close_up_s = None if difference_s is None else (max(difference_s - 0.5, 0.0), difference_s + 2.5)
+    sides = [
+        rrb.StateTimelineView(
+            origin=f"/{side}/states",
+            contents=[f"/{side}/states/mode", f"/{side}/states/regime"],
+            name=f"Run {side}",
+        )
+        for side in ("a", "b")
+    ]
+    mark = rrb.StateTimelineView(origin="/difference", contents=["/difference"], name="First difference")
+    position, estimate = "x_m", "state.estimator.x_m"
+    tabs = rrb.Tabs(
+        rrb.Vertical(
+            rrb.Horizontal(*sides, mark),
+            both("True position, close up [m]", "/plant", position, "m", span_s=close_up_s),
+            rrb.Horizontal(
+                both("True position [m]", "/plant", position, "m"),
+                both("Crank speed [rad/s]", "/plant", "omega_rad_s", "rad/s"),
+            ),
+            rrb.Horizontal(
+                plot(
+                    "Impacts, v⁻ [m/s]",
+                    Dots("/a/impacts/truth", "v_m_s", "a", TRUTH, "circle"),
+                    Dots("/b/impacts/truth", "v_m_s", "b", BELIEF, "cross"),
+                    legend=rrb.Corner2D.LeftBottom,
+                ),
+                both("Torque asked for [N m]", "/firmware", "outputs.torque_n_m", "N m"),
+            ),
+            name="Side by side",
+        ),
+        rrb.Vertical(
+            both("Estimated position, close up [m]", "/firmware", estimate, "m", span_s=close_up_s),
+            both("Accelerometer, close up [m/s²]", "/plant", "striker_high_m_s2", "m/s²", span_s=close_up_s),
+            both("NIS", "/firmware", "state.estimator.nis", ""),
+            name="Estimator",
+        ),
+    )
+    return rrb.Blueprint(
+        tabs, rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="paused"), collapse_panels=True
+    )

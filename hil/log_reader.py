@@ -18,7 +18,7 @@ from hil.rerun_program import RerunError, rerun
 from hil.run_traces import NO_BUS, NO_RECORDS, BusLog, Records, RunTraces
 
 TIMELINES = ("sim_time", "wall_time")
-MEASURED = frozenset({"work_us", "wake_latency_us"})
+MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
 """What the machine took; no two runs agree in it."""
 ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)

@@ -15,6 +15,7 @@ from typing import Any
 
 from hil import junit
 from hil.checks import CheckResult, checks_of, evaluate
+from hil.figure_records import Figures
 from hil.figures import figures_from
 from hil.report import write_report
 from hil.rerun_log import LOG_NAME, write_log
@@ -43,13 +44,18 @@ def reasons_of(traces: RunTraces) -> list[str]:
     return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
 
 
+def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
+    """The verdict on a run from what it left behind, and its checks' results."""
+    content = figures.as_json()
+    results = evaluate(checks_of(traces.scenario), content)
+    return verdict_of(content, results, reasons_of(traces), out), results
+
+
 def finish(run_dir: Path) -> dict[str, Any]:
     """Judge the run in `run_dir`, also one that was cut short, and write its log, verdict and report."""
     traces = read_run(run_dir)
     figures = figures_from(traces)
-    content = figures.as_json()
-    results = evaluate(checks_of(traces.scenario), content)
-    verdict = verdict_of(content, results, reasons_of(traces), run_dir)
+    verdict, results = judge(traces, figures, run_dir)
     (run_dir / "verdict.json").write_text(json.dumps(verdict, indent=2, allow_nan=False) + "\n")
     (run_dir / "junit.xml").write_text(junit.document([verdict]))
     write_log(run_dir / LOG_NAME, traces, figures, results)

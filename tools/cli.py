@@ -29,7 +29,18 @@ app = typer.Typer(
     add_completion=False,
 )
 
-COMMANDS = ("run", "firmware", "plant", "simulate", "view", "kernel", "schedule", "doctor")
+COMMANDS = (
+    "run",
+    "firmware",
+    "plant",
+    "simulate",
+    "view",
+    "inspect",
+    "compare",
+    "kernel",
+    "schedule",
+    "doctor",
+)
 
 for command in COMMANDS:
     import_module(f"tools.commands.{command}").register(app)
@@ -38,11 +49,10 @@ for command in COMMANDS:
 def bad_input_types() -> tuple[type[Exception], ...]:
     """The errors that blame the input; looked up only once one has been raised."""
     from firmware_py.shell.parameters import ParameterError
-    from hil.scenario import ScenarioError
-    from plant_sim.scene import SceneError
-
     from hil.bus import BusError
+    from hil.scenario import ScenarioError
     from hil.uml import UmlError
+    from plant_sim.scene import SceneError
 
     return (BadInputError, SceneError, ScenarioError, ParameterError, BusError, UmlError)
 

@@ -83,6 +83,11 @@ def show(verdict: dict[str, Any]) -> None:
         ("bus load, worst case", 100 * verdict["bus_load"], "%"),
     ]
     console.print(figure_table(verdict["scenario"], rows))
+    show_checks(verdict)
+
+
+def show_checks(verdict: dict[str, Any]) -> None:
+    """Print a run's checks and its verdict."""
     checks = Table(box=None, pad_edge=False)
     for name in ("check", "value", "limit", ""):
         checks.add_column(name, no_wrap=name == "check")

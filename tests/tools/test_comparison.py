@@ -1,0 +1,86 @@
+"""Two runs side by side: equal where they are, and the first difference named where they are not."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from short_run import make_run
+
+from hil.log_reader import tables
+from tools import cli
+from tools.comparison import Difference, compare, first_in_table
+from tools.inspection import open_run
+from tools.output import EXIT_PASSED
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compared")
+    for name, seed in (("first", 1), ("again", 1), ("other", 2)):
+        make_run(folder / name, seed)
+    return folder
+
+
+def test_one_seed_gives_one_run(runs):
+    result = compare(open_run(runs / "first"), open_run(runs / "again"))
+    assert result["equal"]
+    assert result["first_difference"] is None
+    assert result["figures"]["largest_v_m_s"]["change"] == 0.0
+
+
+def test_another_seed_differs_from_the_first_noisy_sample_on(runs, capsys):
+    out = runs / "both.rrd"
+    command = ["compare", str(runs / "first"), str(runs / "other"), "--out", str(out), "--json"]
+    assert cli.run(command) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert not result["equal"]
+    first = result["first_difference"]
+    assert first["t_s"] == 0.0
+    assert first["signal"] in ("plant.striker_low_m_s2", "plant.striker_high_m_s2")
+    assert first["a"] != first["b"]
+    assert result["figures"]["largest_v_m_s"]["change"] != 0.0
+
+    log = tables(out)
+    plant_a, plant_b = log["/a/plant"], log["/b/plant"]
+    assert plant_a.num_rows == plant_b.num_rows == 3000
+    assert log["/difference"]["StateChange:state"].to_pylist() == [[f"first difference: {first['signal']}"]]
+
+
+def test_people_get_the_difference_in_a_sentence(runs, capsys):
+    assert cli.run(["compare", str(runs / "first"), str(runs / "other")]) == EXIT_PASSED
+    assert "first difference at 0.000000 s in plant.striker" in capsys.readouterr().out
+
+
+def table(t_s, **columns):
+    return pa.table({"t_s": np.array(t_s, float), **columns})
+
+
+def test_the_earliest_difference_of_all_columns_is_named():
+    a = table([0.0, 1.0, 2.0], x=[1.0, 1.0, 3.0], y=[5, 5, 5], work_us=[1.0, 2.0, 3.0])
+    b = table([0.0, 1.0, 2.0], x=[1.0, 1.0, 4.0], y=[5, 6, 5], work_us=[9.0, 9.0, 9.0])
+    assert first_in_table("plant", a, b) == Difference(1.0, "plant.y", 5, 6)
+    assert first_in_table("plant", a, a) is None
+
+
+def test_nothing_is_like_nothing():
+    a = table([0.0, 1.0], force=[np.nan, np.nan])
+    b = table([0.0, 1.0], force=[np.nan, 2.0])
+    assert first_in_table("impacts/truth", a, a) is None
+    difference = first_in_table("impacts/truth", a, b)
+    assert difference is not None
+    assert difference.t_s == 1.0
+
+
+def test_a_skipped_tick_is_no_difference_but_an_impact_that_is_missing_is():
+    whole, skipped = table([0.0, 1.0, 2.0], x=[1, 2, 3]), table([0.0, 2.0], x=[1, 3])
+    assert first_in_table("plant", whole, skipped) is None
+    assert first_in_table("impacts/truth", whole, skipped) == Difference(1.0, "impacts/truth.t_s", 1.0, 2.0)
+    shorter = table([0.0, 1.0], x=[1, 2])
+    assert first_in_table("impacts/truth", whole, shorter) == Difference(2.0, "impacts/truth.t_s", 2.0, None)
+    assert first_in_table("plant", whole, shorter) == Difference(1.0, "plant.t_s", 2.0, 1.0)
+
+
+def test_frames_differ_in_hexadecimal():
+    a, b = table([0.0], data=[b"\x01\x02"]), table([0.0], data=[b"\x01\x03"])
+    assert first_in_table("can/raw", a, b) == Difference(0.0, "can/raw.data", "0102", "0103")

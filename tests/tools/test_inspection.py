@@ -1,0 +1,111 @@
+"""Reading a run: from its log alone come every figure of its verdict, its tables and its plots."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from PIL import Image
+from pyarrow import csv, feather, parquet
+from short_run import make_run
+
+from hil import trace
+from hil.run_traces import read_bus
+from tools import cli
+from tools.inspection import open_run
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inspected") / "run"
+    assert make_run(folder)["passed"]
+    return folder
+
+
+def said(capsys):
+    return json.loads(capsys.readouterr().out)
+
+
+def test_every_figure_of_the_verdict_comes_from_the_log_alone(run_dir, tmp_path, capsys):
+    alone = tmp_path / "run.rrd"
+    shutil.copyfile(run_dir / "run.rrd", alone)
+    assert cli.run(["inspect", str(alone), "--json"]) == EXIT_PASSED
+    recomputed = said(capsys)
+    verdict = json.loads((run_dir / "verdict.json").read_text())
+    assert recomputed.pop("out") == str(tmp_path)
+    del verdict["out"]
+    assert recomputed == verdict
+    assert verdict["impact_count"] > 0
+
+
+def test_a_table_holds_what_the_trace_held(run_dir):
+    table = open_run(run_dir).table("plant")
+    records = trace.read(run_dir / "plant.trace")
+    assert set(table.column_names) == {*records.dtype.names, "wall_time"}
+    for name in records.dtype.names:
+        np.testing.assert_array_equal(table[name].to_numpy(), records[name], err_msg=name)
+
+
+def test_frames_are_tables_raw_and_decoded(run_dir):
+    logged = open_run(run_dir)
+    assert logged.table("can/raw")["data"].to_pylist() == list(read_bus(run_dir / "can.log").payloads)
+    estimates = logged.table("can/StrikerEstimate")
+    assert estimates.column_names[2:] == ["position_m", "velocity_m_s", "crank_omega_rad_s"]
+    modes = logged.table("states/mode")
+    assert modes["state"].to_pylist()[:2] == ["ready", "soft-start"]
+    assert pa.types.is_fixed_size_list(logged.table("module/striker")["translation"].type)
+
+
+@pytest.mark.parametrize(
+    ("ending", "read"),
+    [("parquet", parquet.read_table), ("arrow", feather.read_table), ("csv", csv.read_csv)],
+)
+def test_a_table_is_written_as_its_ending_says(run_dir, tmp_path, capsys, ending, read):
+    path = tmp_path / f"impacts.{ending}"
+    command = ["inspect", str(run_dir), "--table", "impacts/truth", "--to", str(path), "--json"]
+    assert cli.run(command) == EXIT_PASSED
+    assert said(capsys)["rows"] == read(path).num_rows
+    np.testing.assert_array_equal(
+        read(path)["v_m_s"].to_numpy(), open_run(run_dir).table("impacts/truth")["v_m_s"].to_numpy()
+    )
+
+
+def test_bytes_are_hexadecimal_in_csv(run_dir, tmp_path):
+    path = tmp_path / "raw.csv"
+    assert cli.run(["inspect", str(run_dir), "--table", "can/raw", "--to", str(path)]) == EXIT_PASSED
+    first = read_bus(run_dir / "can.log").payloads[0]
+    assert csv.read_csv(path)["data"][0].as_py() == first.hex()
+
+
+def test_signals_are_drawn(run_dir, tmp_path):
+    path = tmp_path / "plot.png"
+    signals = ["--signal", "plant.v_m_s", "--signal", "impacts/truth.v_m_s"]
+    assert cli.run(["inspect", str(run_dir), "--plot", str(path), *signals]) == EXIT_PASSED
+    picture = np.asarray(Image.open(path).convert("RGB"), int)
+    blue = (picture[..., 2] - picture[..., 0]) > 60
+    assert np.count_nonzero(blue) > 1000
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--table", "plnt"], "plant"),
+        (["--table", "plant", "--to", "plant.xlsx"], ".parquet"),
+        (["--table", "module/striker", "--to", "striker.csv"], "several numbers"),
+        (["--to", "plant.csv"], "--table"),
+        (["--signal", "plant.x_m"], "--plot"),
+        (["--plot", "x.png", "--signal", "plant.x"], "x_m"),
+        (["--plot", "x.png", "--signal", "nothing"], "TABLE.COLUMN"),
+        (["--plot", "x.png", "--signal", "states/mode.state"], "no numbers"),
+        (["--plot", "x.docx"], ".svg"),
+    ],
+)
+def test_what_cannot_be_given_is_refused_with_a_remedy(
+    run_dir, tmp_path, monkeypatch, capsys, options, complaint
+):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["inspect", str(run_dir), *options]) == EXIT_BAD_INPUT
+    assert complaint in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,64 @@
+"""`vibrohil compare A B`: two runs side by side."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.output import console, figure, print_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(compare)
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="A run folder or .rrd file.")],
+    b: Annotated[Path, typer.Argument(help="The other one.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Write both runs, overlaid, to one .rrd file; open it with view.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show the figures of two runs side by side and the first moment at which they differ."""
+    from tools import comparison
+    from tools.inspection import open_run
+
+    runs = open_run(a), open_run(b)
+    result = comparison.compare(*runs)
+    if out is not None:
+        found = result["first_difference"]
+        comparison.write_overlay(*runs, None if found is None else comparison.Difference(**found), out)
+        result["out"] = str(out)
+    if as_json:
+        print_json(result)
+    else:
+        show(result)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the figures that differ, then where the signals do."""
+    table = Table(box=None, pad_edge=False)
+    for title in ("figure", "a", "b", "b − a"):
+        table.add_column(title, no_wrap=True)
+    differing = {name: row for name, row in result["figures"].items() if row["a"] != row["b"]}
+    for name, row in differing.items():
+        unit = row["unit"]
+        table.add_row(name, *(figure(row[side], unit) for side in ("a", "b", "change")))
+    if differing:
+        console.print(table)
+    console.print(f"{len(result['figures']) - len(differing)} of {len(result['figures'])} figures are equal")
+    first = result["first_difference"]
+    if first is None:
+        console.print("[bold green]equal[/]: every signal, bit by bit, on simulated time")
+    else:
+        values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
+        console.print(
+            f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {values}",
+            highlight=False,
+            soft_wrap=True,
+        )
+    if "out" in result:
+        console.print(f"overlaid in {result['out']}", highlight=False, soft_wrap=True)

@@ -1,0 +1,156 @@
+"""Two runs side by side: the figures of both, and the first moment at which a signal differs.
+
+Signals are compared on simulated time, record by record and bit by bit; what the machine took is left out.
+Frames are compared where both runs kept the simulated clock: on a real bus they carry the times at which they
+came.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from hil.figure_records import CATALOGUE, value_of
+from hil.lanes import ALARM
+from hil.layout import overlay
+from hil.log_reader import MEASURED
+from hil.rerun_log import APPLICATION_ID, colors
+from tools.inspection import LoggedRun
+from tools.output import BadInputError
+
+TRACES = ("operator", "plant", "impacts/truth", "firmware")
+"""In the order in which one tick's causes lie."""
+TICKED = ("operator", "plant", "firmware")
+NOT_COMPARED = ("t_s", "wall_time")
+SIDES = ("a", "b")
+
+
+class Difference(NamedTuple):
+    """The first moment at which two runs differ, and what each has there; None is nothing."""
+
+    t_s: float
+    signal: str
+    a: Any
+    b: Any
+
+
+def alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where two columns of the same length hold the same; NaN is like NaN. Shape (n,)."""
+    same: NDArray[np.bool_] = np.asarray(a == b, bool)
+    if a.dtype.kind == "f" and b.dtype.kind == "f":
+        same = same | (np.isnan(a) & np.isnan(b))
+    return same
+
+
+def cell(values: NDArray[Any], row: int) -> Any:
+    """One value as people and JSON take it: bytes in hexadecimal, None past the end."""
+    if row >= len(values):
+        return None
+    value = values[row]
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Difference | None:
+    """The first difference within one table.
+
+    Ticks are paired by their time, so that one which a loop skipped is no difference of its own; the rows of
+    other tables are paired in order, and differ where their times do.
+    """
+    t_a, t_b = table_a["t_s"].to_numpy(), table_b["t_s"].to_numpy()
+    found: Difference | None = None
+    if name in TICKED:
+        shared_s, rows_a, rows_b = np.intersect1d(t_a, t_b, assume_unique=True, return_indices=True)
+        if t_a[-1] != t_b[-1]:
+            found = Difference(float(min(t_a[-1], t_b[-1])), f"{name}.t_s", float(t_a[-1]), float(t_b[-1]))
+    else:
+        paired = min(len(t_a), len(t_b))
+        unlike = np.flatnonzero(t_a[:paired] != t_b[:paired])
+        paired = int(unlike[0]) if len(unlike) else paired
+        rows_a = rows_b = np.arange(paired)
+        shared_s = t_a[:paired]
+        if paired < max(len(t_a), len(t_b)):
+            times = cell(t_a, paired), cell(t_b, paired)
+            found = Difference(float(min(t for t in times if t is not None)), f"{name}.t_s", *times)
+    for column in table_a.column_names:
+        if (
+            column in NOT_COMPARED
+            or column.rpartition(".")[2] in MEASURED
+            or column not in table_b.column_names
+        ):
+            continue
+        values_a, values_b = table_a[column].to_numpy()[rows_a], table_b[column].to_numpy()[rows_b]
+        unlike = np.flatnonzero(~alike(values_a, values_b))
+        if len(unlike) and (found is None or shared_s[unlike[0]] < found.t_s):
+            row = int(unlike[0])
+            found = Difference(
+                float(shared_s[row]), f"{name}.{column}", cell(values_a, row), cell(values_b, row)
+            )
+    return found
+
+
+def first_difference(a: LoggedRun, b: LoggedRun) -> Difference | None:
+    """The first difference of two runs; among equal times the earlier in the chain of causes."""
+    names = [name for name in TRACES if name in a.names or name in b.names]
+    if all(run.traces.run.get("clock") != "real" for run in (a, b)):
+        names += [name for name in ("can/raw",) if name in a.names or name in b.names]
+    if not names:
+        raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")
+    found: Difference | None = None
+    for name in names:
+        if name in a.names and name in b.names:
+            difference = first_in_table(name, a.table(name), b.table(name))
+        else:
+            present = a if name in a.names else b
+            rows = present.table(name).num_rows
+            counts = (rows, None) if present is a else (None, rows)
+            difference = Difference(float(present.table(name)["t_s"][0].as_py()), name, *counts)
+        if difference is not None and (found is None or difference.t_s < found.t_s):
+            found = difference
+    return found
+
+
+def figures_side_by_side(a: LoggedRun, b: LoggedRun) -> dict[str, dict[str, Any]]:
+    """Every figure of both runs, by dotted name: a, b, b less a where both are numbers, and the unit."""
+    rows = {}
+    for spec in CATALOGUE.values():
+        value_a, value_b = (value_of(run.verdict, spec.name) for run in (a, b))
+        numbers = all(
+            isinstance(value, int | float) and not isinstance(value, bool) for value in (value_a, value_b)
+        )
+        change = value_b - value_a if numbers else None
+        rows[spec.name] = {"a": value_a, "b": value_b, "change": change, "unit": spec.unit}
+    return rows
+
+
+def compare(a: LoggedRun, b: LoggedRun) -> dict[str, Any]:
+    """Both runs' figures, whether all their signals are equal, and where they first are not."""
+    difference = first_difference(a, b)
+    return {
+        "a": str(a.log),
+        "b": str(b.log),
+        "equal": difference is None,
+        "first_difference": None if difference is None else difference._asdict(),
+        "figures": figures_side_by_side(a, b),
+    }
+
+
+def write_overlay(a: LoggedRun, b: LoggedRun, difference: Difference | None, path: Path) -> None:
+    """Both runs in one recording, all of one under /a and of the other under /b, with plots of both."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
+    recording.save(path, default_blueprint=overlay(None if difference is None else difference.t_s))
+    recording.send_recording_name(f"{a.log.parent.name} (a), {b.log.parent.name} (b)")
+    for side, run in zip(SIDES, (a, b), strict=True):
+        for chunk in RrdReader(run.log).stream().to_chunks():
+            if not chunk.entity_path.startswith("/__"):
+                recording.send_chunks([chunk.with_entity_path(f"/{side}{chunk.entity_path}")])
+    if difference is not None:
+        text = f"first difference: {difference.signal}"
+        recording.log("difference", rr.StateConfiguration(values=[text], colors=colors([ALARM])), static=True)
+        time = rr.TimeColumn("sim_time", duration=np.array([difference.t_s]))
+        recording.send_columns("difference", [time], [*rr.StateChange.columns(state=[text])])
+    recording.disconnect()
