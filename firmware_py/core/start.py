@@ -47,6 +47,8 @@ class StartConfig(NamedTuple):
     shortest_change_s: float
     confirm_periods: int
     missing_periods: int
+    lost_periods: int
+    dwell_periods: int
     attempts: int
 
 
@@ -165,8 +167,8 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
 
 
 @compiled
-def _at(state: StartState, stage: Stage, captured: bool, failed: bool) -> StartState:
-    """The same, at another stage, with the counts anew."""
+def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
+    """The same, at another stage, counting from `hits` impacts and no misses."""
     return StartState(
         stage=stage,
         from_rad_s=state.from_rad_s,
@@ -175,7 +177,7 @@ def _at(state: StartState, stage: Stage, captured: bool, failed: bool) -> StartS
         s=state.s,
         target_omega_rad_s=state.target_omega_rad_s,
         target_acceleration_rad_s2=state.target_acceleration_rad_s2,
-        hits=0,
+        hits=hits,
         misses=0,
         attempts=state.attempts,
         captured=captured,
@@ -187,9 +189,9 @@ def _at(state: StartState, stage: Stage, captured: bool, failed: bool) -> StartS
 def _again(config: StartConfig, state: StartState) -> StartState:
     """Dip and try again, or say that it failed."""
     if state.attempts >= config.attempts:
-        return _at(state, state.stage, captured=False, failed=True)
+        return _at(state, state.stage, 0, captured=False, failed=True)
     return _curve(
-        _at(state, state.stage, captured=False, failed=False),
+        _at(state, state.stage, 0, captured=False, failed=False),
         Stage.DIP,
         config.dip_ratio * config.natural_rad_s,
         config.dip_s,
@@ -240,21 +242,23 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     state = _advanced(config, _counted(state, regime), elapsed_ticks)
     arrived = state.s >= 1.0
     if state.stage == Stage.DIP:
-        return _at(state, Stage.DWELL, captured=False, failed=False) if arrived else state
+        return _at(state, Stage.DWELL, 0, captured=False, failed=False) if arrived else state
     if state.stage == Stage.DWELL:
-        settled = state.hits >= config.missing_periods or state.misses >= config.missing_periods
+        settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
         return _curve(state, Stage.RISE, goal_rad_s, config.again_s, state.attempts) if settled else state
     if goal_rad_s != state.to_rad_s:
         share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
         return _curve(state, Stage.RISE, goal_rad_s, duration_s, state.attempts)
     if state.stage == Stage.RISE:
-        return _at(state, Stage.CONFIRM, captured=state.captured, failed=False) if arrived else state
+        # Impacts on the way count, but for the last two: those have to come at the target.
+        hits = min(state.hits, max(config.confirm_periods - 2, 0))
+        return _at(state, Stage.CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
     if state.stage == Stage.CONFIRM:
         if not needs_impacts or state.hits >= config.confirm_periods:
-            return _at(state, Stage.HOLD, captured=True, failed=False)
+            return _at(state, Stage.HOLD, 0, captured=True, failed=False)
         return _again(config, state) if state.misses >= config.missing_periods else state
-    if needs_impacts and state.misses >= config.missing_periods:
+    if needs_impacts and state.misses >= config.lost_periods:
         return _again(config, state)
     if state.attempts > 0 and state.hits >= 10 * config.confirm_periods:
         return _curve(state, Stage.HOLD, goal_rad_s, config.shortest_change_s, 0)

@@ -163,17 +163,19 @@ TABLE: tuple[Parameter, ...] = (
     ),
     Parameter("start.highest_ratio", "1", 0.01, 10.0, 1.45, "beyond the fold there are no impacts"),
     Parameter("start.capture_ratio", "1", 0.0, 10.0, 0.85, "from here on impacts are what is wanted"),
-    Parameter("start.dip_ratio", "1", 0.1, 10.0, 1.0, "where motion without impacts does not exist"),
+    Parameter("start.dip_ratio", "1", 0.1, 10.0, 1.05, "below 1.1 motion without impacts does not exist"),
     Parameter("start.rise_s", "s", 0.1, 100.0, 5.0, "2 s capture r = 1.35 nominally; more than twice that"),
-    Parameter("start.dip_s", "s", 0.1, 100.0, 1.5, "down to the dip"),
-    Parameter("start.again_s", "s", 0.1, 100.0, 2.5, "from the dip up again: 2 s capture r = 1.35 nominally"),
+    Parameter("start.dip_s", "s", 0.1, 100.0, 1.0, "down to the dip"),
+    Parameter("start.again_s", "s", 0.1, 100.0, 2.0, "from the dip up again: captures r = 1.35 nominally"),
     Parameter("start.stop_s", "s", 0.1, 100.0, 2.0, "to standstill"),
     Parameter("start.shortest_change_s", "s", 0.01, 100.0, 0.5, "for a small change of the target"),
     Parameter(
         "start.confirm_periods", "1", 1.0, 100.0, 5.0, "impacts in so many periods in a row", whole=True
     ),
+    Parameter("start.missing_periods", "1", 1.0, 100.0, 3.0, "without an impact: not captured", whole=True),
+    Parameter("start.lost_periods", "1", 1.0, 100.0, 2.0, "without an impact in the hold: lost", whole=True),
     Parameter(
-        "start.missing_periods", "1", 1.0, 100.0, 3.0, "without an impact: not captured, or lost", whole=True
+        "start.dwell_periods", "1", 1.0, 100.0, 2.0, "impacts in so many in the dip: rise again", whole=True
     ),
     Parameter("start.attempts", "1", 0.0, 20.0, 2.0, "dips before it is given up", whole=True),
     # --- speed loop ---------------------------------------------------------------------------------
@@ -460,6 +462,8 @@ def config_of(values: Mapping[str, float]) -> Config:
             shortest_change_s=values["start.shortest_change_s"],
             confirm_periods=int(values["start.confirm_periods"]),
             missing_periods=int(values["start.missing_periods"]),
+            lost_periods=int(values["start.lost_periods"]),
+            dwell_periods=int(values["start.dwell_periods"]),
             attempts=int(values["start.attempts"]),
         ),
         speed=speed.SpeedConfig(

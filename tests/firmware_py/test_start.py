@@ -69,7 +69,7 @@ def test_a_failed_capture_dips_and_then_gives_up_within_30_s() -> None:
     assert state.failed
     assert not state.captured
     assert state.attempts == CONFIG.attempts
-    dips = np.flatnonzero(np.diff((targets < 1.05 * CONFIG.natural_rad_s).astype(int)) == 1)
+    dips = np.flatnonzero(np.diff((targets < 1.06 * CONFIG.natural_rad_s).astype(int)) == 1)
     assert len(dips) == CONFIG.attempts
     frozen, _ = until(state, 1.0)
     assert frozen == state
@@ -78,7 +78,7 @@ def test_a_failed_capture_dips_and_then_gives_up_within_30_s() -> None:
 def test_a_lost_regime_is_recaptured() -> None:
     state, _ = until(start.INITIAL, 8.0)
     state, _ = until(state, 2.0, Mode.RUN, hits=False)
-    assert state.stage == Stage.DIP
+    assert state.stage in (Stage.DIP, Stage.DWELL)
     assert not state.captured
     state, targets = until(state, 9.0, Mode.RUN)
     assert state.captured
