@@ -64,6 +64,8 @@ class Bench:
     ratio: float = 1.3
     change: Callable[[int, list[Frame]], list[Frame]] = lambda _, frames: frames
     """What happens to the frames on their way to the firmware."""
+    overrun: Callable[[int], bool] = lambda _: False
+    """Whether the firmware misses this tick; its frames wait for the next one."""
 
     def __post_init__(self) -> None:
         self.node = FirmwareNode(config_from(self.parameters), self.parameters)
@@ -72,6 +74,8 @@ class Bench:
         self.axis_state = AxisState.IDLE.value
         self.axis_error = 0
         self.torque_n_m = 0.0
+        self.waiting: list[Frame] = []
+        self.elapsed_ticks = 0
         self.sent: list[Frame] = []
         self.inputs: list[Inputs] = []
         self.states: list[State] = []
@@ -107,8 +111,12 @@ class Bench:
     def run(self, seconds: float, keep: bool = True) -> Outputs:
         """Go on for `seconds`; the last outputs."""
         for _ in range(round(seconds * 1000)):
-            frames = self.change(self.tick, self.frames())
-            self.sent = self.node.tick(frames, 1)
+            self.waiting += self.change(self.tick, self.frames())
+            self.elapsed_ticks += 1
+            self.sent = []
+            if not self.overrun(self.tick):
+                self.sent = self.node.tick(self.waiting, self.elapsed_ticks)
+                self.waiting, self.elapsed_ticks = [], 0
             if keep:
                 self.inputs.append(self.node.inputs)
                 self.states.append(self.node.state)

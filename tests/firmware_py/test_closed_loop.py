@@ -156,6 +156,20 @@ def test_a_few_lost_and_skipped_frames_do_no_harm() -> None:
     assert math.sqrt(np.mean(x * x)) < 1.5e-3
 
 
+def test_overrun_ticks_do_no_harm() -> None:
+    """Two in a hundred ticks are missed, some of them several in a row."""
+    rng = np.random.default_rng(4)
+    missed = {int(k) + j for k in rng.integers(1000, 12000, 80) for j in range(int(rng.integers(1, 6)))}
+    bench = Bench(overrun=lambda tick: tick in missed).started()
+    bench.run(11.6)
+    assert bench.node.outputs.mode == Mode.RUN
+    assert bench.node.outputs.regime == Regime.IMPACT
+    assert bench.node.counters.skipped_ticks == len([k for k in missed if k < bench.tick])
+    seen = np.array([k not in missed for k in range(bench.tick)])
+    x = bench.column(lambda s, _, m: s.estimator.x_m - m.x_m)[seen & (times(bench) > 9.0)]
+    assert math.sqrt(np.mean(x * x)) < 1.5e-3
+
+
 @pytest.mark.parametrize("contact_s", [0.001, 0.0005])
 def test_a_blow_shorter_than_the_sampling_is_carried_across_by_newtons_law(contact_s: float) -> None:
     bench = Bench({"stop.contact_s": contact_s}, scene_with(stop={"contact_s": contact_s})).started()
