@@ -24,6 +24,7 @@ from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
 from hil.processes import Child, ChildError
+from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.scenario import Scenario, refuse_other_periods
 from hil.warm import warm_firmware, warm_plant
 
@@ -184,6 +185,11 @@ class RealTimeRun:
 
     def attend(self, operator: OperatorRunner, t0_ns: int) -> None:
         """Play the operator to the end of the script, or until some time after a child has died."""
+        with fixed_priority(OPERATOR_PRIORITY):
+            self.play(operator, t0_ns)
+
+    def play(self, operator: OperatorRunner, t0_ns: int) -> None:
+        """The operator's loop, with a look at the others in each of its periods."""
         period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
         loop = FixedRateLoop(self.clock, t0_ns, period_ns)
         periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)

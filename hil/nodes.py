@@ -28,6 +28,9 @@ class NodeBus(Protocol):
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
 
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+
 
 class Pace(NamedTuple):
     """How fast nodes tick and for how long; None: until they are stopped."""
@@ -59,10 +62,10 @@ class PlantRunner:
             self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)])
 
     def step(self, _: int, elapsed_ticks: int) -> None:
-        """One tick. Time that the loop has skipped passes for the plant first, with the torque it had."""
+        """One tick. Time that the loop has skipped passes for the plant first."""
         node, bus = self.node, self.bus
         if elapsed_ticks > 1:
-            node.wait(elapsed_ticks - 1)
+            node.sleep_through(elapsed_ticks - 1, bus.receive())
         bus.send_all(node.publish())
         node.advance(bus.receive())
 
@@ -103,9 +106,13 @@ class FirmwareRunner:
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records)
 
     def step(self, _: int, elapsed_ticks: int) -> None:
-        """One tick."""
+        """One tick. A pause of the whole machine ends for all at once: the sensors get a moment then."""
         bus = self.bus
-        bus.send_all(self.node.tick(bus.receive(), elapsed_ticks))
+        frames = bus.receive()
+        if elapsed_ticks > 1 and not frames:
+            bus.wait(self._period_s)
+            frames = bus.receive()
+        bus.send_all(self.node.tick(frames, elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""

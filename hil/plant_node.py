@@ -1,7 +1,7 @@
 """The plant as one CAN node: the module, its sensors and its motor's drive.
 
 At t_k `publish` gives what the sensors see. `advance` then obeys the frames that have arrived and moves the
-module to t_{k+1}. Where the loop has skipped ticks, `wait` lets their time pass: the world goes on meanwhile.
+module to t_{k+1}. Where the loop has skipped ticks, `sleep_through` lets their time pass: the world goes on.
 """
 
 from collections.abc import Callable, Sequence
@@ -148,22 +148,35 @@ class PlantNode:
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""
+        plant, drive = self.plant, self.drive
+        drive.handle(frames, self._reading.encoder_position_rev)
+        torque_n_m = drive.torque_n_m(self._state.omega_rad_s)
+        self.record = self._record_of(torque_n_m)
+        armed_s = min(self.period_s, drive.watchdog_left_s)
+        self._move(torque_n_m, armed_s)
+        drive.elapse(armed_s, self._state.omega_rad_s, plant.current_a)
+        if armed_s < self.period_s - TIME_RESOLUTION_S:
+            self._move(0.0, self.period_s - armed_s)
+        self.tick += 1
+
+    def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
+        """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.
+
+        The module moves on under the torque of the last command, for as long as a drive would hold it. The
+        drive's watchdog does not count the pause: who slept cannot call the others silent.
+        """
         drive = self.drive
         drive.handle(frames, self._reading.encoder_position_rev)
-        self.record = self._record_of(drive.torque_n_m(self._state.omega_rad_s))
-        self.wait(1)
-
-    def wait(self, ticks: int) -> None:
-        """Let `ticks` pass under the drive's torque; a watchdog that expires in between ends it there."""
-        plant, drive = self.plant, self.drive
+        pause_s = ticks * self.period_s
+        held_s = min(pause_s, drive.watchdog_left_s)
+        self._move(drive.torque_n_m(self._state.omega_rad_s), held_s)
+        self._move(0.0, pause_s - held_s)
         self.tick += ticks
-        rest_s = ticks * self.period_s
-        while rest_s > TIME_RESOLUTION_S:
-            dt_s = min(rest_s, max(drive.watchdog_left_s, TIME_RESOLUTION_S))
-            plant.advance(drive.torque_n_m(self._state.omega_rad_s), dt_s)
-            self._state = plant.state
-            drive.elapse(dt_s, self._state.omega_rad_s, plant.current_a)
-            rest_s -= dt_s
+
+    def _move(self, torque_n_m: float, dt_s: float) -> None:
+        if dt_s > 0.0:
+            self.plant.advance(torque_n_m, dt_s)
+            self._state = self.plant.state
 
     def _record_of(self, torque_n_m: float) -> PlantRecord:
         plant, reading = self.plant, self._reading

@@ -7,6 +7,8 @@ import platform
 import signal
 import struct
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -22,8 +24,8 @@ SCHED_DEADLINE = 6
 RESET_ON_FORK = 1
 SCHEDULING_ATTRIBUTES = struct.Struct("=IIQiIQQQII")
 
-
 NODE_PRIORITY = 20
+OPERATOR_PRIORITY = 10
 
 
 class Reservation(NamedTuple):
@@ -104,6 +106,20 @@ def take_fifo(priority: int) -> bool:
     except PermissionError:
         return False
     return True
+
+
+@contextmanager
+def fixed_priority(priority: int) -> Iterator[None]:
+    """SCHED_FIFO for a while, where this process may have it."""
+    if libc() is None or is_user_mode_linux():
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    take_fifo(priority)
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, parameters)
 
 
 def die_with_parent() -> None:

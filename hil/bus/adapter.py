@@ -1,5 +1,6 @@
 """Any python-can interface as a bus: real adapters, at python-can's own cost."""
 
+import select
 from collections.abc import Callable, Iterable
 
 import can
@@ -60,6 +61,11 @@ class AdapterBus:
             stamp_ns = int(message.timestamp * 1e9)
             frames.append((stamp_ns, Frame(message.arbitration_id, bytes(message.data))))
         return frames
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over; at once if the interface cannot tell."""
+        if self.fileno() >= 0:
+            select.select([self], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The interface's descriptor; -1 where it has none."""

@@ -49,6 +49,9 @@ class Bus(Protocol):
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """As `receive`, with the wall clock in ns at which each arrived; for a bus opened with `stamped`."""
 
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+
     def fileno(self) -> int:
         """A descriptor that becomes readable when frames arrive."""
 

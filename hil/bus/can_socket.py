@@ -8,6 +8,7 @@ import ctypes
 import errno
 import json
 import os
+import select
 import socket
 import struct
 import time
@@ -196,6 +197,10 @@ class CanSocket:
             if error.errno not in NOTHING_TO_RECEIVE:
                 raise
         return frames
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+        select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The socket's descriptor."""

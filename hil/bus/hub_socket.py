@@ -1,5 +1,6 @@
 """A node on the bus `local`: a stream to and from the hub, so that one call moves all frames of a tick."""
 
+import select
 import socket
 import time
 from collections.abc import Callable, Iterable
@@ -103,6 +104,10 @@ class HubSocket:
             else:
                 self.counters.foreign += 1
         return frames
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+        select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The socket's descriptor."""

@@ -48,3 +48,6 @@ class InProcessNode:
         """What the others have sent since the last call."""
         received, self.pending = self.pending, []
         return received
+
+    def wait(self, _: float) -> None:
+        """Nothing arrives while a node of the same process waits."""

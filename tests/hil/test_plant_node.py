@@ -79,26 +79,65 @@ def test_torque_turns_the_crank_forward_and_the_record_says_so() -> None:
     assert record.encoder_position_rev == pytest.approx(record.crank_rad / (2.0 * np.pi) % 1.0, abs=1e-3)
 
 
-def test_world_goes_on_through_a_pause_but_the_watchdog_ends_the_torque() -> None:
+def held(torque_n_m: float, ticks: int, of_ticks: int) -> Plant:
+    """The module alone under a torque for so many ticks, then under none."""
+    plant = Plant(load_scene("table1-motor-soft"), seed=1)
+    for tick in range(of_ticks):
+        plant.advance(torque_n_m if tick < ticks else 0.0, 1e-3)
+    return plant
+
+
+def assert_moves_as(node: PlantNode, plant: Plant) -> None:
+    assert node.plant.t_s == pytest.approx(plant.t_s)
+    assert node.plant.state.omega_rad_s == pytest.approx(plant.state.omega_rad_s, rel=1e-6)
+    assert node.plant.state.crank_rad == pytest.approx(plant.state.crank_rad, rel=1e-6)
+
+
+def test_silence_ends_the_torque_after_fifty_milliseconds() -> None:
+    node = plant_node()
+    for tick in range(200):
+        node.publish()
+        node.advance([ARM, torque(0.1)] if tick == 0 else [])
+    assert node.drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert_moves_as(node, held(0.1, ticks=50, of_ticks=200))
+
+
+def test_watchdog_ends_the_torque_within_a_long_tick() -> None:
+    node = plant_node(period_s=4e-3)
+    for tick in range(50):
+        node.publish()
+        node.advance([ARM, torque(0.1)] if tick == 0 else [])
+    assert node.drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert_moves_as(node, held(0.1, ticks=50, of_ticks=200))
+
+
+def test_pause_of_the_plant_itself_moves_the_world_but_is_no_silence_of_the_firmware() -> None:
     node = plant_node()
     node.publish()
     node.advance([ARM, torque(0.1)])
-    node.wait(199)
-    alone = Plant(load_scene("table1-motor-soft"), seed=1)
-    for tick in range(200):
-        alone.advance(0.1 if tick < 50 else 0.0, 1e-3)
+    node.sleep_through(199, [])
     assert node.tick == 200
-    assert node.plant.t_s == pytest.approx(0.2)
-    assert node.drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
-    assert node.plant.state.omega_rad_s == pytest.approx(alone.state.omega_rad_s, rel=1e-6)
-    assert node.plant.state.crank_rad == pytest.approx(alone.state.crank_rad, rel=1e-6)
+    assert node.drive.armed
+    assert_moves_as(node, held(0.1, ticks=50, of_ticks=200))
+    for _ in range(49):
+        node.publish()
+        node.advance([])
+    assert not node.drive.armed
+
+
+def test_what_was_commanded_during_a_pause_acts_in_it() -> None:
+    node = plant_node()
+    node.publish()
+    node.advance([ARM, torque(0.1)])
+    node.sleep_through(30, [torque(0.0)])
+    assert_moves_as(node, held(0.1, ticks=1, of_ticks=31))
 
 
 def test_pause_leaves_no_burst_of_frames_behind() -> None:
     node = plant_node()
     node.publish()
     node.advance([])
-    node.wait(1000)
+    node.sleep_through(1000, [])
     assert sorted(frame.can_id for frame in node.publish()) == [
         0x001,
         0x003,
