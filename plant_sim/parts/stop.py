@@ -1,5 +1,6 @@
 """The stop that the striker hits at x = position_m, approached with x' > 0."""
 
+import math
 from typing import NamedTuple, TypeAlias
 
 from plant_sim.kernels import by_part, law
@@ -185,3 +186,28 @@ def _(stop: RigidStop) -> float:
 @law(restitution, NoStop, KelvinVoigt, HuntCrossley)
 def _(stop: NoStop | KelvinVoigt | HuntCrossley) -> float:
     return 1.0
+
+
+@by_part
+def contact_rate_rad_s(stop: Stop, mass_kg: float, touch_speed_m_s: float) -> float:
+    """Speed over greatest depth, rad/s, of an undamped contact: how fast things happen in it."""
+    raise NotImplementedError
+
+
+@law(contact_rate_rad_s, NoStop, RigidStop)
+def _(stop: NoStop | RigidStop, mass_kg: float, touch_speed_m_s: float) -> float:
+    return 0.0
+
+
+@law(contact_rate_rad_s, KelvinVoigt)
+def _(stop: KelvinVoigt, mass_kg: float, touch_speed_m_s: float) -> float:
+    return math.sqrt(stop.stiffness_n_m / mass_kg)
+
+
+@law(contact_rate_rad_s, HuntCrossley)
+def _(stop: HuntCrossley, mass_kg: float, touch_speed_m_s: float) -> float:
+    # ½ m v² = K δⁿ⁺¹ / (n + 1)
+    speed = max(touch_speed_m_s, LEAST_TOUCH_SPEED_M_S)
+    order = stop.exponent + 1.0
+    depth_m: float = (0.5 * order * mass_kg * speed * speed / stop.stiffness_n_mn) ** (1.0 / order)
+    return speed / depth_m

@@ -43,14 +43,14 @@ TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE = range(6)
 IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
 
 # Places in Memory.observed.
-ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW = range(7)
+ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW, PHASE_NOW = range(8)
 
-SHARE_OF_A_STEP = 0.1
-"""A forcing period takes some ten steps: each may err by this share of the period's accuracy."""
+SHARE_OF_A_STEP = 0.02
+"""A forcing period takes some twenty steps, those of a contact included; each may err by this share of it."""
 
 
 class Memory(NamedTuple):
-    """State and mode, bookkeeping, results, and scratch from `scale` on."""
+    """State and mode, bookkeeping, results, tolerances, and scratch from `k` on."""
 
     y: Vector
     mode: NDArray[np.int64]
@@ -59,6 +59,7 @@ class Memory(NamedTuple):
     impacts: Vector
     observed: Vector
     scale: Vector
+    contact_scale: Vector
     k: Vector
     trial: Vector
     new: Vector
@@ -92,8 +93,9 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         held=held,
         contact=np.zeros(6 if is_soft(stop) else 0),
         impacts=np.zeros((impacts, 6)),
-        observed=np.zeros(7),
+        observed=np.zeros(8),
         scale=_scale(parts, accuracy),
+        contact_scale=_scale(parts, accuracy)[: None if is_soft(stop) else 0],
         k=np.zeros((STAGES, size)),
         trial=np.zeros(size),
         new=np.zeros(size),

@@ -1,0 +1,204 @@
+"""The module written down a second time, plainly, for scipy from event to event: slow and sure."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from plant_sim.parts.drive import IdealDrive, MotorDrive
+from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+
+MOST_STEP_S = 2e-3
+"""Short enough that scipy's own event search, by signs at step ends, sees every crossing of these runs."""
+
+NUDGE = 1e-14
+"""A speed, m/s or rad/s, with which a halted part sets off: scipy finds a zero at a step's start for ever."""
+
+
+@dataclass
+class Reference:
+    """A module whose striker may stick (ideal drive, outside the stop) but does not rest on a stop."""
+
+    parts: Parts
+    x: float
+    v: float
+    theta: float
+    omega: float
+    t: float = 0.0
+    touch_v: float | None = None
+    touch_t: float = 0.0
+    is_crank_stuck: bool = False
+    impacts_t: list[float] = field(default_factory=list)
+    impacts_v: list[float] = field(default_factory=list)
+
+    def run(self, until: float, torque: float = 0.0, rtol: float = 1e-12) -> None:
+        """Carry the state on to `until` under a held torque."""
+        while self.t < until:
+            if self.v == 0.0 and self.touch_v is None and abs(self._pull()) <= self._limit() > 0.0:
+                self._stick(until)
+                continue
+            push = 0.0 if self.touch_v is None else self._stop_force(self.x - self.parts.stop.position_m, 0.0)
+            direction = math.copysign(1.0, self.v if self.v != 0.0 else self._pull() - push)
+            if self.v == 0.0 and self._limit() > 0.0:
+                self.v = NUDGE * direction
+            net, dry = self._crank_net(torque, self.x), self._dry()
+            self.is_crank_stuck = self.omega == 0.0 and abs(net) <= dry > 0.0
+            crank_direction = math.copysign(1.0, self.omega if self.omega != 0.0 else net)
+            if dry > 0.0 and self.omega == 0.0 and not self.is_crank_stuck:
+                self.omega = NUDGE * crank_direction
+            events = [
+                self._stop_event(),
+                self._halt_event(direction),
+                self._crank_event(crank_direction, torque),
+            ]
+            solution = solve_ivp(
+                lambda t, y: self._derivative(y, torque, direction, crank_direction),  # noqa: B023
+                (self.t, until),
+                [self.x, self.v, self.theta, self.omega],
+                method="DOP853",
+                rtol=rtol,
+                atol=1e-15,
+                events=events,
+                max_step=MOST_STEP_S,
+            )
+            self.t = float(solution.t[-1])
+            self.x, self.v, self.theta, self.omega = solution.y[:, -1]
+            if len(solution.t_events[0]):
+                self._meet_stop()
+            elif len(solution.t_events[1]):
+                self.v = 0.0
+            elif len(solution.t_events[2]) and self.is_crank_stuck:
+                self.omega = math.copysign(NUDGE, self._crank_net(torque, self.x))
+            elif len(solution.t_events[2]):
+                self.omega = 0.0
+
+    def _dry(self) -> float:
+        drive = self.parts.drive
+        return drive.dry_n_m if isinstance(drive, MotorDrive) else 0.0
+
+    def _crank_net(self, torque: float, x: float) -> float:
+        striker, drive = self.parts.striker, self.parts.drive
+        stretch = drive.amplitude_m * math.sin(self.theta) + striker.rest_length_m - x
+        return torque - striker.spring_n_m * stretch * drive.amplitude_m * math.cos(self.theta)
+
+    def _crank_event(self, direction, torque):
+        if self._dry() == 0.0:
+            return _never
+        if self.is_crank_stuck:
+            beyond = (1.0 + 1e-12) * self._dry()
+            return _event(lambda t, y: abs(self._crank_net(torque, y[0])) - beyond, 1.0)
+        return _event(lambda t, y: y[3], -direction)
+
+    def _pull(self) -> float:
+        striker, drive = self.parts.striker, self.parts.drive
+        return striker.spring_n_m * (
+            drive.amplitude_m * math.sin(self.theta) + striker.rest_length_m - self.x
+        )
+
+    def _derivative(self, y, torque, direction, crank_direction):
+        x, v, theta, omega = y
+        striker, drive, friction, stop = self.parts
+        m, c, weight = striker.mass_kg, striker.spring_n_m, striker.mass_kg * striker.gravity_m_s2
+        force = c * (drive.amplitude_m * math.sin(theta) + striker.rest_length_m - x)
+        load = force * drive.amplitude_m * math.cos(theta)
+        match friction:
+            case Viscous(b):
+                force -= b * v
+            case Coulomb(mu, b):
+                force -= mu * weight * direction + b * v
+            case Stribeck(mu, mu_s, v_s, delta, b):
+                fall = math.exp(-((abs(v) / v_s) ** delta))
+                force -= (mu + (mu_s - mu) * fall) * weight * direction + b * v
+            case NoFriction():
+                pass
+        if self.touch_v is not None:
+            force -= self._stop_force(x - stop.position_m, v)
+        match drive:
+            case IdealDrive():
+                alpha = 0.0
+            case MotorDrive():
+                kt, r = drive.torque_constant_n_m_a, drive.resistance_ohm
+                current = np.clip(torque / kt, -drive.current_limit_a, drive.current_limit_a)
+                current = np.clip(
+                    current, (-drive.supply_v - kt * omega) / r, (drive.supply_v - kt * omega) / r
+                )
+                losses = drive.viscous_n_m_s * omega + drive.dry_n_m * crank_direction
+                alpha = (kt * current - losses - load) / drive.inertia_kg_m2
+                if self.is_crank_stuck:
+                    alpha = 0.0
+        return [v, force / m, omega, alpha]
+
+    def _stop_force(self, depth: float, v: float) -> float:
+        match self.parts.stop:
+            case HuntCrossley(_, stiffness, exponent, dissipation):
+                return stiffness * max(depth, 0.0) ** exponent * (1.0 + dissipation / self.touch_v * v)
+            case KelvinVoigt(_, stiffness, damping):
+                return stiffness * depth + damping * v
+        raise AssertionError
+
+    def _stop_event(self):
+        stop = self.parts.stop
+        if isinstance(stop, NoStop):
+            return _never
+        if self.touch_v is None:
+            return _event(lambda t, y: y[0] - stop.position_m, 1.0)
+        if isinstance(stop, KelvinVoigt):
+            return _event(lambda t, y: self._stop_force(y[0] - stop.position_m, y[1]), -1.0)
+        return _event(lambda t, y: y[0] - stop.position_m, -1.0)
+
+    def _halt_event(self, direction):
+        if isinstance(self.parts.friction, NoFriction | Viscous):
+            return _never
+        return _event(lambda t, y: y[1], -direction)
+
+    def _limit(self) -> float:
+        weight = self.parts.striker.mass_kg * self.parts.striker.gravity_m_s2
+        match self.parts.friction:
+            case Coulomb(mu, _):
+                return mu * weight
+            case Stribeck(_, mu_s, _, _, _):
+                return mu_s * weight
+        return 0.0
+
+    def _stick(self, until: float) -> None:
+        """Stay until the pull grows past the limit, looked for in steps and refined; leave a hair later."""
+        begin, angle = self.t, self.theta
+
+        def excess(t: float) -> float:
+            self.theta = angle + self.omega * (t - begin)
+            return abs(self._pull()) - self._limit()
+
+        grid = np.arange(begin, until + MOST_STEP_S, MOST_STEP_S)
+        later = next((t for t in grid[1:] if excess(t) > 0.0), None)
+        self.t = until if later is None else brentq(excess, later - MOST_STEP_S, later, xtol=1e-16)
+        while self.t < until and excess(self.t) <= 0.0:
+            self.t = math.nextafter(self.t, math.inf)
+        self.t = min(self.t, until)
+        excess(self.t)
+
+    def _meet_stop(self) -> None:
+        stop = self.parts.stop
+        if isinstance(stop, RigidStop):
+            self.impacts_t.append(self.t)
+            self.impacts_v.append(self.v)
+            self.x, self.v = stop.position_m, -stop.restitution * self.v
+        elif self.touch_v is None:
+            self.touch_t, self.touch_v = self.t, self.v
+        else:
+            self.impacts_t.append(self.touch_t)
+            self.impacts_v.append(self.touch_v)
+            self.touch_v = None
+
+
+def _event(function, direction):
+    function.terminal = True
+    function.direction = direction
+    return function
+
+
+def _never(t, y):
+    return 1.0
