@@ -106,12 +106,16 @@ class FirmwareRunner:
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records)
 
     def step(self, _: int, elapsed_ticks: int) -> None:
-        """One tick. A pause of the whole machine ends for all at once: the sensors get a moment then."""
+        """One tick.
+
+        A pause of the whole machine ends for all at once. What lies there then is from before it, and would
+        pass for new: the sensors get a moment to speak first.
+        """
         bus = self.bus
         frames = bus.receive()
-        if elapsed_ticks > 1 and not frames:
+        if elapsed_ticks > 1:
             bus.wait(self._period_s)
-            frames = bus.receive()
+            frames += bus.receive()
         bus.send_all(self.node.tick(frames, elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:
