@@ -25,6 +25,7 @@ from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
 from hil.processes import Child, ChildError
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
+from hil.rerun_log import show
 from hil.scenario import Scenario, refuse_other_periods
 from hil.warm import warm_firmware, warm_plant
 
@@ -35,6 +36,8 @@ INTERRUPTED = "interrupted by Ctrl-C"
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
+LIVE = "live"
+"""The child that shows the run in a viewer."""
 REACTION_S = 0.5
 """How long the survivors of a dead node are watched."""
 END_TIMEOUT_S = 5.0
@@ -56,20 +59,31 @@ class Outcome:
 
 
 def run_scenario(
-    scenario: Scenario, clock: ClockName, bus: str, out_dir: Path | None, seed: int, progress: Progress
+    scenario: Scenario,
+    clock: ClockName,
+    bus: str,
+    out_dir: Path | None,
+    seed: int,
+    progress: Progress,
+    viewer: str | None = None,
 ) -> dict[str, Any]:
-    """Run `scenario` and give its verdict; everything about the run is in its folder."""
+    """Run `scenario` and give its verdict; everything about the run is in its folder.
+
+    An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
+    """
     if clock == "lockstep":
         run_dir, outcome = in_lockstep(scenario, out_dir, seed, progress)
     else:
         refuse_other_periods(scenario.period_s)
         with provide(bus) as provided:
             run_dir = run_folder.create(scenario, out_dir, "real", provided.described, seed)
-            outcome = RealTimeRun(scenario, run_dir, seed, provided, progress).run()
+            outcome = RealTimeRun(scenario, run_dir, seed, provided, progress, viewer).run()
         if provided.said:
             run_folder.note(run_dir, bus_said=json.loads(provided.said))
     progress(1.0, "writing log and verdict")
     verdict = rundir.finish(run_dir)
+    if viewer is not None and clock == "lockstep":
+        show(run_dir, viewer)
     if INTERRUPTED in outcome.reasons:
         raise KeyboardInterrupt
     return verdict
@@ -110,13 +124,20 @@ class RealTimeRun:
     """One run on the wall clock, with a process for each node."""
 
     def __init__(
-        self, scenario: Scenario, run_dir: Path, seed: int, provided: ProvidedBus, progress: Progress
+        self,
+        scenario: Scenario,
+        run_dir: Path,
+        seed: int,
+        provided: ProvidedBus,
+        progress: Progress,
+        viewer: str | None = None,
     ) -> None:
         self.scenario = scenario
         self.run_dir = run_dir
         self.seed = seed
         self.provided = provided
         self.progress = progress
+        self.viewer = viewer
         self.clock = MonotonicClock()
         self.outcome = Outcome()
         self.children: dict[str, Child] = {}
@@ -148,8 +169,9 @@ class RealTimeRun:
 
     @property
     def watched(self) -> dict[str, Child]:
-        """Every process whose end would end the run."""
-        return {**self.children, **self.provided.processes}
+        """Every process whose end would end the run; a viewer may be closed."""
+        needed = {name: child for name, child in self.children.items() if name != LIVE}
+        return {**needed, **self.provided.processes}
 
     def commands(self) -> dict[str, list[str]]:
         """The command line of each child, in the order in which they are stopped."""
@@ -158,11 +180,13 @@ class RealTimeRun:
         duration = str(self.scenario.duration_s)
         common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
         python = [sys.executable, "-m"]
+        live = [*python, "hil.live", str(self.run_dir), "--to", str(self.viewer)]
         return {
             "firmware": [program(), "firmware", scenario, *common],
             "plant": [program(), "plant", scenario, *common, "--seed", str(self.seed)],
             "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
             "recorder": [*python, "hil.recorder", str(self.run_dir), "--bus", address],
+            **({} if self.viewer is None else {LIVE: live}),
         }
 
     def start_all(self) -> None:

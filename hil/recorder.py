@@ -15,36 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from hil import trace
 from hil.bus import Bus, join
 from hil.can_log import CanLog
+from hil.follower import TRACES, Follower
 from hil.processes import READY, read_start_ns, stop_requests
 from hil.rerun_log import LOG_NAME, RunLog
-from hil.run_traces import NO_RECORDS, BusLog, Records, RunTraces, read_json, read_scenario
+from hil.run_traces import BusLog, RunTraces, read_json, read_scenario
 
 APPEND_PERIOD_S = 1.0
 DRAIN_PERIOD_S = 0.02
 """Some sixty frames wait in the bus's buffer until they are taken; they carry the time they came."""
 NICENESS = 10
 """Below the loops, also where they run at ordinary priority."""
-TRACES = ("plant", "firmware", "impacts", "operator")
-
-
-class Follower:
-    """Reads what is new in each trace of a run that is going on."""
-
-    def __init__(self, run_dir: Path) -> None:
-        self.run_dir = run_dir
-        self._read = dict.fromkeys(TRACES, 0)
-
-    def new_records(self, name: str) -> Records:
-        """The records of one trace since the last call; none while nobody has begun it."""
-        path = self.run_dir / f"{name}.trace"
-        if not path.exists():
-            return NO_RECORDS
-        records = trace.read(path, self._read[name])
-        self._read[name] += len(records)
-        return records
 
 
 class Recorder:

@@ -3,12 +3,13 @@
 Each trace is one entity with one Arrow struct a tick, its fields named as in the trace, so that the log
 holds all the traces hold and costs little more than the numbers themselves; the layout picks the fields it
 plots. Two timelines: `sim_time`, and `wall_time`, when the process woke (in lockstep: when it would have).
-One writer serves the recorder, which appends once a second while a run goes on, and the rebuild of a whole
-run; what it writes depends on the traces alone.
+One writer serves the recorder, which appends once a second while a run goes on, the live view, and the
+rebuild of a whole run; what it writes depends on the traces alone.
 """
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -34,6 +35,8 @@ from hil.run_traces import BusLog, Records, RunTraces, column, read_run
 
 APPLICATION_ID = "vibrohil"
 LOG_NAME = "run.rrd"
+VIEWER_TIMEOUT_S = 5.0
+"""A viewer that takes nothing for so long is given up."""
 
 FloatArray = NDArray[np.float64]
 
@@ -109,19 +112,27 @@ class Timebase:
 
 
 class RunLog:
-    """Writes a run's traces to `path`; `append` takes the records that are new since the last call."""
+    """Writes a run's traces to a file, or to an open viewer by its URL; `append` takes what is new.
+
+    A viewer that is gone or stopped raises RuntimeError.
+    """
 
     def __init__(
         self,
-        path: Path,
+        to: Path | str,
         run: Mapping[str, Any],
         scenario: Mapping[str, Any],
         moments: Moments | None = None,
     ) -> None:
-        self.recording = rr.RecordingStream(
-            APPLICATION_ID, recording_id=recording_id(run), send_properties=False
-        )
-        self.recording.save(path, default_blueprint=layout(moments))
+        # A viewer joins what has one identity: the file opened beside the live view must not be its double.
+        identity = recording_id(run) if isinstance(to, Path) else f"{recording_id(run)}-live"
+        self.recording = rr.RecordingStream(APPLICATION_ID, recording_id=identity, send_properties=False)
+        self._flush_s = math.inf
+        if isinstance(to, Path):
+            self.recording.save(to, default_blueprint=layout(moments))
+        else:
+            self.recording.connect_grpc(to, default_blueprint=layout(moments))
+            self._flush_s = VIEWER_TIMEOUT_S
         self.time = Timebase(float(run.get("wall_start_s", 0.0)))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
         self._declared: set[str] = set()
@@ -156,7 +167,7 @@ class RunLog:
         self._impacts(traces.impacts)
         self._operator(traces.operator)
         self._frames(traces.bus)
-        self.recording.flush()
+        self.recording.flush(timeout_sec=self._flush_s)
 
     def conclude(self, outcome: Mapping[str, Any], marks: Sequence[Mark]) -> None:
         """Log how the run ended, and the moments of failed checks."""
@@ -343,19 +354,33 @@ class RunLog:
         self._send("events", np.array(t_s), rr.TextLog.columns(text=texts, level=levels))
 
 
-def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
-    """Write the log of a whole run at once, opening on what its verdict makes worth seeing."""
+def log_whole(to: Path | str, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> None:
+    """Write or send the log of a whole run at once, opening on what its verdict makes worth seeing."""
     failed = marks(results, traces, figures)
-    unfinished = path.with_name(f"{path.name}.new")
-    with RunLog(unfinished, traces.run, traces.scenario, moments(traces, figures, failed)) as log:
+    with RunLog(to, traces.run, traces.scenario, moments(traces, figures, failed)) as log:
         log.append(traces)
         log.conclude(traces.outcome, failed)
+
+
+def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
+    """Write the log of a whole run; the file takes its name once it is whole."""
+    unfinished = path.with_name(f"{path.name}.new")
+    log_whole(unfinished, traces, figures, results)
     return unfinished.rename(path)
 
 
-def rebuild(run_dir: Path) -> Path:
-    """Write `run.rrd` anew from the traces of a run, also of one that was killed."""
+def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:
+    """What a log is made of, from the traces of a run, also of one that was killed."""
     traces = read_run(run_dir)
     figures = figures_from(traces)
-    results = evaluate(checks_of(traces.scenario), figures.as_json())
-    return write_log(run_dir / LOG_NAME, traces, figures, results)
+    return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json())
+
+
+def rebuild(run_dir: Path) -> Path:
+    """Write `run.rrd` anew from the traces of a run."""
+    return write_log(run_dir / LOG_NAME, *judged(run_dir))
+
+
+def show(run_dir: Path, url: str) -> None:
+    """Send a finished run to an open viewer."""
+    log_whole(url, *judged(run_dir))

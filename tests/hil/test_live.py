@@ -1,0 +1,115 @@
+"""The live view: an open viewer gets all that is recorded, and its end is nobody's loss."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+from run_folder import make_run, write_run
+
+from hil.bench import RealTimeRun
+from hil.follower import Follower
+from hil.log_reader import column_hashes, repair
+from hil.processes import Child
+from hil.rerun_log import rebuild, show
+from hil.rerun_program import rerun_environment, rerun_program
+
+
+@pytest.fixture
+def run_dir(tmp_path):
+    return write_run(make_run(), tmp_path / "run")
+
+
+@pytest.fixture
+def viewer(tmp_path):
+    """What takes the place of a viewer: it keeps what it is sent in `received.rrd`."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    received = tmp_path / "received.rrd"
+    process = subprocess.Popen(
+        [rerun_program(), "--bind", "127.0.0.1", "--port", str(port), "--save", received],
+        env={**rerun_environment(), "RUST_LOG": "off"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        with socket.socket() as caller:
+            if caller.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.05)
+    yield SimpleNamespace(process=process, url=f"rerun+http://127.0.0.1:{port}/proxy", received=received)
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    process.wait(10.0)
+
+
+def end(viewer):
+    """The viewer's end, once it has written what it got; its file lacks a footer."""
+    size = -1
+    while size != (size := viewer.received.stat().st_size):
+        time.sleep(0.2)
+    viewer.process.send_signal(signal.SIGINT)
+    viewer.process.wait(10.0)
+    repair(viewer.received)
+
+
+def start(run_dir, viewer) -> Child:
+    command = [sys.executable, "-m", "hil.live", str(run_dir), "--to", viewer.url]
+    child = Child("live", command, run_dir / "live.log")
+    child.wait_ready(30.0)
+    child.tell("0")
+    return child
+
+
+def test_a_run_that_goes_on_is_shown_whole(run_dir, viewer):
+    live = start(run_dir, viewer)
+    time.sleep(1.0)
+    live.stop()
+    assert live.succeeded, live.last_errors()
+    end(viewer)
+    shown, whole = column_hashes(viewer.received), column_hashes(rebuild(run_dir))
+    differing = {name.split(":")[0] for name in whole if shown.get(name) != whole[name]}
+    assert differing <= {"/stop", "/events"}, "the stop's line comes in pieces, the verdict at the end"
+    assert "/firmware:trace:record.outputs.mode" in shown
+
+
+def test_a_run_in_lockstep_is_shown_at_its_end(run_dir, viewer):
+    show(run_dir, viewer.url)
+    end(viewer)
+    assert column_hashes(viewer.received) == column_hashes(rebuild(run_dir))
+
+
+def test_a_viewer_that_is_closed_ends_only_the_view(run_dir, viewer):
+    live = start(run_dir, viewer)
+    time.sleep(0.5)
+    os.kill(viewer.process.pid, signal.SIGKILL)
+    can_log = run_dir / "can.log"
+    with can_log.open("a") as file:
+        file.write(can_log.read_text().splitlines(keepends=True)[-1])
+    assert live.wait(20.0)
+    live.stop()
+    assert "the live view ended" in live.last_errors()
+
+
+def test_a_run_does_not_end_with_its_live_view(run_dir):
+    provided = SimpleNamespace(processes={"hub": object()}, address="local:x", name="local")
+    run = RealTimeRun(None, run_dir, 1, provided, lambda *_: None, viewer="rerun+http://x/proxy")
+    run.children = dict.fromkeys(("plant", "live"), object())
+    assert set(run.watched) == {"plant", "hub"}
+
+
+def test_a_line_that_is_being_written_waits_for_its_end(tmp_path):
+    follower = Follower(tmp_path)
+    assert follower.new_frames().payloads == ()
+    (tmp_path / "can.log").write_bytes(b"(0.001000) can0 080#0102\n(0.002000) can0 0")
+    assert follower.new_frames().payloads == (b"\x01\x02",)
+    with (tmp_path / "can.log").open("ab") as file:
+        file.write(b"81#03\n")
+    frames = follower.new_frames()
+    assert (frames.can_id.tolist(), frames.payloads) == ([0x81], (b"\x03",))
