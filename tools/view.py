@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from hil.log_reader import repair
@@ -14,6 +16,10 @@ from tools.output import BadInputError, progress_console
 
 RUNS = Path("runs")
 LOOPBACK = "127.0.0.1"
+LIVE_PORT = 9876
+"""Where Rerun's viewers listen for runs that are going on; its own default."""
+LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
+OPENING_S = 20.0
 
 
 def newest_run() -> Path:
@@ -59,15 +65,62 @@ def viewer_command(log: Path, web: bool) -> list[str]:
     return [*command, "--web-viewer", "--web-viewer-port", "0"] if web else command
 
 
-def view(run: Path | None, web: bool) -> None:
-    """Open `run`, and stay until the window is closed; a browser's viewer is served until Ctrl-C."""
-    log = log_of(run)
-    if not web and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+def live_viewer_command(web: bool) -> list[str]:
+    """How a viewer is started that waits for runs that are going on."""
+    command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(LIVE_PORT)]
+    return [*command, "--web-viewer", "--web-viewer-port", "0"] if web else command
+
+
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))
+
+
+def view(run: Path | None, web: bool, live: bool) -> None:
+    """Open `run`, or a viewer that waits for live ones; stay until the window is closed or Ctrl-C."""
+    if live and run is not None:
+        raise BadInputError(f"--live waits for runs that are going on; leave out {run}, or leave out --live")
+    log = None if live else log_of(run)
+    if not web and not has_display():
         raise BadInputError("no display to open a window on; look at it in a browser with --web")
-    progress_console.print(f"{log}: serving until Ctrl-C" if web else str(log), highlight=False)
+    shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
+    progress_console.print(f"{shown}: serving until Ctrl-C" if web else shown, highlight=False)
+    command = live_viewer_command(web) if log is None else viewer_command(log, web)
     try:
-        subprocess.run(viewer_command(log, web), env=rerun_environment(), check=True)
+        subprocess.run(command, env=rerun_environment(), check=True)
     except KeyboardInterrupt:
         return
     except subprocess.CalledProcessError as error:
         raise RerunError(f"the viewer ended with status {error.returncode}") from error
+
+
+def waiting_for_runs() -> bool:
+    """Whether a viewer is open that takes live runs."""
+    with socket.socket() as caller:
+        caller.settimeout(1.0)
+        return caller.connect_ex((LOOPBACK, LIVE_PORT)) == 0
+
+
+def live_viewer() -> str:
+    """The URL of an open viewer; a window is opened where there is none and a display to open it on."""
+    if waiting_for_runs():
+        return LIVE_URL
+    if not has_display():
+        raise BadInputError(
+            f"--live: no viewer is open at {LIVE_URL}, and there is no display to open one on; "
+            "start `vibrohil view --live --web` in another terminal first"
+        )
+    viewer = subprocess.Popen(
+        live_viewer_command(web=False),
+        env=rerun_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # the window stays when the run has ended
+    )
+    deadline_s = time.monotonic() + OPENING_S
+    while not waiting_for_runs():
+        if viewer.poll() is not None or time.monotonic() > deadline_s:
+            raise RerunError(f"the viewer did not open within {OPENING_S:g} s; try `vibrohil view --live`")
+        time.sleep(0.1)
+    return LIVE_URL

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -112,4 +113,27 @@ def test_without_a_display_the_browser_is_recommended(log, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(BadInputError, match="--web"):
-        view.view(log, web=False)
+        view.view(log, web=False, live=False)
+
+
+def test_a_live_run_needs_a_viewer_or_a_display(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        monkeypatch.setattr(view, "LIVE_PORT", taken.getsockname()[1])
+        with pytest.raises(BadInputError, match="view --live --web"):
+            view.live_viewer()
+        taken.listen()
+        assert view.live_viewer() == view.LIVE_URL
+
+
+def test_a_viewer_for_live_runs_takes_no_other():
+    with pytest.raises(BadInputError, match="--live"):
+        view.view(Path("run"), web=True, live=True)
+
+
+def test_a_viewer_for_live_runs_is_bound_to_loopback():
+    for web in (False, True):
+        command = view.live_viewer_command(web)
+        assert command[command.index("--bind") + 1] == "127.0.0.1"

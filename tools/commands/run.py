@@ -31,6 +31,9 @@ def run(
         list[str] | None,
         typer.Option("--set", help="Change a value: scene., firmware. or script., dotted; repeatable."),
     ] = None,
+    live: Annotated[
+        bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run one scenario, record every signal, and judge it."""
@@ -38,6 +41,11 @@ def run(
     from hil.scenario import load_scenario
 
     loaded = load_scenario(scenario, change or [])
+    viewer = None
+    if live:
+        from tools.view import live_viewer
+
+        viewer = live_viewer()
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -50,7 +58,9 @@ def run(
         def progress(fraction: float, doing: str) -> None:
             bar.update(task, completed=fraction, description=doing)
 
-        verdict = run_scenario(loaded, clock=clock, bus=bus, out_dir=out, seed=seed, progress=progress)
+        verdict = run_scenario(
+            loaded, clock=clock, bus=bus, out_dir=out, seed=seed, progress=progress, viewer=viewer
+        )
     if as_json:
         print_json(verdict)
     else:

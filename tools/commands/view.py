@@ -16,8 +16,9 @@ def view(
         Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
     ] = None,
     web: Annotated[bool, typer.Option(help="In a browser instead of a window; loopback only.")] = False,
+    live: Annotated[bool, typer.Option(help="Wait for runs that are started with --live.")] = False,
 ) -> None:
-    """Open a run in the Rerun viewer."""
+    """Open a run in the Rerun viewer, or a viewer that waits for live ones."""
     from tools.view import view as open_viewer
 
-    open_viewer(run, web=web)
+    open_viewer(run, web=web, live=live)
