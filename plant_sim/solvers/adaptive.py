@@ -141,7 +141,7 @@ def _step(
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
     place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
     remaining = duration_s - held[ELAPSED]
-    longest = 2.0 / max(
+    longest = 1.0 / max(
         math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg), abs(crank_speed(parts.drive, memory))
     )
     derivative(parts, flow, 0.0, y, k[0])
