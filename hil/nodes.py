@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
+from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import Counters, FirmwareNode
 from firmware_py.shell.parameters import config_from
@@ -17,6 +18,10 @@ from plant_sim.scene import Scene
 
 LONGEST_PREALLOCATED_S = 120.0
 """Traces of longer runs grow while the loop runs, 8 MB at a time."""
+
+
+SAMPLES = (codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id)
+"""Frames that stand for the instant they are sent at, and do not say which that was."""
 
 
 class NodeBus(Protocol):
@@ -108,12 +113,13 @@ class FirmwareRunner:
     def step(self, _: int, elapsed_ticks: int) -> None:
         """One tick.
 
-        A pause of the whole machine ends for all at once. What lies there then is from before it, and would
-        pass for new: the sensors get a moment to speak first.
+        After a pause, samples that lie there may be as old as the pause is long, and would pass for new:
+        they are left, and the sensors get a period's time to speak.
         """
         bus = self.bus
         frames = bus.receive()
         if elapsed_ticks > 1:
+            frames = [frame for frame in frames if frame.can_id not in SAMPLES]
             bus.wait(self._period_s)
             frames += bus.receive()
         bus.send_all(self.node.tick(frames, elapsed_ticks))
