@@ -60,14 +60,14 @@ class Drawing:
         self.amplitude_mm = 1e3 * float(scene.get("drive", {}).get("amplitude_m", 0.02))
         stop_m = scene.get("stop", {}).get("position_m")
         self.stop_mm = None if stop_m is None else 1e3 * float(stop_m)
-        self._declare()
+        self._declared: set[str] = set()
 
     def _strips(self, entity: str, lines: list[Any], rgba: int, width: float) -> None:
         """Lines of `width` points on the screen, whatever they are stretched by."""
         shape = rr.LineStrips2D(lines, colors=color(rgba), radii=rr.Radius.ui_points(0.5 * width))
         self.recording.log(f"module/{entity}", shape, static=True)
 
-    def _declare(self) -> None:
+    def _declare_truth(self) -> None:
         """The shapes, which do not change."""
         a, slot = self.amplitude_mm, self.amplitude_mm + 6.0
         angle = np.linspace(0.0, 2.0 * np.pi, 48)
@@ -78,11 +78,20 @@ class Drawing:
         self._strips("yoke", [*yoke, [[0.0, -14.0], [0.0, 14.0]]], METAL, 3.0)
         self._strips("spring", [zigzag()], METAL, 1.6)
         self._strips("striker", [box(-STRIKER_MM, 0.0, 16.0)], TRUTH, 4.0)
-        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], BELIEF, 2.0)
         if self.stop_mm is not None:
             x = self.stop_mm
             hatching = [[[x, y], [x + 7.0, y - 7.0]] for y in np.arange(-21.0, 29.0, 7.0).tolist()]
             self._strips("wall", [[[x, -28.0], [x, 28.0]], *hatching], ALARM, 2.0)
+
+    def _declare_estimate(self) -> None:
+        """The ghost; alone in the picture where a log holds no truth."""
+        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], BELIEF, 2.0)
+
+    def _once(self, declare: Callable[[], None]) -> None:
+        """Draw the shapes of a part before it first moves."""
+        if declare.__name__ not in self._declared:
+            self._declared.add(declare.__name__)
+            declare()
 
     def _move(self, entity: str, t_s: FloatArray, **transform: Any) -> None:
         columns = rr.Transform3D.columns(**transform)
@@ -93,6 +102,7 @@ class Drawing:
         shown = plant[column(plant, "tick") % EVERY_TICKS == 0]
         if len(shown) == 0:
             return
+        self._once(self._declare_truth)
         t_s, half = column(shown, "t_s"), 0.5 * column(shown, "crank_rad")
         piston_mm = self.amplitude_mm * np.sin(2.0 * half)
         striker_mm = 1e3 * column(shown, "x_m")
@@ -108,6 +118,7 @@ class Drawing:
         """The striker where the firmware believes it."""
         shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
         if len(shown):
+            self._once(self._declare_estimate)
             ghost_mm = 1e3 * column(shown, "state.estimator.x_m")
             self._move("ghost", column(shown, "t_s"), translation=moved(ghost_mm))
 

@@ -159,10 +159,10 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
     )
 
 
-def detector_figures(impacts: Records, firmware: Records) -> DetectorFigures:
+def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
     """Detections, timed by the tick that reports them, against touch-downs while the firmware was alive."""
     nothing = DetectorFigures(None, None, Latency(None, None), None)
-    if len(firmware) == 0:
+    if len(plant) == 0 or len(firmware) == 0:
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
     touch_down_s = column(impacts, "t_s")
@@ -275,7 +275,7 @@ def drive_end(plant: Records, firmware: Records) -> DriveEnd | None:
     plant_t_s = column(plant, "t_s")
     plant_end_s = float(plant_t_s[-1]) if len(plant_t_s) else 0.0
     last = driving[-1]
-    if plant_end_s < t_s[-1] - SILENT_S and plant_end_s <= t_s[last]:
+    if len(plant) and plant_end_s < t_s[-1] - SILENT_S and plant_end_s <= t_s[last]:
         return DriveEnd("plant-silent", plant_end_s)
     if last < len(mode) - 1:
         after = mode[last + 1]
@@ -300,7 +300,9 @@ def safe_state_figures(
         command_zero_after_s=zero_after(
             column(firmware, "t_s"), column(firmware, "outputs.torque_n_m"), end.at_s
         ),
-        blows_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s))),
+        blows_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s)))
+        if len(plant)
+        else None,
     )
 
 
@@ -377,7 +379,7 @@ def figures_from(traces: RunTraces) -> Figures:
         impact_v_m_s=motion.impact_v_m_s,
         peak_force_n=peak_force(plant, impacts),
         estimate=estimate_figures(plant, firmware, hold),
-        detector=detector_figures(impacts, firmware),
+        detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),
         fault=lower_name(first_fault(firmware)),
         final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",

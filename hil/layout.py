@@ -35,7 +35,7 @@ class Mark(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A field of a trace's records drawn as a line; `variance` is the field of its σ², drawn as a band."""
+    """A field of a trace's or a frame's records drawn as a line; `variance` is that of its σ², a band."""
 
     entity: str
     field: str
@@ -61,12 +61,13 @@ class Whole(NamedTuple):
     entity: str
 
 
-def mapped(target: str, field: str | None) -> list[VisualizerComponentMapping]:
+def mapped(entity: str, target: str, field: str | None) -> list[VisualizerComponentMapping]:
     """Where a visualizer's slot takes its numbers from."""
     if field is None:
         return []
     source = ComponentSourceKind.SourceComponent
-    return [VisualizerComponentMapping(target, source, source_component="trace:record", selector=f".{field}")]
+    component = "frame:record" if entity.startswith("/can/") else "trace:record"
+    return [VisualizerComponentMapping(target, source, source_component=component, selector=f".{field}")]
 
 
 def visualizer(series: Line | Dots) -> Any:
@@ -74,12 +75,13 @@ def visualizer(series: Line | Dots) -> Any:
     color = np.array([series.color], np.uint32)
     if isinstance(series, Line):
         line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)
-        mappings = mapped("Measurements:values", series.field)
-        return line.visualizer(mappings=mappings + mapped("Measurements:variances", series.variance))
+        values = mapped(series.entity, "Measurements:values", series.field)
+        variances = mapped(series.entity, "Measurements:variances", series.variance)
+        return line.visualizer(mappings=values + variances)
     dots = rr.SeriesPoints.from_fields(
         names=[series.name], colors=color, markers=[series.marker], marker_sizes=[3.5]
     )
-    return dots.visualizer(mappings=mapped("Scalars:scalars", series.field))
+    return dots.visualizer(mappings=mapped(series.entity, "Scalars:scalars", series.field))
 
 
 def plot(
@@ -198,9 +200,9 @@ def estimator(detail_s: tuple[float, float] | None) -> Any:
         plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
         plot(
             "Acceleration, close up [m/s²]",
-            Line("/plant", "striker_high_m_s2", "high range", "m/s²", OTHER),
-            Line("/plant", "striker_low_m_s2", "low range", "m/s²", BELIEF),
-            Line("/plant", "housing_m_s2", "housing", "m/s²", TARGET),
+            Line("/can/Accelerometer", "striker_high_m_s2", "high range", "m/s²", OTHER),
+            Line("/can/Accelerometer", "striker_low_m_s2", "low range", "m/s²", BELIEF),
+            Line("/can/Accelerometer", "housing_m_s2", "housing", "m/s²", TARGET),
             Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
             span_s=detail_s,
         ),

@@ -102,9 +102,11 @@ class Timebase:
         self.wall_start_ns = round(wall_start_s * 1e9)
 
     def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
-        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that."""
+        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that, if known."""
         sim_ns = np.round(t_s * 1e9).astype(np.int64)
-        wall_ns = self.wall_start_ns + sim_ns + np.round(np.multiply(late_us, 1e3)).astype(np.int64)
+        wall_ns = (
+            self.wall_start_ns + sim_ns + np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
+        )
         return [
             rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
             rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),

@@ -37,6 +37,7 @@ COMMANDS = (
     "view",
     "inspect",
     "compare",
+    "import_log",
     "kernel",
     "schedule",
     "doctor",

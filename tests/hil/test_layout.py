@@ -10,6 +10,7 @@ from run_folder import make_run, write_run
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
+from firmware_py.interface.records import Accelerometer
 from firmware_py.shell.node import Counters
 from hil import lanes, layout
 from hil.loop import LoopTiming
@@ -33,6 +34,7 @@ WRITTEN = {
     ),
     "/impacts/truth": columns(("", ImpactRecord)),
     "/operator": columns(("", OperatorRecord)),
+    "/can/Accelerometer": set(Accelerometer._fields),
 }
 
 

@@ -97,5 +97,7 @@ def show_figures(logged: "LoggedRun") -> None:
     for spec in CATALOGUE.values():
         shown.add_row(spec.name, figure(value_of(logged.verdict, spec.name), spec.unit), spec.meaning)
     console.print(shown)
+    if len(logged.traces.plant) == 0:
+        console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
     show_checks(logged.verdict)
     console.print(f"tables: {', '.join(logged.names)}", highlight=False, style="dim")

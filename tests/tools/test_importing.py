@@ -1,0 +1,161 @@
+"""Logs of a real bench: all three formats give the same run, and what is not understood is counted."""
+
+import json
+
+import can
+import numpy as np
+import pytest
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import ActingLimit, Fault, Mode, Regime
+from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
+from hil.log_reader import tables
+from hil.run_traces import BusLog
+from hil.seen_on_bus import tick_numbers, ticks_seen
+from tools import cli, view
+from tools.inspection import open_run
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+
+START_S = 1_700_000_000.0
+"""A wall time: what candump writes."""
+TICKS = 2000
+OFFSET_S = 0.2e-3
+
+
+def mode_at(tick):
+    return Mode.READY if tick < 500 else Mode.SOFT_START if tick < 1000 else Mode.RUN
+
+
+def frames():
+    """Two seconds of a firmware on the bus: seconds from the start, identifier, data."""
+    for tick in range(TICKS):
+        t_s = OFFSET_S + tick * 1e-3
+        if tick % 100 == 0:
+            heartbeat = FirmwareHeartbeat(mode_at(tick), Fault.NONE, ActingLimit.NONE, Regime.IMPACT, 12.0)
+            yield t_s, *codec.encode(heartbeat, tick // 100 % 16)
+        if tick % 10 == 0:
+            yield t_s, *codec.encode(StrikerEstimate(0.1 + 1e-5 * tick, 0.5, 12.0), tick // 10 % 16)
+        if tick in (1200, 1700):
+            yield t_s + 1e-4, *codec.encode(ImpactEvent(0.002, 0.9, 1.1), tick // 500)
+        yield t_s + 2e-4, *codec.encode(SetInputTorque(0.05))
+
+
+def strangers():
+    yield 0.5, 0x7AB, b"\x01\x02"
+    yield 0.6, 0x7AB, b"\x01\x02"
+    yield 0.7, codec.CODECS[StrikerEstimate].can_id, bytes(8)
+
+
+def write(path):
+    with can.Logger(path) as logger:
+        for t_s, can_id, data in sorted([*frames(), *strangers()]):
+            logger.on_message_received(
+                can.Message(
+                    timestamp=START_S + t_s, arbitration_id=can_id, data=data, is_extended_id=False, channel=0
+                )
+            )
+        remote = can.Message(
+            timestamp=START_S + 1.9, arbitration_id=9, is_remote_frame=True, dlc=8, is_extended_id=False
+        )
+        logger.on_message_received(remote)
+
+
+@pytest.fixture(scope="module", params=["log", "asc", "blf"])
+def imported(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    path = folder / f"bench.{request.param}"
+    write(path)
+    return path, folder / "run"
+
+
+def test_what_is_not_understood_is_counted(imported, capsys):
+    path, out = imported
+    assert cli.run(["import", str(path), "--out", str(out), "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert result["unknown"] == {"0x7AB": 2}
+    assert result["refused"] == {"0x111": 1}
+    assert result["skipped"] == {"remote frame": 1}
+    assert result["frames"] == result["known"] + 3 == len([*frames()]) + 3
+    assert result["duration_s"] == pytest.approx((TICKS - 1) * 1e-3 + 2e-4, abs=1e-4)
+    assert result["firmware_seen"]
+    assert view.log_of(out) == out / "run.rrd"
+
+
+def test_modes_estimate_and_impacts_come_from_the_frames(imported):
+    _, out = imported
+    log = tables(out / "run.rrd")
+    assert [state for (state,) in log["/states/mode"]["StateChange:state"].to_pylist()] == [
+        "ready",
+        "soft-start",
+        "run",
+    ]
+    logged = open_run(out)
+    t_s, x_m = logged.signal("firmware.state.estimator.x_m")
+    np.testing.assert_allclose(x_m[::10], 0.1 + 1e-5 * np.arange(0, TICKS, 10), atol=2e-5)
+    assert len(t_s) == TICKS
+    assert log["/impacts/detected"].num_rows == 2
+    refused = [text for (text,) in log["/can/rejected"]["TextLog:text"].to_pylist()]
+    assert refused[:2] == ["0x7AB: not in the DBC"] * 2
+    assert "/module/striker" not in log
+    assert log["/module/ghost"].num_rows > 0
+
+
+def test_figures_that_need_the_truth_are_missing(imported):
+    _, out = imported
+    verdict = open_run(out).verdict
+    assert verdict["reasons"] == []
+    assert verdict["regime"] == "uncertain"
+    assert verdict["regime_believed"] == "impact"
+    assert verdict["final_mode"] == "run"
+    assert verdict["estimate"]["x_rmse_m"] is None
+    assert verdict["detector"]["precision"] is None
+    assert verdict["safe_state"]["cause"] is None
+    assert verdict["duration_s"] == pytest.approx(TICKS * 1e-3, abs=2e-3)
+    assert verdict["overruns"] == 0
+
+
+def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
+    write(tmp_path / "bench.log")
+    assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_PASSED
+    table = open_run(tmp_path / "run").table("can/StrikerEstimate")
+    wall_s = table["wall_time"].to_numpy().astype("int64") / 1e9
+    np.testing.assert_allclose(wall_s - table["t_s"].to_numpy(), START_S + OFFSET_S, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("nothing.log", None, "is not there"),
+        ("notes.txt", "hello", ".blf"),
+        ("broken.blf", "hello", ".blf"),
+        ("broken.log", "hello", ".log"),
+        ("empty.log", "", "no data frame"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves it open
+def test_what_is_no_log_is_refused(tmp_path, capsys, name, content, complaint):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    assert cli.run(["import", str(tmp_path / name), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
+    write(tmp_path / "bench.log")
+    assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path)]) == EXIT_BAD_INPUT
+    assert "--out" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["bench.log"]
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.0002, 0.0005, 0.0009])
+def test_jitter_moves_no_frame_into_another_tick(phase_s):
+    jitter_s = np.random.default_rng(1).uniform(-2e-4, 2e-4, 5000)
+    numbers = tick_numbers(0.01 + phase_s + np.arange(5000) * 1e-3 + jitter_s, 1e-3)
+    np.testing.assert_array_equal(np.diff(numbers), 1)
+
+
+def test_a_bus_without_firmware_shows_no_ticks():
+    torque = codec.encode(SetInputTorque(0.1))
+    bus = BusLog(np.array([0.1]), np.array([torque.can_id]), np.array([8]), (torque.data,))
+    assert ticks_seen(bus, 1e-3) == []

@@ -1,0 +1,133 @@
+"""A CAN log of a real bench, brought into the layout of a run: what was on the bus, and no truth."""
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import can
+from can.io.blf import BLFParseError
+
+from firmware_py.interface.codec import CODEC_BY_ID, FrameError
+from firmware_py.interface.frame import Frame
+from hil import run_folder
+from hil.can_log import CanLog
+from hil.rerun_log import rebuild
+from hil.run_traces import read_bus
+from hil.rundir import IMPORTED
+from hil.seen_on_bus import FIELDS, ticks_seen
+from hil.trace import TraceWriter
+from tools.output import BadInputError
+
+PERIOD_S = 1e-3
+"""The bus's tick."""
+EARLIEST_WALL_S = 1e8
+"""Times before 1973 are no wall time but counted from the log's own start."""
+UNREADABLE = (ValueError, OSError, IndexError, struct.error, BLFParseError, UnicodeDecodeError)
+
+
+@dataclass
+class Census:
+    """The frames of a log: how many there are, and which cannot be shown as signals."""
+
+    frames: int = 0
+    known: int = 0
+    unknown: Counter[str] = field(default_factory=Counter)
+    """Frames whose identifier is not in the DBC, by identifier."""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Frames whose identifier is there but whose data cannot be decoded, by identifier."""
+    skipped: Counter[str] = field(default_factory=Counter)
+    """What is no data frame of classic CAN with 11 bits of identifier, by kind."""
+
+
+def kind_of(message: can.Message) -> str | None:
+    """Why a message is none of the bench's frames; None if it may be one."""
+    if message.is_error_frame:
+        return "error frame"
+    if message.is_remote_frame:
+        return "remote frame"
+    if message.is_fd:
+        return "CAN FD"
+    return "29-bit identifier" if message.is_extended_id else None
+
+
+def messages(path: Path) -> Iterator[can.Message]:
+    """The messages of a log in order of the file; its ending says what it is."""
+    try:
+        with can.LogReader(path) as reader:
+            yield from reader
+    except UNREADABLE as error:
+        raise BadInputError(
+            f"{path} cannot be read as a CAN log ({error}); wanted candump's .log, or .asc, or .blf"
+        ) from error
+
+
+def count(census: Census, frame: Frame) -> None:
+    """Note whether the DBC can make signals of a frame."""
+    census.frames += 1
+    name = f"0x{frame.can_id:03X}"
+    codec = CODEC_BY_ID.get(frame.can_id)
+    if codec is None:
+        census.unknown[name] += 1
+        return
+    try:
+        codec.decode(frame.data)
+        census.known += 1
+    except FrameError:
+        census.refused[name] += 1
+
+
+def import_log(path: Path, out_dir: Path | None) -> dict[str, Any]:
+    """Make a run folder of a log; says where it is and what was in the log."""
+    if not path.exists():
+        raise BadInputError(f"{path} is not there; give a CAN log ending in .log, .asc or .blf")
+    census = Census()
+    frames: list[tuple[float, Frame]] = []
+    for message in messages(path):
+        why = kind_of(message)
+        if why is not None:
+            census.skipped[why] += 1
+            continue
+        frame = Frame(message.arbitration_id, bytes(message.data))
+        count(census, frame)
+        frames.append((message.timestamp, frame))
+    if not frames:
+        raise BadInputError(f"{path} holds no data frame of classic CAN with an 11-bit identifier")
+    frames.sort(key=lambda stamped: stamped[0])
+    first_s = frames[0][0]
+    run_dir = run_folder.free_folder(path.stem) if out_dir is None else out_dir
+    run_dir.mkdir(parents=True, exist_ok=True)
+    if any(run_dir.iterdir()):
+        raise BadInputError(f"{run_dir} is not empty; name another folder with --out")
+    with CanLog(run_dir / "can.log") as can_log:
+        for t_s, frame in frames:
+            can_log.write(round((t_s - first_s) * 1e6), (frame,))
+    run_folder.note(
+        run_dir,
+        scenario=path.name,
+        clock=IMPORTED,
+        bus=str(path),
+        kernel_can=False,
+        period_s=PERIOD_S,
+        wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
+    )
+    run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
+    ticks = ticks_seen(read_bus(run_dir / "can.log"), PERIOD_S)
+    if ticks:
+        with TraceWriter(run_dir / "firmware.trace", FIELDS, expected_records=len(ticks)) as writer:
+            for tick in ticks:
+                writer.append(*tick)
+    rebuild(run_dir)
+    return {
+        "log": str(path),
+        "out": str(run_dir),
+        "duration_s": frames[-1][0] - first_s,
+        "frames": census.frames,
+        "known": census.known,
+        "unknown": dict(sorted(census.unknown.items())),
+        "refused": dict(sorted(census.refused.items())),
+        "skipped": dict(census.skipped),
+        "firmware_seen": bool(ticks),
+    }
