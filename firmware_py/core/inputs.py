@@ -19,6 +19,13 @@ class AccelerometerInput(NamedTuple):
     age_ticks: int
 
 
+class CoarseInput(NamedTuple):
+    """The striker's place by a slow absolute sensor, where one is fitted: never heard otherwise."""
+
+    position_m: float
+    age_ticks: int
+
+
 class EncoderInput(NamedTuple):
     """The drive's crank position, circular or running on, and its own estimate of the speed."""
 
@@ -47,10 +54,14 @@ class PowerInput(NamedTuple):
 
 
 class OperatorInput(NamedTuple):
-    """What the operator wants. `target_ratio` is Ω over the believed natural frequency."""
+    """What the operator wants. `target_ratio` is Ω over the believed natural frequency.
+
+    `target_impulse_n_s` is what a blow is to give; 0: the ratio alone counts.
+    """
 
     request: OperatorRequest
     target_ratio: float
+    target_impulse_n_s: float
     age_ticks: int
 
 
@@ -59,6 +70,7 @@ class Inputs(NamedTuple):
 
     elapsed_ticks: int
     accelerometer: AccelerometerInput
+    coarse: CoarseInput
     encoder: EncoderInput
     drive: DriveInput
     power: PowerInput

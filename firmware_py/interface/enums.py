@@ -43,7 +43,7 @@ class ContactPhase(IntEnum):
 
 
 class Fault(IntEnum):
-    """Why the firmware disarmed; latched until the operator clears it."""
+    """Why the firmware disarmed; latched until the operator clears it. Only REQUEST_REFUSED goes on."""
 
     NONE = 0
     SENSOR_TIMEOUT = 1
@@ -62,16 +62,29 @@ class Fault(IntEnum):
     START_FAILED = 14
     ATTRACTOR_LOST = 15
     STALL = 16
+    FORCE_LIMIT = 17
+    REQUEST_REFUSED = 18
+
+
+class Refusal(IntEnum):
+    """Why a request of the operator is not followed; the firmware does what comes nearest, or waits."""
+
+    NONE = 0
+    RATIO_OUT_OF_RANGE = 1
+    IMPULSE_OUT_OF_RANGE = 2
+    IMPULSE_TOO_HIGH = 3
+    IMPULSE_TOO_LOW = 4
 
 
 class ActingLimit(IntEnum):
-    """Which limit is shaping the torque right now."""
+    """Which limit is shaping the torque right now; IMPACT_PHASE keeps the speed away from the fold."""
 
     NONE = 0
     TORQUE = 1
     TORQUE_RATE = 2
     SPEED = 3
     SAFE_STATE = 4
+    IMPACT_PHASE = 5
 
 
 class AxisState(IntEnum):

@@ -124,10 +124,14 @@ class CoarsePosition(NamedTuple):
 
 
 class OperatorCommand(NamedTuple):
-    """0x0C0, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω."""
+    """0x0C0, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω.
+
+    A `target_impulse_n_s` above 0 is what the blows on the stop are to give, from the ratio on.
+    """
 
     request: int
     target_ratio: float
+    target_impulse_n_s: float = 0.0
 
 
 class ParameterRequest(NamedTuple):
@@ -177,10 +181,11 @@ class ImpactEvent(NamedTuple):
 
 
 class FaultEvent(NamedTuple):
-    """0x114, firmware → all, one a fault. `disarm_reason` repeats the drive's, where it gave one."""
+    """0x114, firmware → all, one a fault or refusal. `disarm_reason` repeats the drive's, if it gave one."""
 
     fault: int
     disarm_reason: int
+    refusal: int = 0
 
 
 class ParameterValue(NamedTuple):

@@ -12,6 +12,7 @@ from firmware_py.core.compiled import COMPILED
 from firmware_py.core.inputs import (
     NEVER_TICKS,
     AccelerometerInput,
+    CoarseInput,
     DriveInput,
     EncoderInput,
     Inputs,
@@ -33,6 +34,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import (
     Accelerometer,
     ClearErrors,
+    CoarsePosition,
     DriveCurrent,
     DriveErrors,
     DriveEstop,
@@ -130,6 +132,7 @@ class FirmwareNode:
 
         self._estop = False
         self._acceleration = Accelerometer(0.0, 0.0, 0.0)
+        self._coarse = CoarsePosition(0.0)
         self._position = EncoderEstimates(0.0, 0.0)
         self._heartbeat = DriveHeartbeat(0, 0, 0, 0)
         self._disarm_reason = 0
@@ -139,6 +142,7 @@ class FirmwareNode:
         self._command = OperatorCommand(OperatorRequest.IDLE.value, 0.0)
         listens: tuple[tuple[FrameCodec[Any], Callable[[Any], None]], ...] = (
             (codec.ACCELEROMETER, self._take_acceleration),
+            (codec.COARSE_POSITION, self._take_coarse),
             (codec.ENCODER_ESTIMATES, self._take_position),
             (codec.DRIVE_HEARTBEAT, self._take_heartbeat),
             (codec.DRIVE_ERRORS, self._take_errors),
@@ -152,6 +156,7 @@ class FirmwareNode:
         self._sources = {its_codec.can_id: _Source(its_codec, take) for its_codec, take in listens}
         self._listened = tuple(self._sources.values())
         self._acceleration_source = self._sources[codec.ACCELEROMETER.can_id]
+        self._coarse_source = self._sources[codec.COARSE_POSITION.can_id]
         self._position_source = self._sources[codec.ENCODER_ESTIMATES.can_id]
         self._heartbeat_source = self._sources[codec.DRIVE_HEARTBEAT.can_id]
         self._command_source = self._sources[codec.OPERATOR_COMMAND.can_id]
@@ -214,6 +219,9 @@ class FirmwareNode:
     def _take_acceleration(self, record: Accelerometer) -> None:
         self._acceleration = record
 
+    def _take_coarse(self, record: CoarsePosition) -> None:
+        self._coarse = record
+
     def _take_position(self, record: EncoderEstimates) -> None:
         self._position = record
 
@@ -246,6 +254,7 @@ class FirmwareNode:
         return Inputs(
             elapsed_ticks,
             AccelerometerInput(*self._acceleration, self._acceleration_source.age_ticks),
+            CoarseInput(self._coarse.striker_position_m, self._coarse_source.age_ticks),
             EncoderInput(*self._position, self._position_source.age_ticks),
             DriveInput(
                 _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
@@ -261,7 +270,10 @@ class FirmwareNode:
                 max([source.age_ticks for source in self._power_sources]),
             ),
             OperatorInput(
-                _REQUESTS[self._command.request], self._command.target_ratio, self._command_source.age_ticks
+                _REQUESTS[self._command.request],
+                self._command.target_ratio,
+                self._command.target_impulse_n_s,
+                self._command_source.age_ticks,
             ),
             self._estop,
         )

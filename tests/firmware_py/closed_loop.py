@@ -62,6 +62,7 @@ class Bench:
     seed: int = 1
     request: OperatorRequest = OperatorRequest.IDLE
     ratio: float = 1.3
+    impulse_n_s: float = 0.0
     change: Callable[[int, list[Frame]], list[Frame]] = lambda _, frames: frames
     """What happens to the frames on their way to the firmware."""
     overrun: Callable[[int], bool] = lambda _: False
@@ -104,7 +105,9 @@ class Bench:
                 codec.DRIVE_ERRORS.encode(DriveErrors(self.axis_error, self.axis_error)),
                 codec.DRIVE_TEMPERATURE.encode(DriveTemperature(30.0, 30.0)),
                 codec.DRIVE_SUPPLY.encode(DriveSupply(24.0, 0.5)),
-                codec.OPERATOR_COMMAND.encode(OperatorCommand(self.request.value, self.ratio), k // 100),
+                codec.OPERATOR_COMMAND.encode(
+                    OperatorCommand(self.request.value, self.ratio, self.impulse_n_s), k // 100
+                ),
             ]
         return frames
 

@@ -3,7 +3,9 @@
 from typing import Any
 
 from firmware_py.core.inputs import (
+    NEVER_TICKS,
     AccelerometerInput,
+    CoarseInput,
     DriveInput,
     EncoderInput,
     Inputs,
@@ -15,10 +17,11 @@ from firmware_py.interface.enums import AxisState, OperatorRequest
 HEALTHY = Inputs(
     elapsed_ticks=1,
     accelerometer=AccelerometerInput(0.0, 0.0, 0.0, 0),
+    coarse=CoarseInput(0.0, NEVER_TICKS),
     encoder=EncoderInput(0.0, 0.0, 0),
     drive=DriveInput(AxisState.IDLE, 0, 0, 0),
     power=PowerInput(0.0, 24.0, 30.0, 30.0, 0),
-    operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0),
+    operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0.0, 0),
     estop=False,
 )
 

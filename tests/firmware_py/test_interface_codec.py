@@ -174,7 +174,7 @@ def test_no_field_sends_nan_or_an_infinity(codec: FrameCodec[Any], bad: float) -
     ("record", "wanted"),
     [
         (FirmwareHeartbeat(7, 0, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
-        (FirmwareHeartbeat(0, 17, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
+        (FirmwareHeartbeat(0, 19, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
         (FirmwareHeartbeat(-1, 0, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
         (OperatorCommand(3, 1.0), FrameErrorReason.ENUMERATION),
         (ClearErrors(256), FrameErrorReason.RANGE),
@@ -280,12 +280,12 @@ def test_every_other_length_is_refused(codec: FrameCodec[Any]) -> None:
         ),
         (
             FIRMWARE_HEARTBEAT,
-            sealed(FIRMWARE_HEARTBEAT, bytes([0x50, 0, 0, 0, 0])),
+            sealed(FIRMWARE_HEARTBEAT, bytes([0x60, 0, 0, 0, 0])),
             FrameErrorReason.ENUMERATION,
         ),
         (
             FIRMWARE_HEARTBEAT,
-            sealed(FIRMWARE_HEARTBEAT, bytes([0, 17, 0, 0, 0])),
+            sealed(FIRMWARE_HEARTBEAT, bytes([0, 19, 0, 0, 0])),
             FrameErrorReason.ENUMERATION,
         ),
         (FIRMWARE_HEARTBEAT, sealed(FIRMWARE_HEARTBEAT, bytes([0, 0, 0, 0x80, 0])), FrameErrorReason.RANGE),
@@ -298,7 +298,7 @@ def test_every_other_length_is_refused(codec: FrameCodec[Any]) -> None:
         (ACCELEROMETER, sealed(ACCELEROMETER, bytes([0, 0, 0x00, 0x10, 0, 0, 0])), FrameErrorReason.RANGE),
         (ACCELEROMETER, sealed(ACCELEROMETER, bytes([0, 0, 0, 0, 0, 0x80, 0])), FrameErrorReason.RANGE),
         (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([3, 0, 0, 0])), FrameErrorReason.ENUMERATION),
-        (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([1, 0x41, 0x9C, 0])), FrameErrorReason.RANGE),
+        (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([1, 0x41, 0x9C, 0, 0, 0])), FrameErrorReason.RANGE),
         (DRIVE_HEARTBEAT, bytes([0, 0, 0, 0, 15, 0, 0, 0]), FrameErrorReason.ENUMERATION),
         (DRIVE_HEARTBEAT, bytes([0, 0, 0, 0, 1, 16, 0, 0]), FrameErrorReason.ENUMERATION),
         (ENCODER_ESTIMATES, bytes.fromhex("0000c07f 00000000"), FrameErrorReason.NOT_FINITE),

@@ -51,6 +51,7 @@ ENUM_OF_SIGNAL: dict[str, type[IntEnum]] = {
     "status": enums.ParameterStatus,
     "mode": enums.Mode,
     "fault": enums.Fault,
+    "refusal": enums.Refusal,
     "acting_limit": enums.ActingLimit,
     "regime": enums.Regime,
 }
