@@ -37,11 +37,12 @@ ON_THE_BUS = {
 
 
 class Command(NamedTuple):
-    """From `at_s` on, ask for `request`; the ratio is Ω over the believed ω."""
+    """From `at_s` on, ask for `request`; the ratio is Ω over the believed ω, an impulse 0 is none."""
 
     at_s: float
     request: Request
     target_ratio: float
+    target_impulse_n_s: float = 0.0
 
 
 class OperatorRecord(NamedTuple):
@@ -51,6 +52,7 @@ class OperatorRecord(NamedTuple):
     t_s: float
     request: OperatorRequest
     target_ratio: float
+    target_impulse_n_s: float
     estop: bool
 
 
@@ -74,10 +76,15 @@ class OperatorNode:
             self._acting = self._commands[self._next]
             self._next += 1
             changed = True
-        request, target_ratio = self._acting.request, self._acting.target_ratio
+        _, request, target_ratio, target_impulse_n_s = self._acting
         estop = request is Request.E_STOP
         self.record = OperatorRecord(
-            round(t_s / self._bench_period_s), t_s, ON_THE_BUS[request], target_ratio, estop
+            round(t_s / self._bench_period_s),
+            t_s,
+            ON_THE_BUS[request],
+            target_ratio,
+            target_impulse_n_s,
+            estop,
         )
         if not changed and period < self._due_period:
             return []
@@ -86,6 +93,6 @@ class OperatorNode:
             return []
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
         command = codec.OPERATOR_COMMAND.encode(
-            OperatorCommand(ON_THE_BUS[request], target_ratio), self._counter
+            OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s), self._counter
         )
         return [codec.DRIVE_ESTOP.encode(DriveEstop()), command] if estop else [command]

@@ -24,6 +24,8 @@ from plant_sim.scene_tables import Table
 SCENARIOS = Path(__file__).parent / "scenarios"
 LARGEST_RATIO = 4.0
 """The command frame carries no more."""
+LARGEST_IMPULSE_N_S = 6.5
+"""Neither of this."""
 
 
 REALTIME_PERIOD_S = 1e-3
@@ -44,6 +46,12 @@ class CommandTable(Table):
     target_ratio: float | None = Field(
         default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the believed ω"
     )
+    target_impulse_n_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=LARGEST_IMPULSE_N_S,
+        description="the impulse of a blow to be held, in N s, once the drive has reached its ratio",
+    )
 
     @model_validator(mode="after")
     def _run_has_a_target(self) -> Self:
@@ -52,6 +60,11 @@ class CommandTable(Table):
             raise ValueError(
                 f"the command at {self.at_s} s asks for {self.request!r} with {given}; "
                 "'run' takes a target_ratio, e.g. 1.3, the others none"
+            )
+        if self.request != "run" and self.target_impulse_n_s is not None:
+            raise ValueError(
+                f"the command at {self.at_s} s asks for {self.request!r} with target_impulse_n_s = "
+                f"{self.target_impulse_n_s}; only 'run' takes one, leave it out"
             )
         return self
 
@@ -173,7 +186,12 @@ def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
         parameters=table.firmware,
         duration_s=table.script.duration_s,
         commands=tuple(
-            Command(command.at_s, Request(command.request), command.target_ratio or 0.0)
+            Command(
+                command.at_s,
+                Request(command.request),
+                command.target_ratio or 0.0,
+                command.target_impulse_n_s or 0.0,
+            )
             for command in table.script.commands
         ),
         checks=tuple(table.checks),

@@ -72,3 +72,9 @@ def test_record_says_what_is_asked_for_at_which_tick() -> None:
     operator = OperatorNode([Command(0.02, Request.E_STOP, 0.0)], bench_period_s=0.5e-3)
     operator.publish(2)
     assert operator.record == (40, 0.02, OperatorRequest.IDLE, 0.0, True)
+
+
+def test_an_impulse_asked_for_goes_out_with_the_ratio() -> None:
+    sent = commands_of(play([Command(0.1, Request.RUN, 1.2, 0.85)], until_s=0.3))
+    assert sent[-1][1] == OperatorCommand(OperatorRequest.RUN, 1.2, 0.85)
+    assert sent[0][1].target_impulse_n_s == 0.0

@@ -71,6 +71,11 @@ RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
         ("", ["script.durations=1"], r"script.durations = 1 is not a known key; did you mean duration_s\?"),
         (RUN_COMMAND, [], r"the command at 1.0 s asks for 'run' with no target_ratio; .* e.g. 1.3"),
         (RUN_COMMAND + "target_ratio = 9.0\n", [], r"target_ratio = 9.0 is not a number of at most 4"),
+        (
+            '[[script.commands]]\nat_s = 1.0\nrequest = "idle"\ntarget_impulse_n_s = 0.8\n',
+            [],
+            r"asks for 'idle' with target_impulse_n_s = 0.8; only 'run' takes one",
+        ),
         (RUN_COMMAND + "target_ratio = 1.3\n", ["script.duration_s=0.5"], r"comes after the end"),
         (
             RUN_COMMAND.replace("run", "walk"),
