@@ -297,7 +297,7 @@ def test_every_other_length_is_refused(codec: FrameCodec[Any]) -> None:
         (ACCELEROMETER, sealed(ACCELEROMETER, bytes([0, 0x80, 0, 0, 0, 0, 0])), FrameErrorReason.RANGE),
         (ACCELEROMETER, sealed(ACCELEROMETER, bytes([0, 0, 0x00, 0x10, 0, 0, 0])), FrameErrorReason.RANGE),
         (ACCELEROMETER, sealed(ACCELEROMETER, bytes([0, 0, 0, 0, 0, 0x80, 0])), FrameErrorReason.RANGE),
-        (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([3, 0, 0, 0])), FrameErrorReason.ENUMERATION),
+        (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([3, 0, 0, 0, 0, 0])), FrameErrorReason.ENUMERATION),
         (OPERATOR_COMMAND, sealed(OPERATOR_COMMAND, bytes([1, 0x41, 0x9C, 0, 0, 0])), FrameErrorReason.RANGE),
         (DRIVE_HEARTBEAT, bytes([0, 0, 0, 0, 15, 0, 0, 0]), FrameErrorReason.ENUMERATION),
         (DRIVE_HEARTBEAT, bytes([0, 0, 0, 0, 1, 16, 0, 0]), FrameErrorReason.ENUMERATION),
