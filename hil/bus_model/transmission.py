@@ -165,7 +165,7 @@ def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
     delays = [answer_delay(seen, DOMINANT if sent_dominant else RECESSIVE)] if seen and answered else []
     failure = Failure(bit, signalling_bits(delays), sent_dominant or answered)
     counters = parts.transmit_errors(parts.senders)
-    if bit == len(wire_bits(frame)) + TAIL_BITS - 1 and parts.receivers:
+    if bit == len(wire_bits(frame)) + TAIL_BITS - 1:
         # The frame was valid for its receivers one bit before; for them this is an overload, no error.
         counters |= {number: after_receiving(parts.nodes[number].counters) for number in parts.receivers}
         return Outcome(failure, counters, parts.receivers)

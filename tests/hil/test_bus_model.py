@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import pytest
-from bitwise_can import Bus, LeftOutError, Node
+from bitwise_can import Bus, LeftOutError, Node, Phase
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
@@ -64,6 +64,9 @@ def corruptions(hits: dict[int, int]) -> tuple[Corruption, ...]:
 def bit_by_bit(nodes: Sequence[NodeState], entries: Sequence[Entry], end: int, hits: dict[int, int]) -> Play:
     """Play the same on the reference. The bit of a hit depends on the frame, so look at it when it starts."""
     reference = [Node(node.counters.transmit, node.counters.receive) for node in nodes]
+    for node in reference:
+        if node.tec >= 256:
+            node.phase = Phase.OFF
     bus = Bus(reference)
     ordered = sorted(entries, key=lambda entry: entry.bit)
     while bus.now < end:
@@ -152,7 +155,7 @@ def test_recovery_counts_recessive_bits_between_others_frames(
     others = [Frame(can_id, data) for can_id, data in enumerate(traffic, start=3)]
     entries = [Entry(0, 0, Frame(0, b"\x12"))]
     entries += [Entry(200 + k * (135 + gap), 1, others[k % len(others)]) for k in range(12)]
-    entries += [Entry(bit, 0, Frame(2, b"")) for bit in range(1300, 3000, 61)]
+    entries += [Entry(bit, 0, Frame(2, b"")) for bit in range(1300, 4500, 97)]
     play = assert_agree(nodes, entries, end=6000, hits={0: hit})
     assert play.counters[0] == (0, 0)
     assert (2, b"") in [frame for _, frame in play.received[1]]
@@ -165,18 +168,39 @@ def test_equal_identifiers_collide_as_in_the_reference(data: list[bytes], listen
     assume(listeners or len(set(data)) > 1)
     nodes = [NodeState()] * (len(data) + listeners)
     entries = [Entry(bit, node, Frame(0x123, payload)) for node, payload in enumerate(data)]
-    assert_agree(nodes, entries, end_of_error(nodes, entries, count=15))
+    starts, idle_bit = starts_until_idle(nodes, entries, errors=15)
+    assert_agree(nodes, entries, idle_bit)
+    bus = Bus([Node() for _ in nodes])
+    bus.run(bit)
+    for entry in entries:
+        bus.queue(entry.node, entry.frame)
+    bus.run(idle_bit)
+    assert bus.starts == starts
 
 
-def end_of_error(nodes: Sequence[NodeState], entries: Sequence[Entry], count: int) -> int:
-    """When the bus is idle again after `count` errors, or at last."""
-    state = BusState(nodes=tuple(nodes))
-    state, _ = advance(state, entries[0].bit)
+def starts_until_idle(
+    nodes: Sequence[NodeState], entries: Sequence[Entry], errors: int
+) -> tuple[list[int], int]:
+    """When transmissions begin, and when the bus is idle after so many errors or after the last frame."""
+    state, _ = advance(BusState(nodes=tuple(nodes)), entries[0].bit)
     for entry in entries:
         state = queue(state, entry.node, entry.frame, depth=1000)
-    while state.errors < count and any(node.queue for node in state.nodes):
-        state, _ = advance(state, max(state.idle_from_bit, state.now_bit) + 1)
-    return state.idle_from_bit
+    starts = []
+    while state.errors < errors and any(node.queue for node in state.nodes):
+        starts.append(max(state.idle_from_bit, state.now_bit))
+        state, _ = advance(state, starts[-1] + 1)
+    return starts, state.idle_from_bit
+
+
+@pytest.mark.parametrize("frame", [Frame(0x100, b""), LONG, Frame(0x0F0, b"\xff" * 8)])
+def test_a_node_that_is_off_counts_the_silence_of_an_error_passive_sender(frame: Frame) -> None:
+    """Nobody acknowledges, and no flag is dominant: every attempt leaves a longer run of recessive bits."""
+    nodes = [
+        NodeState(counters=ErrorCounters(130, 0)),
+        NodeState(counters=ErrorCounters(256, 0), sequences_left=128),
+    ]
+    play = assert_agree(nodes, [Entry(0, 0, frame)], end=12_000)
+    assert [received for _, received in play.received[1]] == [frame]
 
 
 @pytest.mark.parametrize(("before", "after"), [(0, 128), (100, 132), (128, 128), (200, 200)])
