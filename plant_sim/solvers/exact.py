@@ -118,13 +118,13 @@ def _sample(
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
     end = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
     while index < len(samples_t_s):
-        h = (samples_t_s[index] - motion.t_s) - motion.t_low_s
-        if h > end or (h == end and event != Event.HORIZON):
+        if samples_t_s[index] >= arrival.t_s and event != Event.HORIZON:
             break
+        h = min(max((samples_t_s[index] - motion.t_s) - motion.t_low_s, 0.0), end)
         y, v = motion.y_m, 0.0
         if motion.phase == Phase.FLIGHT:
-            y, v, _, _ = flow(o, flight, max(h, 0.0))
-        crank, _ = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, max(h, 0.0))
+            y, v, _, _ = flow(o, flight, h)
+        crank, _ = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, h)
         samples[index, 0] = min(y, o.gap_m)
         samples[index, 1] = v
         samples[index, 2] = crank

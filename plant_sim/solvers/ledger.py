@@ -21,7 +21,7 @@ from plant_sim.solvers.laws import is_dry
 from plant_sim.solvers.modes import Motion
 from plant_sim.solvers.oscillator import Flight, Oscillator, flow, launch
 
-CLOSED_FORM_GAIN = 128.0
+CLOSED_FORM_GAIN = 40.0
 """Steady amplitude over A up to which the closed forms' cancelling terms leave 13 digits."""
 
 PANEL_RAD = 3.2
@@ -144,4 +144,5 @@ def _closed_form(
     sc = (sin1 - sin0) * (sin1 + sin0) / (2.0 * Omega)
     y_cos = P * sc + R * cc + Zc + flight.offset_m * (sin1 - sin0) / Omega
     steady2 = Omega * Omega * (P * P * cc + R * R * ss - 2.0 * P * R * sc)
-    return y_cos, steady2 + 2.0 * Omega * (P * Uc - R * Us) + zz
+    v2 = steady2 + 2.0 * Omega * (P * Uc - R * Us) + zz
+    return y_cos, max(v2, 0.0)  # of a bounce too short to heat anything rounding is all that is left

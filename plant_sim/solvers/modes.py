@@ -42,6 +42,9 @@ from plant_sim.solvers.roots import clear_span, polish
 SETTLED = 1e-3  # spans below this over the fastest rate leave a Taylor polynomial exact to rounding
 SCAN_SPAN = 2.0  # the derivatives' bound is taken over this many over ω
 CERTAIN = 1e-3  # share of the pressing acceleration that may change until chatter is over
+RESOLVED = 4e-15  # least height of a bounce over the position's scale: some roundings
+ROUNDING = 2.3e-16
+LEAST_SPEED_M_S = 1e-100
 HALF_PI = 0.5 * math.pi
 
 
@@ -91,6 +94,8 @@ def _moving(
     v: float,
 ) -> Motion:
     """The motion from a state: its phase follows from speed, place and force."""
+    if abs(v) < LEAST_SPEED_M_S:
+        v = 0.0  # its square would vanish
     phase, direction, poised = Phase.FLIGHT, 0.0, False
     push = o.amplitude_m * sin_crank - y  # spring force over c
     held = o.dry_offset_m
@@ -186,10 +191,9 @@ def _wait(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]
             turn_down = max(0.0, ((math.pi - _level_angle(y - held, A)) - crank) - motion.crank_low_rad)
     turn = min(turn_up, turn_down)
     if turn < math.inf and o.drive_rad_s > 0.0:
-        duration = turn / o.drive_rad_s
-        if duration <= (until_s - motion.t_s) - motion.t_low_s:
-            event = Event.RELEASE_UP if turn_up < turn_down else Event.RELEASE_DOWN
-            return _arrive(o, motion, duration, y, 0.0), event
+        arrival = _arrive(o, motion, turn / o.drive_rad_s, y, 0.0)
+        if arrival.t_s <= until_s:
+            return arrival, Event.RELEASE_UP if turn_up < turn_down else Event.RELEASE_DOWN
     return _at_horizon(o, motion, until_s, y, 0.0), Event.HORIZON
 
 
@@ -252,21 +256,23 @@ def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
     full_span = SCAN_SPAN / o.natural_rad_s
     settled = SETTLED / o.fastest_1_s
     first_period = TURN_RAD / o.natural_rad_s
-    scan_end = end if has_stop(o.stop) or is_dry(o.friction) else -1.0
+    last = end + ROUNDING * abs(until_s)  # an event whose time rounds to the end belongs to the run
+    scan_end = last if has_stop(o.stop) or is_dry(o.friction) else -1.0
     while here.h_s <= scan_end:
-        step, event = _look_ahead(o, here, direction, min(end - here.h_s, full_span))
+        step, event = _look_ahead(o, here, direction, min(last - here.h_s, full_span))
         if event != Event.HORIZON and step <= settled:
             rest, place, speed = _settle(o, here, direction, event, step, 2.0 * settled)
-            if rest > end - here.h_s:
-                break
             if rest >= 0.0:
-                return _arrive(o, motion, here.h_s + rest, place, speed), event
+                arrival = _arrive(o, motion, here.h_s + rest, place, speed)
+                if arrival.t_s <= until_s:
+                    return arrival, event
+                break
             step = max(step, 1e-5 * settled)  # it touches zero within rounding: pass it
         h = here.h_s + step
-        if h >= end:
+        if h >= last:
             break
         if not is_dry(o.friction) and here.h_s < first_period <= h:
-            scan_end = min(end, _quiet_from(o, flight))
+            scan_end = min(last, _quiet_from(o, flight))
         y, v, sin_drive, cos_drive = flow(o, flight, h)
         here = point(o, flight, h, y, v, sin_drive, cos_drive)
     y, v, _, _ = flow(o, flight, end)
@@ -292,7 +298,14 @@ def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple
     if is_dry(o.friction):
         s = -direction
         clear = clear_span(
-            s * p.v_m_s, s * p.a_m_s2, s * p.jerk_m_s3, s * p.snap_m_s4, s * p.crackle_m_s5, b5, b6, step
+            min(s * p.v_m_s, 0.0),
+            s * p.a_m_s2,
+            s * p.jerk_m_s3,
+            s * p.snap_m_s4,
+            s * p.crackle_m_s5,
+            b5,
+            b6,
+            step,
         )
         if clear < step:
             step, event = clear, Event.TURN
@@ -310,7 +323,7 @@ def _settle(
         speed = v + s * (a + s * (jerk / 2 + s * (snap / 6 + s * crackle / 24)))
         return s if speed > 0.0 else -1.0, o.gap_m, speed
     d = -direction
-    s = polish(d * v, d * a, d * jerk, d * snap, d * crackle, 0.0, step, limit)
+    s = polish(min(d * v, 0.0), d * a, d * jerk, d * snap, d * crackle, 0.0, step, limit)
     place = y + s * (v + s * (a / 2 + s * (jerk / 6 + s * (snap / 24 + s * crackle / 120))))
     return s, min(place, o.gap_m), 0.0
 
@@ -357,14 +370,15 @@ def _rebound(o: Oscillator, m: Motion, rest_speed_m_s: float) -> Motion:
     back at a⁺ = push − μ g, so that speeds shrink by ρ = k √(a⁺/a⁻) and all remaining bounces take v (1/a⁻
     + √(a⁺/a⁻)/a⁺) / (1 − ρ). Where the push hardly changes in that time the striker is at rest by its end
     whatever the cutoff, and rest has no memory of when it began: later motion does not depend on the
-    cutoff.
+    cutoff. With dry friction the turn of a bounce below a few roundings of the position counts as rest, too.
     """
     k = o.restitution
     speed = k * m.v_m_s
-    if 0.0 < speed <= rest_speed_m_s:
-        push = o.stiffness_1_s2 * (o.amplitude_m * m.sin_crank - o.gap_m)
-        dry = o.stiffness_1_s2 * o.dry_offset_m
-        if push > dry:
+    push = o.stiffness_1_s2 * (o.amplitude_m * m.sin_crank - o.gap_m)
+    dry = o.stiffness_1_s2 * o.dry_offset_m
+    if speed > 0.0 and push > dry:
+        height = RESOLVED * (abs(o.gap_m) + o.amplitude_m) if is_dry(o.friction) else 0.0
+        if speed <= rest_speed_m_s or speed * speed <= 2.0 * (push + dry) * height:
             ratio = math.sqrt((push - dry) / (push + dry))
             lasting = speed * (1.0 / (push + dry) + ratio / (push - dry)) / max(1.0 - k * ratio, 1e-300)
             change = o.stiffness_1_s2 * o.amplitude_m * o.drive_rad_s + 2.0 * o.decay_1_s * push
