@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, Protocol
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
-from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import Counters, FirmwareNode
 from firmware_py.shell.parameters import config_from
@@ -14,14 +13,15 @@ from hil.loop import LoopTiming
 from hil.operator import Command, OperatorNode, OperatorRecord
 from hil.plant_node import ImpactRecord, PlantNode, PlantRecord
 from hil.trace import TraceWriter
+from hil.waking import Waking
 from plant_sim.scene import Scene
 
 LONGEST_PREALLOCATED_S = 120.0
 """Traces of longer runs grow while the loop runs, 8 MB at a time."""
 
 
-SAMPLES = (codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id)
-"""Frames that stand for the instant they are sent at, and do not say which that was."""
+WAKING_SHARE = 0.4
+"""Share of a period that a tick after a pause waits for its sample; the next tick must not suffer."""
 
 
 class NodeBus(Protocol):
@@ -97,6 +97,8 @@ class FirmwareRunner:
         self.node = FirmwareNode(config_from(parameters), parameters)
         self.bus = bus
         self._period_s = pace.period_s
+        self._waking: Waking | None = None
+        self._last_frames: list[Frame] = []
         self._trace = None
         if out_dir is not None:
             fields = [
@@ -110,23 +112,34 @@ class FirmwareRunner:
             ]
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records)
 
-    def step(self, _: int, elapsed_ticks: int) -> None:
-        """One tick.
-
-        After a pause, samples that lie there may be as old as the pause is long, and would pass for new:
-        they are left, and the sensors get a period's time to speak.
-        """
+    def step(self, tick: int, elapsed_ticks: int) -> None:
+        """One tick; after a pause, first find out what time it is for the sensors."""
         bus = self.bus
         frames = bus.receive()
-        if elapsed_ticks > 1:
-            frames = [frame for frame in frames if frame.can_id not in SAMPLES]
-            bus.wait(self._period_s)
-            frames += bus.receive()
-        bus.send_all(self.node.tick(frames, elapsed_ticks))
+        if elapsed_ticks > 1 or self._waking is not None:
+            self._wake_up(tick, elapsed_ticks, frames)
+            return
+        self._last_frames = frames
+        bus.send_all(self.node.tick(frames, 1))
+
+    def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
+        """One of the first ticks after a pause: nothing is done until there is a sample of now."""
+        bus = self.bus
+        waking = self._waking or Waking(tick - elapsed_ticks, self._last_frames)
+        waking.begin_tick(tick, elapsed_ticks, frames)
+        if not waking.is_fresh:
+            bus.wait(WAKING_SHARE * self._period_s)
+            waking.take(tick, bus.receive())
+        if not waking.is_over:
+            self._waking = waking
+            return
+        self._waking = None
+        self._last_frames = waking.frames
+        bus.send_all(self.node.tick(waking.frames, waking.elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
-        if self._trace is not None:
+        if self._trace is not None and self._waking is None:
             node = self.node
             t_s = (tick + 0.5) * self._period_s
             self._trace.append(tick, t_s, node.inputs, node.state, node.outputs, node.counters, timing)

@@ -172,6 +172,7 @@ class PlantNode:
         self._move(drive.torque_n_m(self._state.omega_rad_s), held_s)
         self._move(0.0, pause_s - held_s)
         self.tick += ticks
+        self._counter += ticks  # the sensors went on sampling: what they count is time
 
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:

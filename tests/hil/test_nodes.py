@@ -1,59 +1,128 @@
 """What a loop does around a node after ticks were lost."""
 
+from collections.abc import Sequence
+
 import pytest
 
 from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.nodes import FirmwareRunner, Pace
 from hil.plant_node import PlantNode
+from hil.waking import PATIENCE_TICKS
 from plant_sim.scene import load_scene
 
+ESTOP = codec.DRIVE_ESTOP.encode(DriveEstop())
 
-class PausedMachine(InProcessNode):
-    """A bus on which the plant's frames arrive a moment after the firmware has woken up, or do not."""
 
-    def __init__(self, plant: PlantNode, plant_is_back: bool) -> None:
+def plant_node() -> PlantNode:
+    return PlantNode(load_scene("table1-motor-soft"), seed=1)
+
+
+class ScriptedBus(InProcessNode):
+    """A bus on which some frames lie when the firmware looks, and some arrive while it waits."""
+
+    def __init__(self) -> None:
         super().__init__()
-        self.plant = plant
-        self.plant_is_back = plant_is_back
-        self.waits_s: list[float] = []
+        self.arriving: list[Frame] = []
+        self.waited_s: list[float] = []
+        self.sent: list[Frame] = []
 
     def wait(self, timeout_s: float) -> None:
-        self.waits_s.append(timeout_s)
-        if self.plant_is_back:
-            self.pending += self.plant.publish()
+        self.waited_s.append(timeout_s)
+        self.pending += self.arriving
+        self.arriving = []
+
+    def send_all(self, frames: Sequence[Frame]) -> None:  # type: ignore[override]
+        self.sent += frames
 
 
-@pytest.mark.parametrize("plant_is_back", [True, False])
-def test_firmware_takes_no_sample_from_before_its_pause_for_a_new_one(plant_is_back: bool) -> None:
-    plant = PlantNode(load_scene("table1-motor-soft"), seed=1)
-    bus = PausedMachine(plant, plant_is_back)
-    firmware = FirmwareRunner({}, Pace(1e-3, 1.0), bus, None)
-    bus.pending += plant.publish()
-    plant.advance([])
-    firmware.step(0, 1)
-    assert bus.waits_s == []
-    bus.pending += [*plant.publish(), codec.DRIVE_ESTOP.encode(DriveEstop())]
-    plant.sleep_through(20, [])
-    firmware.step(21, 21)
-    assert bus.waits_s == [1e-3]
-    assert firmware.node.inputs.accelerometer.age_ticks == (0 if plant_is_back else 21)
-    assert firmware.node.inputs.encoder.age_ticks == (0 if plant_is_back else 21)
-    assert firmware.node.inputs.elapsed_ticks == 21
-    assert firmware.node.inputs.estop
+class Paused:
+    """A firmware and a plant that ran for twenty ticks together before the pause."""
+
+    def __init__(self) -> None:
+        self.plant = plant_node()
+        self.bus = ScriptedBus()
+        self.firmware = FirmwareRunner({}, Pace(1e-3, 1.0), self.bus, None)
+        for tick in range(20):
+            self.bus.pending += self.publish()
+            self.firmware.step(tick, 1)
+        assert self.bus.waited_s == []
+        self.bus.sent.clear()
+
+    def publish(self) -> list[Frame]:
+        frames = self.plant.publish()
+        self.plant.advance([])
+        return frames
+
+    def ages(self) -> tuple[int, int]:
+        inputs = self.firmware.node.inputs
+        return inputs.accelerometer.age_ticks, inputs.encoder.age_ticks
+
+
+@pytest.mark.parametrize("pause_ticks", [2, 9, 16, 80])
+def test_sample_from_before_the_pause_does_not_pass_for_new(pause_ticks: int) -> None:
+    run = Paused()
+    old = run.publish()  # of tick 20, at which the machine stops
+    run.plant.sleep_through(pause_ticks - 1, [])
+    run.bus.pending += [*old, ESTOP]
+    run.bus.arriving = run.publish()
+    run.firmware.step(19 + pause_ticks + 1, pause_ticks + 1)
+    assert run.ages() == (0, 0)
+    position = codec.ENCODER_ESTIMATES.decode(run.plant.publish()[1].data).position_rev
+    assert run.firmware.node.inputs.encoder.position_rev == pytest.approx(position, abs=1e-3)
+    assert run.firmware.node.inputs.elapsed_ticks == pause_ticks + 1
+    assert run.firmware.node.inputs.estop  # nothing else is lost
+    assert len(run.bus.waited_s) == 1
+
+
+def test_nothing_is_done_until_the_sensors_are_back() -> None:
+    run = Paused()
+    old = run.publish()
+    run.plant.sleep_through(82, [])
+    run.bus.pending += old
+    for tick in (101, 102):  # the plant needs longer to wake up
+        run.firmware.step(tick, 82 if tick == 101 else 1)
+        assert run.bus.sent == []
+    run.bus.pending += run.publish()
+    run.firmware.step(103, 1)
+    assert run.ages() == (0, 0)
+    assert run.firmware.node.inputs.elapsed_ticks == 84
+    assert run.bus.sent != []
+    run.bus.pending += run.publish()
+    run.firmware.step(104, 1)
+    assert run.firmware.node.inputs.elapsed_ticks == 1
+
+
+def test_firmware_that_paused_alone_goes_on_at_once() -> None:
+    run = Paused()
+    for _ in range(30):
+        run.bus.pending += run.publish()
+    run.firmware.step(49, 30)
+    assert run.ages() == (0, 0)
+    assert run.firmware.node.inputs.elapsed_ticks == 30
+    assert run.bus.waited_s == []
+
+
+def test_plant_that_does_not_come_back_is_silent_in_the_end() -> None:
+    run = Paused()
+    run.firmware.step(60, 41)
+    for tick in range(61, 60 + PATIENCE_TICKS):
+        run.firmware.step(tick, 1)
+    assert run.ages() == (40 + PATIENCE_TICKS, 40 + PATIENCE_TICKS)
+    assert run.bus.sent != []
 
 
 def test_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     bus = InProcessBus()
     plant_end, firmware_end = bus.join(), bus.join()
     firmware = FirmwareRunner({}, Pace(1e-3, 1.0), firmware_end, None)
-    plant = PlantNode(load_scene("table1-motor-soft"), seed=1)
+    plant = plant_node()
     plant_end.send_all(plant.publish())
     plant.advance([])
     for tick in range(40):
         firmware.step(tick, 1)
-    commands = plant_end.receive()
-    assert len(commands) >= 40
-    plant.sleep_through(40, commands)
-    assert plant.drive.since_command_s < 1e-3
+    plant.drive.since_command_s = 0.04
+    plant.sleep_through(40, plant_end.receive())
+    assert plant.drive.since_command_s == 0.0

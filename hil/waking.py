@@ -1,0 +1,75 @@
+"""The first ticks of the firmware's process after a pause, when old samples would pass for new ones.
+
+A sample stands for the instant it was sent at, and does not say which that was. While a loop keeps its pace,
+that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
+now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
+that over the pause it must have moved as far as the clock has; modulo 16, and so a sample that lies there all
+but alone after a long pause is taken for an old one whatever its counter says.
+"""
+
+from collections.abc import Sequence
+
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.frame import Frame
+
+PATIENCE_TICKS = 10
+"""Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
+
+ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
+
+
+def counter_of(frame: Frame) -> int | None:
+    """The rolling counter of an accelerometer frame; None for any other and for a damaged one."""
+    if frame.can_id != ACCELEROMETER:
+        return None
+    try:
+        codec.ACCELEROMETER.decode(frame.data)
+    except FrameError:
+        return None
+    return codec.ACCELEROMETER.counter(frame.data)
+
+
+class Waking:
+    """Gathers frames from the end of a pause until a sample of the current tick is among them.
+
+    `last_frames` are those of `last_tick`, the last one before the pause.
+    """
+
+    def __init__(self, last_tick: int, last_frames: Sequence[Frame]) -> None:
+        counters = [counter for counter in map(counter_of, last_frames) if counter is not None]
+        self._lead = counters[-1] - last_tick if counters else None
+        self._left_ticks = PATIENCE_TICKS
+        self.frames: list[Frame] = []
+        self.elapsed_ticks = 0
+        self.is_fresh = False
+
+    def begin_tick(self, tick: int, elapsed_ticks: int, frames: Sequence[Frame]) -> None:
+        """Another tick of the loop, with the frames that lie there."""
+        self.elapsed_ticks += elapsed_ticks
+        self._left_ticks -= 1
+        samples = sum(frame.can_id == ACCELEROMETER for frame in frames)
+        if 2 * samples >= elapsed_ticks:
+            self.take(tick, frames)
+        else:
+            self._keep_others(frames)
+
+    def _keep_others(self, frames: Sequence[Frame]) -> None:
+        self.frames += [frame for frame in frames if frame.can_id not in (ACCELEROMETER, ENCODER)]
+
+    def take(self, tick: int, frames: Sequence[Frame]) -> None:
+        """Keep the samples of `tick` among frames that have arrived, and all that are no samples."""
+        self._keep_others(frames)
+        if self._lead is None:
+            fresh = [frame for frame in frames if frame.can_id == ACCELEROMETER]
+        else:
+            now = (self._lead + tick) % codec.COUNTER_MODULUS
+            fresh = [frame for frame in frames if counter_of(frame) == now]
+        if fresh:
+            self.is_fresh = True
+            self.frames += [fresh[-1], *[frame for frame in frames if frame.can_id == ENCODER][-1:]]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether to go on: with a sample of now, or because there is none to be had."""
+        return self.is_fresh or self._left_ticks <= 0
