@@ -75,7 +75,7 @@ class Plant:
         self._t_s = initial.t_s
         self._t_rest_s = 0.0
         self._impacts: list[Impact] = []
-        self._advance = _compiled_advance(self)
+        self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
         self._stored_before_j = float(self._memory.observed[STORED])
 
@@ -161,5 +161,6 @@ def warm(scene: Scene) -> None:
         plant.sense()
 
 
-def _compiled_advance(plant: Plant) -> Callable[..., int]:
+def compiled_advance(plant: Plant) -> Callable[..., int]:
+    """The kernel for this plant's types, compiled or loaded now."""
     return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)

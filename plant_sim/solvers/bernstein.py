@@ -114,16 +114,23 @@ def _halve(stack: Coefficients, top: int, degree: int) -> None:
 
 @subroutine
 def _only_root(b: Coefficients, degree: int) -> float:
-    """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights."""
+    """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights.
+
+    No try is closer than a rounding to an end, so that a root beside one is closed in from both sides.
+    """
     low, high = 0.0, 1.0
     p_low, p_high = b[0], b[degree]
     side = 0
-    for _ in range(200):
-        s = (low * p_high - high * p_low) / (p_high - p_low)
-        if not low < s < high:
-            break
+    while True:
+        least = 1e-15 * high
+        if high - low <= 2.0 * least:
+            return high
+        s: float = (low * p_high - high * p_low) / (p_high - p_low)
+        s = min(max(s, low + least), high - least)
         p = evaluate(b, degree, s)
-        if p >= 0.0:
+        if p == 0.0:
+            return s
+        if p > 0.0:
             high, p_high = s, p
             if side == 1:
                 p_low *= 0.5
@@ -133,6 +140,3 @@ def _only_root(b: Coefficients, degree: int) -> float:
             if side == -1:
                 p_high *= 0.5
             side = -1
-        if high - low < 1e-15 * high or p == 0.0:
-            break
-    return high

@@ -48,6 +48,9 @@ ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW, P
 SHARE_OF_A_STEP = 0.02
 """A forcing period takes some twenty steps, those of a contact included; each may err by this share of it."""
 
+SHARE_OF_A_CONTACT = 0.1
+"""A contact takes few steps, and what it errs by the orbit may grow: each may err by this share of others."""
+
 
 class Memory(NamedTuple):
     """State and mode, bookkeeping, results, tolerances, and scratch from `k` on."""
@@ -95,7 +98,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         impacts=np.zeros((impacts, 6)),
         observed=np.zeros(8),
         scale=_scale(parts, accuracy),
-        contact_scale=_scale(parts, accuracy)[: None if is_soft(stop) else 0],
+        contact_scale=SHARE_OF_A_CONTACT * _scale(parts, accuracy)[: None if is_soft(stop) else 0],
         k=np.zeros((STAGES, size)),
         trial=np.zeros(size),
         new=np.zeros(size),

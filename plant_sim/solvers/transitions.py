@@ -310,7 +310,7 @@ def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> No
     contact[DAMPING] = damping_s_m(parts.stop, speed)
     # In a stiff stop an error of position weighs as much as one of velocity does within the contact.
     rate = contact_rate_rad_s(parts.stop, parts.striker.mass_kg, speed)
-    memory.contact_scale[0] = min(memory.scale[0], memory.scale[1] / rate)
+    memory.contact_scale[0] = min(memory.scale[0], memory.contact_scale[1] / rate)
     contact[PEAK] = 0.0
     contact[IMPULSE_BEFORE] = y[work_place(parts.drive) + 3]
 

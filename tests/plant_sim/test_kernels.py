@@ -1,0 +1,75 @@
+"""Kernels are cached by the state of the sources, and are made for the types of a scene's parts."""
+
+import doctest
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from numba.core import config
+
+from plant_sim import kernels
+from plant_sim.parts import restitution
+
+
+def test_examples() -> None:
+    assert doctest.testmod(kernels).failed == 0
+    assert doctest.testmod(restitution).failed == 0
+
+
+def test_another_packages_cache_folder_is_left_alone() -> None:
+    before = config.CACHE_DIR
+    kernels.jit(lambda x: x)
+    assert before == config.CACHE_DIR
+
+
+PROGRAM = """
+import sys
+sys.path.insert(0, {root!r})
+from plant_sim.caller import call
+print(call(1.0))
+"""
+
+
+def test_an_edited_callee_in_another_file_is_never_run_stale(tmp_path: Path) -> None:
+    package = tmp_path / "plant_sim"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "kernels.py").write_text(Path(kernels.__file__).read_text())
+    (package / "caller.py").write_text(
+        "from plant_sim.kernels import jit\nfrom plant_sim.callee import value\n"
+        "@jit\ndef call(x):\n    return value(x)\n"
+    )
+    answers = []
+    for factor in ("2.0", "3.0", "3.0"):
+        (package / "callee.py").write_text(
+            f"from plant_sim.kernels import subroutine\n@subroutine\ndef value(x):\n    return {factor} * x\n"
+        )
+        run = subprocess.run(
+            [sys.executable, "-c", PROGRAM.format(root=str(tmp_path))],
+            env={**os.environ, "VIBROHIL_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": ""},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        answers.append(float(run.stdout))
+    assert answers == [2.0, 3.0, 3.0]
+    assert len(list((tmp_path / "cache").iterdir())) == 2
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.touch()
+    run = subprocess.run(
+        [sys.executable, "-c", "import plant_sim.plant"],
+        env={
+            **os.environ,
+            "VIBROHIL_CACHE_DIR": str(blocked),
+            "PYTHONPATH": str(Path(kernels.__file__).parents[1]),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode != 0
+    assert "set VIBROHIL_CACHE_DIR to a writable folder" in run.stderr
