@@ -13,7 +13,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame
 
-PATIENCE_TICKS = 10
+PATIENCE_TICKS = 25
 """Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
