@@ -1,1 +1,1 @@
-"""The bench: buses, clocks and loops, the plant's CAN node, scenarios, checks, traces, recorder and report."""
+"""The bench: buses, clocks and loops, the plant's CAN node, scenarios, checks, traces, recorder, report."""
