@@ -1,0 +1,261 @@
+"""What studies want to know of an orbit that nobody stores: a row per drive period, and what rows add up to.
+
+Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
+is then far from the stop, so that a blow never falls on the border between two of them.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import jit, subroutine
+
+SECTION_RAD = -0.5 * math.pi
+
+LONGEST_CYCLE = 8
+"""Cycles of up to this many drive periods are recognised."""
+
+DOUBT = 100.0
+"""A longer cycle is in doubt while a shorter one is kept within so many tolerances."""
+
+CHATTER_BLOWS = 16
+"""So many blows in a drive period are chatter, even if the striker does not come to rest on the stop."""
+
+STUCK_M = 1e-9
+"""A striker whose slides are all shorter than this is stuck."""
+
+(
+    Y_END,
+    V_END,
+    BLOWS,
+    IMPULSE,
+    IMPULSE_SQUARES,
+    FASTEST,
+    SLOWEST,
+    APPROACHES,
+    CRANK_AT_BLOW,
+    PEAK,
+    RESTED,
+    MOVED,
+    Y_LOW,
+    Y_HIGH,
+    DRIVE,
+    FRICTION,
+    LOSS,
+) = range(17)
+"""Columns of a period's row: section state, blows and their sums, rest and motion, then what is measured."""
+
+ROW = 17
+
+
+class Regime(IntEnum):
+    """What an orbit ends as."""
+
+    NON_IMPACT = 0
+    IMPACT = 1
+    PERIOD_N = 2
+    LOST = 3
+    CHATTERING = 4
+    STUCK = 5
+    UNCERTAIN = 6
+
+
+class Protocol(NamedTuple):
+    """How long an orbit runs and what is looked at.
+
+    With `stop_early` it ends once it has repeated itself within `tolerance` (of gap and amplitude together,
+    in position and in velocity over ω) for longer than its own cycle, or can be proved never to strike again.
+    """
+
+    settle_s: float
+    record_s: float
+    tolerance: float
+    stop_early: bool
+    measure: bool
+    """Extremes and energies of what is recorded; they take longer than the motion itself."""
+
+
+PAPER = Protocol(settle_s=30.0, record_s=20.0, tolerance=1e-4, stop_early=False, measure=True)
+"""50 s, the first 30 s discarded."""
+
+CLASSIFY = Protocol(settle_s=50.0, record_s=0.0, tolerance=1e-7, stop_early=True, measure=False)
+"""The attractor alone."""
+
+
+class Outcome(NamedTuple):
+    """An orbit's end, and means over the last cycle (if certain) or over what was recorded."""
+
+    regime: Regime
+    certain: bool
+    cycle: int
+    """Drive periods after which it repeats; 0 if it does not."""
+    periods: int
+    """Whole drive periods that the figures below are taken over."""
+    blows: float
+    """Per drive period."""
+    v_mean_m_s: float
+    v_max_m_s: float
+    v_min_m_s: float
+    impulse_n_s: float
+    repeatability: float
+    """Standard deviation over mean of the impulses."""
+    crank_rad: float
+    """Crank angle at the blow, meaningful with one blow per period."""
+    peak_n: float
+    """nan at a rigid stop."""
+    x_low_m: float
+    x_high_m: float
+    drive_j: float
+    """Work of the drive per period."""
+    friction_j: float
+    loss_j: float
+    """In the stop."""
+    end_y_m: float
+    """Position less rest length."""
+    end_v_m_s: float
+    end_crank_rad: float
+    duration_s: float
+
+
+@jit
+def new_rows(protocol: Protocol, drive_rad_s: float) -> NDArray[np.float64]:
+    """A ring of rows that holds what the protocol records, and enough to recognise a cycle."""
+    recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2
+    return np.zeros((max(recorded, 2 * LONGEST_CYCLE + 2), ROW))
+
+
+@subroutine
+def clear(row: NDArray[np.float64]) -> None:
+    """Start a period."""
+    for column in range(ROW):
+        row[column] = 0.0
+    row[SLOWEST] = math.inf
+    row[Y_LOW] = math.inf
+    row[Y_HIGH] = -math.inf
+    row[PEAK] = math.nan
+
+
+@subroutine
+def count_blow(
+    row: NDArray[np.float64], v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float
+) -> None:
+    """Add a blow to its period."""
+    row[BLOWS] += 1.0
+    row[IMPULSE] += impulse_n_s
+    row[IMPULSE_SQUARES] += impulse_n_s * impulse_n_s
+    row[APPROACHES] += v_m_s
+    row[FASTEST] = max(row[FASTEST], v_m_s)
+    row[SLOWEST] = min(row[SLOWEST], v_m_s)
+    row[CRANK_AT_BLOW] = crank_rad
+    if not row[PEAK] >= peak_n:
+        row[PEAK] = peak_n
+
+
+@subroutine
+def follow_cycles(
+    rows: NDArray[np.float64],
+    streaks: NDArray[np.int64],
+    period: int,
+    length_m: float,
+    speed_m_s: float,
+    tolerance: float,
+) -> tuple[int, bool]:
+    """The shortest cycle kept for longer than itself, 0 if none, and whether it is beyond doubt.
+
+    `streaks[n]` counts the latest periods that ended where the n-th before them did, with as many blows. An
+    orbit that closes in on a short cycle from alternating sides repeats every other time before it repeats
+    every time: a cycle is in doubt while one of its divisors is nearly kept as well.
+    """
+    size = len(rows)
+    now = rows[period % size]
+    found, nearly, doubted = 0, 0, False
+    for n in range(1, LONGEST_CYCLE + 1):
+        if period < n:
+            break
+        before = rows[(period - n) % size]
+        distance = max(
+            abs(now[Y_END] - before[Y_END]) / length_m, abs(now[V_END] - before[V_END]) / speed_m_s
+        )
+        repeated = distance <= tolerance and now[BLOWS] == before[BLOWS]
+        streaks[n] = streaks[n] + 1 if repeated else 0
+        if found == 0 and streaks[n] > max(n, 2):
+            found, doubted = n, nearly > 0 and n % nearly == 0
+        if nearly == 0 and distance <= DOUBT * tolerance:
+            nearly = n
+    return found, found > 0 and not doubted
+
+
+@subroutine
+def summary(
+    rows: NDArray[np.float64],
+    last: int,
+    window: int,
+    cycle: int,
+    certain: bool,
+    rest_length_m: float,
+    end: tuple[float, float, float, float],
+) -> Outcome:
+    """The outcome of an orbit from its last `window` rows; `end` is y, v, crank and the time run."""
+    size = len(rows)
+    blows, impulse, squares, approaches, crank = 0.0, 0.0, 0.0, 0.0, 0.0
+    fastest, slowest, peak, low, high = 0.0, math.inf, math.nan, math.inf, -math.inf
+    drive, friction, loss = 0.0, 0.0, 0.0
+    rested, moved, most = False, False, 0.0
+    for index in range(window):
+        row = rows[(last - index) % size]
+        blows += row[BLOWS]
+        impulse += row[IMPULSE]
+        squares += row[IMPULSE_SQUARES]
+        approaches += row[APPROACHES]
+        if row[BLOWS] > 0.0:
+            crank = row[CRANK_AT_BLOW]
+        fastest, slowest = max(fastest, row[FASTEST]), min(slowest, row[SLOWEST])
+        if not peak >= row[PEAK]:
+            peak = row[PEAK]
+        low, high = min(low, row[Y_LOW]), max(high, row[Y_HIGH])
+        moved = moved or row[MOVED] > 0.0
+        drive += row[DRIVE]
+        friction += row[FRICTION]
+        loss += row[LOSS]
+        rested = rested or row[RESTED] > 0.0
+        most = max(most, row[BLOWS])
+    count = max(window, 1)
+    regime = Regime.UNCERTAIN
+    mean, spread = math.nan, math.nan
+    if blows == 0.0:
+        regime = Regime.NON_IMPACT if moved else Regime.STUCK
+    else:
+        mean = impulse / blows
+        spread = math.sqrt(max(squares / blows - mean * mean, 0.0)) / mean
+        if rested or most >= CHATTER_BLOWS:
+            regime = Regime.CHATTERING
+        elif cycle == 1:
+            regime = Regime.IMPACT
+        elif cycle > 1:
+            regime = Regime.PERIOD_N
+    return Outcome(
+        regime,
+        certain,
+        cycle,
+        window,
+        blows / count,
+        approaches / blows if blows > 0.0 else math.nan,
+        fastest if blows > 0.0 else math.nan,
+        slowest if blows > 0.0 else math.nan,
+        mean,
+        spread,
+        crank,
+        peak,
+        rest_length_m + low,
+        rest_length_m + high,
+        drive / count,
+        friction / count,
+        loss / count,
+        end[0],
+        end[1],
+        end[2],
+        end[3],
+    )

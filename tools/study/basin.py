@@ -1,0 +1,171 @@
+"""Basins of attraction: which starts end in impact motion, and how sharp the border between them is.
+
+Two planes: (x0, v0) at a crank angle, and (x0, crank angle) at rest. What a map says about its border:
+
+- uncertainty exponent α (McDonald, Grebogi, Ott, Yorke, Physica D 17, 1985): the share of cells with a cell
+  of the other kind at distance ε grows as ε^α; α = 1 is a smooth line, α < 1 a fractal one;
+- basin entropy (Daza, Wagemakers, Georgeot, Guéry-Odelin, Sanjuán, Scientific Reports 6, 2016): mean entropy
+  of boxes of cells, and of those on the border alone; above ln 2 there, the border must be fractal;
+- basin stability: the share of starts that strike, with bounds by Wilson as if cells were drawn at random,
+  and by a bootstrap over blocks of cells, which allows for neighbours being alike.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from plant_sim.solvers.orbits import CLASSIFY
+from tools.study.cases import Case
+from tools.study.orbits import classify
+
+PLANES = ("state", "phase")
+
+LOWEST_START_M = -0.1
+FASTEST_START_M_S = 0.8
+"""Box of starts about the rest length, as wide as the module's motion; speeds are table1's, scaled by ω."""
+
+ROWS_AT_ONCE = 25
+"""A piece is so many rows of the map."""
+
+RESAMPLES = 400
+BLOCK = 10
+CONFIDENCE_Z = 1.959963984540054  # 95 %
+BOX = 5
+"""Cells along the side of an entropy box."""
+
+
+def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions less rest length (columns of the map), speeds or crank angles (its rows): cell centres."""
+    centres = (np.arange(size) + 0.5) / size
+    y_m = LOWEST_START_M + centres * (case.gap_m - LOWEST_START_M)
+    if plane == "phase":
+        return y_m, centres * 2.0 * math.pi
+    fastest = fastest_start_m_s(case)
+    return y_m, -fastest + centres * 2.0 * fastest
+
+
+def fastest_start_m_s(case: Case) -> float:
+    """The box's half height."""
+    return FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
+
+
+def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
+    """The pieces of a map."""
+    return [
+        {
+            "case": case.parameters(),
+            "ratio": ratio,
+            "plane": plane,
+            "size": size,
+            "rows": [first, min(first + ROWS_AT_ONCE, size)],
+        }
+        for first in range(0, size, ROWS_AT_ONCE)
+    ]
+
+
+def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+    """Some rows of a map: x0, v0, crank angle, regime (−1 − regime where not certain), blows per period."""
+    case = Case(**spec["case"])
+    y_m, other = axes(case, spec["plane"], spec["size"])
+    first, last = spec["rows"]
+    starts = np.zeros(((last - first) * len(y_m), 3))
+    starts[:, 0] = np.tile(y_m, last - first)
+    starts[:, 1 if spec["plane"] == "state" else 2] = np.repeat(other[first:last], len(y_m))
+    regimes, blows = classify(case, spec["ratio"], starts, CLASSIFY)
+    table = pa.table(
+        {
+            "x_m": starts[:, 0] + case.rest_length_m,
+            "v_m_s": starts[:, 1],
+            "crank_rad": starts[:, 2],
+            "regime": regimes,
+            "blows": blows,
+        }
+    )
+    return table, {"uncertain": int((regimes < 0).sum())}
+
+
+def statistics(strikes: NDArray[np.bool_]) -> dict[str, Any]:
+    """The numbers of a map, rows × columns."""
+    share = float(strikes.mean())
+    low, high = wilson(share, strikes.size)
+    exponent, exponent_bounds = uncertainty_exponent(strikes)
+    entropy, border = basin_entropy(strikes)
+    return {
+        "impact_fraction": share,
+        "impact_fraction_wilson": [low, high],
+        "impact_fraction_bootstrap": block_bounds(strikes),
+        "uncertainty_exponent": exponent,
+        "uncertainty_exponent_bounds": exponent_bounds,
+        "basin_entropy": entropy,
+        "border_entropy": border,
+        "attractors": 2 if 0.0 < share < 1.0 else 1,
+    }
+
+
+def wilson(share: float, count: int) -> tuple[float, float]:
+    """95 % bounds of a share of `count` independent trials (Wilson 1927).
+
+    >>> [round(bound, 4) for bound in wilson(0.5, 100)]
+    [0.4038, 0.5962]
+    """
+    z2 = CONFIDENCE_Z * CONFIDENCE_Z / count
+    centre = (share + 0.5 * z2) / (1.0 + z2)
+    half = CONFIDENCE_Z / (1.0 + z2) * math.sqrt(share * (1.0 - share) / count + 0.25 * z2 / count)
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def block_bounds(strikes: NDArray[np.bool_]) -> list[float]:
+    """95 % bounds of the share of impact by resampling blocks of cells, always the same ones."""
+    size = (min(strikes.shape) // BLOCK) * BLOCK
+    if size < 2 * BLOCK:
+        return [math.nan, math.nan]
+    blocks = strikes[:size, :size].reshape(size // BLOCK, BLOCK, size // BLOCK, BLOCK)
+    shares = blocks.mean(axis=(1, 3)).ravel()
+    drawn = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
+    return [float(bound) for bound in np.quantile(drawn, (0.025, 0.975))]
+
+
+def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Distances in cells, and per distance and row of the map the share of cells that are uncertain at it.
+
+    A cell is uncertain at ε if the one ε to its left or to its right is of the other kind. Shape of the
+    shares: (distances, rows); rows and columns of the map count alike.
+    """
+    size = min(strikes.shape)
+    square = strikes[:size, :size]
+    lags = np.unique(np.geomspace(1, max(size // 12, 1), 8).astype(np.int64))
+    shares = np.empty((len(lags), 2 * size))
+    for place, lag in enumerate(lags):
+        lines = np.concatenate((square, square.T))
+        middle = lines[:, lag:-lag]
+        shares[place] = ((middle != lines[:, : -2 * lag]) | (middle != lines[:, 2 * lag :])).mean(axis=1)
+    return lags, shares
+
+
+def uncertainty_exponent(strikes: NDArray[np.bool_]) -> tuple[float, list[float]]:
+    """α by least squares in the logarithms, with 95 % bounds by resampling rows and columns."""
+    lags, shares = uncertain_shares(strikes)
+    mean = shares.mean(axis=1)
+    if len(lags) < 3 or not np.all(mean > 0.0):
+        return math.nan, [math.nan, math.nan]
+    exponent = float(np.polyfit(np.log(lags), np.log(mean), 1)[0])
+    draws = np.random.default_rng(1).integers(0, shares.shape[1], (RESAMPLES, shares.shape[1]))
+    resampled = shares[:, draws].mean(axis=2)
+    resampled = resampled[:, np.all(resampled > 0.0, axis=0)]
+    slopes = np.polyfit(np.log(lags), np.log(resampled), 1)[0]
+    return exponent, [float(bound) for bound in np.quantile(slopes, (0.025, 0.975))]
+
+
+def basin_entropy(strikes: NDArray[np.bool_]) -> tuple[float, float]:
+    """Mean entropy of boxes of BOX × BOX cells, and of the boxes with both kinds alone; nan without any."""
+    rows, columns = (side // BOX * BOX for side in strikes.shape)
+    boxes = strikes[:rows, :columns].reshape(rows // BOX, BOX, columns // BOX, BOX).mean(axis=(1, 3)).ravel()
+    mixed = boxes[(boxes > 0.0) & (boxes < 1.0)]
+    entropies = -(mixed * np.log(mixed) + (1.0 - mixed) * np.log(1.0 - mixed))
+    if len(boxes) == 0:
+        return math.nan, math.nan
+    return float(entropies.sum() / len(boxes)), float(entropies.mean()) if len(mixed) else math.nan

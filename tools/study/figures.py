@@ -1,0 +1,191 @@
+"""The studies' figures, each as SVG and PNG."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.solvers.orbits import Regime
+from tools.study.cases import Case
+from tools.study.intervals import Interval
+from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram, Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UP_COLOUR, DOWN_COLOUR = "tab:blue", "tab:orange"
+IMPACT_COLOUR, CALM_COLOUR, BAND_COLOUR = "#c44e52", "#dfe7f0", "#f2d98c"
+LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–Stribeck"}
+
+
+def new_figure(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple["Figure", Any]:
+    """A grid of axes, always two-dimensional."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams.update(
+        {"svg.hashsalt": "vibrohil", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    )
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(
+        rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **options
+    )
+
+
+def save(figure: "Figure", folder: Path, name: str) -> list[str]:
+    """Write both formats; returns their paths."""
+    import matplotlib.pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    svg, png = folder / f"{name}.svg", folder / f"{name}.png"
+    figure.savefig(svg, metadata={"Date": None})
+    figure.savefig(png, dpi=130)
+    plt.close(figure)
+    return [str(svg), str(png)]
+
+
+def shade(axes: "Axes", bands: Iterable[Interval]) -> None:
+    """Mark multistable ratios."""
+    for low, high in bands:
+        axes.axvspan(low, high, color=BAND_COLOUR, alpha=0.45, lw=0, zorder=0)
+
+
+def _title(case: Case) -> str:
+    value = f"b = {case.b_n_s_m:g} N s/m" if case.law == "viscous" else f"μ = {case.mu:g}"
+    return f"{LAW_NAMES[case.law]}, {value}, A = {1e3 * case.amplitude_m:g} mm"
+
+
+def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
+    """A column per case: extremes, approach speed, energies and blows over the ratio, both ways."""
+    figure, grid = new_figure(4, len(diagrams), 1.2 + 4.2 * len(diagrams), 9.5, sharex=True, sharey="row")
+    for column, diagram in enumerate(diagrams):
+        case = diagram.case
+        for axes in grid[:, column]:
+            shade(axes, diagram.multistable())
+            axes.grid(alpha=0.25)
+        for sweep, colour, marker, label in (
+            (diagram.up, UP_COLOUR, "^", "run-up"),
+            (diagram.down, DOWN_COLOUR, "v", "run-down"),
+        ):
+            _branches(grid[:, column], case, sweep, colour, marker, label)
+        grid[0, column].axhline(1e3 * case.gap_m, color="k", lw=0.8, ls="--")
+        grid[0, column].set_title(_title(case), fontsize=10)
+        grid[-1, column].set(xlabel="Ω/ω", xlim=(LOW_RATIO, HIGH_RATIO))
+    labels = ("max, min of x − l0 [mm]", "v⁻ at the stop [m/s]", "energy per cycle [mJ]", "blows per period")
+    for axes, label in zip(grid[:, 0], labels, strict=True):
+        axes.set_ylabel(label)
+    grid[0, 0].legend(loc="upper right", fontsize=8)
+    grid[0, 0].annotate("stop", (0.71, 1e3 * diagrams[0].case.gap_m), va="bottom", fontsize=8)
+    grid[2, 0].set_ylim(bottom=0)
+    figure.suptitle(
+        f"{diagrams[0].case.preset}: amplitude–frequency diagrams, k = {diagrams[0].case.restitution:g}; "
+        "multistable ratios shaded",
+        fontsize=11,
+    )
+    return save(figure, folder, name)
+
+
+def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker: str, label: str) -> None:
+    ratio = sweep.column("ratio")
+    style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 2.6, "lw": 0, "mew": 0}
+    axes[0].plot(ratio, 1e3 * (sweep.column("x_high_m") - case.rest_length_m), label=label, **style)
+    axes[0].plot(ratio, 1e3 * (sweep.column("x_low_m") - case.rest_length_m), **style)
+    axes[1].plot(ratio, sweep.column("v_max_m_s"), **style)
+    axes[1].plot(ratio, sweep.column("v_min_m_s"), **style)
+    axes[2].plot(ratio, 1e3 * sweep.column("drive_j"), **style)
+    axes[3].plot(ratio, sweep.column("blows"), **style)
+
+
+def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
+    """Every case as two bars, run-up above run-down: where the striker strikes."""
+    figure, grid = new_figure(1, 1, 9.0, 0.9 + 0.36 * len(diagrams))
+    axes = grid[0, 0]
+    for place, diagram in enumerate(diagrams):
+        for sweep, colour, shift in ((diagram.up, UP_COLOUR, 0.17), (diagram.down, DOWN_COLOUR, -0.17)):
+            axes.barh(-place + shift, HIGH_RATIO - LOW_RATIO, 0.3, left=LOW_RATIO, color=CALM_COLOUR)
+            for low, high in sweep.striking():
+                axes.barh(-place + shift, high - low, 0.3, left=low, color=colour)
+        if diagram.onset() is None:
+            stuck = set(diagram.up.table["regime"].to_pylist()) == {"stuck"}
+            axes.text(
+                1.25,
+                -place,
+                "never moves" if stuck else "never strikes",
+                ha="center",
+                va="center",
+                fontsize=8,
+            )
+    axes.set_yticks(
+        [-place for place in range(len(diagrams))],
+        [f"{diagram.case.preset}, {_title(diagram.case)}" for diagram in diagrams],
+    )
+    axes.set(
+        xlabel="Ω/ω",
+        xlim=(LOW_RATIO, HIGH_RATIO),
+        title="Where the striker strikes: run-up (blue), run-down (orange)",
+    )
+    axes.axvspan(0.9, 1.1, fill=False, ec="k", lw=0.8, ls=":")
+    return save(figure, folder, name)
+
+
+def basin(
+    case: Case,
+    ratio: float,
+    plane: str,
+    across_m: NDArray[np.float64],
+    up: NDArray[np.float64],
+    blows: NDArray[np.float64],
+    caption: str,
+    folder: Path,
+    name: str,
+) -> list[str]:
+    """A map of starts, coloured by what they end in."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    figure, grid = new_figure(1, 1, 6.4, 5.6)
+    axes = grid[0, 0]
+    extent = (
+        1e3 * (1.5 * across_m[0] - 0.5 * across_m[1]),
+        1e3 * (1.5 * across_m[-1] - 0.5 * across_m[-2]),
+        1.5 * up[0] - 0.5 * up[1],
+        1.5 * up[-1] - 0.5 * up[-2],
+    )
+    axes.imshow(
+        blows > 0.0,
+        origin="lower",
+        extent=extent,
+        aspect="auto",
+        interpolation="nearest",
+        cmap=ListedColormap([CALM_COLOUR, IMPACT_COLOUR]),
+        vmin=0,
+        vmax=1,
+    )
+    ylabel = "v0 [m/s]" if plane == "state" else "crank angle at the start θ0 [rad]"
+    axes.set(
+        xlabel="x0 − l0 [mm]",
+        ylabel=ylabel,
+        title=f"{case.preset}, {_title(case)}, Ω/ω = {ratio:g}\n{caption}",
+    )
+    axes.title.set_fontsize(9)
+    handles = [
+        Patch(color=IMPACT_COLOUR, label="ends in impact motion"),
+        Patch(color=CALM_COLOUR, label="ends without"),
+    ]
+    axes.legend(handles=handles, loc="lower left", fontsize=8)
+    return save(figure, folder, name)
+
+
+REGIME_COLOURS = {
+    Regime.NON_IMPACT: CALM_COLOUR,
+    Regime.IMPACT: "#c44e52",
+    Regime.PERIOD_N: "#8172b2",
+    Regime.LOST: "#ffffff",
+    Regime.CHATTERING: "#55a868",
+    Regime.STUCK: "#8c8c8c",
+    Regime.UNCERTAIN: "#dd8452",
+}

@@ -1,0 +1,90 @@
+"""Orbits of a case, by the closed form where there is one and by the adaptive solver elsewhere."""
+
+import time
+from collections.abc import Iterable
+from functools import lru_cache
+from threading import local
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.result import MotionState, Phase
+from plant_sim.solvers import streaming, streaming_adaptive
+from plant_sim.solvers.memory import Memory, allocate
+from plant_sim.solvers.orbits import CLASSIFY, Outcome, Protocol
+from tools.study.cases import Case
+
+ACCURACY_M = 1e-7
+"""Of the adaptive solver, per period: a millionth of the gap."""
+
+BLOWS_AT_ONCE = 256
+
+_own = local()
+
+
+class State(NamedTuple):
+    """Position less rest length, velocity, crank angle."""
+
+    y_m: float
+    v_m_s: float
+    crank_rad: float
+
+
+AT_REST = State(0.0, 0.0, 0.0)
+
+
+def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
+    """What becomes of one start."""
+    if case.is_exact:
+        return streaming.follow(
+            case.striker(), case.drive(ratio), case.closed_friction(), case.rigid_stop(), *start, protocol
+        )
+    return streaming_adaptive.follow_stepwise(case.parts(ratio), _memory(case), *start, protocol)
+
+
+def warm(cases: Iterable[Case]) -> float:
+    """Compile or load what these cases need, one kernel after the other; returns the seconds that took."""
+    started_s = time.perf_counter()
+    at_once = CLASSIFY._replace(settle_s=0.0)
+    for kernel in {
+        (case.is_exact, case.law if case.is_exact else "", case.contact_s is None): case for case in cases
+    }.values():
+        follow(kernel, 1.0, AT_REST, at_once)
+    return time.perf_counter() - started_s
+
+
+def classify(
+    case: Case, ratio: float, starts: NDArray[np.float64], protocol: Protocol
+) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """Regime (−1 − regime where not certain) and blows per period of starts (y, v, crank), shape (n, 3)."""
+    regimes, blows = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
+    if case.is_exact:
+        streaming.classify(
+            case.striker(),
+            case.drive(ratio),
+            case.closed_friction(),
+            case.rigid_stop(),
+            starts,
+            protocol,
+            regimes,
+            blows,
+        )
+    else:
+        streaming_adaptive.classify_stepwise(
+            case.parts(ratio), _memory(case), starts, protocol, regimes, blows
+        )
+    return regimes, blows
+
+
+def _memory(case: Case) -> Memory:
+    """This thread's own scratch for the case."""
+    if not hasattr(_own, "memories"):
+        _own.memories = lru_cache(maxsize=64)(_allocate)
+    memory: Memory = _own.memories(case)
+    return memory
+
+
+def _allocate(case: Case) -> Memory:
+    rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
+    return allocate(case.parts(1.0), rest, ACCURACY_M, BLOWS_AT_ONCE)

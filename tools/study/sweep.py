@@ -1,0 +1,234 @@
+"""Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and where regimes end.
+
+Each ratio starts from where the one before it ended, crank angle included. Where the striker begins or ceases
+to strike, the attractor is then followed in ever smaller steps until the last one is below EDGE_STEP.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from plant_sim.solvers.orbits import CLASSIFY, PAPER, Outcome, Regime
+from tools.study import store, work
+from tools.study.cases import Case
+from tools.study.intervals import Interval, symmetric_difference, width
+from tools.study.orbits import AT_REST, State, follow
+
+LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
+"""The paper's interval in steps of 0.01."""
+
+EDGE_STEP = 1e-5
+"""Last step of a continuation, in r; below it the passage of a fold's ghost outlasts CONTINUE."""
+
+NEAR_EDGE = 2e-3
+"""Impact motion that was periodic so near its end ends in a fold; nearer it hardly settles."""
+
+GRAZING_SHARE = 0.1
+"""An impact branch that ends with its slowest blow below this share of its fastest ends by grazing."""
+
+CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
+"""Near a fold an orbit settles slowly; it stops as soon as it has settled."""
+
+CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
+"""Towards grazing, motion in closed form settles in full: what is left of an old swing would strike early."""
+
+COLUMNS = (
+    "cycle",
+    "blows",
+    "v_mean_m_s",
+    "v_max_m_s",
+    "v_min_m_s",
+    "impulse_n_s",
+    "repeatability",
+    "crank_rad",
+    "peak_n",
+    "x_low_m",
+    "x_high_m",
+    "drive_j",
+    "friction_j",
+    "loss_j",
+    "end_y_m",
+    "end_v_m_s",
+    "end_crank_rad",
+)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Where one motion ends on the way: its last ratio, and how it ends.
+
+    `grazing`: the striker just reaches the stop. `fold`: a periodic impact motion vanishes with a finite
+    blow. `crisis`: an irregular one does. It may lie before the last ratio of the sweep that struck, where
+    impact motion was dying out too slowly for the run to see it end.
+    """
+
+    ratio: float
+    kind: str
+    strikes_after: bool
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One way through the ratios."""
+
+    table: pa.Table
+    edges: list[Edge]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One column as numbers."""
+        values: NDArray[np.float64] = self.table[name].to_numpy()
+        return values
+
+    def striking(self) -> list[Interval]:
+        """Intervals of r in which the striker strikes, ended by the edges or by the sweep's own ends."""
+        grid, strikes = self.column("ratio"), self.column("blows") > 0.0
+        cuts = [float(grid[0]), *(edge.ratio for edge in self.edges), float(grid[-1])]
+        found, on = [], bool(strikes[0])
+        for start, end in pairwise(cuts):
+            if on:
+                found.append((min(start, end), max(start, end)))
+            on = not on
+        return sorted(found)
+
+    def at(self, ratio: float) -> dict[str, Any]:
+        """The row nearest to a ratio."""
+        index = int(np.argmin(np.abs(self.column("ratio") - ratio)))
+        row: dict[str, Any] = self.table.slice(index, 1).to_pylist()[0]
+        return row
+
+    def state_at(self, ratio: float) -> State:
+        """Where the orbit nearest to a ratio ended."""
+        row = self.at(ratio)
+        return State(row["end_y_m"], row["end_v_m_s"], row["end_crank_rad"])
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """Run-up and run-down of one case."""
+
+    case: Case
+    up: Sweep
+    down: Sweep
+
+    def multistable(self) -> list[Interval]:
+        """Where the one way strikes and the other does not."""
+        return symmetric_difference(self.up.striking(), self.down.striking())
+
+    def widest_multistable(self) -> Interval | None:
+        """The widest interval with two motions."""
+        return max(self.multistable(), key=lambda interval: interval[1] - interval[0], default=None)
+
+    def onset(self) -> float | None:
+        """Lowest ratio at which the run-up strikes."""
+        return min((low for low, _ in self.up.striking()), default=None)
+
+    def regimes_seen(self) -> list[str]:
+        """On either way."""
+        return sorted({*self.up.table["regime"].to_pylist(), *self.down.table["regime"].to_pylist()})
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines."""
+        multistable = self.multistable()
+        return {
+            "law": self.case.law,
+            "preset": self.case.preset,
+            "parameters": self.case.parameters(),
+            "up_r": self.up.striking(),
+            "down_r": self.down.striking(),
+            "multistable_r": multistable,
+            "multistable_width": width(multistable),
+            "edges": [
+                {"direction": direction, **asdict(edge)}
+                for direction, sweep in (("up", self.up), ("down", self.down))
+                for edge in sweep.edges
+            ],
+            "regimes_seen": self.regimes_seen(),
+        }
+
+
+def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> list[Diagram]:
+    """Run-up and run-down of every case."""
+    specs = [
+        {"case": case.parameters(), "direction": direction, "ratios": count}
+        for case in cases
+        for direction in ("up", "down")
+    ]
+    slowest_first = sorted(range(len(specs)), key=lambda index: cases[index // 2].is_exact)
+    paths = work.run("sweep", piece, [specs[index] for index in slowest_first], where)
+    sweeps = {index: _load(path) for index, path in zip(slowest_first, paths, strict=True)}
+    return [Diagram(case, sweeps[2 * index], sweeps[2 * index + 1]) for index, case in enumerate(cases)]
+
+
+def _load(path: Path) -> Sweep:
+    table, metadata = store.read(path)
+    return Sweep(table, [Edge(**edge) for edge in metadata["facts"]["edges"]])
+
+
+def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+    """One sweep: a row per ratio, and its edges."""
+    sweep = run(Case(**spec["case"]), spec["direction"], spec["ratios"])
+    return sweep.table, {"edges": [asdict(edge) for edge in sweep.edges]}
+
+
+def ratios(direction: str, count: int = RATIOS) -> NDArray[np.float64]:
+    """In the order of the run."""
+    grid = np.round(np.linspace(LOW_RATIO, HIGH_RATIO, count), 12)
+    return grid if direction == "up" else grid[::-1].copy()
+
+
+def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
+    """By the paper's protocol, the state carried from ratio to ratio."""
+    grid = ratios(direction, count)
+    outcomes: list[Outcome] = []
+    edges: list[Edge] = []
+    state = AT_REST
+    for index, ratio in enumerate(grid):
+        outcome = follow(case, ratio, state, PAPER)
+        if outcomes and (outcome.blows > 0.0) != (outcomes[-1].blows > 0.0):
+            edges.append(_edge(case, grid[: index + 1], outcomes))
+        outcomes.append(outcome)
+        state = end_state(outcome)
+    table: dict[str, Any] = {
+        "ratio": grid,
+        "regime": [Regime(outcome.regime).name.lower().replace("_", "-") for outcome in outcomes],
+    }
+    for column in COLUMNS:
+        table[column] = np.array([getattr(outcome, column) for outcome in outcomes])
+    return Sweep(pa.table(table), edges)
+
+
+def end_state(outcome: Outcome) -> State:
+    """Where an orbit ended."""
+    return State(outcome.end_y_m, outcome.end_v_m_s, outcome.end_crank_rad)
+
+
+def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> Edge:
+    """Follow the motion from before the last of these ratios until it ceases to strike, or begins to."""
+    strikes = outcomes[-1].blows > 0.0
+    for index in range(len(grid) - 2, -1, -1):
+        ratio, beyond, before = float(grid[index]), float(grid[index + 1]), outcomes[index]
+        last = follow(case, ratio, end_state(before), CONTINUE)
+        if (last.blows > 0.0) == strikes:
+            break
+    state, step = end_state(last), 0.5 * (beyond - ratio)
+    periodic_at = ratio if last.certain else math.inf
+    pace = CREEP if case.is_exact and not strikes else CONTINUE
+    while abs(step) > EDGE_STEP:
+        trial = follow(case, ratio + step, state, pace)
+        if (trial.blows > 0.0) == strikes:
+            ratio, state, last = ratio + step, end_state(trial), trial
+            periodic_at = ratio if trial.certain else periodic_at
+        else:
+            step *= 0.5
+    if not strikes or last.v_min_m_s < GRAZING_SHARE * last.v_max_m_s:
+        kind = "grazing"
+    else:
+        kind = "fold" if abs(ratio - periodic_at) < NEAR_EDGE else "crisis"
+    return Edge(ratio, kind, not strikes)
