@@ -33,8 +33,8 @@ QUEUING_JITTER_NS = 100_000
 their ticks, microcontrollers far less; later ones are counted as late, and such a run is not real-time."""
 
 ALL_SENDERS = frozenset({"Drive", "Sensors", "Firmware", "Operator"})
-PACED_SENDERS: frozenset[str] = frozenset()
-"""Nodes that queue at most one frame a tick beside those of every tick. So far none does."""
+PACED_SENDERS = ALL_SENDERS
+"""Nodes that queue at most one frame a tick beside those of every tick."""
 
 ONE_ERROR = ErrorModel(burst=1, gap_ns=10 * NS_PER_MS)
 """A disturbed line: one transmission destroyed at any time, then one every 10 ms."""

@@ -1,4 +1,7 @@
-"""The operator: what a script asks of the firmware, at 10 Hz, with an E-stop that does not wait."""
+"""The operator: what a script asks of the firmware, at 10 Hz, with an E-stop that does not wait.
+
+One frame a period: an E-stop's command follows it in the next.
+"""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -7,6 +10,7 @@ from typing import NamedTuple
 from firmware_py.interface import codec
 from firmware_py.interface.enums import OperatorRequest
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.pacing import Pacer, Urgency
 from firmware_py.interface.records import DriveEstop, OperatorCommand
 
 OPERATOR_PERIOD_S = 0.01
@@ -66,6 +70,7 @@ class OperatorNode:
         self._next = 0
         self._counter = -1
         self._due_period = 0
+        self._pacer: Pacer[Frame] = Pacer()
         self.record: OperatorRecord
 
     def publish(self, period: int) -> list[Frame]:
@@ -86,13 +91,15 @@ class OperatorNode:
             target_impulse_n_s,
             estop,
         )
-        if not changed and period < self._due_period:
-            return []
-        self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
-        if request is Request.SILENT:
-            return []
+        if changed or period >= self._due_period:
+            self._due_period = (period // PERIODS_A_COMMAND + 1) * PERIODS_A_COMMAND
+            if request is not Request.SILENT:
+                self._queue(estop, OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s))
+        frame = self._pacer.take()
+        return [] if frame is None or request is Request.SILENT else [frame]
+
+    def _queue(self, estop: bool, command: OperatorCommand) -> None:
+        if estop:
+            self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
-        command = codec.OPERATOR_COMMAND.encode(
-            OperatorCommand(ON_THE_BUS[request], target_ratio, target_impulse_n_s), self._counter
-        )
-        return [codec.DRIVE_ESTOP.encode(DriveEstop()), command] if estop else [command]
+        self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.pacing import Pacer
 from firmware_py.interface.records import Accelerometer
 from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
 from plant_sim.parts.drive import MotorDrive
@@ -96,13 +97,14 @@ class PlantNode:
         self._counter = -1
         self._last_periodic_tick = -1
         self._next_periodic_tick = 0
+        self._pacer: Pacer[PeriodicFrame] = Pacer()
         self._state = self.plant.state
         self._reading: SensorReading
         drive = self.drive
         self._periodic = [
+            self._periodic_frame(codec.DRIVE_CURRENT, drive.current),
             self._periodic_frame(codec.DRIVE_HEARTBEAT, drive.heartbeat),
             self._periodic_frame(codec.DRIVE_ERRORS, drive.errors),
-            self._periodic_frame(codec.DRIVE_CURRENT, drive.current),
             self._periodic_frame(codec.DRIVE_TEMPERATURE, drive.temperature),
             self._periodic_frame(codec.DRIVE_SUPPLY, drive.supply),
         ]
@@ -115,7 +117,7 @@ class PlantNode:
         return PeriodicFrame(every_ticks, frame_codec.encode, record)
 
     def publish(self) -> list[Frame]:
-        """The frames of tick k: both sensors' every tick, the drive's others when their period has passed."""
+        """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
         self._reading = reading = self.plant.sense()
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
         frames = [
@@ -128,23 +130,25 @@ class PlantNode:
             ),
         ]
         if self.tick >= self._next_periodic_tick:
-            frames += self._periodic_frames()
+            self._queue_periodic_frames()
+        periodic = self._pacer.take()
+        if periodic is not None:
+            frames.append(periodic.encode(periodic.record(self._telemetry())))
         return frames
 
-    def _periodic_frames(self) -> list[Frame]:
-        """The drive's frames whose period has begun since the last call."""
-        plant = self.plant
-        telemetry = Telemetry(plant.current_a, plant.motor_torque_n_m, self._state.omega_rad_s)
-        frames = [
-            encode(record(telemetry))
-            for every_ticks, encode, record in self._periodic
-            if self.tick // every_ticks != self._last_periodic_tick // every_ticks
-        ]
+    def _queue_periodic_frames(self) -> None:
+        """Let the drive's frames wait whose period has begun since the last call."""
+        for periodic in self._periodic:
+            if self.tick // periodic.every_ticks != self._last_periodic_tick // periodic.every_ticks:
+                self._pacer.push(periodic)
         self._last_periodic_tick = self.tick
         self._next_periodic_tick = min(
             (self.tick // periodic.every_ticks + 1) * periodic.every_ticks for periodic in self._periodic
         )
-        return frames
+
+    def _telemetry(self) -> Telemetry:
+        plant = self.plant
+        return Telemetry(plant.current_a, plant.motor_torque_n_m, self._state.omega_rad_s)
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""

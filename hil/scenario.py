@@ -86,12 +86,21 @@ class ScriptTable(Table):
         return self
 
 
+class BusTable(Table):
+    """The bus model, in lockstep; real time has a bus of its own."""
+
+    bitrate: int = Field(
+        default=1_000_000, ge=10_000, le=1_000_000, description="the modelled bus's bits per second"
+    )
+
+
 class ScenarioTable(Table):
     """The file, its scene and its firmware's parameters not yet looked into."""
 
     title: str = Field(min_length=1, description="what must hold, as a sentence")
     scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
     firmware: dict[str, Any] = Field(default={}, description="parameters that differ from their defaults")
+    bus: BusTable | None = Field(default=None, description="the table [bus]: frames take their time")
     script: ScriptTable = Field(description="the table [script] with duration_s and commands")
     checks: list[Check] = Field(default=[], description="the tables [[checks]]")
 
@@ -106,6 +115,8 @@ class Scenario:
     config: Config
     parameters: dict[str, Any]
     """The firmware's, where they differ from the defaults."""
+    bitrate: int | None
+    """The modelled bus's; None: frames arrive at once."""
     duration_s: float
     commands: tuple[Command, ...]
     checks: tuple[Check, ...]
@@ -184,6 +195,7 @@ def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
         scene=load_scene(table.scene),
         config=config_from(table.firmware),
         parameters=table.firmware,
+        bitrate=None if table.bus is None else table.bus.bitrate,
         duration_s=table.script.duration_s,
         commands=tuple(
             Command(

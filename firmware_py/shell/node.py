@@ -2,6 +2,7 @@
 
 Frames that fail their CRC, length or ranges, and those that repeat the counter of the one before, are dropped
 and counted; their source then simply grows older. A gap in a counter is counted, and the frame used.
+Every tick sends the torque and at most one other frame.
 """
 
 import math
@@ -31,6 +32,7 @@ from firmware_py.interface.enums import (
     ParameterStatus,
 )
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.pacing import Pacer, Urgency
 from firmware_py.interface.records import (
     Accelerometer,
     ClearErrors,
@@ -78,7 +80,8 @@ class NodeError(RuntimeError):
 
 
 class Counters(NamedTuple):
-    """Since power-up: frames taken, frames dropped by reason, gaps in rolling counters, skipped ticks."""
+    """Since power-up: frames taken, frames dropped by reason, gaps in rolling counters, skipped ticks, and
+    own frames that found no place in the queue."""
 
     frames: int
     rejected_length: int
@@ -87,6 +90,7 @@ class Counters(NamedTuple):
     rejected_repeated: int
     counter_gaps: int
     skipped_ticks: int
+    unsent: int
 
 
 class _Source:
@@ -116,7 +120,7 @@ class FirmwareNode:
         self.values = with_overrides(parameters or {})
         self.state: State = INITIAL
         self.outputs: Outputs = INITIAL_OUTPUTS
-        self.counters = Counters(0, 0, 0, 0, 0, 0, 0)
+        self.counters = Counters(0, 0, 0, 0, 0, 0, 0, 0)
         self._frames = 0
         self._gaps = 0
         self._rejected = [0, 0, 0]
@@ -127,6 +131,7 @@ class FirmwareNode:
         self._sent: dict[int, int] = {}
         self._due_ticks: dict[int, int] = {}
         self._retry_ticks = max(round(RETRY_S / config.tick_s), 1)
+        self._pacer: Pacer[Callable[[], Frame]] = Pacer()
         self._pending_regime = False
         self._requests: list[ParameterRequest] = []
 
@@ -190,7 +195,16 @@ class FirmwareNode:
 
     def _counted(self) -> Counters:
         length, crc, value = self._rejected
-        return Counters(self._frames, length, crc, value, self._repeated, self._gaps, self._skipped_ticks)
+        return Counters(
+            self._frames,
+            length,
+            crc,
+            value,
+            self._repeated,
+            self._gaps,
+            self._skipped_ticks,
+            self._pacer.lost,
+        )
 
     # --- in -----------------------------------------------------------------------------------------
 
@@ -281,72 +295,73 @@ class FirmwareNode:
     # --- out ----------------------------------------------------------------------------------------
 
     def _frames_out(self, before: Outputs, outputs: Outputs) -> list[Frame]:
-        # The frame that the drive waits for goes first.
-        frames = [codec.SET_INPUT_TORQUE.encode(SetInputTorque(outputs.torque_n_m))]
-        changed = outputs.mode != before.mode
-        self._drive_frames(frames, outputs, changed)
+        """The torque, which the drive waits for, and one of the frames that wait."""
+        self._drive_frames(outputs, outputs.mode != before.mode)
         if outputs.separation:
-            self._send(
-                frames,
-                codec.IMPACT_EVENT,
-                ImpactEvent(
-                    age_s=outputs.impact_age_s + 0.5 * self.config.tick_s,  # sensors' time to this tick's
-                    approach_speed_m_s=outputs.impact_speed_m_s,
-                    impulse_n_s=max(outputs.impact_impulse_n_s, 0.0),
-                ),
-            )
+            self._impact_frame(outputs)
         if outputs.fault not in (before.fault, Fault.NONE):
-            self._send(frames, codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
+            self._send(codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
         self._pending_regime = self._pending_regime or outputs.period_ended
         if self._pending_regime and self._spaced(codec.REGIME_REPORT, RETRY_S):
             self._pending_regime = False
-            self._send(frames, codec.REGIME_REPORT, _regime_report(outputs))
+            self._send(codec.REGIME_REPORT, _regime_report(outputs))
         if self._due(codec.STRIKER_ESTIMATE):
-            estimate = self.state.estimator
-            self._send(
-                frames,
-                codec.STRIKER_ESTIMATE,
-                StrikerEstimate(estimate.x_m, estimate.v_m_s, self.state.crank.omega_rad_s),
-            )
+            self._queue(codec.STRIKER_ESTIMATE, self._striker_estimate)
         if self._due(codec.FIRMWARE_HEARTBEAT):
-            self._send(
-                frames,
-                codec.FIRMWARE_HEARTBEAT,
-                FirmwareHeartbeat(
-                    mode=outputs.mode.value,
-                    fault=outputs.fault.value,
-                    acting_limit=outputs.acting_limit.value,
-                    regime=outputs.regime.value,
-                    target_omega_rad_s=outputs.target_omega_rad_s,
-                ),
-            )
+            self._queue(codec.FIRMWARE_HEARTBEAT, self._firmware_heartbeat)
         if self._requests:
             for request in self._requests:
-                self._send(frames, codec.PARAMETER_VALUE, self._answer(request, outputs.mode))
+                self._send(codec.PARAMETER_VALUE, self._answer(request, outputs.mode))
             self._requests.clear()
+        frames = [codec.SET_INPUT_TORQUE.encode(SetInputTorque(outputs.torque_n_m))]
+        encode = self._pacer.take()
+        if encode is not None:
+            frames.append(encode())
         return frames
 
-    def _drive_frames(self, frames: list[Frame], outputs: Outputs, changed: bool) -> None:
+    def _drive_frames(self, outputs: Outputs, changed: bool) -> None:
         """Bring the drive's axis to where the core wants it; repeat until its heartbeat agrees."""
         if outputs.estop and changed:
-            self._send(frames, codec.DRIVE_ESTOP, DriveEstop())
+            self._send(codec.DRIVE_ESTOP, DriveEstop(), Urgency.AT_ONCE)
         error = self._heartbeat.axis_error != 0
         if outputs.clear_errors and error and self._spaced(codec.CLEAR_ERRORS, RETRY_S):
-            self._send(frames, codec.CLEAR_ERRORS, ClearErrors(identify=0))
+            self._send(codec.CLEAR_ERRORS, ClearErrors(identify=0))
         state = self._heartbeat.axis_state
         if state == outputs.axis_request.value or self._heartbeat_source.age_ticks >= NEVER_TICKS:
             return
         if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
             return
         if outputs.axis_request == AxisState.CLOSED_LOOP_CONTROL:
-            self._send(frames, codec.SET_CONTROLLER_MODE, SetControllerMode(TORQUE_CONTROL, PASSTHROUGH))
+            self._send(codec.SET_CONTROLLER_MODE, SetControllerMode(TORQUE_CONTROL, PASSTHROUGH))
             drive = self.config.drive
-            self._send(
-                frames,
-                codec.SET_LIMITS,
-                SetLimits(drive.speed_limit_rad_s / TAU, drive.current_limit_a),
-            )
-        self._send(frames, codec.SET_AXIS_STATE, SetAxisState(outputs.axis_request.value))
+            self._send(codec.SET_LIMITS, SetLimits(drive.speed_limit_rad_s / TAU, drive.current_limit_a))
+        self._send(codec.SET_AXIS_STATE, SetAxisState(outputs.axis_request.value))
+
+    def _impact_frame(self, outputs: Outputs) -> None:
+        """One impact, whose age counts on while its frame waits."""
+        tick_s = self.config.tick_s
+        # Half a tick: from the sensors' time to this tick's.
+        touch_down_ticks = self._ticks - outputs.impact_age_s / tick_s - 0.5
+        speed_m_s, impulse_n_s = outputs.impact_speed_m_s, max(outputs.impact_impulse_n_s, 0.0)
+
+        def event() -> ImpactEvent:
+            return ImpactEvent((self._ticks - touch_down_ticks) * tick_s, speed_m_s, impulse_n_s)
+
+        self._queue(codec.IMPACT_EVENT, event, Urgency.PROMPT)
+
+    def _striker_estimate(self) -> StrikerEstimate:
+        estimate = self.state.estimator
+        return StrikerEstimate(estimate.x_m, estimate.v_m_s, self.state.crank.omega_rad_s)
+
+    def _firmware_heartbeat(self) -> FirmwareHeartbeat:
+        outputs = self.outputs
+        return FirmwareHeartbeat(
+            mode=outputs.mode.value,
+            fault=outputs.fault.value,
+            acting_limit=outputs.acting_limit.value,
+            regime=outputs.regime.value,
+            target_omega_rad_s=outputs.target_omega_rad_s,
+        )
 
     def _answer(self, request: ParameterRequest, mode: Mode) -> ParameterValue:
         """Read or write one parameter; a write that is refused changes nothing."""
@@ -367,11 +382,23 @@ class FirmwareNode:
                     self.config = config_of(values)
         return ParameterValue(request.parameter_index, status.value, self.values[name])
 
-    def _send(self, frames: list[Frame], its_codec: FrameCodec[Any], record: Any) -> None:
-        count = self._sent.get(its_codec.can_id, 0)
-        frames.append(its_codec.encode(record, count % 16))
-        self._sent[its_codec.can_id] = count + 1
-        self._due_ticks[its_codec.can_id] = self._ticks
+    def _send(self, its_codec: FrameCodec[Any], record: Any, urgency: Urgency = Urgency.IN_TURN) -> None:
+        """Send `record` as it is now, when its turn comes."""
+        self._queue(its_codec, lambda: record, urgency)
+
+    def _queue(
+        self, its_codec: FrameCodec[Any], record: Callable[[], Any], urgency: Urgency = Urgency.IN_TURN
+    ) -> None:
+        """Send what `record` gives when its turn comes."""
+        can_id = its_codec.can_id
+
+        def encode() -> Frame:
+            count = self._sent.get(can_id, 0)
+            self._sent[can_id] = count + 1
+            return its_codec.encode(record(), count % 16)
+
+        self._pacer.push(encode, urgency)
+        self._due_ticks[can_id] = self._ticks
 
     def _spaced(self, its_codec: FrameCodec[Any], period_s: float) -> bool:
         """Whether `period_s` has passed since this frame was last sent."""

@@ -59,3 +59,6 @@ class ModelledNode:
         """What has arrived since the last call."""
         received, self.pending = self.pending, []
         return received
+
+    def wait(self, _: float) -> None:
+        """Nothing arrives while a node of the same process waits."""

@@ -117,6 +117,31 @@ def test_cyclic_frames_keep_their_periods() -> None:
         assert ticks == list(range(ticks[0], 1000, period))
 
 
+def test_a_tick_sends_the_torque_and_at_most_one_other_frame() -> None:
+    bench = Bench()
+    counts = set()
+    for tick in range(1500):
+        if tick == 400:
+            bench.request = OperatorRequest.RUN
+        bench.run(0.001, keep=False)
+        assert bench.sent[0].can_id == codec.SET_INPUT_TORQUE.can_id
+        counts.add(len(bench.sent))
+    assert bench.node.outputs.mode == Mode.SOFT_START
+    assert counts == {1, 2}
+
+
+def test_answers_beyond_the_queue_are_lost_and_counted() -> None:
+    one = node()
+    requests = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0, 0, 0.0), k % 16) for k in range(40)]
+    sent = one.tick(requests, 1)
+    for _ in range(100):
+        sent += one.tick([], 1)
+    one.tick(requests[:1], 1)
+    answers = sum(frame.can_id == codec.PARAMETER_VALUE.can_id for frame in sent)
+    assert answers == 40 - one.counters.unsent
+    assert 1 <= one.counters.unsent < 40
+
+
 def test_own_counters_roll() -> None:
     one, counters = node(), []
     for _ in range(2000):
@@ -161,8 +186,10 @@ def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -
     bench.run(0.001, keep=False)
     bench.change = lambda _, frames: frames
     records = [codec.decode(frame) for frame in bench.sent]
-    assert records[0] == SetInputTorque(0.0)
-    assert DriveEstop() in records
+    assert records == [SetInputTorque(0.0), DriveEstop()]
+    for _ in range(3):
+        bench.run(0.001, keep=False)
+        records += [codec.decode(frame) for frame in bench.sent]
     assert SetAxisState(AxisState.IDLE) in records
     bench.run(1.0, keep=False)
     assert bench.node.outputs.mode == Mode.E_STOP
@@ -182,8 +209,10 @@ def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -
 
 
 def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> ParameterValue:
-    answers = [codec.decode(f) for f in one.tick([codec.PARAMETER_REQUEST.encode(request, counter)], 1)]
-    return next(record for record in answers if isinstance(record, ParameterValue))
+    sent = one.tick([codec.PARAMETER_REQUEST.encode(request, counter)], 1)
+    for _ in range(5):
+        sent += one.tick([], 1)
+    return next(record for record in map(codec.decode, sent) if isinstance(record, ParameterValue))
 
 
 def test_parameters_are_read_and_written_by_index_with_their_bounds_checked() -> None:

@@ -10,7 +10,7 @@ from hil.checks import evaluate
 from hil.figures import figures_of
 from hil.lockstep import run_lockstep
 from hil.run_folder import create, note
-from hil.scenario import Scenario, load_scenario
+from hil.scenario import Scenario, changed, check_scenario, load_scenario, read_scenario
 
 MEASURED = ("wake_latency_us", "work_us")
 """The only columns that a second run of the same seed may change: they are of this machine."""
@@ -100,3 +100,22 @@ def test_short_scenarios_pass_their_checks(name: str, tmp_path: Path) -> None:
     figures = figures_of(run(scenario, tmp_path)).as_json()
     failed = [result for result in evaluate(scenario.checks, figures) if not result.passed]
     assert not failed
+
+
+def test_at_1_mbit_s_no_sample_is_late(tmp_path: Path) -> None:
+    document = changed(read_scenario("soft-start-multistable"), ["script.duration_s=4.0", QUICK[1]])
+    scenario = check_scenario({**document, "bus": {"bitrate": 1_000_000}}, "modelled")
+    run_dir = run(scenario, tmp_path)
+    plant, firmware = trace.read(run_dir / "plant.trace"), trace.read(run_dir / "firmware.trace")
+    assert set(firmware["inputs.accelerometer.age_ticks"]) == {0}
+    assert np.max(np.abs(firmware["inputs.accelerometer.low_m_s2"] - plant["striker_low_m_s2"])) < 0.01
+    bus = figures_of(run_dir)
+    assert bus.bus_load is not None
+    assert 0.35 < bus.bus_load < 0.6
+
+
+def test_at_250_kbit_s_samples_are_late(tmp_path: Path) -> None:
+    document = changed(read_scenario("soft-start-multistable"), QUICK)
+    scenario = check_scenario({**document, "bus": {"bitrate": 250_000}}, "modelled")
+    firmware = trace.read(run(scenario, tmp_path) / "firmware.trace")
+    assert max(firmware["inputs.accelerometer.age_ticks"][10:]) > 0

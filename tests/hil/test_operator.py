@@ -57,8 +57,8 @@ def test_estop_goes_out_first_and_asks_for_nothing_more_until_released() -> None
     ]
     sent = play(script, until_s=0.6)
     assert [round(t_s, 3) for t_s, frame in sent if frame.can_id == ESTOP_ID] == [0.23, 0.3]
-    at_stop = [frame.can_id for t_s, frame in sent if round(t_s, 3) == 0.23]
-    assert at_stop == [ESTOP_ID, codec.OPERATOR_COMMAND.can_id]
+    at_stop = [(round(t_s, 3), frame.can_id) for t_s, frame in sent if 0.225 < t_s < 0.255]
+    assert at_stop == [(0.23, ESTOP_ID), (0.24, codec.OPERATOR_COMMAND.can_id)]
     after = [command.request for t_s, command in commands_of(sent) if t_s >= 0.23]
     assert set(after) == {OperatorRequest.IDLE}
 

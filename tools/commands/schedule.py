@@ -25,7 +25,7 @@ def schedule(
 ) -> None:
     """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
     from hil.can_bits import BitRateError
-    from hil.message_set import ALL_SENDERS, ONE_ERROR, bus_schedule
+    from hil.message_set import ONE_ERROR, bus_schedule
 
     try:
         analysed = bus_schedule(bitrate)
@@ -33,13 +33,11 @@ def schedule(
         raise BadInputError(str(error)) from error
     disturbed = bus_schedule(bitrate, errors=ONE_ERROR)
     others = [bus_schedule(other) for other in REPORTED_BITRATES if other != bitrate]
-    paced = bus_schedule(bitrate, paced=ALL_SENDERS)
     payload = {
         "bitrate": bitrate,
         "load": analysed.load,
         "passed": analysed.schedulable,
         "late": analysed.late,
-        "late_if_all_paced": paced.late,
         "late_if_disturbed": disturbed.late,
         "frames": rows(analysed, disturbed),
         "others": [
@@ -83,7 +81,7 @@ def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
 
 
 def show(payload: dict[str, Any]) -> None:
-    """Print the frames by priority, then what other bit rates and better manners would give."""
+    """Print the frames by priority, then what other bit rates would give."""
     table = Table(box=None, pad_edge=False)
     table.add_column("id")
     for name in ("frame", "sender"):
@@ -111,9 +109,6 @@ def show(payload: dict[str, Any]) -> None:
         highlight=False,
     )
     say(payload["bitrate"], payload["load"], ", ".join(payload["late"]))
-    if payload["late"]:
-        remedy = ", ".join(payload["late_if_all_paced"]) or "none"
-        console.print(f"  if every node queued at most one slow frame a tick: {remedy}", highlight=False)
     for other in payload["others"]:
         say(other["bitrate"], other["load"], f"{len(other['late'])} frames" if other["late"] else "")
 
