@@ -3,7 +3,8 @@
 A sample stands for the instant it was sent at, and does not say which that was. While a loop keeps its pace,
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
-that over the pause it must have moved as far as the clock has; modulo 16, and so a sample that lies there all
+that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
+be late at any time; modulo 16, and so a sample that lies there all
 but alone after a long pause is taken for an old one whatever its counter says.
 """
 
@@ -63,8 +64,9 @@ class Waking:
         if self._lead is None:
             fresh = [frame for frame in frames if frame.can_id == ACCELEROMETER]
         else:
-            now = (self._lead + tick) % codec.COUNTER_MODULUS
-            fresh = [frame for frame in frames if counter_of(frame) == now]
+            now = self._lead + tick
+            near = {(now + jitter) % codec.COUNTER_MODULUS for jitter in (-1, 0, 1)}
+            fresh = [frame for frame in frames if counter_of(frame) in near]
         if fresh:
             self.is_fresh = True
             self.frames += [fresh[-1], *[frame for frame in frames if frame.can_id == ENCODER][-1:]]

@@ -126,3 +126,15 @@ def test_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     plant.drive.since_command_s = 0.04
     plant.sleep_through(40, plant_end.receive())
     assert plant.drive.since_command_s == 0.0
+
+
+def test_sample_that_was_a_tick_late_before_the_pause_does_not_make_later_ones_wrong() -> None:
+    run = Paused()
+    late = run.publish()
+    run.firmware.step(20, 1)  # the plant is late: nothing has arrived yet
+    run.bus.pending += late
+    run.firmware.step(21, 1)
+    run.plant.sleep_through(6, [])
+    run.bus.arriving = run.publish()
+    run.firmware.step(27, 6)
+    assert run.ages() == (0, 0)
