@@ -4,8 +4,8 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time; modulo 16, and so a sample that lies there all
-but alone after a long pause is taken for an old one whatever its counter says.
+be late at any time. It counts modulo 16, and so a sample that lies there all but alone after a long pause is
+taken for an old one whatever its counter says.
 """
 
 from collections.abc import Sequence
