@@ -21,13 +21,18 @@ from plant_sim.solvers.laws import is_dry
 from plant_sim.solvers.modes import Motion
 from plant_sim.solvers.oscillator import Flight, Oscillator, flow, launch
 
-CLOSED_FORM_GAIN = 40.0
-"""Steady amplitude over A up to which the closed forms' cancelling terms leave 13 digits."""
+Rule = tuple[tuple[float, float], ...]
 
-PANEL_RAD = 3.2
-_nodes, _weights = np.polynomial.legendre.leggauss(12)
-NODES: tuple[float, ...] = tuple(float(node) for node in _nodes)
-WEIGHTS: tuple[float, ...] = tuple(float(weight) for weight in _weights)
+
+def _gauss_legendre(points: int) -> Rule:
+    """Nodes and weights on [−1, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return tuple((float(node), float(weight)) for node, weight in zip(nodes, weights, strict=True))
+
+
+PANEL_RAD, PANEL_RULE = 3.2, _gauss_legendre(12)
+SHORT_RAD, SHORT_RULE = 0.1, _gauss_legendre(4)
+"""Spans of the fastest rate's angle over which a rule is exact to rounding."""
 
 
 class Ledger(NamedTuple):
@@ -84,8 +89,13 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
 
     h = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
     flight = launch(o, motion.y_m, motion.v_m_s, sin0, cos0, motion.direction)
-    if o.steady_m > CLOSED_FORM_GAIN * A:
-        y_cos, v2 = _quadrature(o, flight, sin0, cos0, h)
+    if o.resonant and o.decay_1_s == 0.0:
+        y_cos, v2 = _undamped_resonance(o, flight, motion, arrival, h), 0.0
+    elif h * o.fastest_1_s <= SHORT_RAD:
+        y_cos, v2 = _quadrature(o, flight, sin0, cos0, h, 1, SHORT_RULE)
+    elif o.resonant:
+        panels = math.ceil(h * o.fastest_1_s / PANEL_RAD)
+        y_cos, v2 = _quadrature(o, flight, sin0, cos0, h, panels, PANEL_RULE)
     else:
         y_cos, v2 = _closed_form(o, flight, motion, arrival, h)
     friction = 2.0 * o.decay_1_s * o.mass_kg * v2
@@ -95,17 +105,53 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
 
 
 @jit
-def _quadrature(o: Oscillator, flight: Flight, sin0: float, cos0: float, h: float) -> tuple[float, float]:
-    """∫ y cos θ dt and ∫ y'² dt over h seconds of a flight near resonance."""
-    panels = math.ceil(h * o.fastest_1_s / PANEL_RAD)
-    half = 0.5 * h / max(panels, 1)
+def _undamped_resonance(o: Oscillator, flight: Flight, motion: Motion, arrival: Motion, h: float) -> float:
+    """∫ y cos θ dt over h seconds of an undamped flight near resonance, by divided differences of e^(zh).
+
+    With E = e^(iθ0), R = e^(iΩh), β = Ω − ν and T = Ω + ν: the free part is 2 Re{a e^(iνs)}, the forced one
+    ω² A Im{E Q(s)}, and cos θ = Re{E e^(iΩs)}. N = ∫ e^(−iβs) ds stays regular at β = 0, and so does
+    (h − N) / iβ by its series.
+    """
+    nu, Omega, beta = o.ringing_rad_s, o.drive_rad_s, o.beat_rad_s
+    T = Omega + nu
+    E = complex(motion.cos_crank, motion.sin_crank)
+    R = complex(arrival.cos_crank, arrival.sin_crank) * E.conjugate()
+    R2 = R * R
+    half = complex(math.cos(0.5 * beta * h), -math.sin(0.5 * beta * h))
+    N = half * (-2.0 * half.imag / beta if beta != 0.0 else h)
+    z = beta * h
+    if abs(z) < 0.02:
+        lag = (
+            h
+            * h
+            * complex(1 / 2 - z * z * (1 / 24 - z * z / 720), -z * (1 / 6 - z * z * (1 / 120 - z * z / 5040)))
+        )
+    else:
+        lag = (h - N) * complex(0.0, -1.0 / beta)
+    far = R2 * half * half  # e^(iTh)
+    over_T, over_2Omega = complex(0.0, -1.0 / T), complex(0.0, -0.5 / Omega)
+    G0, G1 = (R2 - 1.0) * over_2Omega, (far - 1.0) * over_T
+    lead = (R2 * N - G1) * over_2Omega - (G0 - N.conjugate()) * over_T  # 2iν ∫ Q e^(iΩs) ds
+    lag -= (h - (1.0 - far.conjugate()) * over_T) * over_T  # 2iν ∫ Q e^(−iΩs) ds
+    forced = 0.5 * o.stiffness_1_s2 * o.amplitude_m * (-(E * E * lead + lag).real / (2.0 * nu))
+    a = complex(0.5 * flight.free_m, -0.5 * flight.free_m_s / nu)
+    free = (a * (E * G1 + E.conjugate() * N)).real
+    return forced + free + flight.offset_m * (arrival.sin_crank - motion.sin_crank) / Omega
+
+
+@jit
+def _quadrature(
+    o: Oscillator, flight: Flight, sin0: float, cos0: float, h: float, panels: int, rule: Rule
+) -> tuple[float, float]:
+    """∫ y cos θ dt and ∫ y'² dt over h seconds of a flight, in panels of equal length."""
+    half = 0.5 * h / panels
     y_cos, v2 = 0.0, 0.0
     for panel in range(panels):
         centre = (2 * panel + 1) * half
-        for index in range(len(NODES)):
-            y, v, sin_drive, cos_drive = flow(o, flight, centre + half * NODES[index])
-            y_cos += WEIGHTS[index] * y * (cos0 * cos_drive - sin0 * sin_drive)
-            v2 += WEIGHTS[index] * v * v
+        for node, weight in rule:
+            y, v, sin_drive, cos_drive = flow(o, flight, centre + half * node)
+            y_cos += weight * y * (cos0 * cos_drive - sin0 * sin_drive)
+            v2 += weight * v * v
     return y_cos * half, v2 * half
 
 
@@ -145,4 +191,4 @@ def _closed_form(
     y_cos = P * sc + R * cc + Zc + flight.offset_m * (sin1 - sin0) / Omega
     steady2 = Omega * Omega * (P * P * cc + R * R * ss - 2.0 * P * R * sc)
     v2 = steady2 + 2.0 * Omega * (P * Uc - R * Us) + zz
-    return y_cos, max(v2, 0.0)  # of a bounce too short to heat anything rounding is all that is left
+    return y_cos, max(v2, 0.0)

@@ -39,10 +39,11 @@ from plant_sim.solvers.oscillator import (
 )
 from plant_sim.solvers.roots import clear_span, polish
 
-SETTLED = 1e-3  # spans below this over the fastest rate leave a Taylor polynomial exact to rounding
+SETTLED = 5e-2  # spans below this over the fastest rate leave a Taylor polynomial exact to rounding
 SCAN_SPAN = 2.0  # the derivatives' bound is taken over this many over ω
 CERTAIN = 1e-3  # share of the pressing acceleration that may change until chatter is over
 RESOLVED = 4e-15  # least height of a bounce over the position's scale: some roundings
+SMALL = 1e-2
 ROUNDING = 2.3e-16
 LEAST_SPEED_M_S = 1e-100
 HALF_PI = 0.5 * math.pi
@@ -267,7 +268,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
                 if arrival.t_s <= until_s:
                     return arrival, event
                 break
-            step = max(step, 1e-5 * settled)  # it touches zero within rounding: pass it
+            step = max(step, 1e-7 * settled)  # it touches zero within rounding: pass it
         h = here.h_s + step
         if h >= last:
             break
@@ -282,7 +283,9 @@ def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
 @jit
 def _without_force(p: Point) -> Point:
     """A point just released, whose net force is zero: rounding must not push it back."""
-    return Point(p.h_s, p.y_m, p.v_m_s, 0.0, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5)
+    return Point(
+        p.h_s, p.y_m, p.v_m_s, 0.0, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5, p.piston_m, p.piston_m_s
+    )
 
 
 @jit
@@ -316,16 +319,41 @@ def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple
 def _settle(
     o: Oscillator, p: Point, direction: float, event: Event, step: float, limit: float
 ) -> tuple[float, float, float]:
-    """Time from a point to the event close by, −1 if it does not happen, with y and y' just before it."""
-    y, v, a, jerk, snap, crackle = p.y_m, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5
+    """Time from a point to the event close by, −1 if it does not happen, with y and y' just before it.
+
+    The root of a Taylor polynomial of low degree, then one step of Newton's method with all terms, which has
+    to be small against the distance to the next turn: near grazing the event is left to a closer point.
+    """
+    y, v, a, d3, d4, d5 = p.y_m, p.v_m_s, p.a_m_s2, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5
+    back = -direction
+    overlap, against = min(y - o.gap_m, 0.0), min(back * v, 0.0)
     if event == Event.IMPACT:
-        s = polish(min(y - o.gap_m, 0.0), v, a, jerk, snap, crackle, step, limit)
-        speed = v + s * (a + s * (jerk / 2 + s * (snap / 6 + s * crackle / 24)))
-        return s if speed > 0.0 else -1.0, o.gap_m, speed
-    d = -direction
-    s = polish(min(d * v, 0.0), d * a, d * jerk, d * snap, d * crackle, 0.0, step, limit)
-    place = y + s * (v + s * (a / 2 + s * (jerk / 6 + s * (snap / 24 + s * crackle / 120))))
-    return s, min(place, o.gap_m), 0.0
+        s = 0.0 if overlap == 0.0 and v > 0.0 else polish(overlap, v, a, d3, d4, d5, step, limit)
+    else:
+        at_once = against == 0.0 and back * a > 0.0
+        s = 0.0 if at_once else polish(against, back * a, back * d3, back * d4, back * d5, 0.0, step, limit)
+    if s <= 0.0:
+        return (s, o.gap_m, v) if event == Event.IMPACT else (s, y, 0.0)
+    drag, w2, square = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s * o.drive_rad_s
+    x4, x5 = square * square * p.piston_m, square * square * p.piston_m_s  # derivatives of x_A
+    d6 = -drag * d5 - w2 * (d4 - x4)
+    d7 = -drag * d6 - w2 * (d5 - x5)
+    d8 = -drag * d7 - w2 * (d6 + square * x4)
+    d9 = -drag * d8 - w2 * (d7 + square * x5)
+    high = d6 / 720 + s * (d7 / 5040 + s * (d8 / 40320 + s * d9 / 362880))
+    high_rate = d6 / 120 + s * (d7 / 720 + s * (d8 / 5040 + s * d9 / 40320))
+    rise = s * (v + s * (a / 2 + s * (d3 / 6 + s * (d4 / 24 + s * (d5 / 120 + s * high)))))
+    speed = v + s * (a + s * (d3 / 2 + s * (d4 / 6 + s * (d5 / 24 + s * high_rate))))
+    pull = a + s * (d3 + s * (d4 / 2 + s * d5 / 6))
+    if event == Event.IMPACT:
+        correction = -(overlap + rise) / speed
+        if not (speed > 0.0 and abs(correction * pull) <= SMALL * speed):
+            return -1.0, y, v
+        return max(s + correction, 0.0), o.gap_m, speed + correction * pull
+    correction = -speed / pull
+    if not abs(correction * (d3 + s * (d4 + s * d5 / 2))) <= SMALL * abs(pull):
+        return -1.0, y, v
+    return max(s + correction, 0.0), min(y + rise, o.gap_m), 0.0
 
 
 @jit

@@ -26,8 +26,8 @@ from plant_sim.parts.striker import Striker
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
 from plant_sim.solvers.laws import damping_n_s_m, dry_limit_m_s2, restitution, stop_position_m
 
-RESONANT_GAIN = 16.0
-"""Steady amplitude over A from which on the response from rest is used: it would cost more than one digit."""
+RESONANT_GAIN = 40.0
+"""Steady amplitude over A from which on the steady motion is left alone: its cancellation costs digits."""
 
 LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 
@@ -250,6 +250,8 @@ class Point(NamedTuple):
     jerk_m_s3: float
     snap_m_s4: float
     crackle_m_s5: float
+    piston_m: float  # x_A and its rate
+    piston_m_s: float
 
 
 @jit
@@ -264,4 +266,4 @@ def point(
     jerk = -drag * a - w2 * (v - v_A)
     snap = -drag * jerk - w2 * (a + Omega * Omega * x_A)
     crackle = -drag * snap - w2 * (jerk + Omega * Omega * v_A)
-    return Point(h, y, v, a, jerk, snap, crackle)
+    return Point(h, y, v, a, jerk, snap, crackle, x_A, v_A)
