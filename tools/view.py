@@ -7,11 +7,13 @@ import subprocess
 import sys
 import tempfile
 import time
+import webbrowser
 from pathlib import Path
 
 from hil.log_reader import repair
 from hil.rerun_log import LOG_NAME, rebuild
 from hil.rerun_program import RerunError, rerun_environment, rerun_program
+from tools import quiet_viewer
 from tools.output import BadInputError, progress_console
 
 RUNS = Path("runs")
@@ -62,13 +64,13 @@ def log_of(run: Path | None) -> Path:
 def viewer_command(log: Path, web: bool) -> list[str]:
     """How the viewer is started; it listens on the loopback interface only, on ports that are free."""
     command = [str(rerun_program()), str(log), "--bind", LOOPBACK, "--port", "auto"]
-    return [*command, "--web-viewer", "--web-viewer-port", "0"] if web else command
+    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
 
 
 def live_viewer_command(web: bool) -> list[str]:
     """How a viewer is started that waits for runs that are going on."""
     command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(LIVE_PORT)]
-    return [*command, "--web-viewer", "--web-viewer-port", "0"] if web else command
+    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
 
 
 def has_display() -> bool:
@@ -84,14 +86,26 @@ def view(run: Path | None, web: bool, live: bool) -> None:
     if not web and not has_display():
         raise BadInputError("no display to open a window on; look at it in a browser with --web")
     shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
-    progress_console.print(f"{shown}: serving until Ctrl-C" if web else shown, highlight=False)
     command = live_viewer_command(web) if log is None else viewer_command(log, web)
     try:
-        subprocess.run(command, env=rerun_environment(), check=True)
+        if web:
+            in_browser(command, shown)
+        else:
+            progress_console.print(shown, highlight=False)
+            subprocess.run(command, env=rerun_environment(), check=True)
     except KeyboardInterrupt:
         return
     except subprocess.CalledProcessError as error:
         raise RerunError(f"the viewer ended with status {error.returncode}") from error
+
+
+def in_browser(command: list[str], shown: str) -> None:
+    """Serve the viewer until Ctrl-C, and open a browser on it where there is one."""
+    with quiet_viewer.served(command, rerun_environment()) as (address, process):
+        progress_console.print(f"{shown}: at {address} until Ctrl-C", highlight=False, soft_wrap=True)
+        webbrowser.open(address)
+        process.wait()
+    raise subprocess.CalledProcessError(process.returncode, command)
 
 
 def waiting_for_runs() -> bool:

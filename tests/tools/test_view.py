@@ -42,8 +42,7 @@ def listening(pid: int) -> set[str]:
 
 
 def test_the_web_viewer_listens_on_loopback_only(log):
-    # The viewer opens a browser by itself; the test gives it one that does nothing.
-    environment = {**rerun_environment(), "BROWSER": "true"}
+    environment = rerun_environment()
     process = subprocess.Popen(
         view.viewer_command(log, web=True),
         env=environment,

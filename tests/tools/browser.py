@@ -1,0 +1,162 @@
+"""A headless Chromium, driven over its debugging pipe: open, look, and see what it asked of the network."""
+
+import base64
+import fcntl
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--hide-scrollbars",
+    "--use-angle=swiftshader",  # WebGL without a graphics card
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",
+    "--remote-debugging-pipe",
+)
+WIDTH, HEIGHT = 1280, 800
+ABOVE_OTHERS = 20
+
+Picture = np.ndarray[Any, np.dtype[np.int64]]
+"""Red, green and blue of each pixel, shape (rows, columns, 3)."""
+
+
+def program() -> str:
+    """Where Chromium is; without it the tests are skipped, but never in CI."""
+    for name in PROGRAMS:
+        if (found := shutil.which(name)) is not None:
+            return found
+    if os.environ.get("CI") == "true":
+        pytest.fail("no Chromium, and CI must have one: apt-get install chromium")
+    pytest.skip("no Chromium to look at pages with; install Debian's package chromium")
+
+
+class Browser:
+    """One page of one browser."""
+
+    def __init__(self) -> None:
+        self.requests: list[str] = []
+        """What the page asked for."""
+        self._folder = tempfile.TemporaryDirectory(prefix="vibrohil-browser-", ignore_cleanup_errors=True)
+        command = [program(), *OPTIONS, f"--user-data-dir={self._folder.name}"]
+        pairs = os.pipe(), os.pipe()
+        # Chromium reads from descriptor 3 and writes to 4, whatever the pipes' own numbers are.
+        theirs = [fcntl.fcntl(end, fcntl.F_DUPFD, ABOVE_OTHERS) for end in (pairs[0][0], pairs[1][1])]
+
+        def place() -> None:
+            os.dup2(theirs[0], 3)
+            os.dup2(theirs[1], 4)
+
+        self._process = subprocess.Popen(
+            command,
+            preexec_fn=place,  # noqa: PLW1509  # no thread of the tests holds a lock that this needs
+            pass_fds=(3, 4),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        for end in (*theirs, pairs[0][0], pairs[1][1]):
+            os.close(end)
+        self._write, self._read = pairs[0][1], pairs[1][0]
+        self._buffer = b""
+        self._number = 0
+        self._session: str | None = None
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.call("Page.enable")
+        self.call("Network.enable")
+        screen = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **screen)
+
+    def close(self) -> None:
+        """End the browser with all its processes."""
+        os.close(self._write)
+        os.close(self._read)
+        os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(10.0)
+        self._folder.cleanup()
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Ask one thing and wait for the answer; what happens meanwhile is noted."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._receive()
+            self._note(answer.get("method", ""), answer.get("params", {}))
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                result: dict[str, Any] = answer["result"]
+                return result
+
+    def _note(self, event: str, what: dict[str, Any]) -> None:
+        if event == "Network.requestWillBeSent":
+            self.requests.append(what["request"]["url"])
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            chunk = os.read(self._read, 1 << 20)
+            assert chunk, "the browser has ended"
+            self._buffer += chunk
+        line, self._buffer = self._buffer.split(b"\0", 1)
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def open(self, url: str, dark: bool = False) -> None:
+        """Go to a page, as one who prefers a dark or a light screen."""
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+        self.requests.clear()
+        self.call("Page.navigate", url=url)
+        while (answer := self._receive()).get("method") != "Page.loadEventFired":
+            self._note(answer.get("method", ""), answer.get("params", {}))
+
+    def evaluate(self, expression: str) -> Any:
+        """What a JavaScript expression is on the page."""
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def wait_for(self, expression: str, timeout_s: float = 20.0) -> None:
+        """Wait until a JavaScript expression is true."""
+        deadline = time.monotonic() + timeout_s
+        while not self.evaluate(expression):
+            assert time.monotonic() < deadline, f"not within {timeout_s} s: {expression}"
+            time.sleep(0.1)
+
+    def look(self) -> Picture:
+        """What is on the screen."""
+        data = base64.b64decode(self.call("Page.captureScreenshot")["data"])
+        return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), dtype=np.int64)
+
+    def look_until(self, seen: Callable[[Picture], bool], timeout_s: float = 90.0) -> Picture:
+        """Look again and again until what is wanted is on the screen."""
+        deadline = time.monotonic() + timeout_s
+        while not seen(picture := self.look()):
+            assert time.monotonic() < deadline, "what was to be seen did not appear"
+            time.sleep(0.5)
+        return picture
+
+
+def near(picture: Picture, rgb: tuple[int, int, int], tolerance: int = 30) -> int:
+    """How many pixels have about this colour."""
+    return int(np.count_nonzero((np.abs(picture - np.array(rgb)) < tolerance).all(axis=-1)))

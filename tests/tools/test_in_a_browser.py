@@ -1,0 +1,76 @@
+"""What people open in a browser, opened in one: reports in light and dark, and the viewer on a run's log."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from browser import Browser, near
+from short_run import make_run
+
+from hil.report import write_suite_report
+from hil.rerun_program import rerun_environment
+from tools import view
+from tools.quiet_viewer import served
+
+GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
+PAPER = {False: (255, 255, 255), True: (18, 20, 23)}
+TRUTH, STOP = (63, 143, 224), (229, 72, 77)
+VIEWER_STOP, VIEWER_START = (229, 72, 77), (242, 163, 58)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    page = Browser()
+    yield page
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def run_dir(browser, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("seen") / "run"
+    make_run(folder)
+    return folder
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, dark):
+    page = (run_dir / "report.html").as_uri()
+    browser.open(page, dark)
+    browser.wait_for("document.readyState == 'complete' && document.querySelectorAll('svg').length == 5")
+    assert browser.requests == [page]
+    width = browser.evaluate("document.documentElement.scrollWidth")
+    assert width <= 1280, "nothing sticks out to the right"
+
+    top = browser.look()
+    assert near(top, PAPER[dark], 4) > 0.6 * top.shape[0] * top.shape[1]
+    assert near(top, GREEN[dark], 8) > 800, "the badge of the verdict"
+
+    browser.evaluate("document.querySelector('svg').scrollIntoView()")
+    plot = browser.look()
+    assert near(plot, TRUTH) > 500, "the striker's position"
+    assert near(plot, STOP, 60) > 500, "the stop"
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
+    verdict = json.loads((run_dir / "verdict.json").read_text())
+    failed = {**verdict, "passed": False, "reasons": ["plant left no trace"]}
+    write_suite_report(tmp_path / "index.html", [verdict, failed])
+    browser.open((tmp_path / "index.html").as_uri(), dark)
+    browser.wait_for("document.querySelectorAll('a').length == 2")
+    assert near(browser.look(), RED[dark], 8) > 800
+    browser.evaluate("document.querySelector('a').click()")
+    browser.wait_for("document.querySelectorAll('svg').length == 5")
+
+
+def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, run_dir):
+    command = view.viewer_command(run_dir / "run.rrd", web=True)
+    with served(command, rerun_environment()) as (address, _):
+        browser.open(address, dark=True)
+        picture = browser.look_until(lambda seen: near(seen[240:300], VIEWER_STOP) > 150)
+    assert near(picture[60:250], VIEWER_START, 60) > 2000, "the lane of the run-up"
+    # What the page's policy stops does not even become a request.
+    asked = {urlsplit(url).hostname for url in browser.requests}
+    assert asked == {"127.0.0.1", "localhost"}
