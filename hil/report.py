@@ -1,32 +1,44 @@
 """One self-contained HTML page a run: the verdict, then what explains it, then what it was made with."""
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
+from hil import junit
 from hil.figure_records import CATALOGUE, Figures, value_of
 from hil.report_plots import plots
 from hil.run_traces import RunTraces
 
+
+class Headline(NamedTuple):
+    """A figure a reader wants to know first, in the unit that suits its size, `factor` times its own."""
+
+    name: str
+    label: str
+    factor: float = 1.0
+    unit: str = ""
+
+
 HEADLINES = (
-    ("regime", "true regime of the hold"),
-    ("capture_s", "captured at"),
-    ("impact_v_m_s", "impact speed"),
-    ("peak_force_n", "peak force on the stop"),
-    ("estimate.x_rmse_m", "position estimate, RMS error"),
-    ("estimate.v_rmse_m_s", "velocity estimate, RMS error"),
-    ("detector.recall", "impacts detected"),
-    ("detector.latency_ms.p95", "detection latency, p95"),
-    ("speed.ripple", "speed ripple"),
-    ("tick_us.p99", "work in a firmware tick, p99"),
-    ("overruns", "ticks skipped"),
-    ("bus_load", "bus load"),
+    Headline("regime", "true regime of the hold"),
+    Headline("capture_s", "captured at", unit="s"),
+    Headline("impact_v_m_s", "impact speed", unit="m/s"),
+    Headline("peak_force_n", "peak force on the stop", unit="N"),
+    Headline("estimate.x_rmse_m", "position estimate, RMS error", 1e3, "mm"),
+    Headline("estimate.v_rmse_m_s", "velocity estimate, RMS error", 1e3, "mm/s"),
+    Headline("detector.recall", "impacts detected", 100.0, "%"),
+    Headline("detector.latency_ms.p95", "detection latency, p95", unit="ms"),
+    Headline("speed.ripple", "speed ripple", 100.0, "%"),
+    Headline("tick_us.p99", "work in a firmware tick, p99", unit="µs"),
+    Headline("overruns", "ticks skipped"),
+    Headline("bus_load", "bus load", 100.0, "%"),
 )
-"""What a reader wants to know first."""
 
 
 def shown(value: Any, unit: str) -> str:
@@ -41,6 +53,13 @@ def shown(value: Any, unit: str) -> str:
         return "yes" if value else "no"
     text = f"{value:.4g}" if isinstance(value, float) else str(value)
     return f"{text} {unit}".rstrip()
+
+
+def tile(headline: Headline, content: Mapping[str, Any]) -> tuple[str, str]:
+    """A headline's label and its value as people read it."""
+    value = value_of(content, headline.name)
+    scaled = value if headline.factor == 1.0 or value is None else headline.factor * value
+    return headline.label, shown(scaled, headline.unit)
 
 
 @cache
@@ -59,12 +78,11 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
         (spec.name, shown(value_of(content, spec.name), spec.unit), spec.meaning)
         for spec in CATALOGUE.values()
     ]
-    headlines = [(label, shown(value_of(content, name), CATALOGUE[name].unit)) for name, label in HEADLINES]
     page = template("report.html.j2").render(
         verdict=verdict,
         title=traces.scenario.get("title", verdict["scenario"]),
         checks=[{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
-        headlines=headlines,
+        headlines=[tile(headline, content) for headline in HEADLINES],
         plots=plots(traces, figures),
         figures=rows,
         scenario=tomli_w.dumps(dict(traces.scenario)),
@@ -74,6 +92,21 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
     path.write_text(page, encoding="utf-8")
 
 
+def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
+    """One run's line on the page of a suite: where its own page is, and what went wrong."""
+    failed = [check for check in verdict["checks"] if not check["passed"]]
+    return {
+        **verdict,
+        "page": quote(os.path.relpath(Path(verdict["out"]) / "report.html", beside)),
+        "wrong": [
+            *verdict["reasons"],
+            *(f"{check['name']} is {junit.measured(check)}" for check in failed),
+        ],
+        "passed_checks": len(verdict["checks"]) - len(failed),
+    }
+
+
 def write_suite_report(path: Path, verdicts: Sequence[Mapping[str, Any]]) -> None:
-    """Write the page of many runs: a table that links to each one's own."""
-    path.write_text(template("suite.html.j2").render(verdicts=verdicts), encoding="utf-8")
+    """Write the page of many runs: a table that links to each one's own, the failed ones first."""
+    rows = sorted((row_of(verdict, path.parent) for verdict in verdicts), key=lambda row: bool(row["passed"]))
+    path.write_text(template("suite.html.j2").render(rows=rows), encoding="utf-8")

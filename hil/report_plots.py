@@ -114,12 +114,14 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
     blows = within(traces.impacts, start_s, end_s)
     with canvas(9.6, 5.0) as figure:
         position, speed, crank = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.0, 1.0])
+        believed = thinned(column(firmware, "t_s"), 1e3 * column(firmware, "state.estimator.x_m"))
+        position.plot(*believed, color=BELIEF, lw=0.9, label="estimate")
         t_s, x_mm = thinned(column(plant, "t_s"), 1e3 * column(plant, "x_m"))
         position.plot(t_s, x_mm, color=TRUTH, lw=0.9, label="true position")
         if (stop_m := stop_of(traces)) is not None:
             position.axhline(1e3 * stop_m, color=ALARM, lw=1.0, label="stop")
         position.set_ylabel("x [mm]")
-        position.legend(loc="lower left", ncols=2)
+        position.legend(loc="lower left", ncols=3)
         speed.vlines(column(blows, "t_s"), 0.0, column(blows, "v_m_s"), color=ALARM, lw=0.8)
         speed.plot(column(blows, "t_s"), column(blows, "v_m_s"), ".", color=ALARM, ms=4)
         speed.set_ylim(bottom=0.0)
@@ -140,11 +142,14 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
             if figures.capture_s is not None:
                 axes.axvline(figures.capture_s, color=OTHER, lw=0.8, ls=":")
         svg = svg_of(figure)
-    captured = "never" if figures.capture_s is None else f"at {figures.capture_s:.2f} s (green)"
+    captured = (
+        "Never captured."
+        if figures.capture_s is None
+        else f"Captured at {figures.capture_s:.2f} s (green): every drive period from there on has its blow."
+    )
     return Plot(
         "Start-up",
-        f"From the first motion to just after the run-up (dotted). Captured {captured}: from there on every "
-        "drive period has its impact.",
+        f"From the first motion to just after the run-up (dotted). {captured}",
         svg,
     )
 
@@ -223,6 +228,7 @@ def histogram(axes: Axes, values: FloatArray, color: str, label: str, empty: str
     middle = 0.5 * float(finite.min() + finite.max())
     half = max(spread, 0.02 * abs(middle)) * 0.55
     axes.hist(finite, bins=24, range=(middle - half, middle + half), color=color)
+    axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel(label)
 
 
