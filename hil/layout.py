@@ -137,17 +137,17 @@ BLOWS = (
 )
 
 
-def lanes(*names: str) -> rrb.StateTimelineView:
+def lanes(name: str, *states: str) -> rrb.StateTimelineView:
     """State lanes, over the whole run."""
     return rrb.StateTimelineView(
-        origin="/states", contents=[f"/states/{name}" for name in names], name="Modes, regimes, limits"
+        origin="/states", contents=[f"/states/{state}" for state in states], name=name
     )
 
 
-def events() -> rrb.TextLogView:
+def texts(name: str, entity: str) -> rrb.TextLogView:
     """What happened, as text."""
     columns = rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["loglevel", "body"])
-    return rrb.TextLogView(origin="/events", name="Events", columns=columns)
+    return rrb.TextLogView(origin=entity, name=name, columns=columns)
 
 
 def module() -> rrb.Spatial2DView:
@@ -166,14 +166,14 @@ def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None, ma
     """What the run was, at one glance."""
     return shares(
         rrb.Vertical,
-        lanes("mode", "regime", "checks"),
+        lanes("Modes and regimes", "mode", "regime", "checks"),
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
             plot("Impacts", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
             plot("Crank speed [rad/s]", *SPEED, legend=rrb.Corner2D.RightBottom),
             plot("Torque [N m]", *TORQUE, legend=rrb.Corner2D.LeftBottom),
         ),
-        shares(rrb.Horizontal, module(), events(), by=(3, 2)),
+        shares(rrb.Horizontal, module(), texts("Events", "/events"), by=(3, 2)),
         by=(6 if marked else 5, 7, 5, 5),
         name="Overview",
     )
@@ -235,8 +235,16 @@ def impacts(detail_s: tuple[float, float] | None, fastest_m_s: float | None) -> 
     return rrb.Vertical(
         rrb.Horizontal(
             plot("Approach speed", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
-            plot("Impulse", Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", OTHER, "diamond")),
-            plot("Peak force", Dots("/impacts/truth", "peak_force_n", "peak force [N]", ALARM, "circle")),
+            plot(
+                "Impulse",
+                Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", OTHER, "diamond"),
+                legend=rrb.Corner2D.RightBottom,
+            ),
+            plot(
+                "Peak force",
+                Dots("/impacts/truth", "peak_force_n", "peak force [N]", ALARM, "circle"),
+                legend=rrb.Corner2D.RightBottom,
+            ),
         ),
         plot(
             "Force on the stop, close up [N]",
@@ -278,8 +286,8 @@ def bus_and_timing() -> Any:
             plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), up_to=1.0),
         ),
         rrb.Horizontal(
-            lanes("axis", "fault", "limit", "motion"),
-            rrb.TextLogView(origin="/can/rejected", name="Frames refused"),
+            lanes("Drive, faults, limits", "axis", "fault", "limit", "motion"),
+            texts("Frames refused", "/can/rejected"),
         ),
         name="Bus and timing",
     )

@@ -35,6 +35,8 @@ from hil.run_traces import BusLog, Records, RunTraces, column, read_run
 
 APPLICATION_ID = "vibrohil"
 LOG_NAME = "run.rrd"
+LATEST_MARK = 0.97
+"""A failed check is marked at this fraction of the run at the latest."""
 VIEWER_TIMEOUT_S = 5.0
 """A viewer that takes nothing for so long is given up."""
 
@@ -140,6 +142,7 @@ class RunLog:
         self._declared: set[str] = set()
         self._last: dict[str, int] = {}
         self._pending_bits: dict[int, float] = {}
+        self._end_s = 0.0
         self.recording.send_recording_name(f"{run.get('scenario', 'run')} ({run.get('clock', '?')})")
         self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
         self._document("about/run", json.dumps(dict(run), indent=2), "json")
@@ -164,6 +167,9 @@ class RunLog:
 
     def append(self, traces: RunTraces) -> None:
         """Log the records of `traces`, all of them new, and hand them to the operating system."""
+        for records in (traces.plant, traces.firmware):
+            if len(records):
+                self._end_s = float(column(records, "t_s")[-1])
         self._plant(traces.plant)
         self._firmware(traces.firmware)
         self._impacts(traces.impacts)
@@ -178,7 +184,9 @@ class RunLog:
             self._events([mark.t_s], [mark.text], "ERROR")
         texts: dict[float, str] = {}
         for mark in sorted(marks):
-            texts[mark.t_s] = f"{texts[mark.t_s]}; {mark.text}" if mark.t_s in texts else mark.text
+            # A mark reaches to the run's end, and one at the end itself would have no width.
+            t_s = min(mark.t_s, LATEST_MARK * self._end_s)
+            texts[t_s] = f"{texts[t_s]}; {mark.text}" if t_s in texts else mark.text
         if texts:
             states = list(texts.values())
             alarms = rr.StateConfiguration(values=states, colors=colors([ALARM] * len(states)))
