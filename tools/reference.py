@@ -1,0 +1,216 @@
+"""The reference pages under docs/reference, made from the code and the DBC: `python -m tools.reference`.
+
+A test holds the pages up to date.
+"""
+
+import inspect
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from firmware_py.interface import codec, enums
+from firmware_py.interface.layout import Signal, SignalKind
+from firmware_py.shell.parameters import TABLE
+from hil.figure_records import CATALOGUE
+from hil.scenario import CommandTable, ScenarioTable, ScriptTable
+from plant_sim import scene_tables
+from tools.cli import app
+
+PLACE = Path("docs/reference")
+MADE = "<!-- made by `python -m tools.reference`; change the code it is made from -->"
+
+
+def row(*cells: Any) -> str:
+    """One line of a Markdown table."""
+    return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def table(titles: Sequence[str], rows: Iterator[str]) -> str:
+    """A Markdown table."""
+    return "\n".join([row(*titles), row(*["---"] * len(titles)), *rows])
+
+
+def page(title: str, *parts: str) -> str:
+    """A page: its title, where it comes from, and its parts."""
+    return "\n\n".join([f"# {title}", MADE, *parts]) + "\n"
+
+
+def first_sentences(thing: Any) -> str:
+    """A docstring as one paragraph."""
+    return " ".join((inspect.getdoc(thing) or "").split())
+
+
+def values_of(signal: Signal) -> str:
+    """What a signal may be: its range, or how many values are listed."""
+    if signal.kind is SignalKind.FLAGS:
+        return "bits"
+    if signal.values:
+        return f"one of {len(signal.values)} states"
+    return "float32" if signal.is_float else f"{signal.low:g} … {signal.high:g}"
+
+
+def frames() -> str:
+    """Every frame of the bus, from vibro.dbc."""
+    parts = [
+        "Classic CAN, 1 Mbit/s, 11-bit identifiers, little-endian. The only source is "
+        "`firmware_py/interface/vibro.dbc`. A protected frame ends in a rolling counter and a CRC-8 "
+        "(SAE J1850 over the identifier's low byte and the data)."
+    ]
+    for one in sorted(codec.CODECS.values(), key=lambda one: one.can_id):
+        sent = "on an event" if one.period_s is None else f"every {1e3 * one.period_s:g} ms"
+        protection = ", protected" if one.protected else ""
+        parts.append(f"## 0x{one.can_id:03X} {one.record.__name__}")
+        parts.append(
+            f"{first_sentences(one.record)}\n\nSender: {one.sender or 'any client of the drive'}; {sent}; "
+            f"{one.length} bytes{protection}."
+        )
+        if one.signals:
+            rows = (
+                row(f"`{name}`", signal.unit or "—", values_of(signal), f"{signal.scale:g}")
+                for name, signal in one.signals.items()
+            )
+            parts.append(table(["signal", "unit", "values", "a count is"], rows))
+    parts.append("## States")
+    for name in enums.__dict__:
+        kind = getattr(enums, name)
+        if isinstance(kind, type) and issubclass(kind, IntEnum) and kind is not IntEnum:
+            rows = (row(value.value, f"`{value.name}`") for value in kind)
+            parts += [f"### {name}\n\n{first_sentences(kind)}", table(["value", "name"], rows)]
+    return page("Frames", *parts)
+
+
+def parameters() -> str:
+    """Every parameter of the firmware."""
+    rows = (
+        row(index, f"`{one.name}`", one.unit, f"{one.default:g}", f"{one.low:g} … {one.high:g}", one.meaning)
+        for index, one in enumerate(TABLE)
+    )
+    return page(
+        "Firmware parameters",
+        "What the firmware believes and how it is tuned: in a scenario under `[firmware]`, on the command "
+        "line as `--set firmware.NAME=VALUE`, on the bus by index.",
+        table(["index", "name", "unit", "default", "bounds", "meaning"], rows),
+    )
+
+
+def figures() -> str:
+    """Every figure a check may name."""
+    rows = (row(f"`{spec.name}`", spec.unit or "—", spec.meaning) for spec in CATALOGUE.values())
+    return page(
+        "Figures",
+        "What is known of a run once it is over. A check names one of these, with `low` and/or `high`, or "
+        "`equals`. A figure that the run cannot give is null, and a check on it fails.",
+        table(["name", "unit", "meaning"], rows),
+    )
+
+
+def bounds_of(field: FieldInfo) -> str:
+    """The bounds of a key, as written."""
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = [
+        f"{sign} {getattr(one, name):g}"
+        for one in field.metadata
+        for name, sign in signs.items()
+        if getattr(one, name, None) is not None
+    ]
+    return ", ".join(found)
+
+
+def default_of(field: FieldInfo) -> str:
+    """The default of a key."""
+    if field.is_required():
+        return "required"
+    if field.default is None or isinstance(field.default, BaseModel):
+        return "—"
+    return f"`{field.default}`" if field.default_factory is None else "—"
+
+
+def choices_of(annotation: Any) -> str:
+    """The names a key may take."""
+    if get_origin(annotation) is None:
+        return ""
+    names = [repr(value) for value in get_args(annotation) if isinstance(value, str)]
+    return f" ({', '.join(names)})" if names else ""
+
+
+def keys_of(model: type[BaseModel]) -> str:
+    """The keys of one table of a file."""
+    rows = (
+        row(
+            f"`{name}`",
+            default_of(field),
+            bounds_of(field) or "—",
+            (field.description or "") + choices_of(field.annotation),
+        )
+        for name, field in model.model_fields.items()
+    )
+    return table(["key", "default", "bounds", "meaning"], rows)
+
+
+def models(module: Any) -> list[type[BaseModel]]:
+    """The tables a module defines, in its order."""
+    found = [
+        thing
+        for thing in vars(module).values()
+        if isinstance(thing, type) and issubclass(thing, module.Table) and thing is not module.Table
+    ]
+    return [thing for thing in found if thing.__module__ == module.__name__]
+
+
+def scenes() -> str:
+    """Every key of a scene's and a scenario's file."""
+    parts = ["A missing table means that the part is not there. Unknown keys are refused."]
+    of_scenario: list[type[BaseModel]] = [ScenarioTable, ScriptTable, CommandTable]
+    for heading, found in (("A scenario", of_scenario), ("A scene", models(scene_tables))):
+        parts.append(f"## {heading}")
+        for model in found:
+            name = model.__name__.removesuffix("Table")
+            parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model)]
+    return page("Scenarios and scenes", *parts)
+
+
+def commands() -> str:
+    """Every command and its options."""
+    program: Any = typer.main.get_command(app)
+    parts = [
+        "Every command explains itself with `--help`. With `--json` it prints one JSON object on standard "
+        "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted, 3 internal error, 4 usage or "
+        "bad input, 5 nothing ran."
+    ]
+    for name, command in program.commands.items():
+        lines = []
+        for option in command.params:
+            if option.name == "help":
+                continue
+            names = ", ".join(f"`{one}`" for one in option.opts) or f"`{option.name}`"
+            shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
+            lines.append(row(shown, getattr(option, "help", None) or ""))
+        parts.append(f"## vibrohil {name}\n\n{command.help or ''}")
+        if lines:
+            parts.append(table(["option", "meaning"], iter(lines)))
+    return page("The command line", *parts)
+
+
+PAGES = {
+    "frames.md": frames,
+    "parameters.md": parameters,
+    "figures.md": figures,
+    "scenes.md": scenes,
+    "command-line.md": commands,
+}
+
+
+def main() -> None:
+    """Write all pages."""
+    PLACE.mkdir(parents=True, exist_ok=True)
+    for name, make in PAGES.items():
+        (PLACE / name).write_text(make(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
