@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from hil import detection
@@ -228,7 +229,7 @@ def histogram(axes: Axes, values: FloatArray, color: str, label: str, empty: str
     middle = 0.5 * float(finite.min() + finite.max())
     half = max(spread, 0.02 * abs(middle)) * 0.55
     axes.hist(finite, bins=24, range=(middle - half, middle + half), color=color)
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
     axes.set_xlabel(label)
 
 
