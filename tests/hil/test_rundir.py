@@ -27,6 +27,12 @@ def finished(tmp_path_factory):
     return run_dir, finish(run_dir)
 
 
+@pytest.fixture
+def without_plots(monkeypatch):
+    """Nine tenths of the time a verdict takes are its report's plots."""
+    monkeypatch.setattr("hil.report.plots", lambda *_: [])
+
+
 class Page(html.parser.HTMLParser):
     """What a page refers to and says, and whether its tags close."""
 
@@ -76,6 +82,7 @@ def test_finishing_again_changes_nothing(finished, tmp_path):
     assert finish(run_dir) == verdict
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path):
     made_up = make_run()
     made_up.scenario["checks"] = [
@@ -97,6 +104,7 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
     }
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     made_up = make_run()
     made_up.impacts = {name: values[:0] for name, values in made_up.impacts.items()}
@@ -107,6 +115,7 @@ def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     assert "capture_s is not there, wanted ≤ 10 s" in (tmp_path / "junit.xml").read_text()
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace", "outcome.json"])
 def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(tmp_path, lost):
     run_dir = write_run(make_run(), tmp_path)
@@ -118,6 +127,7 @@ def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(
     assert rerun(["rrd", "verify", run_dir / "run.rrd"]).returncode == 0
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_dead_process_fails_the_run_with_the_reason(tmp_path):
     made_up = make_run()
     made_up.outcome["reasons"] = ["firmware was killed by SIGKILL at 4.00 s"]
@@ -145,6 +155,7 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     assert len(text) < 1_500_000
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_the_report_escapes_what_a_scenario_says(tmp_path):
     made_up = make_run()
     made_up.scenario["title"] = "<script>alert(1)</script>"
