@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-from plant_sim.scene import Scene
 
 from plant_sim.result import SimulationResult
+from plant_sim.scene import Scene
 
 PLOT_WINDOW_S = 5.0
 """How much of the end of a long run the time history shows: some ten periods at the module's frequencies."""

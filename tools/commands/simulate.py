@@ -30,10 +30,9 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
+    from hil.settings import apply_settings
     from plant_sim.scene import load_scene, read_scene
     from plant_sim.simulate import simulate as simulate_plant
-
-    from hil.settings import apply_settings
 
     if not 0.0 < until < float("inf"):
         raise BadInputError(
