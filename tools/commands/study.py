@@ -1,6 +1,7 @@
 """`vibrohil study`: the paper's diagrams, basins and claims."""
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -100,6 +101,268 @@ def sweep(
         print_json(payload)
     else:
         show_sweep(found, payload)
+
+
+@study.command()
+def basin(
+    preset: Preset = "table1",
+    law: Law = "viscous",
+    value: Value = None,
+    amplitude: Amplitude = None,
+    ratio: Ratio = 1.3,
+    plane: Annotated[str, typer.Option(help="state: (x0, v0); phase: (x0, crank angle); both.")] = "both",
+    size: Annotated[int, typer.Option(help="Cells along a side.")] = 200,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Basins of attraction: which starts strike, and how sharp the border is."""
+    import numpy as np
+
+    from tools.study import basin as basins
+    from tools.study import figures, work
+    from tools.study.orbits import warm
+
+    case = chosen_case(preset, law, value, amplitude)
+    planes = basins.PLANES if plane == "both" else (one_of("--plane", plane, basins.PLANES),)
+    if not 2 <= size <= LARGEST_MAP:
+        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
+    where = work.here(out, cores, scheduler)
+    compile_s = 0.0 if scheduler else warm([case])
+    clock = Stopwatch()
+    found = [basins.compute(case, positive("--ratio", ratio), one, size, where) for one in planes]
+    cost = clock.read()
+    pictures = []
+    for one in found:
+        across, up = basins.axes(case, one.plane, size)
+        share, bounds = one.statistics["impact_fraction"], one.statistics["impact_fraction_bootstrap"]
+        caption = (
+            f"{100 * share:.1f} % strike ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
+            f"uncertainty exponent {one.statistics['uncertainty_exponent']:.3f}"
+        )
+        blows = one.table["blows"].to_numpy().reshape(size, size)
+        name = f"basin-{preset}-{law}-r{ratio:g}-{one.plane}"
+        pictures += figures.basin(case, ratio, one.plane, across, up, np.asarray(blows), caption, out, name)
+    payload = {
+        "basins": [one.as_json() for one in found],
+        **cost,
+        "compile_s": compile_s,
+        "cores": where.cores,
+        "figures": pictures,
+        "out": str(out),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        for one in found:
+            rows = [(name.replace("_", " "), figure_of(value), "") for name, value in one.statistics.items()]
+            console.print(figure_table(f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}", rows))
+        show_cost(payload)
+
+
+@study.command("map")
+def chart(
+    over: Annotated[str, typer.Option(help="r,A, r,mu, r,b or r,k.")] = "r,A",
+    preset: Preset = "table1",
+    law: Law = "viscous",
+    value: Value = None,
+    amplitude: Amplitude = None,
+    size: Annotated[int, typer.Option(help="Cells along a side.")] = 60,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Charts over two parameters: regime, and how surely a start ends striking."""
+    import numpy as np
+    import pyarrow as pa
+
+    from tools.study import figures, maps, store, work
+    from tools.study.orbits import warm
+
+    case = chosen_case(preset, law, value, amplitude)
+    second = maps.second_of(over)
+    maps.check(case, second)
+    if not 2 <= size <= LARGEST_MAP:
+        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
+    where = work.here(out, cores, scheduler)
+    compile_s = 0.0 if scheduler else warm([case])
+    clock = Stopwatch()
+    paths = work.run("map", maps.piece, maps.specs(case, second, size), where)
+    cost = clock.read()
+    table = pa.concat_tables([store.read(path)[0] for path in paths])
+    reliability, regimes, from_rest = (
+        np.asarray(table[name].to_numpy(zero_copy_only=False)).reshape(size, size)
+        for name in ("reliability", "regime", "from_rest")
+    )
+    ratios, values = maps.axes(second, size)
+    label = maps.SECOND[second][3]
+    name = f"map-{preset}-{law}-r-{second}"
+    store.write(out / f"{name}.parquet", table, maps.summary_spec(case, second, size), {})
+    summary: dict[str, Any] = {
+        "over": ["r", second],
+        "preset": preset,
+        "parameters": case.parameters(),
+        "r": [float(ratios[0]), float(ratios[-1])],
+        "values": [float(values[0]), float(values[-1])],
+        "size": size,
+        "starts": maps.STARTS,
+        "share_with_impact": float((reliability > 0.0).mean()),
+        "share_certain_to_strike": float((reliability == 1.0).mean()),
+    }
+    payload = {
+        "map": summary,
+        **cost,
+        "compile_s": compile_s,
+        "cores": where.cores,
+        "figures": figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name),
+        "out": str(out),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        rows = [
+            ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
+            ("cells where every start strikes", 100.0 * summary["share_certain_to_strike"], "%"),
+        ]
+        console.print(figure_table(f"{case.label}, over r and {second}", rows))
+        show_cost(payload)
+
+
+@study.command()
+def portrait(
+    preset: Preset = "table1",
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Time histories and phase portraits of both motions of each friction law."""
+    from tools.study import cases, figures, work
+    from tools.study.orbits import warm
+    from tools.study.portraits import pair
+    from tools.study.sweep import diagrams
+
+    one_of("--preset", preset, cases.PRESETS)
+    chosen = [cases.case(preset, law) for law in cases.LAWS]
+    where = work.here(out, cores, scheduler)
+    compile_s = 0.0 if scheduler else warm(chosen)
+    clock = Stopwatch()
+    pairs = [pair(diagram) for diagram in diagrams(chosen, where)]
+    cost = clock.read()
+    payload = {
+        "portraits": [
+            {
+                "law": both.case.law,
+                "parameters": both.case.parameters(),
+                "impact_r": both.impact and both.impact.ratio,
+                "non_impact_r": both.calm and both.calm.ratio,
+            }
+            for both in pairs
+        ],
+        **cost,
+        "compile_s": compile_s,
+        "figures": figures.portraits(pairs, out, f"portrait-{preset}"),
+        "out": str(out),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        show_cost(payload)
+
+
+@study.command()
+def claims(
+    page: Annotated[
+        Path | None, typer.Option(help="The page to read; claims.md in the folder of results by default.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """The paper's fourteen claims: verdict, figures and reason of each, and a page to read."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from tools.study import basin as basins
+    from tools.study import cases, figures, work
+    from tools.study import page as pages
+    from tools.study.claims import judge
+    from tools.study.evidence import CONTACTS_S, Evidence
+    from tools.study.orbits import warm
+    from tools.study.portraits import pair
+
+    where = work.here(out, cores, scheduler)
+    rigid = [cases.case("table1", law) for law in cases.LAWS]
+    compile_s = warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
+    clock = Stopwatch()
+    evidence = Evidence(where)
+    judged = judge(evidence)
+    cost = clock.read()
+    pictures = figures.regime_bars(evidence.diagrams, out, "regimes")
+    for preset in cases.PRESETS:
+        nominal = evidence.nominal(preset)
+        pictures += figures.amplitude_frequency(nominal, out, f"sweep-{preset}")
+        pictures += figures.portraits([pair(diagram) for diagram in nominal], out, f"portrait-{preset}")
+    for law in ("viscous", "coulomb"):
+        one = evidence.basin(law)
+        across, up = basins.axes(one.case, one.plane, one.size)
+        blows = np.asarray(one.table["blows"].to_numpy()).reshape(one.size, one.size)
+        caption = f"{100 * one.statistics['impact_fraction']:.1f} % strike"
+        name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
+        pictures += figures.basin(one.case, one.ratio, one.plane, across, up, blows, caption, out, name)
+    pages.write(judged, page or out / "claims.md")
+    payload = {
+        "claims": [asdict(claim) for claim in judged],
+        **cost,
+        "compile_s": compile_s,
+        "cores": where.cores,
+        "page": str(page or out / "claims.md"),
+        "figures": pictures,
+        "out": str(out),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        table = Table(box=None, pad_edge=False)
+        for name in ("claim", "the paper says", "verdict"):
+            table.add_column(name)
+        for claim in judged:
+            table.add_row(claim.id, claim.statement, claim.verdict)
+        console.print(table)
+        show_cost(payload)
+        console.print(f"reasons and figures: {payload['page']}", highlight=False)
+
+
+LARGEST_MAP = 4000
+
+
+def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
+    """The module that the options name."""
+    from dataclasses import replace
+
+    from tools.study import cases
+
+    if value is not None and not 0.0 <= value < float("inf"):
+        raise BadInputError(f"--value is {value}: wanted b in N s/m, or μ, 0 or more")
+    one_of("--preset", preset, cases.PRESETS)
+    case = cases.case(preset, one_of("--law", law, cases.LAWS), value)
+    return case if amplitude is None else replace(case, amplitude_m=amplitude_m(amplitude))
+
+
+def figure_of(value: Any) -> Any:
+    """Bounds as one text."""
+    return " to ".join(f"{one:.4g}" for one in value) if isinstance(value, list | tuple) else value
+
+
+def positive(option: str, given: float) -> float:
+    """A finite number above 0."""
+    if not 0.0 < given < float("inf"):
+        raise BadInputError(f"{option} is {given}: wanted a positive number")
+    return given
 
 
 def is_nominal(case: "Case") -> bool:

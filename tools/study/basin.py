@@ -12,6 +12,7 @@ Two planes: (x0, v0) at a crank angle, and (x0, crank angle) at rest. What a map
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.solvers.orbits import CLASSIFY
+from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.orbits import classify
 
@@ -51,6 +53,46 @@ def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArra
 def fastest_start_m_s(case: Case) -> float:
     """The box's half height."""
     return FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
+
+
+@dataclass(frozen=True)
+class Basin:
+    """A map, row by row, and its numbers."""
+
+    case: Case
+    ratio: float
+    plane: str
+    size: int
+    table: pa.Table
+    uncertain: int
+    """Cells whose orbit had not settled by the end of its run; they count by what it did last."""
+    statistics: dict[str, Any]
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "law": self.case.law,
+            "preset": self.case.preset,
+            "parameters": self.case.parameters(),
+            "ratio": self.ratio,
+            "plane": self.plane,
+            "size": self.size,
+            "uncertain": self.uncertain,
+            **self.statistics,
+        }
+
+
+def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
+    """The whole map; also written as one file beside its figure."""
+    paths = work.run(f"basin-{plane}", piece, specs(case, ratio, plane, size), where)
+    pieces = [store.read(path) for path in paths]
+    table = pa.concat_tables([table for table, _ in pieces])
+    uncertain = sum(metadata["facts"]["uncertain"] for _, metadata in pieces)
+    numbers = statistics(table["blows"].to_numpy().reshape(size, size) > 0.0)
+    found = Basin(case, ratio, plane, size, table, uncertain, numbers)
+    name = f"basin-{case.preset}-{case.law}-r{ratio:g}-{plane}.parquet"
+    store.write(where.out / name, table, {"case": case.parameters(), "ratio": ratio, "plane": plane}, numbers)
+    return found
 
 
 def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
@@ -139,10 +181,11 @@ def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDA
     square = strikes[:size, :size]
     lags = np.unique(np.geomspace(1, max(size // 12, 1), 8).astype(np.int64))
     shares = np.empty((len(lags), 2 * size))
+    lines, edge = np.concatenate((square, square.T)), int(lags[-1])
+    middle = lines[:, edge : size - edge]
     for place, lag in enumerate(lags):
-        lines = np.concatenate((square, square.T))
-        middle = lines[:, lag:-lag]
-        shares[place] = ((middle != lines[:, : -2 * lag]) | (middle != lines[:, 2 * lag :])).mean(axis=1)
+        left, right = lines[:, edge - lag : size - edge - lag], lines[:, edge + lag : size - edge + lag]
+        shares[place] = ((middle != left) | (middle != right)).mean(axis=1)
     return lags, shares
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from plant_sim.solvers.orbits import Regime
 from tools.study.cases import Case
 from tools.study.intervals import Interval
+from tools.study.portraits import Motion, Pair
 from tools.study.sweep import HIGH_RATIO, LOW_RATIO, Diagram, Sweep
 
 if TYPE_CHECKING:
@@ -189,3 +190,88 @@ REGIME_COLOURS = {
     Regime.STUCK: "#8c8c8c",
     Regime.UNCERTAIN: "#dd8452",
 }
+"""Colour of each regime in charts."""
+
+
+def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
+    """A row per law: time history and phase portrait of the impact motion, then of the other."""
+    figure, grid = new_figure(len(pairs), 4, 15.0, 0.8 + 2.9 * len(pairs))
+    for row, both in zip(grid, pairs, strict=True):
+        for axes, motion, kind in ((row[:2], both.impact, "impact"), (row[2:], both.calm, "non-impact")):
+            if motion is None:
+                for blank in axes:
+                    blank.set_axis_off()
+                axes[0].set_title(f"{_title(both.case)}\nno {kind} motion", fontsize=9)
+                continue
+            _portrait(axes, motion, kind)
+        extents = [axes.get_xlim() for axes, there in ((row[1], both.impact), (row[3], both.calm)) if there]
+        speeds = [axes.get_ylim() for axes, there in ((row[1], both.impact), (row[3], both.calm)) if there]
+        for axes, there in ((row[1], both.impact), (row[3], both.calm)):
+            if there:
+                axes.set_xlim(min(low for low, _ in extents), max(high for _, high in extents))
+                axes.set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))
+    figure.suptitle(
+        f"{pairs[0].case.preset}: both motions of each friction law; points: once per drive period, at the "
+        "crank's rear dead centre",
+        fontsize=11,
+    )
+    return save(figure, folder, name)
+
+
+def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
+    case = motion.case
+    colour = IMPACT_COLOUR if motion.strikes else UP_COLOUR
+    y_mm = 1e3 * (motion.x_m - case.rest_length_m)
+    gap_mm = 1e3 * case.gap_m
+    axes[0].plot(motion.t_s, y_mm, color=colour, lw=1.2)
+    axes[0].axhline(gap_mm, color="k", lw=0.8, ls="--")
+    axes[0].set(xlabel="t [s]", ylabel="x − l0 [mm]", ylim=(-1.7 * gap_mm, 1.15 * gap_mm))
+    axes[0].set_title(f"{_title(case)}\n{kind}, Ω/ω = {motion.ratio:g}", fontsize=9)
+    axes[1].plot(y_mm, motion.v_m_s, color=colour, lw=1.0)
+    axes[1].plot(1e3 * (motion.points[:, 0] - case.rest_length_m), motion.points[:, 1], "k.", ms=5)
+    axes[1].axvline(gap_mm, color="k", lw=0.8, ls="--")
+    axes[1].set(xlabel="x − l0 [mm]", ylabel="v [m/s]")
+    for one in axes:
+        one.grid(alpha=0.25)
+
+
+def chart(
+    case: Case,
+    label: str,
+    ratios: NDArray[np.float64],
+    values: NDArray[np.float64],
+    reliability: NDArray[np.float64],
+    regimes: NDArray[np.int64],
+    from_rest: NDArray[np.bool_],
+    folder: Path,
+    name: str,
+) -> list[str]:
+    """Start-up reliability with the impact region's border, beside the regimes."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    figure, grid = new_figure(1, 2, 12.5, 5.2, sharey=True)
+    extent = (ratios[0], ratios[-1], values[0], values[-1])
+    shared: dict[str, Any] = {
+        "origin": "lower",
+        "extent": extent,
+        "aspect": "auto",
+        "interpolation": "nearest",
+    }
+    left, right = grid[0]
+    image = left.imshow(100.0 * reliability, cmap="RdYlGn", vmin=0.0, vmax=100.0, **shared)
+    figure.colorbar(image, ax=left, label="starts that end in impact motion [%]")
+    if from_rest.any() and not from_rest.all():
+        left.contour(ratios, values, from_rest.astype(float), levels=[0.5], colors="k", linewidths=1.2)
+    left.set(xlabel="Ω/ω", ylabel=label, title="start-up reliability; black: from rest at once")
+    colours = ListedColormap([REGIME_COLOURS[regime] for regime in Regime])
+    edges = BoundaryNorm(np.arange(len(Regime) + 1) - 0.5, len(Regime))
+    right.imshow(regimes, cmap=colours, norm=edges, **shared)
+    seen = [regime for regime in Regime if (regimes == regime).any()]
+    handles = [Patch(color=REGIME_COLOURS[one], label=one.name.lower().replace("_", "-")) for one in seen]
+    right.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+    right.set(xlabel="Ω/ω", title="regime (of impact, where any start ends so)")
+    figure.suptitle(
+        f"{case.preset}, {_title(case)}, k = {case.restitution:g}, but for what the axes vary", fontsize=10
+    )
+    return save(figure, folder, name)

@@ -99,7 +99,7 @@ def _on_cluster(
 
     with _client(address) as client:
         futures = {client.submit(piece, spec, pure=False): index for index, spec in numbered}
-        for future in as_completed(futures):  # type: ignore[no-untyped-call]  # distributed carries no types
+        for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]  # distributed carries no types
             yield futures[future], future.result()
             future.release()
 

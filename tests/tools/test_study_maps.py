@@ -1,0 +1,86 @@
+"""Basins and charts in numbers: shares, exponents and entropies against maps whose answers are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tools.output import BadInputError
+from tools.study import basin, maps
+from tools.study.cases import case
+
+
+def test_a_straight_border_is_smooth() -> None:
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, 300), np.linspace(0.0, 1.0, 300))
+    numbers = basin.statistics(x + 0.37 * y > 0.7)
+    assert numbers["uncertainty_exponent"] == pytest.approx(1.0, abs=0.02)
+    low, high = numbers["uncertainty_exponent_bounds"]
+    assert low <= numbers["uncertainty_exponent"] <= high
+    assert numbers["border_entropy"] < math.log(2.0)
+
+
+def test_a_fractal_border_is_not() -> None:
+    # Middle-thirds Cantor set: dimension ln 2 / ln 3 across the border, so α = 1 − ln 2 / ln 3 = 0.369.
+    size = 3**6
+    line = np.zeros(size, dtype=bool)
+    for level in range(1, 7):
+        block = 3**level
+        for start in range(0, size, block):
+            middle = slice(start + block // 3, start + 2 * block // 3)
+            line[middle] = level % 2 == 0
+    lines = np.tile(line, (size, 1))
+    numbers = basin.statistics(lines)
+    assert numbers["uncertainty_exponent"] < 0.75
+
+
+def test_random_cells_have_full_entropy() -> None:
+    noise = np.random.default_rng(3).random((200, 200)) < 0.5
+    entropy, border = basin.basin_entropy(noise)
+    assert entropy == pytest.approx(math.log(2.0), abs=0.03)
+    assert border == pytest.approx(entropy, abs=0.01)
+
+
+def test_one_kind_alone_has_no_border() -> None:
+    numbers = basin.statistics(np.ones((60, 60), dtype=bool))
+    assert numbers["attractors"] == 1
+    assert math.isnan(numbers["uncertainty_exponent"])
+    assert numbers["basin_entropy"] == 0.0
+    assert numbers["impact_fraction_wilson"] == pytest.approx((1.0, 1.0), abs=2e-3)
+
+
+def test_planes_hold_what_their_axes_say() -> None:
+    spec = basin.specs(case("table1", "viscous"), 1.3, "phase", 20)[0]
+    table, facts = basin.piece({**spec, "rows": [0, 20]})
+    y_m, crank = basin.axes(case("table1", "viscous"), "phase", 20)
+    assert np.allclose(table["x_m"].to_numpy().reshape(20, 20)[3], y_m + 0.12)
+    assert np.allclose(table["crank_rad"].to_numpy().reshape(20, 20)[:, 5], crank)
+    assert facts == {"uncertain": 0}
+    assert 0.4 < (table["blows"].to_numpy() > 0.0).mean() < 0.8
+
+
+def test_a_chart_knows_where_every_start_strikes() -> None:
+    one = case("table1", "viscous")
+    spec = {"case": one.parameters(), "ratios": [1.05, 1.3, 1.7], "value": 0.02}
+    table, _ = maps.piece(spec)
+    share = table["reliability"].to_pylist()
+    assert share[0] == 1.0
+    assert 0.5 < share[1] < 0.8  # 65 % of random states in this box were found by another program
+    assert share[2] == 0.0
+    assert table["from_rest"].to_pylist() == [True, False, False]
+
+
+def test_starts_fill_their_box() -> None:
+    begun = maps.starts(case("table1", "coulomb"))
+    assert begun.shape == (maps.STARTS + 1, 3)
+    assert not begun[0].any()
+    assert np.allclose(begun[1:].mean(axis=0), [0.0, 0.0, math.pi], atol=[0.006, 0.05, 0.3])
+
+
+def test_charts_over_what_a_law_has_not_are_refused() -> None:
+    assert maps.second_of("r,k") == "k"
+    with pytest.raises(BadInputError, match=r"wanted one of r,A, r,mu"):
+        maps.second_of("A,k")
+    with pytest.raises(BadInputError, match=r"that law has no mu"):
+        maps.check(case("table1", "viscous"), "mu")
+    with pytest.raises(BadInputError, match=r"that law has no b"):
+        maps.check(case("table1", "coulomb"), "b")

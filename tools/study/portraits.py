@@ -1,0 +1,102 @@
+"""Time histories and phase portraits of both motions of a case, with their Poincaré points."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.result import MotionState, Phase, SimulationResult
+from plant_sim.solvers import adaptive
+from plant_sim.solvers.orbits import PAPER, SECTION_RAD
+from tools.study.cases import Case
+from tools.study.orbits import State, follow
+from tools.study.sweep import Diagram, end_state
+
+SHOWN_PERIODS = 4
+SECTIONS = 60
+"""Poincaré points: the crank's passages through its rear dead centre, where the periods are counted from."""
+
+SAMPLES_PER_PERIOD = 400
+ACCURACY_M = 1e-9
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Some periods of a settled motion, with both sides of each blow, and its Poincaré points."""
+
+    case: Case
+    ratio: float
+    strikes: bool
+    t_s: NDArray[np.float64]
+    x_m: NDArray[np.float64]
+    v_m_s: NDArray[np.float64]
+    points: NDArray[np.float64]
+    """Shape (SECTIONS, 2): x, v."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The impact and the non-impact motion of a law; None where it has none."""
+
+    case: Case
+    impact: Motion | None
+    calm: Motion | None
+
+
+def pair(diagram: Diagram) -> Pair:
+    """Both motions at one ratio in the multistable band, or each at a ratio of its own without one."""
+    band = diagram.widest_multistable()
+    if band is not None:
+        ratio = round(0.5 * (band[0] + band[1]), 2)
+        return Pair(
+            diagram.case,
+            motion(diagram.case, ratio, diagram.up.state_at(ratio)),
+            motion(diagram.case, ratio, diagram.down.state_at(ratio)),
+        )
+    calm = 1.5
+    return Pair(diagram.case, None, motion(diagram.case, calm, diagram.up.state_at(calm)))
+
+
+def motion(case: Case, ratio: float, start: State) -> Motion:
+    """The settled motion from a start, sampled."""
+    settled = end_state(follow(case, ratio, start, PAPER))
+    turn_s = 2.0 * math.pi / (ratio * case.natural_rad_s)
+    shown = sample(
+        case, ratio, settled, np.linspace(0.0, SHOWN_PERIODS * turn_s, SHOWN_PERIODS * SAMPLES_PER_PERIOD)
+    )
+    to_section_s = ((SECTION_RAD - settled.crank_rad) % (2.0 * math.pi)) / (ratio * case.natural_rad_s)
+    sections = sample(case, ratio, settled, to_section_s + turn_s * np.arange(float(SECTIONS)))
+    t_s, x_m, v_m_s = with_blows(case, shown)
+    if sections.samples is None:
+        raise AssertionError("a run with sample times has samples")
+    points = np.column_stack((sections.samples.x_m, sections.samples.v_m_s))
+    return Motion(case, ratio, len(shown.impacts.t_s) > 0, t_s, x_m, v_m_s, points)
+
+
+def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> SimulationResult:
+    """The motion at some times."""
+    initial = MotionState(
+        0.0,
+        min(start.y_m + case.rest_length_m, case.stop_m),
+        start.v_m_s,
+        start.crank_rad,
+        ratio * case.natural_rad_s,
+        Phase.FLIGHT,
+    )
+    return adaptive.simulate(case.parts(ratio), initial, float(t_s[-1]), t_s, accuracy=ACCURACY_M)
+
+
+def with_blows(
+    case: Case, result: SimulationResult
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Samples with the states just before and after each blow put between them."""
+    samples, impacts = result.samples, result.impacts
+    if samples is None:
+        raise AssertionError("a run with sample times has samples")
+    stop = np.full(len(impacts.t_s), case.stop_m)
+    t_s = np.concatenate((samples.t_s, impacts.t_s, impacts.t_s))
+    x_m = np.concatenate((samples.x_m, stop, stop))
+    v_m_s = np.concatenate((samples.v_m_s, impacts.v_m_s, impacts.v_after_m_s))
+    order = np.argsort(t_s, kind="stable")
+    return t_s[order], x_m[order], v_m_s[order]
