@@ -19,6 +19,8 @@ from typing import Any, Literal
 from hil import run_folder, rundir
 from hil.bus import ProvidedBus, join, provide
 from hil.clock import NS_PER_S, MonotonicClock
+from hil.faults.line import with_faults
+from hil.faults.processes import ProcessFaults
 from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
@@ -26,7 +28,7 @@ from hil.operator import OPERATOR_PERIOD_S
 from hil.processes import Child, ChildError
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import show
-from hil.scenario import Scenario, refuse_other_periods
+from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.warm import warm_firmware, warm_plant
 
 Progress = Callable[[float, str], None]
@@ -75,6 +77,7 @@ def run_scenario(
         run_dir, outcome = in_lockstep(scenario, out_dir, seed, progress)
     else:
         refuse_other_periods(scenario.period_s)
+        refuse_modelled_bus(scenario)
         with provide(bus) as provided:
             run_dir = run_folder.create(scenario, out_dir, "real", provided.described, seed)
             outcome = RealTimeRun(scenario, run_dir, seed, provided, progress, viewer).run()
@@ -151,7 +154,8 @@ class RealTimeRun:
             operator_bus = join(self.provided.address, accept=())
             stack.callback(operator_bus.close)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
-            operator = OperatorRunner(self.scenario.commands, pace, operator_bus, self.run_dir)
+            faulty_bus, tell_bus = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)
+            operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
             stack.callback(operator.close)
             t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
             wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
@@ -159,7 +163,7 @@ class RealTimeRun:
             for child in self.children.values():
                 child.tell(str(t0_ns))
             try:
-                self.attend(operator, t0_ns)
+                self.attend(operator, tell_bus, t0_ns)
                 if not self.outcome.reasons:
                     self.await_ends()
             except KeyboardInterrupt:
@@ -179,11 +183,12 @@ class RealTimeRun:
         scenario = str(self.run_dir / "scenario.toml")
         duration = str(self.scenario.duration_s)
         common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
+        common += ["--seed", str(self.seed)]
         python = [sys.executable, "-m"]
         live = [*python, "hil.live", str(self.run_dir), "--to", str(self.viewer)]
         return {
             "firmware": [program(), "firmware", scenario, *common],
-            "plant": [program(), "plant", scenario, *common, "--seed", str(self.seed)],
+            "plant": [program(), "plant", scenario, *common],
             "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
             "recorder": [*python, "hil.recorder", str(self.run_dir), "--bus", address],
             **({} if self.viewer is None else {LIVE: live}),
@@ -207,21 +212,28 @@ class RealTimeRun:
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 
-    def attend(self, operator: OperatorRunner, t0_ns: int) -> None:
+    def attend(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
         """Play the operator to the end of the script, or until some time after a child has died."""
         with fixed_priority(OPERATOR_PRIORITY):
-            self.play(operator, t0_ns)
+            self.play(operator, tell_bus, t0_ns)
 
-    def play(self, operator: OperatorRunner, t0_ns: int) -> None:
+    def play(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
         """The operator's loop, with a look at the others in each of its periods."""
         period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
         loop = FixedRateLoop(self.clock, t0_ns, period_ns)
         periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
         last_period = periods
-        dead: set[str] = set()
+        scripted = ProcessFaults(self.scenario.faults)
+        signals = scripted.signals()
+        dead = {name for name in self.watched if scripted.kills(name)}
 
         def step(period: int, _: int) -> None:
             nonlocal last_period
+            t_s = period * OPERATOR_PERIOD_S
+            while signals and signals[0].at_s <= t_s:
+                self.children[signals[0].process].signal(signals[0].number)
+                del signals[0]
+            tell_bus(t_s)
             operator.step(period)
             for name, child in self.watched.items():
                 if name not in dead and child.ended:
@@ -241,8 +253,11 @@ class RealTimeRun:
 
     def await_ends(self) -> None:
         """The loops end by themselves within a tick or two of the script."""
+        scripted = ProcessFaults(self.scenario.faults)
         for name in ("firmware", "plant", "baseline"):
             child = self.children[name]
+            if scripted.kills(name):
+                continue
             if not child.wait(END_TIMEOUT_S):
                 self.outcome.reasons.append(f"{name} did not end within {END_TIMEOUT_S:g} s of the script")
             elif not child.succeeded:

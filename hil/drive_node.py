@@ -78,6 +78,8 @@ class DriveConfig(NamedTuple):
     thermal_time_s: float = 200.0
     over_temperature_degc: float = 100.0
     """ODrive's upper limit of the motor's thermistor."""
+    lowest_supply_v: float = 10.5
+    """ODrive's dc_bus_undervoltage_trip_level."""
 
 
 class Telemetry(NamedTuple):
@@ -211,6 +213,8 @@ class Drive:
             self.disarm(AxisError.VELOCITY_LIMIT_VIOLATION)
         elif self.motor_degc > config.over_temperature_degc:
             self.disarm(AxisError.MOTOR_OVER_TEMP)
+        elif config.supply_v < config.lowest_supply_v:
+            self.disarm(AxisError.DC_BUS_UNDER_VOLTAGE)
 
     # --- frames out --------------------------------------------------------------------------------
 

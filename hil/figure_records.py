@@ -123,6 +123,32 @@ class SafeStateFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultFigures:
+    """What followed the first fault of the script, on the truth alone; none without a fault."""
+
+    torque_zero_after_s: Annotated[
+        float | None, Quantity("s", "from the fault's begin until the motor's torque was zero for good")
+    ]
+    blows_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was zero for good")]
+    largest_torque_n_m: Annotated[
+        float | None, Quantity("N m", "largest motor torque from the fault's begin on")
+    ]
+    largest_speed_rad_s: Annotated[
+        float | None, Quantity("rad/s", "largest crank speed from the fault's begin on, either way round")
+    ]
+    peak_force_n: Annotated[
+        float | None, Quantity("N", "largest force on the stop of blows from the fault's begin on")
+    ]
+    impacts_again_after_s: Annotated[
+        float | None,
+        Quantity("s", "from the fault's end until every drive period of the hold had an impact again"),
+    ]
+    turning_at_end_rad_s: Annotated[
+        float | None, Quantity("rad/s", "mean crank speed over the run's last half second")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class Figures:
     """All figures of a run."""
 
@@ -173,6 +199,7 @@ class Figures:
         float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive was to be off")
     ]
     safe_state: Annotated[SafeStateFigures, Quantity("", "what happened once the drive was to be off")]
+    after_fault: Annotated[FaultFigures, Quantity("", "what followed the first fault of the script")]
     energy_residual: Annotated[
         float | None, Quantity("", "what the plant's energy ledger leaves unbalanced, of all exchanged")
     ]

@@ -4,8 +4,9 @@ Truth is the plant's trace and its located impacts; belief is the firmware's tra
 firmware's word but when it says it holds (mode RUN), what it commands, and what it estimates.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from hil.bus_figures import mean_load
 from hil.figure_records import (
     DetectorFigures,
     EstimateFigures,
+    FaultFigures,
     Figures,
     Latency,
     Loops,
@@ -306,6 +308,49 @@ def safe_state_figures(
     )
 
 
+def first_of_the_script(scenario: Mapping[str, Any]) -> Window | None:
+    """The first fault's begin and end; None where the script has no fault."""
+    faults = scenario.get("script", {}).get("faults", [])
+    if not faults:
+        return None
+    first = min(faults, key=lambda fault: float(fault["at_s"]))
+    at_s = float(first["at_s"])
+    return Window(at_s, at_s + float(first.get("duration_s", 0.0)))
+
+
+def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
+    """What followed the first fault of the script."""
+    plant, impacts = traces.plant, traces.impacts
+    fault = first_of_the_script(traces.scenario)
+    if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
+        return FaultFigures(None, None, None, None, None, None, None)
+    t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
+    speed = column(plant, "omega_rad_s")
+    since = t_s >= fault.start_s
+    strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
+    strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
+    zero_s = zero_after(t_s, torque_n_m, fault.start_s)
+    hit = forces[(strong_t_s >= fault.start_s) & np.isfinite(forces)]
+    again_s = None
+    if hold is not None and hold.end_s > fault.end_s:
+        turning = np.abs(speed[hold.holds(t_s)])
+        period_s = 2.0 * np.pi / float(turning.mean()) if len(turning) and turning.mean() > 0.0 else np.inf
+        late = strong_t_s[(strong_t_s >= fault.end_s) & (strong_t_s <= hold.end_s)]
+        again = capture(late, hold, period_s)
+        again_s = None if again is None else again - fault.end_s
+    return FaultFigures(
+        torque_zero_after_s=zero_s,
+        blows_after_zero=None
+        if zero_s is None
+        else int(np.count_nonzero(strong_t_s > fault.start_s + zero_s)),
+        largest_torque_n_m=float(np.max(np.abs(torque_n_m[since]))),
+        largest_speed_rad_s=float(np.max(np.abs(speed[since]))),
+        peak_force_n=float(hit.max()) if len(hit) else None,
+        impacts_again_after_s=again_s,
+        turning_at_end_rad_s=float(speed[t_s > t_s[-1] - 0.5].mean()),
+    )
+
+
 def torque_after(plant: Records, end: DriveEnd | None) -> float | None:
     """The largest |motor torque| from `SETTLE_S` after the end of driving."""
     if end is None:
@@ -385,6 +430,7 @@ def figures_from(traces: RunTraces) -> Figures:
         final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
         motor_torque_after_stop_n_m=torque_after(plant, end),
         safe_state=safe_state_figures(plant, firmware, impacts, end),
+        after_fault=fault_figures(traces, hold),
         energy_residual=energy_residual(plant),
     )
 

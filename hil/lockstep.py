@@ -11,6 +11,8 @@ from pathlib import Path
 
 from hil.can_log import CanLog
 from hil.clock import NS_PER_S
+from hil.faults.line import with_faults
+from hil.faults.processes import ProcessFaults
 from hil.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, BusAtOnce, LockstepBus
 from hil.loop import LoopTiming
 from hil.nodes import FirmwareRunner, OperatorRunner, Pace, PlantRunner
@@ -29,27 +31,42 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
     """Run the whole scenario; traces and can.log go to `run_dir`. Times in can.log are simulated ones."""
     bus: LockstepBus = BusAtOnce() if scenario.bitrate is None else BusAsModelled(scenario.bitrate)
     pace = Pace(scenario.period_s, scenario.duration_s)
-    plant = PlantRunner(scenario.scene, seed, pace, bus.join(PLANT), run_dir)
-    firmware = FirmwareRunner(scenario.parameters, pace, bus.join(FIRMWARE), run_dir)
-    operator = OperatorRunner(scenario.commands, pace, bus.join(OPERATOR), run_dir)
+    faults = scenario.faults
+    at_nodes = bus.break_by(faults)
+    plant_bus, tell_plant_bus = with_faults(bus.join(PLANT), PLANT, at_nodes, seed)
+    firmware_bus, tell_firmware_bus = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
+    operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
+    plant = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
+    firmware = FirmwareRunner(scenario.parameters, pace, firmware_bus, run_dir)
+    operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
+    processes = ProcessFaults(faults)
+    plant_tick = firmware_tick = -1
     period_ns = round(scenario.period_s * NS_PER_S)
     operator_period = 0
     now_ns = time.perf_counter_ns
     with CanLog(run_dir / "can.log") as can_log:
         for tick in range(scenario.ticks):
             t_ns = tick * period_ns
-            plant.step(tick, 1)
-            plant.record(tick, LoopTiming(0, 0.0, 0.0, 0))
-            while operator_period * OPERATOR_PERIOD_S <= tick * scenario.period_s + TIME_RESOLUTION_S:
+            t_s = tick * scenario.period_s
+            if processes.runs(PLANT, t_s):
+                tell_plant_bus(t_s)
+                plant.step(tick, tick - plant_tick)
+                plant.record(tick, LoopTiming(0, 0.0, 0.0, 0))
+                plant_tick = tick
+            while operator_period * OPERATOR_PERIOD_S <= t_s + TIME_RESOLUTION_S:
+                tell_operator_bus(operator_period * OPERATOR_PERIOD_S)
                 operator.step(operator_period)
                 operator_period += 1
             for logged_ns, frames in bus.pass_time(t_ns, t_ns + period_ns // 2):
                 can_log.write(logged_ns // NS_PER_US, frames)
 
-            started_ns = now_ns()
-            firmware.step(tick, 1)
-            work_us = (now_ns() - started_ns) * 1e-3
-            firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
+            if processes.runs(FIRMWARE, t_s):
+                started_ns = now_ns()
+                tell_firmware_bus(t_s)
+                firmware.step(tick, tick - firmware_tick)
+                work_us = (now_ns() - started_ns) * 1e-3
+                firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
+                firmware_tick = tick
             for logged_ns, frames in bus.pass_time(t_ns + period_ns // 2, t_ns + period_ns):
                 can_log.write(logged_ns // NS_PER_US, frames)
             if tick % PROGRESS_TICKS == 0:

@@ -3,7 +3,7 @@
 import json
 import signal
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +12,8 @@ from firmware_py.interface import codec
 from firmware_py.shell.parameters import config_from
 from hil.bus import Bus, join, provide
 from hil.clock import NS_PER_S, MonotonicClock
+from hil.faults.line import with_faults
+from hil.faults.tables import Fault
 from hil.loop import FixedRateLoop
 from hil.nodes import FirmwareRunner, Pace, PlantRunner
 from hil.plant_node import ACCEPTED_IDS
@@ -32,22 +34,26 @@ def firmware_main(
     settings: Sequence[str],
     bus: str,
     out_dir: Path | None,
+    seed: int,
     sync: bool,
     until_s: float | None,
 ) -> None:
     """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
     if sync:
         belong_to_parent()
+    faults: Sequence[Fault] = ()
     if scenario is None:
         parameters = changed({"firmware": {}}, settings)["firmware"]
     else:
-        parameters = load_scenario(scenario, settings).parameters
+        loaded = load_scenario(scenario, settings)
+        parameters, faults = loaded.parameters, loaded.faults
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_firmware(parameters)
     with joined(bus, FIRMWARE_IDS) as node_bus:
-        runner = FirmwareRunner(parameters, pace, node_bus, out_dir)
-        run_loop(runner, pace, 0.5, node_bus, sync)
+        faulty_bus, tell_bus = with_faults(node_bus, "firmware", faults, seed)
+        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir)
+        run_loop(runner, pace, 0.5, node_bus, sync, tell_bus)
 
 
 def plant_main(
@@ -67,8 +73,9 @@ def plant_main(
     refuse_other_periods(pace.period_s)
     warm_plant(loaded.scene)
     with joined(bus, ACCEPTED_IDS) as node_bus:
-        runner = PlantRunner(loaded.scene, seed, pace, node_bus, out_dir)
-        run_loop(runner, pace, 0.0, node_bus, sync)
+        faulty_bus, tell_bus = with_faults(node_bus, "plant", loaded.faults, seed)
+        runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults)
+        run_loop(runner, pace, 0.0, node_bus, sync, tell_bus)
 
 
 def belong_to_parent() -> None:
@@ -94,7 +101,12 @@ def joined(spec: str, accept: Collection[int]) -> Iterator[Bus]:
 
 
 def run_loop(
-    runner: FirmwareRunner | PlantRunner, pace: Pace, offset: float, node_bus: Bus, sync: bool
+    runner: FirmwareRunner | PlantRunner,
+    pace: Pace,
+    offset: float,
+    node_bus: Bus,
+    sync: bool,
+    tell_time: Callable[[float], None],
 ) -> None:
     """Start at the common time, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
     clock = MonotonicClock()
@@ -111,8 +123,13 @@ def run_loop(
         signal.signal(number, lambda *_: loop.stop())
     while node_bus.receive():
         """What was sent before the start is not of this run."""
+
+    def step(tick: int, elapsed_ticks: int) -> None:
+        tell_time(tick * pace.period_s)
+        runner.step(tick, elapsed_ticks)
+
     try:
-        loop.run(pace.ticks, runner.step, runner.record)
+        loop.run(pace.ticks, step, runner.record)
     finally:
         runner.close()
     summary = {"overruns": loop.overruns, **asdict(node_bus.counters)}

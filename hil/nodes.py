@@ -9,6 +9,7 @@ from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import Counters, FirmwareNode
 from firmware_py.shell.parameters import config_from
+from hil.faults.tables import Fault
 from hil.loop import LoopTiming
 from hil.operator import Command, OperatorNode, OperatorRecord
 from hil.plant_node import ImpactRecord, PlantNode, PlantRecord
@@ -57,8 +58,16 @@ class Pace(NamedTuple):
 class PlantRunner:
     """The plant's node at t_k: publish, obey what has arrived, move on."""
 
-    def __init__(self, scene: Scene, seed: int, pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
-        self.node = PlantNode(scene, seed, pace.period_s)
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int,
+        pace: Pace,
+        bus: NodeBus,
+        out_dir: Path | None,
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        self.node = PlantNode(scene, seed, pace.period_s, faults)
         self.bus = bus
         self._trace = self._impacts = None
         if out_dir is not None:

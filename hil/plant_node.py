@@ -12,6 +12,8 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.pacing import Pacer
 from firmware_py.interface.records import Accelerometer
 from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
+from hil.faults.plant import PlantFaults
+from hil.faults.tables import Fault
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
 from plant_sim.result import Phase
@@ -69,7 +71,7 @@ class PeriodicFrame(NamedTuple):
 
     every_ticks: int
     encode: Callable[[Any], Frame]
-    record: Callable[[Telemetry], Any]
+    record: Callable[[Drive, Telemetry], Any]
 
 
 def drive_config(scene: Scene) -> DriveConfig:
@@ -88,9 +90,12 @@ def drive_config(scene: Scene) -> DriveConfig:
 class PlantNode:
     """Publishes the state at t_k, then moves to t_{k+1} under the drive's torque."""
 
-    def __init__(self, scene: Scene, seed: int, period_s: float = CAN_PERIOD_S) -> None:
+    def __init__(
+        self, scene: Scene, seed: int, period_s: float = CAN_PERIOD_S, faults: Sequence[Fault] = ()
+    ) -> None:
         self.plant = Plant(scene, seed=seed)
         self.drive = Drive(drive_config(scene))
+        self._faults = PlantFaults(faults, seed, self.plant, self.drive.config) if faults else None
         self.period_s = period_s
         self.tick = 0
         self.record: PlantRecord
@@ -100,17 +105,16 @@ class PlantNode:
         self._pacer: Pacer[PeriodicFrame] = Pacer()
         self._state = self.plant.state
         self._reading: SensorReading
-        drive = self.drive
         self._periodic = [
-            self._periodic_frame(codec.DRIVE_CURRENT, drive.current),
-            self._periodic_frame(codec.DRIVE_HEARTBEAT, drive.heartbeat),
-            self._periodic_frame(codec.DRIVE_ERRORS, drive.errors),
-            self._periodic_frame(codec.DRIVE_TEMPERATURE, drive.temperature),
-            self._periodic_frame(codec.DRIVE_SUPPLY, drive.supply),
+            self._periodic_frame(codec.DRIVE_CURRENT, Drive.current),
+            self._periodic_frame(codec.DRIVE_HEARTBEAT, Drive.heartbeat),
+            self._periodic_frame(codec.DRIVE_ERRORS, Drive.errors),
+            self._periodic_frame(codec.DRIVE_TEMPERATURE, Drive.temperature),
+            self._periodic_frame(codec.DRIVE_SUPPLY, Drive.supply),
         ]
 
     def _periodic_frame(
-        self, frame_codec: codec.FrameCodec[Any], record: Callable[[Telemetry], Any]
+        self, frame_codec: codec.FrameCodec[Any], record: Callable[[Drive, Telemetry], Any]
     ) -> PeriodicFrame:
         assert frame_codec.period_s is not None
         every_ticks = max(1, round(frame_codec.period_s / self.period_s))
@@ -118,7 +122,12 @@ class PlantNode:
 
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
-        self._reading = reading = self.plant.sense()
+        if self._faults is not None:
+            self.drive = self._faults.act(self.tick * self.period_s, self.drive)
+        reading = self.plant.sense()
+        if self._faults is not None:
+            reading = self._faults.published(self.tick * self.period_s, reading)
+        self._reading = reading
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
         frames = [
             codec.ACCELEROMETER.encode(
@@ -133,8 +142,8 @@ class PlantNode:
             self._queue_periodic_frames()
         periodic = self._pacer.take()
         if periodic is not None:
-            frames.append(periodic.encode(periodic.record(self._telemetry())))
-        return frames
+            frames.append(periodic.encode(periodic.record(self.drive, self._telemetry())))
+        return frames if self._faults is None else self._faults.sent(frames)
 
     def _queue_periodic_frames(self) -> None:
         """Let the drive's frames wait whose period has begun since the last call."""
@@ -153,6 +162,8 @@ class PlantNode:
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""
         plant, drive = self.plant, self.drive
+        if self._faults is not None:
+            frames = self._faults.heard(frames)
         drive.handle(frames, self._reading.encoder_position_rev)
         torque_n_m = drive.torque_n_m(self._state.omega_rad_s)
         self.record = self._record_of(torque_n_m)
@@ -180,6 +191,8 @@ class PlantNode:
 
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:
+            if self._faults is not None:
+                torque_n_m = self._faults.given_n_m(torque_n_m, self._state.crank_rad)
             self.plant.advance(torque_n_m, dt_s)
             self._state = self.plant.state
 

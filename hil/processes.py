@@ -123,6 +123,11 @@ class Child:
         except BrokenPipeError as error:
             raise ChildError(f"{self.how_it_ended()} before it was told {line!r}") from error
 
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal; one that has ended gets none."""
+        if not self.ended:
+            self._process.send_signal(number)
+
     def wait(self, timeout_s: float) -> bool:
         """Wait for its end; False if it has not come in time."""
         try:

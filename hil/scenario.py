@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from firmware_py.core.step import Config
 from firmware_py.shell.parameters import config_from
 from hil.checks import Check
+from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault
 from hil.operator import Command, Request
 from hil.settings import SettingError, apply_settings
 from plant_sim.complaints import complaints, nearest
@@ -74,6 +75,7 @@ class ScriptTable(Table):
 
     duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
     commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
+    faults: list[AnyFault] = Field(default=[], description="the tables [[script.faults]]")
 
     @model_validator(mode="after")
     def _commands_come_in_time(self) -> Self:
@@ -82,6 +84,12 @@ class ScriptTable(Table):
                 raise ValueError(
                     f"the command at {command.at_s} s comes after the end, script.duration_s = "
                     f"{self.duration_s}; give it earlier, or let the run last longer"
+                )
+        for fault in self.faults:
+            if fault.at_s >= self.duration_s:
+                raise ValueError(
+                    f"the fault {fault.kind!r} at {fault.at_s} s comes after the end, script.duration_s = "
+                    f"{self.duration_s}; let it begin earlier, or let the run last longer"
                 )
         return self
 
@@ -104,6 +112,16 @@ class ScenarioTable(Table):
     script: ScriptTable = Field(description="the table [script] with duration_s and commands")
     checks: list[Check] = Field(default=[], description="the tables [[checks]]")
 
+    @model_validator(mode="after")
+    def _bus_faults_have_a_bus(self) -> Self:
+        for fault in self.script.faults:
+            if isinstance(fault, BusOff | Disturbed) and self.bus is None:
+                raise ValueError(
+                    f"the fault {fault.kind!r} acts in the bus model, and the scenario has none; "
+                    "add the table [bus]"
+                )
+        return self
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -119,6 +137,7 @@ class Scenario:
     """The modelled bus's; None: frames arrive at once."""
     duration_s: float
     commands: tuple[Command, ...]
+    faults: tuple[Fault, ...]
     checks: tuple[Check, ...]
     document: Mapping[str, Any]
 
@@ -206,6 +225,7 @@ def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
             )
             for command in table.script.commands
         ),
+        faults=tuple(table.script.faults),
         checks=tuple(table.checks),
         document=document,
     )
@@ -217,4 +237,13 @@ def refuse_other_periods(period_s: float) -> None:
         raise ScenarioError(
             f"firmware.control.tick_s = {period_s}: in real time the bus carries one tick a "
             f"{REALTIME_PERIOD_S} s; leave it out, or run with --clock lockstep"
+        )
+
+
+def refuse_modelled_bus(scenario: Scenario) -> None:
+    """A bus of its own behaves by itself: only lockstep has the model of one."""
+    if scenario.bitrate is not None:
+        raise ScenarioError(
+            f"scenario {scenario.name!r} has the table [bus], a modelled bus, which real time has not; "
+            "run it with --clock lockstep"
         )

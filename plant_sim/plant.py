@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.kernels import entry_point
-from plant_sim.result import EnergyLedger, MotionState
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import origin_m
+from plant_sim.result import EnergyLedger, MotionState, Phase
 from plant_sim.scene import Scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing
 from plant_sim.sensors import SensorReading, Sensors
@@ -29,9 +31,12 @@ from plant_sim.solvers.memory import (
     CURRENT,
     ELAPSED,
     IMPACTS,
+    IN_IMPACT,
     MOTOR_TORQUE,
+    PHASE,
     STOP_FORCE,
     STORED,
+    UNSETTLED,
     allocate,
 )
 
@@ -74,6 +79,7 @@ class Plant:
             self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
         self._t_s = initial.t_s
         self._t_rest_s = 0.0
+        self._torque_n_m = 0.0
         self._impacts: list[Impact] = []
         self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
@@ -86,10 +92,42 @@ class Plant:
                 f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
             )
         self._call(torque_n_m, dt_s)
+        self._torque_n_m = torque_n_m
         # Neumaier's sum: a day of ticks adds up to a day.
         t_s = self._t_s + dt_s
         self._t_rest_s += (self._t_s - t_s) + dt_s
         self._t_s = t_s
+
+    def replace_parts(self, parts: Parts) -> None:
+        """Go on with other numbers of the same kinds of parts, the motion as it is.
+
+        What the change adds to the stored energy comes from outside and is in no ledger.
+        """
+        if tuple(map(type, parts)) != tuple(map(type, self.parts)):
+            kinds = [", ".join(type(part).__name__ for part in given) for given in (parts, self.parts)]
+            raise PlantError(f"parts of kinds {kinds[0]}; this plant was compiled for {kinds[1]}, keep those")
+        before = origin_m(self.parts.stop, self.parts.striker)
+        moved_m = before - origin_m(parts.stop, parts.striker)
+        self.parts = parts
+        self._memory.y[0] += moved_m
+        self._disturb(in_contact_too=moved_m != 0.0)
+
+    def kick(self, change_m_s: float) -> None:
+        """Change the striker's velocity at once, as a blow from outside does; its work is in no ledger."""
+        if not math.isfinite(change_m_s):
+            raise PlantError(f"change_m_s = {change_m_s}; wanted a finite change of velocity, in m/s")
+        self._memory.y[1] += change_m_s
+        self._disturb(in_contact_too=False)
+
+    def _disturb(self, in_contact_too: bool) -> None:
+        """Find the phase anew after a change from outside, and leave its energy out of the ledger."""
+        memory = self._memory
+        stored_j = float(memory.observed[STORED])
+        if in_contact_too or memory.mode[PHASE] != Phase.CONTACT:
+            memory.mode[PHASE] = UNSETTLED
+            memory.mode[IN_IMPACT] = 0
+        self._call(self._torque_n_m, 0.0)
+        self._stored_before_j += float(memory.observed[STORED]) - stored_j
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory

@@ -21,6 +21,7 @@ def firmware(
     change: Annotated[
         list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
     ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of what faults break at random.", min=0)] = 1,
     sync: Annotated[
         bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
     ] = False,
@@ -29,4 +30,4 @@ def firmware(
     """Run the controller as one CAN node at 1 kHz."""
     from hil.node_main import firmware_main
 
-    firmware_main(scenario, settings=change or [], bus=bus, out_dir=out, sync=sync, until_s=until)
+    firmware_main(scenario, settings=change or [], bus=bus, out_dir=out, seed=seed, sync=sync, until_s=until)

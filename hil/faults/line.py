@@ -1,0 +1,169 @@
+"""Bus faults where frames leave and reach a node: a bus around the node's own, alike under both clocks.
+
+Frames are broken where they leave their sender. What a stranger sends goes out beside the plant's frames, and
+the plant hears it too.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, TypeGuard, get_args
+
+import numpy as np
+
+from firmware_py.interface.frame import Frame
+from hil.faults.tables import (
+    Babbling,
+    Corrupted,
+    Delayed,
+    Dropped,
+    Duplicated,
+    Fault,
+    Flood,
+    LineFault,
+    Reordered,
+    Unplugged,
+)
+from hil.nodes import NodeBus
+
+PLANT = "plant"
+IDENTIFIERS = 0x800
+TIME_RESOLUTION_S = 1e-9
+
+Held = tuple["Late", ...]
+
+
+class Late(NamedTuple):
+    """A frame that waits."""
+
+    due_s: float
+    frame: Frame
+
+
+def is_of_the_line(fault: Fault) -> TypeGuard[LineFault]:
+    """Whether a fault acts here."""
+    return isinstance(fault, get_args(LineFault))
+
+
+def broken(frame: Frame, noise: np.random.Generator) -> Frame:
+    """The frame with some bits of one byte turned over; one without data stays as it is."""
+    if not frame.data:
+        return frame
+    place, pattern = int(noise.integers(len(frame.data))), int(noise.integers(1, 256))
+    data = bytearray(frame.data)
+    data[place] ^= pattern
+    return Frame(frame.can_id, bytes(data))
+
+
+def swapped(frames: Sequence[Frame], can_ids: frozenset[int], held: Held) -> tuple[list[Frame], Held]:
+    """Frames of `can_ids` in pairs, the later one first; one of each identifier waits for its partner."""
+    waiting = {late.frame.can_id: late.frame for late in held}
+    passed: list[Frame] = []
+    for frame in frames:
+        if frame.can_id not in can_ids:
+            passed.append(frame)
+        elif frame.can_id in waiting:
+            passed += [frame, waiting.pop(frame.can_id)]
+        else:
+            waiting[frame.can_id] = frame
+    return passed, tuple(Late(0.0, frame) for frame in waiting.values())
+
+
+def outgoing(  # noqa: PLR0911 - one case a fault
+    fault: LineFault, t_s: float, frames: Sequence[Frame], held: Held, noise: np.random.Generator
+) -> tuple[list[Frame], Held]:
+    """What becomes of a node's frames of `t_s` under one fault, and what it holds back until later."""
+    if not fault.acts(t_s):
+        return [*(late.frame for late in held), *frames], ()
+    match fault:
+        case Dropped(can_ids=can_ids, share=share):
+            return [f for f in frames if f.can_id not in can_ids or noise.random() >= share], ()
+        case Duplicated(can_ids=can_ids, copies=copies):
+            return [f for f in frames for _ in range(copies if f.can_id in can_ids else 1)], ()
+        case Corrupted(can_ids=can_ids, share=share):
+            hit = [f.can_id in can_ids and noise.random() < share for f in frames]
+            return [broken(f, noise) if is_hit else f for f, is_hit in zip(frames, hit, strict=True)], ()
+        case Reordered(can_ids=can_ids):
+            return swapped(frames, can_ids, held)
+        case Delayed(can_ids=can_ids, delay_s=delay_s):
+            late = (*held, *(Late(t_s + delay_s, f) for f in frames if f.can_id in can_ids))
+            due = [frame for due_s, frame in late if due_s <= t_s + TIME_RESOLUTION_S]
+            on_time = [f for f in frames if f.can_id not in can_ids]
+            return [*due, *on_time], late[len(due) :]
+        case _:
+            return list(frames), held
+
+
+def strange(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
+    """What a stranger has sent after `since_s` and until `t_s`."""
+    if not fault.acts(t_s):
+        return []
+    match fault:
+        case Babbling(can_id=can_id, data_hex=data_hex, period_s=period_s, at_s=at_s):
+            begun = int((t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
+            before = int((since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if since_s >= at_s else 0
+            return [Frame(can_id, bytes.fromhex(data_hex))] * (begun - before)
+        case Flood(frames_a_tick=frames_a_tick):
+            return [
+                Frame(int(noise.integers(IDENTIFIERS)), noise.bytes(int(noise.integers(9))))
+                for _ in range(frames_a_tick)
+            ]
+        case _:
+            return []
+
+
+class FaultyBus:
+    """One node's connection with faults on it; `move_to` says what time it is."""
+
+    def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int) -> None:
+        self._bus = bus
+        self._node = node
+        self._faults = [fault for fault in faults if is_of_the_line(fault)]
+        self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
+        self._held: list[Held] = [()] * len(self._faults)
+        self._t_s = self._since_s = 0.0
+        self._heard: list[Frame] = []
+
+    def move_to(self, t_s: float) -> None:
+        """The node's turn at `t_s`; strangers have their say before it."""
+        self._since_s, self._t_s = self._t_s, t_s
+        if self._node != PLANT:
+            return
+        for fault, noise in zip(self._faults, self._noise, strict=True):
+            frames = strange(fault, t_s, self._since_s, noise)
+            if frames:
+                self._bus.send_all(frames)
+                self._heard += frames
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Send what the faults let through."""
+        passed = list(frames)
+        for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
+            passed, self._held[number] = outgoing(fault, self._t_s, passed, self._held[number], noise)
+        if not self._is_unplugged:
+            self._bus.send_all(passed)
+
+    def receive(self) -> list[Frame]:
+        """What has arrived, and what strangers say."""
+        received = [*self._heard, *self._bus.receive()]
+        self._heard = []
+        return [] if self._is_unplugged else received
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+        self._bus.wait(timeout_s)
+
+    @property
+    def _is_unplugged(self) -> bool:
+        return any(
+            isinstance(fault, Unplugged) and fault.node == self._node and fault.acts(self._t_s)
+            for fault in self._faults
+        )
+
+
+def with_faults(
+    bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
+) -> tuple[NodeBus, Callable[[float], None]]:
+    """A node's bus, and what to tell the time of its turns: the bus itself where nothing on it breaks."""
+    if not any(is_of_the_line(fault) for fault in faults):
+        return bus, lambda _: None
+    faulty = FaultyBus(bus, node, faults, seed)
+    return faulty, faulty.move_to

@@ -1,0 +1,71 @@
+"""The plant's faults on its node, tick by tick: parts and drive as the acting faults have them."""
+
+from collections.abc import Sequence
+
+from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
+from hil.drive_node import Drive, DriveConfig
+from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
+from hil.faults.readings import SensorFaults
+from hil.faults.tables import BrownOut, Fault, Kick, OverTemperature, PhysicalFault
+from plant_sim.parts.drive import MotorDrive
+from plant_sim.plant import Plant
+from plant_sim.sensors import SensorReading
+
+DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
+"""What falls silent with the drive's electronics."""
+
+
+class PlantFaults:
+    """A scenario's sensor, drive and module faults, on one plant and its drive's configuration."""
+
+    def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
+        self._sensors = SensorFaults(faults, seed)
+        self._faults = [fault for fault in faults if is_physical(fault)]
+        self._plant = plant
+        self._parts = plant.parts
+        self._config = config
+        motor = plant.parts.drive
+        self._pole_pairs = motor.pole_pairs if isinstance(motor, MotorDrive) else 0
+        self._acting: list[PhysicalFault] = []
+
+    def act(self, t_s: float, drive: Drive) -> Drive:
+        """Begin and end what is due by `t_s`; gives the drive, a new one where it has lost its supply."""
+        acting = [fault for fault in self._faults if fault.acts(t_s)]
+        if acting != self._acting:
+            began = [fault for fault in acting if fault not in self._acting]
+            self._acting = acting
+            parts = broken_parts(self._parts, acting)
+            if parts != self._plant.parts:
+                self._plant.replace_parts(parts)
+            for fault in began:
+                if isinstance(fault, Kick):
+                    self._plant.kick(fault.change_m_s)
+            drive.config = broken_config(self._config, acting)
+        if self.is_dead:
+            return Drive(drive.config)
+        for fault in acting:
+            if isinstance(fault, OverTemperature):
+                drive.motor_degc = fault.motor_degc
+        return drive
+
+    def published(self, t_s: float, reading: SensorReading) -> SensorReading:
+        """What the sensors give of a true reading."""
+        return self._sensors.published(t_s, reading)
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the drive's electronics have no supply."""
+        return any(isinstance(fault, BrownOut) for fault in self._acting)
+
+    def sent(self, frames: list[Frame]) -> list[Frame]:
+        """What leaves the plant's node."""
+        return [frame for frame in frames if frame.can_id not in DRIVE_IDS] if self.is_dead else frames
+
+    def heard(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+        """What reaches the drive."""
+        return () if self.is_dead else frames
+
+    def given_n_m(self, torque_n_m: float, crank_rad: float) -> float:
+        """The torque the motor gives of what the drive asks of it."""
+        return torque_n_m * torque_share(self._acting, self._pole_pairs, crank_rad)

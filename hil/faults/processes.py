@@ -1,0 +1,51 @@
+"""Process faults: which process runs when, and what a signal makes of it in real time."""
+
+import signal
+from collections.abc import Sequence
+from typing import NamedTuple, TypeGuard, get_args
+
+from hil.faults.tables import Fault, Killed, Paused, ProcessFault
+
+
+def is_of_a_process(fault: Fault) -> TypeGuard[ProcessFault]:
+    """Whether a fault acts here."""
+    return isinstance(fault, get_args(ProcessFault))
+
+
+class Signal(NamedTuple):
+    """A signal that a process gets."""
+
+    at_s: float
+    process: str
+    number: signal.Signals
+
+
+class ProcessFaults:
+    """A scenario's process faults."""
+
+    def __init__(self, faults: Sequence[Fault]) -> None:
+        self._faults = [fault for fault in faults if is_of_a_process(fault)]
+
+    def runs(self, process: str, t_s: float) -> bool:
+        """Whether `process` is there at `t_s` and goes on; the dead stay so."""
+        return not any(
+            fault.process == process
+            and (t_s >= fault.at_s - 1e-9 if isinstance(fault, Killed) else fault.acts(t_s))
+            for fault in self._faults
+        )
+
+    def kills(self, process: str) -> bool:
+        """Whether the scenario itself ends `process`."""
+        return any(isinstance(fault, Killed) and fault.process == process for fault in self._faults)
+
+    def signals(self) -> list[Signal]:
+        """The signals that do the same to real processes, in order of time."""
+        signals = []
+        for fault in self._faults:
+            match fault:
+                case Killed(process=process, at_s=at_s):
+                    signals.append(Signal(at_s, process, signal.SIGKILL))
+                case Paused(process=process, at_s=at_s, end_s=end_s):
+                    signals.append(Signal(at_s, process, signal.SIGSTOP))
+                    signals.append(Signal(end_s, process, signal.SIGCONT))
+        return sorted(signals)

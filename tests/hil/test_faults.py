@@ -1,0 +1,324 @@
+"""Faults one by one, each against what it is to do; then a whole run with one of each place."""
+
+import math
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
+from hil import trace
+from hil.faults.line import FaultyBus
+from hil.faults.physics import torque_share
+from hil.faults.processes import ProcessFaults
+from hil.faults.readings import SensorFaults
+from hil.faults.tables import AnyFault, Fault, PhaseLoss
+from hil.lockstep import run_lockstep
+from hil.plant_node import PlantNode
+from hil.run_folder import create, note
+from hil.scenario import ScenarioError, changed, check_scenario, read_scenario, refuse_modelled_bus
+from plant_sim.scene import load_scene
+from plant_sim.sensors import SensorReading
+
+ARM = codec.encode(SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
+READING = SensorReading(10.0, 10.5, 0.25, 0.75, 2.0)
+
+
+def fault(kind: str, at_s: float = 0.005, **more: Any) -> Fault:
+    made: Fault = TypeAdapter(AnyFault).validate_python({"kind": kind, "at_s": at_s, **more})
+    return made
+
+
+class Wire:
+    """A bus that keeps what is sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[Frame] = []
+
+    def send_all(self, frames: Any) -> None:
+        self.sent += frames
+
+    def receive(self) -> list[Frame]:
+        return [Frame(0x123, b"")]
+
+    def wait(self, timeout_s: float) -> None:
+        raise AssertionError
+
+
+def sample(number: int) -> Frame:
+    return codec.ACCELEROMETER.encode(Accelerometer(number * 0.1, 0.0, 0.0), number % 16)
+
+
+def passed(broken: Fault, ticks: int = 20, node: str = "plant") -> list[list[Frame]]:
+    """What leaves a node that sends a sample and an empty frame 0x7F0 in each tick of 1 ms."""
+    wire = Wire()
+    bus = FaultyBus(wire, node, [broken], seed=1)
+    sent = []
+    for tick in range(ticks):
+        bus.move_to(tick * 1e-3)
+        bus.send_all([sample(tick), Frame(0x7F0, b"")])
+        sent.append(wire.sent)
+        wire.sent = []
+    return sent
+
+
+def samples(sent: list[list[Frame]]) -> list[tuple[int, int]]:
+    """(tick sent in, tick made in) of each sample."""
+    number = {sample(tick): tick for tick in range(len(sent))}
+    return [(tick, number[frame]) for tick, frames in enumerate(sent) for frame in frames if frame in number]
+
+
+FRAMES = {"frames": ["Accelerometer"]}
+
+
+def test_dropped_frames_are_gone_for_as_long_as_it_lasts_and_others_pass() -> None:
+    sent = passed(fault("dropped", duration_s=0.01, **FRAMES))
+    assert [tick for tick, _ in samples(sent)] == [*range(5), *range(15, 20)]
+    assert all(Frame(0x7F0, b"") in frames for frames in sent)
+
+
+def test_a_share_is_dropped_at_random() -> None:
+    assert 600 < len(samples(passed(fault("dropped", at_s=0.0, share=0.3, **FRAMES), 1000))) < 800
+
+
+def test_duplicated_frames_come_again_at_once() -> None:
+    sent = samples(passed(fault("duplicated", copies=3, **FRAMES)))
+    assert sent == [(tick, tick) for tick in range(20) for _ in range(1 if tick < 5 else 3)]
+
+
+def test_delayed_frames_come_late_each_by_as_much_and_all_at_the_end() -> None:
+    sent = samples(passed(fault("delayed", duration_s=0.01, delay_s=0.004, **FRAMES)))
+    during = [(made + 4, made) for made in range(5, 11)]
+    at_the_end = [(15, made) for made in range(11, 16)]
+    assert sent == [(t, t) for t in range(5)] + during + at_the_end + [(t, t) for t in range(16, 20)]
+
+
+def test_reordered_frames_come_in_pairs_the_later_one_first() -> None:
+    sent = samples(passed(fault("reordered", duration_s=0.006, **FRAMES)))
+    assert sent[5:11] == [(6, 6), (6, 5), (8, 8), (8, 7), (10, 10), (10, 9)]
+    assert [made for _, made in sorted(sent, key=lambda pair: pair[1])] == list(range(20))
+
+
+def test_corrupted_frames_have_one_byte_wrong_and_fail_their_checksum() -> None:
+    sent = [frames[0] for frames in passed(fault("corrupted", **FRAMES), 200)]
+    for tick, frame in enumerate(sent):
+        wrong = sum(one != other for one, other in zip(frame.data, sample(tick).data, strict=True))
+        assert wrong == (0 if tick < 5 else 1)
+        if wrong:
+            with pytest.raises(codec.FrameError):
+                codec.ACCELEROMETER.decode(frame.data)
+
+
+@pytest.mark.parametrize(("period_s", "expected"), [(0.25e-3, 57), (3e-3, 5)])
+def test_a_stranger_babbles_at_its_period_and_the_plant_hears_it_too(period_s: float, expected: int) -> None:
+    babble = fault("babbling", can_id=0x0E, data_hex="00ff", period_s=period_s)
+    strange = Frame(0x0E, b"\x00\xff")
+    assert sum(frames.count(strange) for frames in passed(babble)) == expected
+    assert not any(strange in frames for frames in passed(babble, node="firmware"))
+    wire = Wire()
+    bus = FaultyBus(wire, "plant", [babble], seed=1)
+    bus.move_to(0.005)
+    assert bus.receive() == [strange, Frame(0x123, b"")]
+    assert bus.receive() == [Frame(0x123, b"")]
+
+
+def test_a_flood_comes_on_every_identifier_with_any_length() -> None:
+    frames = [frame for sent in passed(fault("flood", at_s=0.0, frames_a_tick=100), 300) for frame in sent]
+    strange = [frame for frame in frames if frame.can_id not in (0x080, 0x7F0)]
+    assert len({frame.can_id for frame in strange}) == 0x800 - 2
+    assert {len(frame.data) for frame in strange} == set(range(9))
+
+
+@pytest.mark.parametrize("node", ["plant", "firmware"])
+def test_an_unplugged_node_neither_sends_nor_hears(node: str) -> None:
+    wire = Wire()
+    bus = FaultyBus(wire, node, [fault("unplugged", node="plant", duration_s=0.01)], seed=1)
+    for t_s, plugged in ((0.0049, True), (0.005, node != "plant"), (0.0149, node != "plant"), (0.015, True)):
+        bus.move_to(t_s)
+        bus.send_all([sample(1)])
+        assert bool(wire.sent) == bool(bus.receive()) == plugged
+        wire.sent = []
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "changes"),
+    [
+        (
+            "sensor-biased",
+            {"sensor": "striker", "bias": 1.5},
+            {"striker_low_m_s2": 11.5, "striker_high_m_s2": 12.0},
+        ),
+        ("sensor-biased", {"sensor": "encoder", "bias": math.pi}, {"encoder_position_rev": 0.25}),
+        ("sensor-clipped", {"sensor": "striker-high", "limit_m_s2": 10.2}, {"striker_high_m_s2": 10.2}),
+        (
+            "sensor-wrong-sign",
+            {"sensor": "encoder"},
+            {"encoder_position_rev": 0.25, "encoder_velocity_rev_s": -2.0},
+        ),
+        ("sensor-wrong-sign", {"sensor": "striker-low"}, {"striker_low_m_s2": -10.0}),
+        ("sensor-intermittent", {"sensor": "housing", "share": 1.0}, {"housing_m_s2": 0.0}),
+        ("encoder-slip", {"slip_rev": 0.5}, {"encoder_position_rev": 0.25}),
+    ],
+)
+def test_what_a_broken_sensor_gives(kind: str, more: dict[str, Any], changes: dict[str, float]) -> None:
+    sensors = SensorFaults([fault(kind, **more)], seed=1)
+    assert sensors.published(0.004, READING) == READING
+    assert sensors.published(0.005, READING) == pytest.approx(READING._replace(**changes))
+
+
+def test_a_stuck_sensor_repeats_its_last_reading_until_it_is_well() -> None:
+    sensors = SensorFaults([fault("sensor-stuck", sensor="striker", duration_s=0.01)], seed=1)
+    given = [sensors.published(k * 1e-3, READING._replace(striker_low_m_s2=float(k))) for k in range(20)]
+    assert [one.striker_low_m_s2 for one in given] == [*range(5), *[4.0] * 10, *range(15, 20)]
+
+
+def test_noise_has_its_spread() -> None:
+    sensors = SensorFaults([fault("sensor-noisy", at_s=0.0, sensor="striker-low", std=2.0)], seed=1)
+    lows = [sensors.published(k * 1e-3, READING).striker_low_m_s2 for k in range(4000)]
+    assert np.std(lows) == pytest.approx(2.0, rel=0.05)
+    assert np.mean(lows) == pytest.approx(10.0, abs=0.15)
+
+
+def test_a_lost_phase_leaves_half_of_the_torque_on_average() -> None:
+    lost = fault("phase-loss")
+    assert isinstance(lost, PhaseLoss)
+    shares = [torque_share([lost], 7, angle) for angle in np.linspace(0.0, 2.0 * math.pi, 10_000)]
+    assert np.mean(shares) == pytest.approx(0.5, abs=1e-3)
+    assert (min(shares), max(shares)) == pytest.approx((0.0, 1.0), abs=1e-3)
+    assert torque_share([], 7, 0.0) == 1.0
+
+
+def driven(broken: Fault, ticks: int, torque_n_m: float = 0.1) -> tuple[PlantNode, list[Frame]]:
+    """A plant whose drive is asked for a torque in each tick, and what it has sent."""
+    node = PlantNode(load_scene("table1-motor-soft"), seed=1, faults=[broken])
+    sent = []
+    for tick in range(ticks):
+        sent += node.publish()
+        command = codec.encode(SetInputTorque(torque_n_m))
+        node.advance([ARM, command] if tick == 0 else [command])
+    return node, sent
+
+
+def test_a_jammed_crank_stands_and_a_free_one_turns_on() -> None:
+    jammed, _ = driven(fault("motor-stall", at_s=0.1), 200)
+    assert jammed.record.omega_rad_s == 0.0
+    freed, _ = driven(fault("motor-stall", at_s=0.1, duration_s=0.05), 300)
+    assert freed.record.omega_rad_s > 5.0
+
+
+def test_a_hot_winding_disarms_the_drive() -> None:
+    warm, _ = driven(fault("over-temperature", motor_degc=99.0), 50)
+    hot, _ = driven(fault("over-temperature", motor_degc=101.0), 50)
+    assert (warm.drive.armed, hot.drive.armed) == (True, False)
+    assert hot.drive.disarm_reason == AxisError.MOTOR_OVER_TEMP
+
+
+def test_a_sagging_supply_is_told_and_in_the_end_disarms_the_drive() -> None:
+    low, sent = driven(fault("supply-sag", supply_v=15.0), 300)
+    supplies = [codec.decode(frame) for frame in sent if frame.can_id == codec.DRIVE_SUPPLY.can_id]
+    assert [supply.voltage_v for supply in supplies] == [24.0, 15.0, 15.0]
+    assert isinstance(supplies[0], DriveSupply)
+    assert low.drive.armed
+    dead, _ = driven(fault("supply-sag", supply_v=8.0), 50)
+    assert dead.drive.disarm_reason == AxisError.DC_BUS_UNDER_VOLTAGE
+
+
+def test_a_drive_without_supply_is_silent_and_starts_anew_at_rest() -> None:
+    node, sent = driven(fault("brown-out", at_s=0.02, duration_s=0.1), 200)
+    encoders = [frame for frame in sent if frame.can_id == codec.ENCODER_ESTIMATES.can_id]
+    assert len(encoders) == 100
+    assert sum(frame.can_id == codec.ACCELEROMETER.can_id for frame in sent) == 200
+    assert node.drive.axis_state == AxisState.IDLE
+    assert node.record.motor_torque_n_m == 0.0
+
+
+def test_processes_are_killed_and_paused_by_signals() -> None:
+    killed = fault("killed", at_s=2.0, process="plant")
+    paused = fault("paused", at_s=1.0, duration_s=0.5, process="firmware")
+    processes = ProcessFaults([killed, paused])
+    assert processes.signals() == [
+        (1.0, "firmware", signal.SIGSTOP),
+        (1.5, "firmware", signal.SIGCONT),
+        (2.0, "plant", signal.SIGKILL),
+    ]
+    assert [processes.runs("firmware", t_s) for t_s in (0.999, 1.0, 1.499, 1.5)] == [True, False, False, True]
+    assert [processes.runs("plant", t_s) for t_s in (1.999, 2.0, 9.0)] == [True, False, False]
+    assert processes.kills("plant")
+    assert not processes.kills("firmware")
+
+
+def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) -> Any:
+    document = changed(
+        read_scenario("soft-start-multistable"), ["script.duration_s=3.0", "script.commands=[]"]
+    )
+    document["script"]["faults"] = list(faults)
+    return check_scenario(document | ({} if bus is None else {"bus": bus}), "broken")
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ({"kind": "gremlins", "at_s": 1.0}, "'gremlins' is none of dropped, .*"),
+        ({"kind": "dropped", "at_s": 1.0, "frames": ["Acelerometer"]}, "did you mean Accelerometer"),
+        ({"kind": "kick", "at_s": 9.0, "change_m_s": 1.0}, "'kick' at 9.0 s comes after the end"),
+        ({"kind": "kick", "at_s": 1.0}, "change_m_s is missing"),
+        ({"kind": "paused", "at_s": 1.0, "process": "plant"}, "duration_s is missing"),
+        ({"kind": "bus-off", "at_s": 1.0, "node": "plant"}, r"add the table \[bus\]"),
+    ],
+)
+def test_faults_that_make_no_sense_are_refused(table: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ScenarioError, match=complaint):
+        scenario_with(table)
+
+
+def test_a_modelled_bus_is_for_lockstep() -> None:
+    refuse_modelled_bus(scenario_with())
+    with pytest.raises(ScenarioError, match="--clock lockstep"):
+        refuse_modelled_bus(scenario_with(bus={}))
+
+
+def in_lockstep(run_dir: Path, scenario: Any) -> Path:
+    create(scenario, run_dir, "lockstep", {"bus": "in-process", "kernel_can": False}, 1)
+    note(run_dir, wall_start_s=0.0)
+    run_lockstep(scenario, run_dir, 1, lambda *_: None)
+    return run_dir
+
+
+def test_lockstep_breaks_what_the_scenario_says_and_two_runs_are_alike(tmp_path: Path) -> None:
+    scenario = scenario_with(
+        {"kind": "corrupted", "at_s": 0.5, "duration_s": 0.5, "share": 0.5, "frames": ["Accelerometer"]},
+        {"kind": "flood", "at_s": 1.0, "duration_s": 0.2, "frames_a_tick": 3},
+        {"kind": "paused", "at_s": 1.5, "duration_s": 0.1, "process": "firmware"},
+        {"kind": "killed", "at_s": 2.0, "process": "plant"},
+    )
+    one, other = (in_lockstep(tmp_path / name, scenario) for name in ("one", "other"))
+    assert (one / "can.log").read_bytes() == (other / "can.log").read_bytes()
+    plant, firmware = trace.read(one / "plant.trace"), trace.read(one / "firmware.trace")
+    assert plant["tick"].tolist() == list(range(2000))
+    assert set(range(3000)) - set(firmware["tick"].tolist()) == set(range(1500, 1600))
+    assert 200 < firmware["counters.rejected_crc"][999] < 300
+    assert firmware["inputs.accelerometer.age_ticks"][-1] == pytest.approx(1000, abs=2)
+
+
+def test_a_node_that_is_bus_off_is_silent_and_comes_back(tmp_path: Path) -> None:
+    off = {"kind": "bus-off", "at_s": 1.0, "duration_s": 0.02, "node": "plant"}
+    run_dir = in_lockstep(tmp_path, scenario_with(off, bus={"bitrate": 1_000_000}))
+    ages = trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"]
+    assert 20 <= max(ages[1000:]) <= 23  # 128 runs of 11 bits more
+    assert set(ages[1030:]) == {0}
+
+
+def test_one_that_babbles_with_the_lowest_identifier_takes_the_bus_for_itself(tmp_path: Path) -> None:
+    def ages(can_id: int) -> list[int]:
+        babble = {"kind": "babbling", "at_s": 1.0, "can_id": can_id, "data_hex": "00" * 8, "period_s": 1e-4}
+        run_dir = in_lockstep(tmp_path / str(can_id), scenario_with(babble, bus={"bitrate": 1_000_000}))
+        return list(trace.read(run_dir / "firmware.trace")["inputs.accelerometer.age_ticks"][1010:])
+
+    assert min(ages(0x000)[100:]) > 100
+    assert max(ages(0x7FF)) == 0

@@ -1,0 +1,93 @@
+"""A plant that is changed or kicked from outside, mid-run."""
+
+import dataclasses
+import math
+
+import pytest
+
+from plant_sim.parts.stop import RigidStop
+from plant_sim.plant import Plant, PlantError
+from plant_sim.scene import load_scene
+
+SCENE = load_scene("table1-motor-soft")
+
+
+def swinging(ticks: int) -> Plant:
+    plant = Plant(SCENE, seed=1)
+    for _ in range(ticks):
+        plant.advance(0.06, 1e-3)
+    return plant
+
+
+def residual(plant: Plant) -> float:
+    energy = plant.energy
+    terms = (energy.drive_work_j, energy.stored_change_j, energy.friction_j, energy.impact_loss_j)
+    return abs(terms[0] - sum(terms[1:])) / sum(map(abs, terms))
+
+
+def test_a_kick_changes_the_velocity_and_nothing_else() -> None:
+    plant = swinging(700)
+    before = plant.state
+    plant.kick(0.25)
+    after = plant.state
+    assert after.v_m_s - before.v_m_s == pytest.approx(0.25, abs=1e-12)
+    assert dataclasses.replace(after, v_m_s=before.v_m_s) == before
+    plant.advance(0.06, 0.5)
+    assert residual(plant) < 1e-6
+
+
+def test_a_softer_spring_swings_at_its_own_frequency() -> None:
+    plant = Plant(SCENE, seed=1)
+    parts = plant.parts
+    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=35.0)))
+    plant.kick(-0.03)  # so little that the crank's dry friction holds it
+    crossings, last = [], plant.state.v_m_s
+    for tick in range(4000):
+        plant.advance(0.0, 1e-3)
+        if last < 0.0 <= plant.state.v_m_s:
+            crossings.append(tick)
+        last = plant.state.v_m_s
+    period_s = (crossings[-1] - crossings[0]) / (len(crossings) - 1) * 1e-3
+    damping = 0.2 / (2.0 * 0.8)
+    assert period_s == pytest.approx(2.0 * math.pi / math.sqrt(35.0 / 0.8 - damping**2), rel=2e-3)
+
+
+@pytest.mark.parametrize("by_m", [-0.01, 0.01])
+def test_a_stop_that_moves_leaves_the_striker_where_it_is(by_m: float) -> None:
+    plant = swinging(700)
+    before = plant.state
+    parts = plant.parts
+    stop = parts.stop
+    assert hasattr(stop, "position_m")
+    plant.replace_parts(parts._replace(stop=stop._replace(position_m=stop.position_m + by_m)))
+    assert plant.state.x_m == pytest.approx(before.x_m, abs=1e-15)
+    plant.kick(1.5)
+    last_x_m, touched_x_m = plant.state.x_m, []
+    for _ in range(1000):
+        plant.advance(0.06, 1e-3)
+        if plant.stop_force_n > 0.0 and not touched_x_m:
+            touched_x_m = [last_x_m, plant.state.x_m]
+        last_x_m = plant.state.x_m
+    assert touched_x_m[0] <= stop.position_m + by_m <= touched_x_m[1]
+    assert residual(plant) < 1e-6
+
+
+def test_a_change_in_the_middle_of_a_contact_goes_on_with_it() -> None:
+    plant = swinging(1)
+    plant.kick(1.0)
+    while plant.stop_force_n == 0.0:
+        plant.advance(0.0, 1e-3)
+    parts = plant.parts
+    plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=77.0)))
+    plant.kick(0.01)
+    plant.advance(0.0, 0.1)
+    assert len(plant.take_impacts()) == 1
+    assert residual(plant) < 1e-6
+
+
+def test_other_kinds_of_parts_and_numbers_that_are_none_are_refused() -> None:
+    plant = swinging(1)
+    with pytest.raises(PlantError, match="RigidStop"):
+        plant.replace_parts(plant.parts._replace(stop=RigidStop(0.18, 0.5)))
+    with pytest.raises(PlantError, match="change_m_s = nan"):
+        plant.kick(math.nan)
