@@ -43,8 +43,8 @@ class DetectorConfig(NamedTuple):
 class DetectorState(NamedTuple):
     """`excess` is how much the acceleration lies below the model's; impulse and speed are the last blow's.
 
-    `since_touch_down_s` is the time from the last touch-down to the sensors' time; it stops at the
-    separation.
+    `area_m_s` is ∫excess dt over the contact so far. `since_touch_down_s` is the time from the last
+    touch-down to the sensors' time; it stops at the separation.
     """
 
     phase: ContactPhase
@@ -54,6 +54,7 @@ class DetectorState(NamedTuple):
     peak_m_s2: float
     approach_speed_m_s: float
     impulse_n_s: float
+    area_m_s: float
     since_touch_down_s: float
     measurable: bool
     impacts: int
@@ -67,6 +68,7 @@ INITIAL = DetectorState(
     peak_m_s2=0.0,
     approach_speed_m_s=0.0,
     impulse_n_s=0.0,
+    area_m_s=0.0,
     since_touch_down_s=0.0,
     measurable=True,
     impacts=0,
@@ -116,6 +118,7 @@ def _free(
             peak_m_s2=0.0,
             approach_speed_m_s=state.approach_speed_m_s,
             impulse_n_s=state.impulse_n_s,
+            area_m_s=0.0,
             since_touch_down_s=state.since_touch_down_s,
             measurable=True,
             impacts=state.impacts,
@@ -136,6 +139,7 @@ def _free(
         peak_m_s2=excess_m_s2,
         approach_speed_m_s=speed_m_s,
         impulse_n_s=(1.0 + config.restitution) * config.mass_kg * speed_m_s,  # expected, until it is measured
+        area_m_s=excess_m_s2 * config.tick_s,
         since_touch_down_s=age_s,
         measurable=not estimate.sensor.clipped,
         impacts=state.impacts + 1,
@@ -155,6 +159,8 @@ def _contact(
     contact_ticks = state.contact_ticks + elapsed_ticks
     since_touch_down_s = state.since_touch_down_s + elapsed_ticks * config.tick_s
     peak_m_s2 = at_least(excess_m_s2, state.peak_m_s2)
+    # The stop's force is what lies below the model: J = m ∫excess dt, spring and friction taken off.
+    area_m_s = state.area_m_s + excess_m_s2 * elapsed_ticks * config.tick_s
     measurable = state.measurable and fresh and not estimate.sensor.clipped
     ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
@@ -167,6 +173,7 @@ def _contact(
             peak_m_s2=peak_m_s2,
             approach_speed_m_s=state.approach_speed_m_s,
             impulse_n_s=state.impulse_n_s,
+            area_m_s=area_m_s,
             since_touch_down_s=since_touch_down_s,
             measurable=measurable,
             impacts=state.impacts,
@@ -185,7 +192,6 @@ def _contact(
     # A stop gives back at most what it got.
     believable = -1.2 * before_m_s - 0.05 < estimate.v_m_s < 0.2 * before_m_s + 0.05
     measured = measurable and believable
-    after_m_s = estimate.v_m_s if measured else -config.restitution * before_m_s
     freed = DetectorState(
         phase=ContactPhase.FREE,
         contact_ticks=0,
@@ -193,7 +199,8 @@ def _contact(
         excess_m_s2=excess_m_s2,
         peak_m_s2=peak_m_s2,
         approach_speed_m_s=before_m_s,
-        impulse_n_s=config.mass_kg * (before_m_s - after_m_s),
+        impulse_n_s=config.mass_kg * (area_m_s if measured else (1.0 + config.restitution) * before_m_s),
+        area_m_s=area_m_s,
         since_touch_down_s=since_touch_down_s,
         measurable=True,
         impacts=state.impacts,

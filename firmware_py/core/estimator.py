@@ -6,10 +6,22 @@ The measured acceleration moves the state (strapdown), so that nothing has to be
 or the wearer's; in free flight the same reading, compared with the acceleration that spring, crank and
 friction would give, corrects it. Both use the one reading: what the model does not know enters z and x''
 alike, which is the correlated case (Simon, Optimal State Estimation, 7.1) in its limit of a noiseless sensor.
-In contact the model says nothing about the stop's force, so the state is only carried on, and the stop itself
-is the measurement: x = x_stop at touch-down and at separation. Where the reading is missing or clipped in a
-contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne, Council & Johnson,
-The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k is not known.
+What the model does not know changes over a period, not from tick to tick: its size σ² is learnt from the
+innovations themselves (covariance matching, Mehra 1970), the innovation is held against that, and the
+correction counts N readings, as many as such an error lasts, as one: R = N σ².
+
+Where dry friction holds the striker, the model says no more than |x − l0 − x_A| ≤ μ m g/c. Then the
+correction stops once the estimate is narrower than that, and v = 0 is the measurement.
+
+In contact the model says nothing about the stop's force, so the state is only carried on, and the stop
+itself is the measurement: x = x_stop at touch-down and at separation. Where the reading is missing or
+clipped in a contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne,
+Council & Johnson, The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k
+is not known.
+
+A moving housing is taken off the striker's reading where that is integrated, x'' = z − a_b; the model's
+acceleration is what the accelerometer reads either way. The housing's own offset is its mean: since power-up
+at first, then over `housing_rate`.
 
 A low-pass of group delay τ delays the readings: its input is a = z + τ z', and ∫a over a tick
 is the trapezoid of z plus τ times its change.
@@ -20,13 +32,21 @@ from typing import NamedTuple
 
 from firmware_py.core import kalman
 from firmware_py.core.compiled import compiled
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
 from firmware_py.core.kalman import Belief, Covariance, ProcessNoise, Push, Row, Transition
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import ContactPhase
 
 LONGEST_GAP_TICKS = 20
 """A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step."""
+
+
+STILL_VARIANCE = 1e-4
+"""Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
+
+
+FEWEST_HOUSING = 1000
+"""The housing's offset starts as 0, as sure as by so many readings: it may move from the start."""
 
 
 LARGEST = 1e3
@@ -53,6 +73,7 @@ class SensorBelief(NamedTuple):
     delay_s: float
     high_offset_rate: float
     housing_weight: float
+    housing_rate: float
 
 
 class Spread(NamedTuple):
@@ -66,8 +87,23 @@ class Spread(NamedTuple):
     floor_bb: float
 
 
+class ModelTrust(NamedTuple):
+    """Variances of a single innovation by the model: floor, start and ceiling of what is learnt.
+
+    `readings_as_one` is N; `learning_rate` is by tick.
+    """
+
+    floor: float
+    start: float
+    ceiling: float
+    learning_rate: float
+    readings_as_one: float
+    still_m_s2: float
+    still_ticks: int
+
+
 class EstimatorConfig(NamedTuple):
-    """Q by tick, R of the model's acceleration, and how well the stop and Newton's law are known."""
+    """Q by tick, how far the model is trusted, and how well the stop and Newton's law are known."""
 
     tick_s: float
     striker: StrikerBelief
@@ -79,8 +115,9 @@ class EstimatorConfig(NamedTuple):
     model_noise: ProcessNoise
     contact_noise: ProcessNoise
     bend_share: float
-    model_variance: float
+    trust: ModelTrust
     stop_variance: float
+    coarse_variance: float
     touch_down_jitter_s: float
     separation_jitter_s: float
     restitution_variance: float
@@ -89,13 +126,15 @@ class EstimatorConfig(NamedTuple):
 class SensorState(NamedTuple):
     """The reading in use: low range, or the high one (its offset taken off) where the low one clips.
 
-    `before_m_s2` and `second_m_s2` are the readings before it.
+    `before_m_s2` and `second_m_s2` are the readings before it. `housing_m_s2` is without its offset.
     """
 
     acceleration_m_s2: float
     before_m_s2: float
     second_m_s2: float
     housing_m_s2: float
+    housing_offset_m_s2: float
+    housing_readings: int
     high_offset_m_s2: float
     clipped: bool
     missed_ticks: int
@@ -105,7 +144,8 @@ class EstimatorState(NamedTuple):
     """Mean, upper triangle of P, the last innovation, and the belief kept from touch-down.
 
     `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
-    the normalised innovation squared of a correction by the model, 0 without one.
+    the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
+    of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker.
     """
 
     x_m: float
@@ -121,6 +161,8 @@ class EstimatorState(NamedTuple):
     innovation_std_m_s2: float
     spread_m_s2: float
     nis: float
+    model_variance: float
+    still_ticks: int
     sensor: SensorState
     touch_down: Belief
     started: bool
@@ -154,7 +196,9 @@ INITIAL = EstimatorState(
     innovation_std_m_s2=0.0,
     spread_m_s2=0.0,
     nis=0.0,
-    sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
+    model_variance=0.0,
+    still_ticks=0,
+    sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_BELIEF,
     started=False,
 )
@@ -201,6 +245,8 @@ def sense(
             before_m_s2=state.before_m_s2,
             second_m_s2=state.second_m_s2,
             housing_m_s2=state.housing_m_s2,
+            housing_offset_m_s2=state.housing_offset_m_s2,
+            housing_readings=state.housing_readings,
             high_offset_m_s2=state.high_offset_m_s2,
             clipped=state.clipped,
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS),
@@ -215,11 +261,16 @@ def sense(
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
         clipped = abs(new.high_m_s2) > 0.98 * config.high_full_scale_m_s2
+    # The mean of all readings at first, of the last ones later.
+    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
+    housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     return SensorState(
         acceleration_m_s2=acceleration_m_s2,
         before_m_s2=state.acceleration_m_s2,
         second_m_s2=state.before_m_s2,
-        housing_m_s2=new.housing_m_s2,
+        housing_m_s2=new.housing_m_s2 - housing_offset_m_s2,
+        housing_offset_m_s2=housing_offset_m_s2,
+        housing_readings=min(state.housing_readings + 1, NEVER_TICKS),
         high_offset_m_s2=offset_m_s2,
         clipped=clipped,
         missed_ticks=0,
@@ -303,14 +354,15 @@ def propagate(
         belief = _by_model(config, belief_of(state), angle_rad, omega_rad_s, elapsed_ticks)
 
     innovation = 0.0
-    variance = config.model_variance
+    model_variance = state.model_variance if state.started else config.trust.start
+    variance = model_variance
     own_variance = 0.0
     if fresh:
         innovation = kalman.innovation(
             belief, sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s), config.row
         )
         own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
-        variance = own_variance + _model_variance(config, belief)
+        variance = own_variance + model_variance + _dry_variance(config, belief)
     return _state(
         belief,
         sensor,
@@ -318,6 +370,8 @@ def propagate(
         math.sqrt(variance),
         math.sqrt(own_variance),
         innovation * innovation / variance,
+        model_variance,
+        state.still_ticks,
         state.touch_down,
         state.started or fresh,
     )
@@ -328,14 +382,21 @@ def correct(
     config: EstimatorConfig,
     propagated: EstimatorState,
     contact: Contact,
+    coarse: CoarseInput,
     angle_rad: float,
     omega_rad_s: float,
+    elapsed_ticks: int,
 ) -> EstimatorState:
-    """Correct what `propagate` gave by the model in free flight, by the stop at touch-down and separation."""
+    """Correct what `propagate` gave: by the model in free flight, by the stop at touch-down and separation.
+
+    A coarse position corrects it whenever one has come.
+    """
     belief = belief_of(propagated)
     touch_down = propagated.touch_down
     striker = config.striker
     by_model = contact.settled and propagated.started and propagated.sensor.missed_ticks == 0
+    model_variance = propagated.model_variance
+    still_ticks = _still_ticks(config, propagated, elapsed_ticks) if by_model else 0
     if contact.touch_down:
         # Since touch-down it has moved on by about v⁻ · age.
         z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
@@ -360,12 +421,22 @@ def correct(
         else:
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model:
-        belief = kalman.update(
-            belief,
-            propagated.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
-            config.row,
-            _model_variance(config, belief),
-        )
+        stuck = still_ticks > config.trust.still_ticks
+        if stuck:
+            belief = kalman.update(belief, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
+        hold_m = striker.dry_m_s2 / striker.stiffness_1_s2
+        if not stuck or belief.p.xx > hold_m * hold_m:
+            learnt = config.trust.readings_as_one * (model_variance + _dry_variance(config, belief))
+            belief = kalman.update(
+                belief,
+                propagated.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
+                config.row,
+                learnt,
+            )
+        own = propagated.spread_m_s2 * propagated.spread_m_s2
+        model_variance = _learnt(config.trust, model_variance, propagated.innovation_m_s2, own, elapsed_ticks)
+    if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
+        belief = kalman.update(belief, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
     spread = config.spread
     p = belief.p
     if not (
@@ -395,6 +466,8 @@ def correct(
         propagated.innovation_std_m_s2,
         propagated.spread_m_s2,
         propagated.nis if by_model else 0.0,
+        model_variance,
+        still_ticks,
         touch_down,
         propagated.started,
     )
@@ -421,14 +494,32 @@ def _known(config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_
 
 
 @compiled
-def _model_variance(config: EstimatorConfig, belief: Belief) -> float:
-    """R: what the model's acceleration is not known to; where dry friction may hold or turn, all of it."""
+def _dry_variance(config: EstimatorConfig, belief: Belief) -> float:
+    """What the model's acceleration is not known to where dry friction may hold or turn: all of that."""
     dry = config.striker.dry_m_s2
-    if dry <= 0.0:
-        return config.model_variance
-    turning = abs(belief.v_m_s) < 0.02 + 2.0 * math.sqrt(at_least(belief.p.vv, 0.0))
-    uncertain = dry if turning else 0.15 * dry
-    return config.model_variance + uncertain * uncertain
+    if dry <= 0.0 or abs(belief.v_m_s) >= 0.02 + 2.0 * math.sqrt(at_least(belief.p.vv, 0.0)):
+        return 0.0
+    return dry * dry
+
+
+@compiled
+def _learnt(
+    trust: ModelTrust, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
+) -> float:
+    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; what lies beyond 3 σ is a blow badly seen."""
+    seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
+    rate = min(elapsed_ticks * trust.learning_rate, 1.0)
+    return min(at_least(variance + rate * (seen - variance), trust.floor), trust.ceiling)
+
+
+@compiled
+def _still_ticks(config: EstimatorConfig, state: EstimatorState, elapsed_ticks: int) -> int:
+    """For how long a striker on a dry guide has neither moved nor been pulled: it sticks."""
+    if config.striker.dry_m_s2 <= 0.0:
+        return 0
+    pulled = abs(state.sensor.acceleration_m_s2 - state.bias_m_s2 - state.sensor.housing_m_s2)
+    still = pulled < config.trust.still_m_s2 and abs(state.v_m_s) < 0.05
+    return min(state.still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 
 
 @compiled
@@ -470,6 +561,8 @@ def _state(
     innovation_std_m_s2: float,
     spread_m_s2: float,
     nis: float,
+    model_variance: float,
+    still_ticks: int,
     touch_down: Belief,
     started: bool,
 ) -> EstimatorState:
@@ -488,6 +581,8 @@ def _state(
         innovation_std_m_s2=innovation_std_m_s2,
         spread_m_s2=spread_m_s2,
         nis=nis,
+        model_variance=model_variance,
+        still_ticks=still_ticks,
         sensor=sensor,
         touch_down=touch_down,
         started=started,

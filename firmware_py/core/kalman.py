@@ -173,7 +173,6 @@ else:
     def _row(row: Row) -> Array:
         return np.array([row])
 
-    @lru_cache(maxsize=16)
     def _one(value: float) -> Array:
         return np.array([[value]])
 

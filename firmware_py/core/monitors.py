@@ -38,6 +38,7 @@ class Limits(NamedTuple):
     lowest_v: float
     highest_v: float
     impulse_n_s: float
+    peak_m_s2: float
     position_std_m: float
     stall_share: float
 
@@ -142,6 +143,8 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
         return Fault.OVERVOLTAGE if power.voltage_v > limits.highest_v else Fault.UNDERVOLTAGE
     if separated and not detector.impulse_n_s <= limits.impulse_n_s:
         return Fault.IMPULSE_LIMIT
+    if separated and not detector.peak_m_s2 <= limits.peak_m_s2:
+        return Fault.FORCE_LIMIT
     if state.estimate_ticks > config.estimate_ticks:
         return Fault.ESTIMATE_INVALID
     if state.stall_ticks > config.stall_ticks:

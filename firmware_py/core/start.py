@@ -38,6 +38,7 @@ class StartConfig(NamedTuple):
     natural_rad_s: float
     lowest_ratio: float
     highest_ratio: float
+    free_ratio: float
     capture_ratio: float
     dip_ratio: float
     rise_s: float
@@ -200,7 +201,7 @@ def _again(config: StartConfig, state: StartState) -> StartState:
 
 
 @compiled
-def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
+def step(  # noqa: PLR0911 - stages, read top to bottom
     config: StartConfig,
     state: StartState,
     mode: Mode,
@@ -208,9 +209,15 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     drive_ready: bool,
     omega_rad_s: float,
     regime: RegimeState,
+    trim: float,
+    trim_rate_1_s: float,
     elapsed_ticks: int,
 ) -> StartState:
-    """One tick: the speed to follow now, and whether the wanted regime is captured or has failed."""
+    """One tick: the speed to follow now, and whether the wanted regime is captured or has failed.
+
+    The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen; in the hold
+    `trim` moves the ratio on from there.
+    """
     if mode == Mode.STOPPING:
         if state.stage != Stage.STOP:
             state = _curve(state, Stage.STOP, 0.0, config.stop_s, 0)
@@ -219,7 +226,7 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         return INITIAL
     if not drive_ready or state.failed:
         return state
-    goal_rad_s = target_ratio * config.natural_rad_s
+    goal_rad_s = min(target_ratio, config.free_ratio) * config.natural_rad_s
     needs_impacts = target_ratio >= config.capture_ratio
     if state.stage in (Stage.REST, Stage.STOP):
         # The crank may still turn.
@@ -260,6 +267,18 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         return _again(config, state) if state.misses >= config.missing_periods else state
     if needs_impacts and state.misses >= config.lost_periods:
         return _again(config, state)
-    if state.attempts > 0 and state.hits >= 10 * config.confirm_periods:
-        return _curve(state, Stage.HOLD, goal_rad_s, config.shortest_change_s, 0)
-    return state
+    again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
+    return StartState(
+        stage=Stage.HOLD,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=state.s,
+        target_omega_rad_s=state.to_rad_s + trim * config.natural_rad_s,
+        target_acceleration_rad_s2=trim_rate_1_s * config.natural_rad_s,
+        hits=state.hits,
+        misses=state.misses,
+        attempts=0 if again else state.attempts,
+        captured=state.captured,
+        failed=state.failed,
+    )

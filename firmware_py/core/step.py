@@ -7,11 +7,11 @@ Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from t
 
 from typing import NamedTuple
 
-from firmware_py.core import crank, detector, estimator, monitors, regime, speed, start, supervisor
+from firmware_py.core import crank, detector, estimator, hold, monitors, regime, speed, start, supervisor
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import limited
-from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, OperatorRequest, Refusal, Regime
 
 
 class DriveConfig(NamedTuple):
@@ -31,6 +31,7 @@ class Config(NamedTuple):
     detector: detector.DetectorConfig
     regime: regime.RegimeConfig
     start: start.StartConfig
+    hold: hold.HoldConfig
     speed: speed.SpeedConfig
     monitors: monitors.MonitorConfig
 
@@ -43,6 +44,7 @@ class State(NamedTuple):
     detector: detector.DetectorState
     regime: regime.RegimeState
     start: start.StartState
+    hold: hold.HoldState
     speed: speed.SpeedState
     monitors: monitors.MonitorState
     supervisor: supervisor.SupervisorState
@@ -60,6 +62,7 @@ class Outputs(NamedTuple):
     mode: Mode
     fault: Fault
     disarm_reason: int
+    refusal: Refusal
     regime: Regime
     acting_limit: ActingLimit
     torque_n_m: float
@@ -84,6 +87,7 @@ INITIAL = State(
     detector=detector.INITIAL,
     regime=regime.INITIAL,
     start=start.INITIAL,
+    hold=hold.INITIAL,
     speed=speed.INITIAL,
     monitors=monitors.INITIAL,
     supervisor=supervisor.INITIAL,
@@ -94,6 +98,7 @@ INITIAL_OUTPUTS = Outputs(
     mode=Mode.INIT,
     fault=Fault.NONE,
     disarm_reason=0,
+    refusal=Refusal.NONE,
     regime=Regime.UNCERTAIN,
     acting_limit=ActingLimit.SAFE_STATE,
     torque_n_m=0.0,
@@ -137,7 +142,13 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     )
     detector_now, contact = detector.step(config.detector, state.detector, propagated, n)
     estimate = estimator.correct(
-        config.estimator, propagated, contact, crank_now.angle_rad, crank_now.omega_rad_s
+        config.estimator,
+        propagated,
+        contact,
+        inputs.coarse,
+        crank_now.angle_rad,
+        crank_now.omega_rad_s,
+        n,
     )
     regime_now = regime.step(
         config.regime,
@@ -152,6 +163,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     )
 
     # Supervise
+    valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -169,7 +181,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         inputs.estop,
         inputs.operator.request,
         inputs.drive.disarm_reason,
-        start.valid_ratio(config.start, inputs.operator.target_ratio),
+        valid_ratio,
         state.start.captured,
         state.start.failed,
         n,
@@ -178,6 +190,19 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
 
     # Command
+    hold_now = hold.step(
+        config.hold,
+        state.hold,
+        mode == Mode.RUN
+        and state.start.stage == start.Stage.HOLD
+        and inputs.operator.target_ratio >= config.start.capture_ratio,
+        state.start.to_rad_s / config.hold.natural_rad_s,
+        inputs.operator.target_ratio,
+        inputs.operator.target_impulse_n_s,
+        regime_now,
+        detector_now.impulse_n_s,
+        n,
+    )
     start_now = start.step(
         config.start,
         state.start,
@@ -186,6 +211,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL,
         crank_now.omega_rad_s,
         regime_now,
+        hold_now.trim,
+        hold_now.trim_rate_1_s,
         n,
     )
     if moving and inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL:
@@ -204,12 +231,19 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     axis_request = AxisState.CLOSED_LOOP_CONTROL if moving else AxisState.IDLE
     asks_clear = inputs.operator.request == OperatorRequest.CLEAR_FAULTS and not findings.operator_lost
     clear_errors = mode == Mode.INIT and asks_clear
+    acting_limit = speed_now.acting_limit
+    if acting_limit == ActingLimit.NONE and hold_now.guarded:
+        acting_limit = ActingLimit.IMPACT_PHASE
+    refusal = Refusal.NONE
+    if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
+        refusal = hold_now.refusal if valid_ratio else Refusal.RATIO_OUT_OF_RANGE
     outputs = Outputs(
         mode=mode,
         fault=supervisor_now.fault,
         disarm_reason=supervisor_now.disarm_reason,
+        refusal=refusal,
         regime=regime_now.regime,
-        acting_limit=speed_now.acting_limit,
+        acting_limit=acting_limit,
         torque_n_m=limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
         target_omega_rad_s=start_now.target_omega_rad_s,
         axis_request=axis_request,
@@ -232,6 +266,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
             detector=detector_now,
             regime=regime_now,
             start=start_now,
+            hold=hold_now,
             speed=speed_now,
             monitors=monitors_now,
             supervisor=supervisor_now,

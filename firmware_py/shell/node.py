@@ -30,6 +30,7 @@ from firmware_py.interface.enums import (
     OperatorRequest,
     ParameterOperation,
     ParameterStatus,
+    Refusal,
 )
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.pacing import Pacer, Urgency
@@ -301,6 +302,9 @@ class FirmwareNode:
             self._impact_frame(outputs)
         if outputs.fault not in (before.fault, Fault.NONE):
             self._send(codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
+        if outputs.refusal not in (before.refusal, Refusal.NONE):
+            refused = FaultEvent(Fault.REQUEST_REFUSED.value, 0, outputs.refusal.value)
+            self._send(codec.FAULT_EVENT, refused)
         self._pending_regime = self._pending_regime or outputs.period_ended
         if self._pending_regime and self._spaced(codec.REGIME_REPORT, RETRY_S):
             self._pending_regime = False

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from firmware_py.core import crank, detector, estimator, monitors, regime, speed, start
+from firmware_py.core import crank, detector, estimator, hold, monitors, regime, speed, start
 from firmware_py.core.kalman import ProcessNoise, Row, Transition
 from firmware_py.core.step import Config, DriveConfig
 
@@ -89,8 +89,8 @@ TABLE: tuple[Parameter, ...] = (
         "1",
         0.0,
         1.0,
-        0.0,
-        "share of the housing's acceleration taken off; 0: it rests",
+        1.0,
+        "share of the housing's acceleration taken off",
     ),
     # --- estimator ----------------------------------------------------------------------------------
     Parameter(
@@ -110,8 +110,8 @@ TABLE: tuple[Parameter, ...] = (
         "m/s^2",
         1e-4,
         100.0,
-        2.0,
-        "2 % of c, 30 % of b: errors that last a period count many times",
+        0.016,
+        "floor of what is learnt: 70 ug/sqrt(Hz) over 400 Hz, and counts",
     ),
     Parameter(
         "estimator.velocity_noise_m_s", "m/s", 0.0, 1.0, 1e-4, "by tick: noise and scale of the reading"
@@ -167,7 +167,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("start.rise_s", "s", 0.1, 100.0, 5.0, "2 s capture r = 1.35 nominally; more than twice that"),
     Parameter("start.dip_s", "s", 0.1, 100.0, 1.0, "down to the dip"),
     Parameter("start.again_s", "s", 0.1, 100.0, 2.0, "from the dip up again: captures r = 1.35 nominally"),
-    Parameter("start.stop_s", "s", 0.1, 100.0, 2.0, "to standstill"),
+    Parameter("start.stop_s", "s", 0.1, 100.0, 1.0, "to standstill: at most 4 blows, the last within 2 s"),
     Parameter("start.shortest_change_s", "s", 0.01, 100.0, 0.5, "for a small change of the target"),
     Parameter(
         "start.confirm_periods", "1", 1.0, 100.0, 5.0, "impacts in so many periods in a row", whole=True
@@ -219,6 +219,46 @@ TABLE: tuple[Parameter, ...] = (
         "watchdog.frozen_s", "s", 0.002, 10.0, 0.020, "a position that stands while a speed is reported"
     ),
     Parameter("watchdog.enable_s", "s", 0.05, 60.0, 1.0, "from asking the drive to close its loop"),
+    # --- added later --------------------------------------------------------------------------------
+    Parameter("limit.force_n", "N", 1.0, 1e5, 1500.0, "fault: 200 g on 0.8 kg is the most that can be read"),
+    Parameter("sensor.housing_offset_s", "s", 0.1, 1e5, 30.0, "gait is faster, a bias slower than this"),
+    Parameter(
+        "estimator.initial_model_std_m_s2", "m/s^2", 1e-4, 100.0, 0.12, "2 % of c, 30 % of b and 1 mm of l0"
+    ),
+    Parameter(
+        "estimator.largest_model_std_m_s2", "m/s^2", 1e-4, 100.0, 0.25, "beyond, corrections would die out"
+    ),
+    Parameter("estimator.model_learning_s", "s", 0.01, 1e4, 2.0, "four drive periods"),
+    Parameter(
+        "estimator.model_memory_s", "s", 0.0, 10.0, 0.3, "errors of the model keep their sign half a period"
+    ),
+    Parameter(
+        "estimator.still_m_s2", "m/s^2", 0.0, 10.0, 0.25, "a dry guide holds: noise, bias not yet known"
+    ),
+    Parameter("estimator.still_s", "s", 0.001, 10.0, 0.03, "for so long; a reversal lasts less"),
+    Parameter("estimator.coarse_std_m", "m", 1e-5, 0.1, 2e-3, "a Hall or string sensor's noise"),
+    Parameter("start.free_ratio", "1", 0.1, 10.0, 1.3, "the S-curve ends here; beyond, the hold creeps on"),
+    Parameter("hold.lowest_ratio", "1", 0.1, 10.0, 1.0, "below, the impulse no longer falls with the speed"),
+    Parameter("hold.highest_phase_deg", "deg", 5.0, 80.0, 65.0, "20 degrees before the fold, at 85 to 91"),
+    Parameter("hold.phase_slope_rad", "rad", 0.01, 100.0, 1.4, "by unit of r at 0 deg: 0.8 deg per 0.01"),
+    Parameter("hold.phase_slope_growth", "1", 0.0, 10.0, 1.6, "by rad: 2.3 deg per 0.01 at 65 deg and more"),
+    Parameter("hold.gain_phase", "1", 0.01, 1.0, 0.15, "of the error a period: the slope may be twice this"),
+    Parameter("hold.impulse_slope_n_s", "N s", 0.01, 100.0, 2.0, "by unit of r, between r = 1.0 and 1.3"),
+    Parameter("hold.gain_impulse", "1", 0.01, 1.0, 0.15, "of the error a period; a blow settles in two"),
+    Parameter("hold.largest_step", "1", 1e-4, 0.1, 0.01, "of the ratio a period: slower than it settles"),
+    Parameter("hold.rate_1_s", "1/s", 1e-4, 1.0, 0.03, "of the ratio: a step is done within a period"),
+    Parameter("hold.lowest_impulse_n_s", "N s", 0.0, 100.0, 0.2, "Table 1 gives 0.2 to 1.5 N s"),
+    Parameter("hold.highest_impulse_n_s", "N s", 0.0, 100.0, 1.5, "Table 1 gives 0.2 to 1.5 N s"),
+    Parameter("hold.impulse_tolerance", "1", 0.001, 1.0, 0.03, "further off than this it is not met"),
+    Parameter(
+        "hold.refusing_periods",
+        "1",
+        1.0,
+        1000.0,
+        12.0,
+        "at the end of the region before it is said",
+        whole=True,
+    ),
 )
 """All parameters, in the order of their indices."""
 
@@ -380,6 +420,7 @@ def config_of(values: Mapping[str, float]) -> Config:
             delay_s=delay_s,
             high_offset_rate=min(tick_s / values["sensor.high_offset_s"], 1.0),
             housing_weight=values["sensor.housing_weight"],
+            housing_rate=min(tick_s / values["sensor.housing_offset_s"], 1.0),
         ),
         spread=estimator.Spread(
             initial_xx=square("estimator.initial_position_std_m"),
@@ -406,8 +447,17 @@ def config_of(values: Mapping[str, float]) -> Config:
             xx=0.0, vv=square("estimator.contact_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
         ),
         bend_share=values["estimator.bend_share"],
-        model_variance=square("estimator.model_std_m_s2"),
+        trust=estimator.ModelTrust(
+            floor=square("estimator.model_std_m_s2"),
+            start=square("estimator.initial_model_std_m_s2"),
+            ceiling=square("estimator.largest_model_std_m_s2"),
+            learning_rate=min(tick_s / values["estimator.model_learning_s"], 1.0),
+            readings_as_one=max(values["estimator.model_memory_s"] / tick_s, 1.0),
+            still_m_s2=values["estimator.still_m_s2"],
+            still_ticks=ticks("estimator.still_s"),
+        ),
         stop_variance=square("estimator.stop_std_m"),
+        coarse_variance=square("estimator.coarse_std_m"),
         touch_down_jitter_s=values["estimator.touch_down_jitter_s"],
         separation_jitter_s=values["estimator.separation_jitter_s"],
         restitution_variance=square("estimator.restitution_std"),
@@ -453,6 +503,7 @@ def config_of(values: Mapping[str, float]) -> Config:
             natural_rad_s=natural_rad_s,
             lowest_ratio=values["start.lowest_ratio"],
             highest_ratio=values["start.highest_ratio"],
+            free_ratio=values["start.free_ratio"],
             capture_ratio=values["start.capture_ratio"],
             dip_ratio=values["start.dip_ratio"],
             rise_s=values["start.rise_s"],
@@ -465,6 +516,24 @@ def config_of(values: Mapping[str, float]) -> Config:
             lost_periods=int(values["start.lost_periods"]),
             dwell_periods=int(values["start.dwell_periods"]),
             attempts=int(values["start.attempts"]),
+        ),
+        hold=hold.HoldConfig(
+            tick_s=tick_s,
+            natural_rad_s=natural_rad_s,
+            lowest_ratio=values["hold.lowest_ratio"],
+            highest_ratio=values["start.highest_ratio"],
+            highest_phase_rad=math.radians(values["hold.highest_phase_deg"]),
+            phase_slope_rad=values["hold.phase_slope_rad"],
+            phase_slope_growth=values["hold.phase_slope_growth"],
+            gain_phase=values["hold.gain_phase"],
+            impulse_slope_n_s=values["hold.impulse_slope_n_s"],
+            gain_impulse=values["hold.gain_impulse"],
+            largest_step=values["hold.largest_step"],
+            rate_1_s=values["hold.rate_1_s"],
+            lowest_impulse_n_s=values["hold.lowest_impulse_n_s"],
+            highest_impulse_n_s=values["hold.highest_impulse_n_s"],
+            impulse_tolerance=values["hold.impulse_tolerance"],
+            refusing_periods=int(values["hold.refusing_periods"]),
         ),
         speed=speed.SpeedConfig(
             tick_s=tick_s,
@@ -502,6 +571,7 @@ def config_of(values: Mapping[str, float]) -> Config:
                 lowest_v=values["limit.lowest_v"],
                 highest_v=values["limit.highest_v"],
                 impulse_n_s=values["limit.impulse_n_s"],
+                peak_m_s2=values["limit.force_n"] / mass_kg,
                 position_std_m=values["limit.position_std_m"],
                 stall_share=values["limit.stall_share"],
             ),

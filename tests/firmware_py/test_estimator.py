@@ -6,12 +6,13 @@ from scipy.linalg import expm
 
 from firmware_py.core import estimator
 from firmware_py.core.estimator import Contact, EstimatorConfig, EstimatorState
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
 from firmware_py.core.kalman import Belief, Covariance
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from, free_flight
 
 FREE = Contact(ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=True)
+UNHEARD = CoarseInput(0.0, NEVER_TICKS)
 EXACT_SENSOR = {"sensor.bandwidth_hz": 1e5}
 
 
@@ -27,7 +28,7 @@ def tick(
 ) -> EstimatorState:
     sample = AccelerometerInput(reading, reading if high is None else high, 0.0, age)
     propagated = estimator.propagate(config, state, sample, contact.phase, angle_rad, 0.0, elapsed)
-    return estimator.correct(config, propagated, contact, angle_rad, 0.0)
+    return estimator.correct(config, propagated, contact, UNHEARD, angle_rad, 0.0, elapsed)
 
 
 @pytest.mark.parametrize(
@@ -208,3 +209,64 @@ def test_nothing_is_believed_before_the_first_reading() -> None:
     config = config_from({}).estimator
     state = tick(config, estimator.INITIAL, 0.0, age=NEVER_TICKS)
     assert not state.started
+
+
+def moving_housing(config: EstimatorConfig, seconds: float = 12.0) -> np.ndarray:
+    """Errors of x on a housing that is shaken at 1 Hz and whose accelerometer has an offset, the last 4 s."""
+    f = free_flight(87.5, 0.25, 1e-3)
+    x, v, state, errors = 0.0, 0.0, estimator.INITIAL, []
+    for k in range(round(1000 * seconds)):
+        shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
+        sample = AccelerometerInput(-87.5 * x - 0.25 * v + 0.1, 0.0, shake + 0.4, 0)
+        propagated = estimator.propagate(config, state, sample, FREE.phase, 0.0, 0.0, 1)
+        state = estimator.correct(config, propagated, FREE, UNHEARD, 0.0, 0.0, 1)
+        errors.append(state.x_m - 0.12 - x)
+        # The base's acceleration, held over the tick, moves the fixed point of the oscillator.
+        middle = 1.5 * math.sin(2.0 * math.pi * 1e-3 * (k + 0.5))
+        fixed = -middle / 87.5
+        x, v = fixed + f.x_x * (x - fixed) + f.x_v * v, f.v_x * (x - fixed) + f.v_v * v
+    return np.array(errors[-4000:])
+
+
+def test_a_moving_housing_is_taken_off_and_its_sensors_offset_is_not() -> None:
+    with_it = moving_housing(config_from(EXACT_SENSOR).estimator)
+    without = moving_housing(config_from(EXACT_SENSOR | {"sensor.housing_weight": 0.0}).estimator)
+    assert np.sqrt(np.mean(with_it**2)) < 1.5e-3
+    assert np.sqrt(np.mean(with_it**2)) < 0.5 * np.sqrt(np.mean(without**2))
+
+
+def test_a_coarse_position_corrects_whenever_one_comes() -> None:
+    config = config_from({"friction.mu": 0.2}).estimator
+    rng = np.random.default_rng(1)
+    states = {}
+    for fitted in (False, True):
+        state = estimator.INITIAL
+        for k in range(3000):
+            heard = fitted and k % 20 == 0
+            coarse = CoarseInput(0.105 + 2e-3 * rng.standard_normal(), 0 if heard else NEVER_TICKS)
+            propagated = estimator.propagate(
+                config, state, AccelerometerInput(0.0, 0.0, 0.0, 0), FREE.phase, 0.0, 0.0, 1
+            )
+            state = estimator.correct(config, propagated, FREE, coarse, 0.0, 0.0, 1)
+        states[fitted] = state
+    assert states[True].x_m == pytest.approx(0.105, abs=1e-3)
+    assert states[True].p_xx < 0.001**2
+    # Held by friction 15 mm off, it cannot be known without: ±μ m g/c is said, for as long as it lasts.
+    assert math.sqrt(states[False].p_xx) == pytest.approx(0.2 * 9.80665 / 87.5, rel=0.1)
+    assert abs(states[False].x_m - 0.105) < 3.0 * math.sqrt(states[False].p_xx)
+
+
+def test_how_far_the_model_is_off_is_learnt_within_its_bounds() -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    trust = config.trust
+    learnt = trust.start
+    for _ in range(10_000):
+        learnt = estimator._learnt(trust, learnt, 0.0, 0.0, 1)
+    assert learnt == trust.floor
+    for k in range(20_000):
+        learnt = estimator._learnt(trust, learnt, 0.2 if k % 2 else -0.2, 0.0, 1)
+    assert learnt == pytest.approx(0.04, rel=1e-3)
+    for _ in range(20_000):
+        learnt = estimator._learnt(trust, learnt, 1e6, 0.0, 1)
+    assert learnt == trust.ceiling
+    assert estimator._learnt(trust, 0.01, math.nan, 0.0, 1) <= trust.ceiling

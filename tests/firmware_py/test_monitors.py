@@ -24,6 +24,7 @@ def watch(
     crank_state: crank.CrankState = CRANK,
     estimate: estimator.EstimatorState = ESTIMATE,
     impulse: float = 1.0,
+    peak: float = 300.0,
     separated: bool = False,
     target: float = 12.0,
     state: MonitorState = monitors.INITIAL,
@@ -37,7 +38,7 @@ def watch(
             inputs,
             crank_state,
             estimate,
-            detector.INITIAL._replace(impulse_n_s=impulse),
+            detector.INITIAL._replace(impulse_n_s=impulse, peak_m_s2=peak),
             separated,
             target,
         )
@@ -134,6 +135,14 @@ def test_a_standing_crank_is_not_frozen() -> None:
 def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Fault) -> None:
     assert watch(impulse=impulse, separated=True)[1].limit == fault
     assert watch(impulse=impulse)[1].limit == Fault.NONE
+
+
+@pytest.mark.parametrize(
+    ("peak", "fault"), [(1874.0, Fault.NONE), (1876.0, Fault.FORCE_LIMIT), (math.nan, Fault.FORCE_LIMIT)]
+)
+def test_the_force_trips_when_the_blow_is_over(peak: float, fault: Fault) -> None:
+    assert watch(peak=peak, separated=True)[1].limit == fault
+    assert watch(peak=peak)[1].limit == Fault.NONE
 
 
 @pytest.mark.parametrize(

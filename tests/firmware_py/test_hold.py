@@ -1,0 +1,206 @@
+"""The law of the hold against a model of its own: the map from one blow of a rigid stop to the next."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from closed_loop import Bench
+from scipy.optimize import brentq
+
+from firmware_py.core import hold, regime
+from firmware_py.core.hold import HoldState
+from firmware_py.core.regime import Period
+from firmware_py.interface.enums import ActingLimit, Mode, Refusal, Regime
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).hold
+M_KG, C_N_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
+OMEGA = math.sqrt(C_N_M / M_KG)
+
+
+def next_blow(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, float]:
+    """Speed and crank phase of the blow after one at `v_m_s` and `phase_rad` past the forward dead centre."""
+    sigma, speed = 0.5 * B_N_S_M / M_KG, ratio * OMEGA
+    omega_d = math.sqrt(OMEGA**2 - sigma**2)
+    gain = OMEGA**2 * A_M / complex(OMEGA**2 - speed**2, 2.0 * sigma * speed)
+    theta0 = phase_rad + 0.5 * math.pi
+
+    def steady(t: float) -> tuple[float, float]:
+        z = gain * np.exp(1j * (speed * t + theta0))
+        return z.imag, speed * z.real
+
+    x0, v0 = GAP_M - steady(0.0)[0], -K * v_m_s - steady(0.0)[1]
+
+    def place(t: float) -> float:
+        free = x0 * math.cos(omega_d * t) + (v0 + sigma * x0) / omega_d * math.sin(omega_d * t)
+        return steady(t)[0] + math.exp(-sigma * t) * free - GAP_M
+
+    times = np.linspace(0.05, 1.6 * 2.0 * math.pi / speed, 400)
+    heights = [place(float(t)) for t in times]
+    k = next(k for k in range(1, len(times)) if heights[k - 1] < 0.0 <= heights[k])
+    t = brentq(place, times[k - 1], times[k], xtol=1e-13)
+    h = 1e-6
+    return (place(t + h) - place(t - h)) / (2 * h), phase_rad + speed * t - 2.0 * math.pi
+
+
+def steady_blow(ratio: float) -> tuple[float, float]:
+    """The orbit with one impact a period, followed from r = 1 upwards as a start does."""
+    v, phase = 0.4, 0.05
+    for r in np.append(np.arange(1.0, ratio, 0.01), ratio):
+        for _ in range(12 if r < ratio else 200):
+            v, phase = next_blow(v, phase, float(r))
+    return v, phase
+
+
+def largest_eigenvalue(ratio: float, law: Callable[[float, float, float], float], late: bool) -> float:
+    """Of the loop closed from blow to blow, `late` by one more; `law` gives the step from (v, φ, r)."""
+    v, phase = steady_blow(ratio)
+
+    def around(s: np.ndarray) -> np.ndarray:
+        blow = next_blow(s[0], s[1], s[2])
+        following = s[3] + law(blow[0], blow[1], s[3])
+        return np.array([*blow, s[3], following] if late else [*blow, following, following])
+
+    at = np.array([v, phase, ratio, ratio])
+    # The law's own steady step is taken off: what matters is how it answers deviations.
+    e, columns = 1e-6, []
+    for k in range(4):
+        d = np.zeros(4)
+        d[k] = e
+        columns.append((around(at + d) - around(at - d)) / (2 * e))
+    return float(np.abs(np.linalg.eigvals(np.column_stack(columns))).max())
+
+
+RATIOS = (1.0, 1.1, 1.2, 1.3, 1.33)
+
+
+def test_the_phase_rises_with_the_speed_at_about_the_scheduled_slope() -> None:
+    for ratio in RATIOS[1:]:
+        slope = (steady_blow(ratio + 0.005)[1] - steady_blow(ratio - 0.005)[1]) / 0.01
+        phase = steady_blow(ratio)[1]
+        scheduled = CONFIG.gain_phase * (CONFIG.highest_phase_rad - phase) / hold.phase_step(CONFIG, phase)
+        assert 0.4 < slope / scheduled < 2.5, (ratio, slope, scheduled)
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_the_phase_loop_is_stable_and_its_sign_is_right(ratio: float, late: bool) -> None:
+    right = largest_eigenvalue(ratio, lambda _v, phase, _r: hold.phase_step(CONFIG, phase), late)
+    assert right < 0.98
+    wrong = largest_eigenvalue(ratio, lambda _v, phase, _r: -hold.phase_step(CONFIG, phase), late)
+    assert wrong > 1.0
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("ratio", RATIOS[1:4])
+def test_the_impulse_loop_is_stable_and_its_sign_is_right(ratio: float, late: bool) -> None:
+    held = (1.0 + K) * M_KG * steady_blow(ratio)[0]
+
+    def law(v: float, _phase: float, r: float) -> float:
+        return hold.wanted_step(CONFIG, r, 0.0, held, (1.0 + K) * M_KG * v)
+
+    assert largest_eigenvalue(ratio, law, late) < 0.98
+    assert largest_eigenvalue(ratio, lambda *blow: -law(*blow), late) > 1.0
+
+
+def period(phase_deg: float, impacts: int = 1) -> regime.RegimeState:
+    last = Period(impacts, 0.9, math.radians(phase_deg), 300.0)
+    return regime.INITIAL._replace(ended=True, last=last, second=last)
+
+
+def held(
+    periods: int,
+    phase_deg: float = 30.0,
+    blow: float = 0.8,
+    target: float = 1.3,
+    impulse: float = 0.0,
+    impacts: int = 1,
+    holding: bool = True,
+) -> HoldState:
+    """So many periods of 0.5 s at r = 1.3."""
+    state = hold.INITIAL
+    for tick in range(500 * periods):
+        seen = period(phase_deg, impacts) if tick % 500 == 0 else regime.INITIAL
+        state = hold.step(CONFIG, state, holding, 1.3, target, impulse, seen, blow, 1)
+    return state
+
+
+def test_at_the_speed_asked_for_nothing_moves() -> None:
+    assert held(10) == hold.INITIAL._replace(impulse_n_s=0.8)
+
+
+def test_beyond_the_highest_phase_the_speed_falls() -> None:
+    state = held(3, phase_deg=80.0)
+    assert state.trim < -0.005
+    assert state.guarded
+
+
+def test_the_ratio_creeps_up_until_the_phase_says_stop() -> None:
+    assert 0.0 < held(5, target=1.4).trim < 0.0501
+    assert held(30, target=1.4).trim == pytest.approx(0.1)
+    assert held(30, target=1.4, phase_deg=65.0).trim == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_impulse_is_approached_from_both_sides_slowly() -> None:
+    assert 0.0 < held(3, impulse=1.0).trim < 0.0301
+    assert -0.0301 < held(3, impulse=0.6).trim < 0.0
+
+
+@pytest.mark.parametrize("impacts", [0, 2])
+def test_without_exactly_one_impact_nothing_moves(impacts: int) -> None:
+    assert held(10, impulse=1.0, impacts=impacts).trim == 0.0
+
+
+def test_what_the_region_cannot_give_is_refused_with_its_reason() -> None:
+    assert held(60, impulse=1.2, phase_deg=65.0).refusal == Refusal.IMPULSE_TOO_HIGH
+    assert held(80, impulse=1.2).refusal == Refusal.IMPULSE_TOO_HIGH
+    assert held(80, impulse=0.5).refusal == Refusal.IMPULSE_TOO_LOW
+    assert held(80, impulse=0.8).refusal == Refusal.NONE
+    for impulse in (5.0, 0.01, math.nan, math.inf, -1.0):
+        refused = held(2, impulse=impulse)
+        assert refused.refusal == Refusal.IMPULSE_OUT_OF_RANGE
+        assert refused.trim == 0.0
+
+
+def test_a_refusal_ends_with_its_request() -> None:
+    state = held(2, impulse=5.0)
+    assert hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, regime.INITIAL, 0.8, 1).refusal == Refusal.NONE
+    assert held(1, impulse=5.0, holding=False).refusal == Refusal.IMPULSE_OUT_OF_RANGE
+
+
+def test_not_a_number_moves_nothing() -> None:
+    for phase, blow in ((math.nan, 0.8), (30.0, math.nan)):
+        state = held(5, phase_deg=phase, blow=blow, impulse=0.9)
+        assert abs(state.trim) < 0.0501
+
+
+def test_an_impulse_asked_for_is_given_and_the_stop_agrees() -> None:
+    bench = Bench({"start.rise_s": 2.0}, ratio=1.2, impulse_n_s=0.85)
+    true: list[float] = []
+    take = bench.plant.take_impacts
+
+    def noting() -> list:
+        blows = take()
+        true.extend(blow.impulse_n_s for blow in blows)
+        return blows
+
+    bench.plant.take_impacts = noting  # type: ignore[method-assign]
+    bench.started()
+    bench.run(20.0, keep=False)
+    assert bench.node.outputs.mode == Mode.RUN
+    assert np.array(true[-5:]) == pytest.approx(0.85, rel=0.02)
+    assert bench.node.outputs.impact_impulse_n_s == pytest.approx(true[-1], rel=0.01)
+
+
+def test_a_ratio_beyond_the_fold_is_held_before_it() -> None:
+    """At 1.44 there is no impact regime any more; the firmware goes as far as the phase allows."""
+    bench = Bench({"start.rise_s": 4.0}, ratio=1.44).started()
+    bench.run(22.0)
+    reports = [o for o in bench.outputs[-3000:] if o.period_ended]
+    assert bench.node.outputs.mode == Mode.RUN
+    assert bench.node.outputs.regime == Regime.IMPACT
+    assert bench.node.outputs.acting_limit == ActingLimit.IMPACT_PHASE
+    for report in reports:
+        assert math.degrees(report.impact_phase_rad) == pytest.approx(65.0, abs=6.0)
+        assert report.impact_impulse_n_s > 1.0
