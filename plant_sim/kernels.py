@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core import config as numba_config
 from numba.core import types
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -145,3 +145,20 @@ def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
         return function
 
     return register
+
+
+def _without_owner(_: Any, array: types.Array) -> Any:
+    def copy(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        borrowed = context.make_array(array)(context, builder, arguments[0])
+        borrowed.meminfo = borrowed.meminfo.type(None)
+        borrowed.parent = borrowed.parent.type(None)
+        return borrowed._getvalue()
+
+    return array(array), copy
+
+
+unowned: Any = intrinsic(_without_owner)
+"""In a kernel: the same array without its owner, so that no references to it are counted.
+
+The atomic counting costs a kernel of short rows as much as its arithmetic. The caller keeps the array alive.
+"""

@@ -80,7 +80,13 @@ def _(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> flo
 
 @law(friction_force_n, Stribeck)
 def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
-    # No sliding backwards within a stage: the law is continued evenly, smooth for the solver.
-    fall = math.exp(-((abs(v_m_s) / friction.v_s_m_s) ** friction.delta))
-    mu = friction.mu + (friction.mu_s - friction.mu) * fall
+    speed = v_m_s * direction / friction.v_s_m_s
+    # Where a stage slides backwards the law is continued smoothly, as far as a solver may look ahead.
+    if friction.delta == 1.0:
+        power = max(speed, -2.0)
+    elif friction.delta == 2.0:
+        power = speed * speed
+    else:
+        power = abs(speed) ** friction.delta
+    mu = friction.mu + (friction.mu_s - friction.mu) * math.exp(-power)
     return -mu * normal_n * direction - friction.b_n_s_m * v_m_s

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from plant_sim.kernels import by_part, jit, law, subroutine
+from plant_sim.kernels import by_part, jit, law, subroutine, unowned
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
@@ -16,8 +16,8 @@ from plant_sim.parts.stop import NoStop, elastic_force_n, is_rigid, is_soft, ori
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.sensing import NoSensing, Probe, is_sensing, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
-from plant_sim.solvers.dop853 import ORDER, attempt, extend
-from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Zeros, first_event
+from plant_sim.solvers.dop853 import attempt, extend
+from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, first_event
 from plant_sim.solvers.memory import (
     ACCELERATION,
     ANGLE_NOW,
@@ -32,6 +32,8 @@ from plant_sim.solvers.memory import (
     IMPACT_TIME,
     IMPACTS,
     IMPULSE,
+    LAST_MARGIN,
+    LAST_STEP,
     MOTOR_TORQUE,
     PEAK,
     PEAK_FORCE,
@@ -73,6 +75,9 @@ DONE, BUFFER_FULL, STEP_TOO_SMALL, ENDLESS_EVENTS = range(4)
 MOST_EVENTS = 1_000_000
 """One after the other with no time between them."""
 
+LEAST_ERROR = 1e-6
+"""Of a step, in tolerances; a smaller one, as of rest, says nothing of the next step."""
+
 GOLDEN = 0.6180339887498949
 GOLDEN_CUTS = 20
 """They narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
@@ -97,6 +102,8 @@ def advance(
     `memory.held[ELAPSED]` says how far it got. Depth, velocity and crank angle at the times of `grid_s`
     (ascending, absolute) go into the rows of `samples`.
     """
+    memory = _borrowed(memory)
+    grid_s, samples = unowned(grid_s), unowned(samples)
     mode, held = memory.mode, memory.held
     if mode[PHASE] == UNSETTLED:
         settle(parts, memory, torque_n_m, start_s)
@@ -121,6 +128,26 @@ def advance(
             break
     _observe(parts, memory, torque_n_m)
     return status
+
+
+@subroutine
+def _borrowed(memory: Memory) -> Memory:
+    scratch = memory.scratch
+    return Memory(
+        unowned(memory.y),
+        unowned(memory.mode),
+        unowned(memory.held),
+        unowned(memory.contact),
+        unowned(memory.impacts),
+        unowned(memory.observed),
+        unowned(memory.scale),
+        unowned(memory.contact_scale),
+        unowned(memory.k),
+        unowned(memory.trial),
+        unowned(memory.new),
+        unowned(memory.dense),
+        Scratch(unowned(scratch.poly), unowned(scratch.press), unowned(scratch.stack)),
+    )
 
 
 @subroutine
@@ -150,11 +177,10 @@ def _step(
         error = attempt(parts, flow, h, y, scale, k, trial, new)
         if error <= 1.0:
             break
-        held[place] = h * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e300 else 0.2)
+        held[place] = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
         if held[place] < 1e-12 * longest:
             return -1.0
-    growth = 5.0 if error < 1e-6 else min(5.0, 0.9 * error ** (-1.0 / ORDER))
-    held[place] = max(held[place], h * growth) if growth > 1.0 else h * growth
+    _choose_next(held, place, h, error)
 
     zeros = Zeros(mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK])
     begin_s = start_s + held[ELAPSED]
@@ -181,8 +207,31 @@ def _step(
     mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
     held[ELAPSED] = duration_s if used == remaining else held[ELAPSED] + used
     if event != NONE:
+        held[LAST_STEP] = 0.0
         apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
     return used
+
+
+@subroutine
+def _choose_next(held: Vector, place: int, h_s: float, error: float) -> None:
+    """Length of the next step: the error's, and no longer than the trend of the last two allows.
+
+    Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): where friction stiffens towards rest
+    every second step would else be refused.
+    """
+    margin = _eighth_root(1.0 / max(error, LEAST_ERROR))
+    growth = 0.9 * margin
+    if held[LAST_STEP] > 0.0:
+        growth *= min(h_s / held[LAST_STEP] * margin / held[LAST_MARGIN], 1.0)
+    growth = min(growth, 5.0)
+    held[place] = max(held[place], h_s * growth) if growth > 1.0 else h_s * growth
+    held[LAST_STEP], held[LAST_MARGIN] = h_s, margin
+
+
+@subroutine
+def _eighth_root(value: float) -> float:
+    """By how much a step may grow for an error of the method's order that shrinks to 1/value."""
+    return math.sqrt(math.sqrt(math.sqrt(value)))
 
 
 @subroutine
@@ -215,7 +264,10 @@ def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) 
 
 @subroutine
 def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, zeros: Zeros) -> bool:
-    """Whether an event could lie in the step: bounds from its ends and twice its stages' largest slopes."""
+    """Whether an event could lie in the step: bounds from its ends and twice its stages' largest slopes.
+
+    Of slopes within ± S, g between g0 and g1 is at least (g0 + g1 − S h) / 2.
+    """
     if flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
         return True
     steepest = 0.0
@@ -223,7 +275,7 @@ def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Ve
         steepest = max(steepest, abs(k[stage, 1]))
     change = h_s * 2.0 * steepest
     is_dry = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2) > 0.0
-    if is_dry and min(y[1] * flow.direction, new[1] * flow.direction) <= change:
+    if is_dry and (y[1] + new[1]) * flow.direction <= change:
         return True
     has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
     if has_stop and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
@@ -250,8 +302,8 @@ def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vect
     steepest = 0.0
     for stage in range(12):
         steepest = max(steepest, abs(k[stage, 3]))
-    slowest: float = min(y[3] * flow.crank_direction, new[3] * flow.crank_direction)
-    return slowest <= h_s * 2.0 * steepest
+    twice_mean: float = (y[3] + new[3]) * flow.crank_direction
+    return twice_mean <= h_s * 2.0 * steepest
 
 
 @subroutine

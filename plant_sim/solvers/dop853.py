@@ -14,8 +14,6 @@ from plant_sim.solvers.motion import Flow, Vector, derivative, state_size, work_
 STAGES = 16
 """12 of the step, 1 at its end, 3 of the continuous extension."""
 
-ORDER = 8
-
 
 @subroutine
 def attempt(
@@ -25,13 +23,14 @@ def attempt(
 
     `k` has shape (STAGES, n), all others (n,).
     """
-    n = state_size(parts)
+    n, motion = state_size(parts), work_place(parts.drive)
     for stage in range(1, 12):
-        _stage(n, h_s, y, k, stage, 3, trial)
+        for i in range(motion):  # the integrals feed back into nothing
+            trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
         derivative(parts, flow, C[stage] * h_s, trial, k[stage])
-    _stage(n, h_s, y, k, 12, 5, new)
     fifth, third = 0.0, 0.0
     for i in range(n):
+        new[i] = y[i] + h_s * _slope(k, 12, 5, i)
         e5 = E5[0] * k[0, i]
         e3 = E3[0] * k[0, i]
         for j in range(5, 12):
@@ -45,17 +44,12 @@ def attempt(
 
 
 @subroutine
-def _stage(n: int, h_s: float, y: Vector, k: Vector, stage: int, first: int, out: Vector) -> None:
-    """y + h Σ a_j k_j; rows of A hold zeros in columns 1 to `first` − 1 from row 5 on."""
-    for i in range(n):
-        out[i] = A[stage, 0] * k[0, i]
-    start = 1 if stage < 5 else first
-    for j in range(start, stage):
-        a = A[stage, j]
-        for i in range(n):
-            out[i] += a * k[j, i]
-    for i in range(n):
-        out[i] = y[i] + h_s * out[i]
+def _slope(k: Vector, stage: int, first: int, i: int) -> float:
+    """Σ a_j k_j of one quantity; the row of A holds zeros in columns 1 to `first` − 1."""
+    total: float = A[stage, 0] * k[0, i]
+    for j in range(first, stage):
+        total += A[stage, j] * k[j, i]
+    return total
 
 
 @subroutine
@@ -63,12 +57,13 @@ def extend(
     parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, trial: Vector, dense: Vector
 ) -> None:
     """Bernstein coefficients of the motion over the step, into `dense`, shape (motion, DEGREE + 1)."""
-    n = state_size(parts)
+    motion = work_place(parts.drive)
     derivative(parts, flow, h_s, new, k[12])
     for stage in range(13, STAGES):
-        _stage(n, h_s, y, k, stage, 5, trial)
+        for i in range(motion):
+            trial[i] = y[i] + h_s * _slope(k, stage, 5, i)
         derivative(parts, flow, C[stage] * h_s, trial, k[stage])
-    for i in range(work_place(parts.drive)):
+    for i in range(motion):
         b = dense[i]
         rise = new[i] - y[i]
         # y0 + s (F0 + (1 − s)(F1 + s (F2 + (1 − s)(F3 + s (F4 + (1 − s)(F5 + s F6))))))

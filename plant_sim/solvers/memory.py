@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_soft, origin_m
 from plant_sim.result import MotionState
@@ -34,7 +35,7 @@ UNSETTLED = -1
 """Phase of a module whose first phase the solver has yet to find."""
 
 # Places in Memory.held; the crank's angle is there with an ideal drive only.
-ELAPSED, STEP_FREE, STEP_CONTACT, REST_SPEED, CRANK_ANGLE = range(5)
+ELAPSED, STEP_FREE, STEP_CONTACT, REST_SPEED, LAST_STEP, LAST_MARGIN, CRANK_ANGLE = range(7)
 
 # Places in Memory.contact, which soft stops have.
 TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE = range(6)
@@ -45,11 +46,18 @@ IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
 # Places in Memory.observed.
 ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW, PHASE_NOW = range(8)
 
-SHARE_OF_A_STEP = 0.02
-"""A forcing period takes some twenty steps, those of a contact included; each may err by this share of it."""
+SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
+"""A forcing period takes some twenty steps, those of a contact included; each may err by this share of it.
+
+Errors of a motor's speed add up in its angle, so that they are kept smaller.
+"""
 
 SHARE_OF_A_CONTACT = 0.1
 """A contact takes few steps, and what it errs by the orbit may grow: each may err by this share of others."""
+
+
+SHARE_OF_STRIBECK_SPEED = 1e-3
+"""However loose the accuracy: a larger error of velocity would undo the bend of friction near rest."""
 
 
 class Memory(NamedTuple):
@@ -85,7 +93,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         y[2], y[3] = angle, initial.omega_rad_s
     mode = np.zeros(11, dtype=np.int64)
     mode[PHASE] = UNSETTLED
-    held = np.zeros(4 if has_motor else 5)
+    held = np.zeros(6 if has_motor else 7)
     held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / natural
     held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
     if not has_motor:
@@ -112,13 +120,18 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
 
 
 def _scale(parts: Parts, accuracy: float) -> Vector:
-    """Error of one step in each quantity that weighs as much as SHARE_OF_A_STEP of `accuracy` in position."""
-    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    """Error of one step in each quantity that weighs as much as a step's share of `accuracy` in position."""
+    striker, drive, friction, stop = parts
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     length = max(drive.amplitude_m, 1e-3)
     motion = [1.0, natural]
+    share = SHARE_OF_A_STEP
     if isinstance(drive, MotorDrive):
+        share = SHARE_OF_A_MOTOR_STEP
         motion += [1.0 / length, natural / length]
     force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
-    return SHARE_OF_A_STEP * accuracy * np.array(motion + ledger)
+    scale: Vector = share * accuracy * np.array(motion + ledger)
+    if isinstance(friction, Stribeck):
+        scale[1] = min(scale[1], SHARE_OF_STRIBECK_SPEED * friction.v_s_m_s)
+    return scale
