@@ -106,10 +106,10 @@ class Scene(Table):
                 f"solver.method = 'exact' has no closed form for {' and '.join(beyond)}; "
                 "use 'auto' or 'adaptive'"
             )
-        if self.solver.method == "stepping" and self.drive.model != "ideal":
+        rigid_only = [fault for fault in beyond if not fault.startswith("friction")]
+        if rigid_only and self.solver.method == "stepping":
             raise ValueError(
-                "solver.method = 'stepping' needs drive.model = 'ideal', got 'motor'; "
-                "use 'auto' or 'adaptive'"
+                f"solver.method = 'stepping' has no {' and no '.join(rigid_only)}; use 'auto' or 'adaptive'"
             )
 
     @property

@@ -196,6 +196,18 @@ class SolverTable(Table):
         le=1e-2,
         description="the largest state error per forcing period, in m and in m/s over ω, from 1e-13 to 1e-2",
     )
+    step_s: float | None = Field(
+        default=None, gt=0.0, description="the step of method = 'stepping' in s (default: from accuracy)"
+    )
+
+    @model_validator(mode="after")
+    def _step_belongs_to_stepping(self) -> Self:
+        if self.step_s is not None and self.method != "stepping":
+            raise ValueError(
+                f"solver.step_s = {self.step_s} is given while solver.method = {self.method!r} finds its own "
+                "steps; delete it, or set solver.method = 'stepping'"
+            )
+        return self
 
 
 class MotorTable(Table):

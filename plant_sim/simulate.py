@@ -1,16 +1,15 @@
 """A scene run on its own, by the solver that fits it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from plant_sim.methods import choose
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Stribeck
-from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene
-from plant_sim.solvers import adaptive, exact
+from plant_sim.solvers import adaptive, exact, stepping
 
 
 class SimulationError(ValueError):
@@ -37,11 +36,16 @@ def simulate(
             "leave it out, or set drive.model = 'motor'"
         )
     grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
-    if method_for(scene, parts) == "exact":
-        return exact.simulate(parts, initial, until_s, grid)
-    return adaptive.simulate(
-        parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy
-    )
+    choice = choose(scene, parts)
+    if choice.step_s is not None:
+        result = stepping.simulate(parts, initial, until_s, choice.step_s, grid)
+    elif choice.method == "exact":
+        result = exact.simulate(parts, initial, until_s, grid)
+    else:
+        result = adaptive.simulate(
+            parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy
+        )
+    return result if choice.note is None else replace(result, notes=(*result.notes, choice.note))
 
 
 def initial_state(scene: Scene) -> MotionState:
@@ -55,15 +59,3 @@ def initial_state(scene: Scene) -> MotionState:
         omega_rad_s=drive.omega_rad_s if isinstance(drive, IdealDrive) else 0.0,
         phase=Phase.FLIGHT,
     )
-
-
-def method_for(scene: Scene, parts: Parts) -> str:
-    """The solver that a scene asks for; `auto` is exact where there is a closed form."""
-    if scene.solver.method != "auto":
-        return scene.solver.method
-    has_closed_form = (
-        isinstance(parts.drive, IdealDrive)
-        and not isinstance(parts.friction, Stribeck)
-        and isinstance(parts.stop, NoStop | RigidStop)
-    )
-    return "exact" if has_closed_form else "adaptive"

@@ -1,0 +1,99 @@
+"""Which solver a scene is given, and at what step: the cheapest measured one that is accurate enough.
+
+The prices are those that `vibrohil trade` prints, rounded up; they say which method is cheaper, not how long
+a run takes on some machine.
+"""
+
+import math
+from typing import NamedTuple
+
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop, RigidStop
+from plant_sim.scene import Scene
+
+
+class Choice(NamedTuple):
+    """A method with its step (stepping only), and why it was taken (`auto` only)."""
+
+    method: str
+    step_s: float | None = None
+    note: str | None = None
+
+
+class SteppingPrice(NamedTuple):
+    """What stepping costs at a step of `step_rad` of the faster of drive and free oscillation."""
+
+    step_rad: float
+    error: float
+    """Largest state error per forcing period, as a share of the motion's length."""
+    cost_us_s: float
+    """Microseconds per simulated second at table1's frequencies."""
+
+
+STEPPING_PRICES = (
+    SteppingPrice(0.1, 0.1, 5.0),
+    SteppingPrice(0.03, 0.03, 16.0),
+    SteppingPrice(0.01, 0.01, 50.0),
+    SteppingPrice(0.003, 0.003, 160.0),
+    SteppingPrice(0.001, 0.001, 500.0),
+    SteppingPrice(0.0003, 0.0004, 1600.0),
+)
+"""Coarsest first. First order: the error falls as the step does."""
+
+ADAPTIVE_COST_US_S = 17.0
+"""Of the adaptive solver at its loosest: a step is a radian at most."""
+
+FINEST_STEP_RAD = 1e-4
+"""Below it time stepping takes longer than any other method does for rounding error."""
+
+
+def choose(scene: Scene, parts: Parts) -> Choice:
+    """The method of `scene.solver`; `auto` takes the cheapest that meets its accuracy."""
+    solver = scene.solver
+    if solver.method == "stepping":
+        return Choice("stepping", solver.step_s or _step_for(scene, parts, solver.accuracy))
+    if solver.method != "auto":
+        return Choice(solver.method)
+    if not isinstance(parts.drive, IdealDrive) or not isinstance(parts.stop, NoStop | RigidStop):
+        return Choice("adaptive", note="auto took adaptive: no other method has a motor or a soft stop")
+    if not isinstance(parts.friction, Stribeck):
+        return Choice("exact", note="auto took exact: a closed form is both cheapest and most accurate")
+    coarsest = STEPPING_PRICES[0]
+    error_m = coarsest.error * _length_m(scene, parts)
+    if error_m <= solver.accuracy and coarsest.cost_us_s < ADAPTIVE_COST_US_S:
+        step_s = coarsest.step_rad / _fastest_rad_s(scene, parts)
+        return Choice(
+            "stepping",
+            step_s,
+            f"auto took stepping at {step_s:.3g} s: up to {error_m:.2g} m of error a period, within the "
+            f"{solver.accuracy:g} asked for, at a third of the adaptive solver's time",
+        )
+    return Choice(
+        "adaptive", note=f"auto took adaptive: stepping at its cheapest errs by {error_m:.2g} m a period"
+    )
+
+
+def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:
+    """The longest step, s, whose measured error is within `accuracy`; finer ones by first order."""
+    length_m, fastest_rad_s = _length_m(scene, parts), _fastest_rad_s(scene, parts)
+    for price in STEPPING_PRICES:
+        if price.error * length_m <= accuracy:
+            return price.step_rad / fastest_rad_s
+    finest = STEPPING_PRICES[-1]
+    share = accuracy / (finest.error * length_m)
+    return max(finest.step_rad * share, FINEST_STEP_RAD) / fastest_rad_s
+
+
+def _length_m(scene: Scene, parts: Parts) -> float:
+    """How far the striker swings, roughly and rather too much, m: drive, gap and start together."""
+    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    gap_m = abs(stop.position_m - striker.rest_length_m) if isinstance(stop, RigidStop) else 0.0
+    start_m = math.hypot(scene.initial_x_m - striker.rest_length_m, scene.initial.v_m_s / scene.natural_rad_s)
+    return drive.amplitude_m + gap_m + start_m
+
+
+def _fastest_rad_s(scene: Scene, parts: Parts) -> float:
+    drive = parts.drive
+    return max(scene.natural_rad_s, abs(drive.omega_rad_s) if isinstance(drive, IdealDrive) else 0.0)
