@@ -1,0 +1,36 @@
+"""Where things stand in the arrays of a run."""
+
+DETECTIONS, PERIODS, MODES, TURNS_SEEN, KICKED, FULL = range(6)
+"""Places of Record.counts: rows filled, and whether a buffer ran out."""
+
+(
+    TRACE_X,
+    TRACE_V,
+    TRACE_OMEGA,
+    TRACE_ANGLE,
+    TRACE_X_BELIEVED,
+    TRACE_V_BELIEVED,
+    TRACE_MODE,
+    TRACE_IMPACT,
+    TRACE_TORQUE,
+    TRACE_REGIME,
+    TRACE_TARGET,
+    TRACE_COLUMNS,
+) = range(12)
+"""Columns of Record.trace, a row a tick: the truth at t_k, and what the firmware made of it."""
+
+(
+    SUM_TICKS,
+    SUM_X,
+    SUM_V,
+    SUM_OMEGA,
+    SUM_OMEGA_2,
+    WORST_X,
+    WORST_V,
+    SUM_NIS,
+    LEAST_EIGENVALUE,
+    LEAST_AT,
+    SUMS,
+) = range(11)
+"""Places of Record.sums, over the ticks of mode RUN from a given tick on; of an endless run also the
+smallest eigenvalue of the estimate's covariance, and in which tick."""

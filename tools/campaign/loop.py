@@ -1,0 +1,433 @@
+"""One closed loop from power-up on, in one kernel, in the order that time gives the nodes of the bench.
+
+At t_k the sensors are sampled and the drive reports, the drive obeys what the firmware sent a tick ago and
+the module moves on under that torque to t_{k+1}; the operator speaks; the firmware ticks on what has arrived.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.estimator import EstimatorState
+from firmware_py.core.inputs import (
+    NEVER_TICKS,
+    AccelerometerInput,
+    CoarseInput,
+    DriveInput,
+    EncoderInput,
+    Inputs,
+    OperatorInput,
+    PowerInput,
+)
+from firmware_py.core.step import Config, Outputs, State, step
+from firmware_py.interface.enums import Mode, OperatorRequest
+from hil.drive_node import DriveConfig
+from plant_sim.parts.drive import motor_current_a
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import origin_m
+from plant_sim.sensing import HIGH, LOW, SPEED_ESTIMATE
+from plant_sim.solvers.memory import IMPACTS, PHASE
+from plant_sim.solvers.motion import FLIGHT
+from tools.campaign.columns import (
+    DETECTIONS,
+    FULL,
+    KICKED,
+    LEAST_AT,
+    LEAST_EIGENVALUE,
+    MODES,
+    PERIODS,
+    SUM_NIS,
+    SUM_OMEGA,
+    SUM_OMEGA_2,
+    SUM_TICKS,
+    SUM_V,
+    SUM_X,
+    SUMS,
+    TRACE_ANGLE,
+    TRACE_COLUMNS,
+    TRACE_IMPACT,
+    TRACE_MODE,
+    TRACE_OMEGA,
+    TRACE_REGIME,
+    TRACE_TARGET,
+    TRACE_TORQUE,
+    TRACE_V,
+    TRACE_V_BELIEVED,
+    TRACE_X,
+    TRACE_X_BELIEVED,
+    TURNS_SEEN,
+    WORST_V,
+    WORST_X,
+)
+from tools.campaign.drive import Axis, Wishes, elapsed, obeyed, torque_of
+from tools.campaign.kernels import kernel, subroutine
+from tools.campaign.plant import Filters, Module, advance
+from tools.campaign.quantise import Counts, Range, framed, reading, single
+from tools.campaign.shell import Heard, Line, heard_at, sent, told
+
+Vector = NDArray[np.float64]
+
+OPERATOR_TICKS = 10
+COMMAND_TICKS = 100
+TURN = 6.283185307179586
+
+
+class Senses(NamedTuple):
+    """The sensors behind their low-passes. The encoder counts `encoder_counts` a turn."""
+
+    low: Range
+    high: Range
+    housing: Range
+    encoder_counts: float
+    encoder_noise_rad_s: float
+    ratio: Counts
+    impulse: Counts
+
+
+class Script(NamedTuple):
+    """The operator's commands, shapes (n,): from which tick on, what, at which ratio and impulse."""
+
+    at_tick: NDArray[np.int64]
+    request: NDArray[np.int64]
+    target_ratio: Vector
+    target_impulse_n_s: Vector
+
+
+class Plan(NamedTuple):
+    """A kick that adds to the striker's velocity in the first tick of flight from `kick_tick` on; −1: none.
+
+    `judged_tick`: from where on the sums are taken. `endless`: the covariance is watched, and what the
+    record has no room for is forgotten instead of ending the run.
+    """
+
+    kick_tick: int
+    kick_m_s: float
+    judged_tick: int
+    endless: bool
+
+
+class Record(NamedTuple):
+    """What a run leaves. The true impacts are in the module's memory.
+
+    detections: (tick, age_s, approach_speed_m_s); periods: (tick, regime, impacts, phase_rad);
+    modes: (tick, mode, fault); turns: ticks in which the true crank passed 0; kicked: the state after a kick.
+    """
+
+    detections: Vector
+    periods: Vector
+    modes: Vector
+    turns: Vector
+    kicked: Vector
+    sums: Vector
+    trace: Vector
+    counts: NDArray[np.int64]
+
+
+def record(duration_s: float, tick_s: float, traced: bool) -> Record:
+    """Room for a run: up to 20 detections, periods and turns a second, 64 changes of mode."""
+    rows = 64 + round(20.0 * duration_s)
+    sums = np.zeros(SUMS)
+    sums[LEAST_EIGENVALUE] = np.inf
+    return Record(
+        detections=np.zeros((rows, 3)),
+        periods=np.zeros((rows, 4)),
+        modes=np.zeros((64, 3)),
+        turns=np.zeros(rows),
+        kicked=np.zeros(8),
+        sums=sums,
+        trace=np.zeros((round(duration_s / tick_s) if traced else 0, TRACE_COLUMNS)),
+        counts=np.zeros(6, dtype=np.int64),
+    )
+
+
+class Speech(NamedTuple):
+    """Whether the operator speaks now; the script's next line, when the command is due, and the command."""
+
+    now: bool
+    next_line: int
+    due_tick: int
+    request: int
+    target_ratio: float
+    target_impulse_n_s: float
+
+
+@kernel
+def run(
+    parts: Parts,
+    filters: Filters,
+    module: Module,
+    senses: Senses,
+    drive_config: DriveConfig,
+    axis: Axis,
+    heard: Heard,
+    line: Line,
+    config: Config,
+    state: State,
+    script: Script,
+    plan: Plan,
+    noise: np.random.Generator,
+    record: Record,
+    ticks: int,
+) -> None:
+    """Run a closed loop for so many ticks, from power-up on."""
+    y = module.memory.y
+    tick_s = config.tick_s
+    stop_m = origin_m(parts.stop, parts.striker)
+    wishes = Wishes(0.0, False, False, False, False, False)
+    speech = Speech(False, 0, 0, 0, 0.0, 0.0)
+    held_n_m = 0.0
+    angle_rad = y[2]
+    for tick in range(ticks):
+        # Sensors and drive at t_k
+        accelerometer = AccelerometerInput(
+            reading(senses.low, _felt(filters, LOW), noise.standard_normal()),
+            reading(senses.high, _felt(filters, HIGH), noise.standard_normal()),
+            reading(senses.housing, 0.0, noise.standard_normal()),
+            0,
+        )
+        encoder = _encoder(senses, filters, y[2], noise.standard_normal())
+        heard = heard_at(heard, axis, drive_config, tick, motor_current_a(parts.drive, held_n_m, y[3]))
+        x_m, v_m_s, omega_rad_s = y[0] + stop_m, y[1], y[3]
+        if y[2] < angle_rad and omega_rad_s > 0.0:
+            record.turns[record.counts[TURNS_SEEN]] = tick
+            record.counts[TURNS_SEEN] += 1
+        angle_rad = y[2]
+
+        # Drive and module until t_{k+1}
+        axis = obeyed(
+            axis, wishes, drive_config, config.drive.speed_limit_rad_s, config.drive.current_limit_a
+        )
+        held_n_m = torque_of(axis, drive_config, omega_rad_s)
+        if plan.kick_tick >= 0 and tick >= plan.kick_tick and record.counts[KICKED] == 0:
+            _kick(plan, module, record, tick)
+        advance(parts, filters, module, held_n_m, tick * tick_s, tick_s)
+        current_a = motor_current_a(parts.drive, held_n_m, y[3])
+        axis = elapsed(axis, drive_config, tick_s, y[3], current_a)
+
+        # Operator
+        if tick % OPERATOR_TICKS == 0:
+            speech = _speech(speech, script, senses, tick)
+            if speech.now:
+                heard = told(heard, speech.request, speech.target_ratio, speech.target_impulse_n_s)
+
+        # Firmware at t_k + T/2
+        state, outputs = step(config, state, _inputs(accelerometer, encoder, heard))
+        if outputs.mode != line.mode:
+            _book_mode(record, tick, outputs)
+        line, wishes = sent(line, outputs, heard, tick)
+
+        # Books
+        _book(record, tick, outputs)
+        estimate = state.estimator
+        if outputs.mode == Mode.RUN and tick >= plan.judged_tick:
+            _book_errors(record.sums, estimate, x_m, v_m_s, omega_rad_s)
+        if plan.endless and estimate.started:
+            _book_covariance(record.sums, estimate, tick)
+        if record.trace.shape[0] > tick:
+            _book_trace(record.trace[tick], estimate, outputs, x_m, v_m_s, omega_rad_s, angle_rad)
+        if _is_full(record, module):
+            if not plan.endless:
+                record.counts[FULL] = 1
+                return
+            record.counts[DETECTIONS] = record.counts[PERIODS] = record.counts[TURNS_SEEN] = 0
+            module.memory.mode[IMPACTS] = 0
+
+
+@subroutine
+def _encoder(senses: Senses, filters: Filters, angle_rad: float, noise: float) -> EncoderInput:
+    counts = senses.encoder_counts
+    speed_rad_s = filters.states[SPEED_ESTIMATE].real + senses.encoder_noise_rad_s * noise
+    position_rev = (np.floor(angle_rad / TURN * counts) % counts) / counts
+    return EncoderInput(single(position_rev), single(speed_rad_s / TURN), 0)
+
+
+@subroutine
+def _kick(plan: Plan, module: Module, record: Record, tick: int) -> None:
+    """Kick a striker in flight; one in contact is left for a later tick."""
+    if module.memory.mode[PHASE] != FLIGHT:
+        return
+    y = module.memory.y
+    y[1] += plan.kick_m_s
+    record.counts[KICKED] = tick
+    for i in range(record.kicked.size):
+        record.kicked[i] = y[i]
+
+
+@subroutine
+def _speech(speech: Speech, script: Script, senses: Senses, tick: int) -> Speech:
+    """The operator's look at the script; a command leaves at a change and every `COMMAND_TICKS`."""
+    line = speech.next_line
+    while line < script.at_tick.size and script.at_tick[line] <= tick:
+        line += 1
+    if line == speech.next_line and tick < speech.due_tick:
+        return Speech(
+            False, line, speech.due_tick, speech.request, speech.target_ratio, speech.target_impulse_n_s
+        )
+    due_tick = (tick // COMMAND_TICKS + 1) * COMMAND_TICKS
+    if line == 0:
+        return Speech(True, line, due_tick, 0, 0.0, 0.0)
+    return Speech(
+        True,
+        line,
+        due_tick,
+        script.request[line - 1],
+        framed(senses.ratio, script.target_ratio[line - 1]),
+        framed(senses.impulse, script.target_impulse_n_s[line - 1]),
+    )
+
+
+@subroutine
+def _book_mode(record: Record, tick: int, outputs: Outputs) -> None:
+    place = record.counts[MODES]
+    if place < record.modes.shape[0]:
+        row = record.modes[place]
+        row[0], row[1], row[2] = tick, outputs.mode.value, outputs.fault.value
+        record.counts[MODES] += 1
+
+
+@subroutine
+def _book(record: Record, tick: int, outputs: Outputs) -> None:
+    if outputs.impact:
+        row = record.detections[record.counts[DETECTIONS]]
+        row[0], row[1], row[2] = tick, outputs.impact_age_s, outputs.impact_speed_m_s
+        record.counts[DETECTIONS] += 1
+    if outputs.period_ended:
+        row = record.periods[record.counts[PERIODS]]
+        row[0], row[1] = tick, outputs.regime.value
+        row[2], row[3] = outputs.period_impacts, outputs.impact_phase_rad
+        record.counts[PERIODS] += 1
+
+
+@subroutine
+def _book_errors(
+    sums: Vector, estimate: EstimatorState, x_m: float, v_m_s: float, omega_rad_s: float
+) -> None:
+    x_error, v_error = estimate.x_m - x_m, estimate.v_m_s - v_m_s
+    sums[SUM_TICKS] += 1.0
+    sums[SUM_X] += x_error * x_error
+    sums[SUM_V] += v_error * v_error
+    sums[SUM_OMEGA] += omega_rad_s
+    sums[SUM_OMEGA_2] += omega_rad_s * omega_rad_s
+    sums[WORST_X] = max(sums[WORST_X], abs(x_error))
+    sums[WORST_V] = max(sums[WORST_V], abs(v_error))
+    sums[SUM_NIS] += estimate.nis
+
+
+@subroutine
+def _book_covariance(sums: Vector, estimate: EstimatorState, tick: int) -> None:
+    least = least_eigenvalue(
+        estimate.p_xx, estimate.p_xv, estimate.p_xb, estimate.p_vv, estimate.p_vb, estimate.p_bb
+    )
+    if not least >= sums[LEAST_EIGENVALUE]:
+        sums[LEAST_EIGENVALUE] = least
+        sums[LEAST_AT] = tick
+
+
+@subroutine
+def _book_trace(
+    row: Vector,
+    estimate: EstimatorState,
+    outputs: Outputs,
+    x_m: float,
+    v_m_s: float,
+    omega_rad_s: float,
+    angle_rad: float,
+) -> None:
+    row[TRACE_X], row[TRACE_V] = x_m, v_m_s
+    row[TRACE_OMEGA], row[TRACE_ANGLE] = omega_rad_s, angle_rad
+    row[TRACE_X_BELIEVED], row[TRACE_V_BELIEVED] = estimate.x_m, estimate.v_m_s
+    row[TRACE_MODE], row[TRACE_REGIME] = outputs.mode.value, outputs.regime.value
+    row[TRACE_IMPACT] = 1.0 if outputs.impact else 0.0
+    row[TRACE_TORQUE], row[TRACE_TARGET] = outputs.torque_n_m, outputs.target_omega_rad_s
+
+
+@subroutine
+def _is_full(record: Record, module: Module) -> bool:
+    """Whether the next tick might not find room."""
+    counts = record.counts
+    rows = max(counts[DETECTIONS], counts[PERIODS], counts[TURNS_SEEN]) + 1
+    is_full: bool = (
+        rows >= record.turns.size or module.memory.mode[IMPACTS] + 8 >= module.memory.impacts.shape[0]
+    )
+    return is_full
+
+
+@subroutine
+def least_eigenvalue(xx: float, xv: float, xb: float, vv: float, vb: float, bb: float) -> float:
+    """The smallest eigenvalue of a symmetric 3×3 matrix, given by its upper triangle.
+
+    Newton's method from 0 on det(P − λ) = −λ³ + t λ² − m λ + d: where P > 0 all roots lie to its right, and
+    it converges to the smallest without passing it. Where P is not positive, the sign of the answer says so,
+    but not by how much; NaN where P holds one.
+    """
+    t = xx + vv + bb
+    m = xx * vv - xv * xv + xx * bb - xb * xb + vv * bb - vb * vb
+    d = xx * (vv * bb - vb * vb) - xv * (xv * bb - vb * xb) + xb * (xv * vb - vv * xb)
+    if np.isnan(d + m + t):
+        return np.nan
+    if not (d > 0.0 and m > 0.0 and t > 0.0):
+        return min(d, m, t)
+    eigenvalue = 0.0
+    for _ in range(20):
+        value = ((-eigenvalue + t) * eigenvalue - m) * eigenvalue + d
+        slope = (-3.0 * eigenvalue + 2.0 * t) * eigenvalue - m
+        change = -value / slope
+        eigenvalue += change
+        if abs(change) <= 1e-12 * eigenvalue:
+            break
+    return eigenvalue
+
+
+@subroutine
+def _felt(filters: Filters, which: int) -> float:
+    """What an accelerometer's low-pass holds, m/s²: 2 Re(r z) with r = −j Im λ."""
+    felt_m_s2: float = 2.0 * filters.poles[which].imag * filters.states[which].imag
+    return felt_m_s2
+
+
+@subroutine
+def _inputs(accelerometer: AccelerometerInput, encoder: EncoderInput, heard: Heard) -> Inputs:
+    """What the firmware's shell hands to the core in an ordinary tick."""
+    request = OperatorRequest.IDLE
+    if heard.request == OperatorRequest.RUN.value:
+        request = OperatorRequest.RUN
+    elif heard.request == OperatorRequest.CLEAR_FAULTS.value:
+        request = OperatorRequest.CLEAR_FAULTS
+    return Inputs(
+        elapsed_ticks=1,
+        accelerometer=accelerometer,
+        coarse=CoarseInput(0.0, NEVER_TICKS),
+        encoder=encoder,
+        drive=DriveInput(heard.axis_state, heard.axis_error, heard.disarm_reason, heard.heartbeat_age),
+        power=PowerInput(
+            heard.current_a,
+            heard.voltage_v,
+            heard.inverter_degc,
+            heard.motor_degc,
+            max(heard.current_age, heard.temperature_age, heard.supply_age),
+        ),
+        operator=OperatorInput(request, heard.target_ratio, heard.target_impulse_n_s, heard.operator_age),
+        estop=False,
+    )
+
+
+@kernel
+def run_alone(
+    parts: Parts,
+    filters: Filters,
+    module: Module,
+    omega_rad_s: float,
+    until_rad_s: float,
+    ramp_ticks: int,
+    ticks: int,
+    tick_s: float,
+) -> None:
+    """The module alone, its crank led from one speed to another in `ramp_ticks`, then held."""
+    y = module.memory.y
+    for tick in range(ticks):
+        share = min(1.0, tick / ramp_ticks) if ramp_ticks > 0 else 1.0
+        y[3] = omega_rad_s + (until_rad_s - omega_rad_s) * share
+        advance(parts, filters, module, 0.0, tick * tick_s, tick_s)
+        if module.memory.mode[IMPACTS] + 8 >= module.memory.impacts.shape[0]:
+            module.memory.mode[IMPACTS] = 0

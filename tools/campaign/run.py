@@ -1,0 +1,156 @@
+"""One closed loop from Python: a scene, beliefs and a script in; impacts, detections and modes out."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.step import INITIAL, Config
+from firmware_py.interface.enums import Fault, Mode
+from hil.operator import ON_THE_BUS, Command
+from hil.plant_node import drive_config
+from plant_sim.parts.parts import Parts
+from plant_sim.scene import Scene
+from plant_sim.sensing import allocate_sensing
+from plant_sim.simulate import initial_state
+from plant_sim.solvers.memory import IMPACTS
+from tools.campaign import columns, loop
+from tools.campaign.drive import first_axis
+from tools.campaign.loop import Plan, Record, Script, Senses, record
+from tools.campaign.plant import filters, is_supported, module
+from tools.campaign.quantise import accelerometer, signal_counts
+from tools.campaign.shell import FIRST_HEARD, first_line
+from tools.output import BadInputError
+
+FloatArray = NDArray[np.float64]
+
+UNDISTURBED = Plan(kick_tick=-1, kick_m_s=0.0, judged_tick=0, endless=False)
+IMPACTS_A_SECOND = 40
+"""Room for impacts; a run that needs more chatters and is cut short, which it says."""
+
+
+class ModeChange(NamedTuple):
+    """When the firmware went into a mode, s, and the fault it gave then."""
+
+    t_s: float
+    mode: Mode
+    fault: Fault
+
+
+class Run(NamedTuple):
+    """What happened. Impacts: columns (t_s, v, v after, impulse, peak force, crank angle), shape (n, 6)."""
+
+    parts: Parts
+    tick_s: float
+    impacts: FloatArray
+    detected_s: FloatArray
+    detections: FloatArray
+    periods: FloatArray
+    modes: list[ModeChange]
+    turns_s: FloatArray
+    kicked_s: float | None
+    kicked: FloatArray
+    sums: FloatArray
+    trace: FloatArray
+    cut_short: bool
+
+
+def supported(scene: Scene) -> Parts:
+    """The parts of a scene that campaigns know."""
+    parts = scene.parts()
+    if scene.sensors is None or not is_supported(parts):
+        raise BadInputError(
+            f"campaigns run a motor, sensors and a Hunt–Crossley stop; the scene has drive.model = "
+            f"{scene.drive.model!r}, stop.law = {scene.stop.law!r}"
+        )
+    return parts
+
+
+def run(
+    scene: Scene,
+    config: Config,
+    commands: Sequence[Command],
+    duration_s: float,
+    noise: np.random.Generator,
+    plan: Plan = UNDISTURBED,
+    traced: bool = False,
+    room_s: float | None = None,
+) -> Run:
+    """Run a closed loop from power-up on; `room_s` of an endless one: for how long there is room."""
+    room_s = duration_s if room_s is None else room_s
+    parts = supported(scene)
+    assert scene.sensors is not None
+    models, initial = scene.sensors.models(), initial_state(scene)
+    tick_s = config.tick_s
+    sensing = allocate_sensing(models, initial.omega_rad_s)
+    moving = module(parts, initial, 64 + round(IMPACTS_A_SECOND * room_s))
+    senses = Senses(
+        low=accelerometer(models.striker_low, "striker_low_m_s2"),
+        high=accelerometer(models.striker_high, "striker_high_m_s2"),
+        housing=accelerometer(models.housing, "housing_m_s2"),
+        encoder_counts=float(models.encoder.counts),
+        encoder_noise_rad_s=models.encoder.noise_rad_s,
+        ratio=signal_counts("OperatorCommand", "target_ratio"),
+        impulse=signal_counts("OperatorCommand", "target_impulse_n_s"),
+    )
+    script = Script(
+        at_tick=np.array([round(command.at_s / tick_s) for command in commands], dtype=np.int64),
+        request=np.array([ON_THE_BUS[command.request].value for command in commands], dtype=np.int64),
+        target_ratio=np.array([command.target_ratio for command in commands]),
+        target_impulse_n_s=np.array([command.target_impulse_n_s for command in commands]),
+    )
+    books = record(room_s, tick_s, traced)
+    drive = drive_config(scene)
+    loop.run(
+        parts,
+        filters(sensing, tick_s),
+        moving,
+        senses,
+        drive,
+        first_axis(drive),
+        FIRST_HEARD,
+        first_line(),
+        config,
+        INITIAL,
+        script,
+        plan,
+        noise,
+        books,
+        round(duration_s / tick_s),
+    )
+    return _of(parts, tick_s, books, moving.memory.impacts[: moving.memory.mode[IMPACTS]])
+
+
+def _of(parts: Parts, tick_s: float, books: Record, impacts: FloatArray) -> Run:
+    counts = books.counts
+    detections = books.detections[: counts[columns.DETECTIONS]]
+    return Run(
+        parts=parts,
+        tick_s=tick_s,
+        impacts=impacts[np.argsort(impacts[:, 0], kind="stable")],
+        detected_s=(detections[:, 0] + 0.5) * tick_s,
+        detections=detections,
+        periods=books.periods[: counts[columns.PERIODS]],
+        modes=[
+            ModeChange(float(tick) * tick_s, Mode(int(mode)), Fault(int(fault)))
+            for tick, mode, fault in books.modes[: counts[columns.MODES]]
+        ],
+        turns_s=books.turns[: counts[columns.TURNS_SEEN]] * tick_s,
+        kicked_s=float(counts[columns.KICKED]) * tick_s if counts[columns.KICKED] else None,
+        kicked=books.kicked,
+        sums=books.sums,
+        trace=books.trace,
+        cut_short=bool(counts[columns.FULL]),
+    )
+
+
+def first_in(modes: Sequence[ModeChange], mode: Mode) -> ModeChange | None:
+    """The first change into a mode."""
+    return next((change for change in modes if change.mode == mode), None)
+
+
+def rms(run_: Run, place: int) -> float:
+    """Root of the mean of one of the run's sums of squares."""
+    ticks: Any = run_.sums[columns.SUM_TICKS]
+    return float(np.sqrt(run_.sums[place] / ticks)) if ticks > 0 else float("nan")
