@@ -1,0 +1,223 @@
+"""Campaigns without a closed loop: draws, conditions, statistics, goals."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
+from tools.campaign.cells import cells_of
+from tools.campaign.draws import Mismatch, draw, mismatch_of
+from tools.campaign.outcome import Outcome
+from tools.campaign.processes import batches
+from tools.campaign.results import result_of
+from tools.campaign.statistics import distribution, wilson
+from tools.cli import run
+from tools.commands.campaign import histogram
+from tools.output import EXIT_BAD_INPUT, BadInputError, plain
+
+ESTIMATE = CAMPAIGNS["estimate"]
+
+
+def table(name: str) -> dict[str, Any]:
+    campaign = CAMPAIGNS[name]
+    return {"conditions": campaign.conditions, **campaign.numbers}
+
+
+# --- draws -------------------------------------------------------------------------------------------
+
+
+def test_a_trial_draws_the_same_truth_every_time_and_another_draws_another() -> None:
+    cell = cells_of(table("start-up"), [])[0][0]
+    first, again, other = (draw(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
+    assert first.scene == again.scene
+    assert first.scene.striker.spring_n_m != other.scene.striker.spring_n_m
+    assert first.noise.standard_normal() == again.noise.standard_normal() != other.noise.standard_normal()
+
+
+def test_draws_fill_their_ranges_and_stay_inside() -> None:
+    cell = next(cell for cell in cells_of(table("start-up"), [])[0] if cell.law == "stribeck")
+    scenes = [draw(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
+    parts = [scene.parts() for scene in scenes]
+    for values, middle, width in (
+        ([part.striker.spring_n_m for part in parts], 70.0, 1.4),
+        ([scene.striker.rest_length_m for scene in scenes], 0.12, 1e-3),
+        ([part.stop.position_m for part in parts], 0.18, 3e-4),
+        ([part.friction.mu for part in parts], 0.15, 0.015),
+        ([scene.stop.restitution for scene in scenes], 0.5, 0.05),
+        ([scene.sensors.striker_low.bias_m_s2 for scene in scenes], 0.0, 0.05 * 9.80665),
+        ([scene.initial.v_m_s for scene in scenes], 0.0, 0.8),
+        ([scene.drive.phase_rad for scene in scenes], np.pi, np.pi),
+    ):
+        offsets = np.abs(np.array(values) - middle)
+        assert offsets.max() <= width * (1.0 + 1e-12)
+        assert offsets.max() > 0.9 * width
+    starts = np.array([scene.initial_x_m - scene.striker.rest_length_m for scene in scenes])
+    room = np.array([part.stop.position_m - part.striker.rest_length_m for part in parts])
+    assert starts.min() < -0.09
+    assert (starts <= np.minimum(0.06, room)).all()
+
+
+def test_beliefs_keep_the_nominal_numbers() -> None:
+    for cell in cells_of(table("start-up"), [])[0]:
+        truth = draw(cell.scene, Mismatch(), 20_000, 0).scene
+        assert "striker" not in cell.firmware
+        assert truth.striker.spring_n_m != 70.0
+        assert cell.firmware["drive"]["amplitude_m"] == truth.drive.amplitude_m  # known but for `hold`
+
+
+def test_a_campaign_may_set_its_own_mismatch() -> None:
+    cells, numbers = cells_of(table("hold"), ["campaign.mismatch_spring=0.0", "campaign.ratios=1.2"])
+    assert [cell.ratio for cell in cells] == [1.2]
+    assert mismatch_of(numbers).spring == 0.0
+    assert mismatch_of(numbers).amplitude == 0.03
+    assert draw(cells[0].scene, mismatch_of(numbers), 20_000, 1).scene.striker.spring_n_m == 70.0
+
+
+# --- conditions --------------------------------------------------------------------------------------
+
+
+def test_settings_reach_scene_beliefs_and_conditions() -> None:
+    cells, numbers = cells_of(
+        table("start-up"),
+        [
+            'campaign.laws=["viscous", "coulomb"]',
+            "campaign.ratios=[1.1, 1.2]",
+            "campaign.duration_s=9.0",
+            "scene.stop.contact_s=0.02",
+            "firmware.start.rise_s=3.0",
+        ],
+    )
+    assert [cell.name for cell in cells] == [
+        "viscous r=1.1",
+        "viscous r=1.2",
+        "coulomb r=1.1",
+        "coulomb r=1.2",
+    ]
+    assert numbers["duration_s"] == 9.0
+    assert all(cell.scene["stop"]["contact_s"] == 0.02 for cell in cells)
+    assert cells[2].firmware == {
+        "friction": {"b_n_s_m": 0.0, "mu": 0.15},
+        "drive": {"amplitude_m": 0.03},
+        "start": {"rise_s": 3.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("setting", "wanted"),
+    [("campaign.ratioz=1.1", "campaign.ratios"), ('campaign.laws="sticky"', "viscous")],
+)
+def test_settings_that_name_nothing_are_refused(setting: str, wanted: str) -> None:
+    with pytest.raises(BadInputError, match=wanted):
+        cells_of(table("start-up"), [setting])
+
+
+def test_the_command_line_refuses_a_bad_setting(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["campaign", "hold", "--trials", "1", "--set", "scene.stop.law='rigid'", "--json"]
+    assert run(arguments) == EXIT_BAD_INPUT
+    assert "error" in json.loads(capsys.readouterr().out)
+
+
+def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:
+    cells = cells_of(table("start-up"), [])[0]
+    first, rest = batches("start-up", cells, MISMATCH, 20_000, 101, 2)
+    assert [cells[trial].law for trial in first.trials] == ["viscous", "coulomb", "stribeck"]
+    assert sorted(first.trials + [trial for batch in rest for trial in batch.trials]) == list(range(101))
+
+
+# --- statistics --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (9, 10), (500, 3000), (3000, 3000)])
+def test_wilson_bounds(successes: int, trials: int) -> None:
+    wanted = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    share = wilson(successes, trials)
+    assert (share.low, share.high) == pytest.approx((wanted.low, wanted.high), abs=1e-12)
+
+
+def test_bootstrap_bounds_cover_the_quantile_they_are_of() -> None:
+    covered = 0
+    for seed in range(100):
+        spread = distribution(np.random.default_rng(seed).exponential(size=150))
+        assert spread is not None
+        covered += spread.p50_low <= np.log(2.0) <= spread.p50_high
+    assert 85 <= covered <= 100
+
+
+def test_of_nothing_there_is_no_distribution() -> None:
+    assert distribution(np.array([np.nan])) is None
+
+
+# --- results -----------------------------------------------------------------------------------------
+
+
+def outcome(trial: int, x_rmse: float, **changes: Any) -> Outcome:
+    return Outcome(
+        trial,
+        trial % 2,
+        simulated_s=30.0,
+        compute_s=0.03,
+        metrics={"x_rmse": x_rmse, "v_rmse": 0.001},
+        **changes,
+    )
+
+
+def judged(x_rmse: float, seed: int = 20_000) -> dict[str, Any]:
+    cells = cells_of(table("estimate"), [])[0]
+    outcomes = [outcome(trial, x_rmse + 0.001 * trial) for trial in range(20)]
+    outcomes[5].why = "the estimate is no number"
+    outcomes[6].eligible, outcomes[6].why = False, "no time in RUN"
+    return plain(result_of(ESTIMATE, cells, outcomes, seed, wall_s=1.0))
+
+
+def test_a_result_has_what_the_command_promises() -> None:
+    result = judged(0.5)
+    assert (result["trials"], result["eligible"], result["success"]) == (20, 19, 18)
+    assert result["failures"] == [
+        {"trial": 5, "seed": 20_000, "cell": "coulomb-0.2 r=0.95", "why": "the estimate is no number"}
+    ]
+    assert result["ineligible"] == {"no time in RUN": 1}
+    assert {"p50", "p95", "worst", "unit"} <= set(result["metrics"]["x_rmse"])
+    assert result["metrics"]["x_rmse"]["worst"] == pytest.approx(0.519)
+    assert result["realtime_factor_a_core"] == pytest.approx(1000.0)
+    json.dumps(result, allow_nan=False)
+
+
+def test_goals_are_met_or_missed() -> None:
+    good, bad = judged(0.5), judged(0.95)
+    assert good["passed"]
+    assert not bad["passed"]
+    missed = [goal["figure"] for goal in bad["goals"] if goal["passed"] is False]
+    assert missed == ["viscous x_rmse p50"]  # the dry goal lies higher
+
+
+def test_nothing_measured_passes_nothing() -> None:
+    cells = cells_of(table("estimate"), [])[0]
+    outcomes = [Outcome(trial, trial % 2, eligible=False, why="no time in RUN") for trial in range(4)]
+    result = result_of(ESTIMATE, cells, outcomes, 20_000, wall_s=1.0)
+    assert not result["passed"]
+    assert [goal["passed"] for goal in result["goals"]] == [None] * 3
+
+
+def test_seeds_of_tuning_are_marked() -> None:
+    assert judged(0.5, seed=9_999)["tuning_seed"]
+    assert not judged(0.5, seed=10_000)["tuning_seed"]
+
+
+def test_f1_counts_misses_and_false_alarms_alike() -> None:
+    cells = cells_of(table("detect"), [])[0]
+    outcomes = [
+        Outcome(trial, trial, counts={"hits": 99, "misses": trial % 2, "false_alarms": 0, "soft_hits": 1})
+        for trial in range(len(cells))
+    ]
+    result = result_of(CAMPAIGNS["detect"], cells, outcomes, 20_000, wall_s=1.0)
+    hits, misses = 99 * 11, 5
+    assert result["shares"]["f1"]["value"] == pytest.approx(2 * hits / (2 * hits + misses))
+    assert result["shares"]["recall"]["value"] == pytest.approx(hits / (hits + misses))
+
+
+def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
+    assert histogram([0, 1, 50, 100]) == " ▁▄█"
+    assert histogram([]) == ""

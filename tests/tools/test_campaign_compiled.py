@@ -1,0 +1,92 @@
+"""The compiled closed loop against the bench's interpreted one, and campaigns from end to end."""
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import compiled_side
+import numpy as np
+import pytest
+
+from hil.lockstep import run_lockstep
+from hil.scenario import load_scenario
+from hil.trace import read
+from tools.campaign import columns
+from tools.campaign.processes import pool
+from tools.cli import run
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+
+SEED = 7
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[ProcessPoolExecutor]:
+    """A process in which the firmware is compiled."""
+    with pool(1) as executor:
+        yield executor
+
+
+def test_the_compiled_loop_runs_as_the_bench_does(worker: ProcessPoolExecutor, tmp_path: Path) -> None:
+    scenario = "soft-start-multistable"
+    future = worker.submit(compiled_side.closed_loop, scenario, [], SEED)
+    run_lockstep(load_scenario(scenario), tmp_path, SEED, lambda *_: None)
+    plant, firmware = read(tmp_path / "plant.trace"), read(tmp_path / "firmware.trace")
+    impacts = read(tmp_path / "impacts.trace")
+    compiled = future.result()
+    trace = compiled["trace"]
+
+    # Until the first blow the two differ by rounding alone.
+    quiet = int(1e3 * impacts["t_s"][0]) - 1
+    assert np.abs(trace[:quiet, columns.TRACE_X] - plant["x_m"][:quiet]).max() < 1e-9
+    assert np.abs(trace[:quiet, columns.TRACE_TORQUE] - firmware["outputs.torque_n_m"][:quiet]).max() < 1e-6
+    # After it, apart only as far as orbits may drift.
+    assert len(compiled["impacts"]) == len(impacts)
+    assert np.abs(compiled["impacts"][:, 0] - impacts["t_s"]).max() < 1e-3
+    found = np.flatnonzero(trace[:, columns.TRACE_IMPACT])
+    wanted = np.flatnonzero(firmware["outputs.impact"])
+    assert len(found) == len(wanted)
+    assert np.abs(found - wanted).max() <= 1
+    modes, wanted_modes = trace[:, columns.TRACE_MODE], firmware["outputs.mode"]
+    assert list(modes[np.flatnonzero(np.diff(modes)) + 1]) == list(
+        wanted_modes[np.flatnonzero(np.diff(wanted_modes)) + 1]
+    )
+    changes = np.flatnonzero(np.diff(modes)) - np.flatnonzero(np.diff(wanted_modes))
+    assert np.abs(changes[:-1]).max() <= 1
+    assert abs(changes[-1]) <= 50  # the crank comes to rest on its dry friction
+
+
+def test_the_campaign_s_plant_with_dry_friction_follows_the_adaptive_solver(
+    worker: ProcessPoolExecutor,
+) -> None:
+    settings = ["scene.initial.x_m=0.10", "scene.initial.v_m_s=0.5"]
+    quick, exact = worker.submit(compiled_side.dry_motion, settings, 10.0, 8.0).result()
+    assert len(quick) == len(exact) > 8
+    assert np.abs(quick[:, 0] - exact[:, 0]).max() < 1e-4
+    assert np.abs(quick[:, 1:4] - exact[:, 1:4]).max() < 1e-3
+
+
+def test_the_smallest_eigenvalue_is_lapack_s(worker: ProcessPoolExecutor) -> None:
+    found, wanted = worker.submit(compiled_side.smallest_eigenvalues, 1).result()
+    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-16)
+    assert worker.submit(compiled_side.indefinite).result() <= 0.0
+
+
+def test_a_campaign_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["campaign", "start-up", "--trials", "4", "--seed", "20001", "--workers", "1", "--json"]
+    settings = ["--set", "campaign.laws='viscous'", "--set", "campaign.ratios=1.3"]
+    status = run([*arguments, *settings])
+    result = json.loads(capsys.readouterr().out)
+    assert result["trials"] == result["eligible"] == result["success"] == 4
+    assert result["failures"] == []
+    assert 5.0 < result["metrics"]["capture"]["p50"] < 8.0
+    assert result["metrics"]["steady_v"]["p50"] == pytest.approx(0.91, abs=0.03)
+    assert status == (EXIT_PASSED if result["passed"] else EXIT_CHECK_FAILED)
+
+
+def test_the_covariance_stays_positive(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["campaign", "endurance", "--ticks", "300000", "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert 0.0 < result["smallest_eigenvalue"] < 1e-5
+    assert result["mode"] == "run"
+    assert result["x_rmse_mm"] < 1.0

@@ -1,0 +1,154 @@
+"""The campaigns: which conditions each runs, what it counts, and what must come out.
+
+Metrics are named by what they are and in which unit they are printed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Quantile = Literal["lowest", "p50", "p95", "worst"]
+Condition = tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]
+
+WET_AND_DRY = ("viscous", "coulomb", "stribeck")
+NO_IMPULSE = (0.0,)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A limit on a figure: a metric's quantile, a share of counts, or the share of successes.
+
+    `where` names the cells by the beginning of their name; empty: all of them together. `low` or `high`.
+    """
+
+    figure: str
+    quantile: Quantile | None = None
+    where: str = ""
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """`numbers` may be changed by `--set campaign.KEY=VALUE`; units are those of the metrics.
+
+    `trials` are enough for the goals; a run of fewer does not judge how many were eligible.
+    """
+
+    name: str
+    title: str
+    trials: int
+    conditions: tuple[Condition, ...]
+    numbers: Mapping[str, Any]
+    units: Mapping[str, str]
+    goals: tuple[Goal, ...]
+
+
+MISMATCH: dict[str, Any] = {
+    "mismatch_spring": 0.02,
+    "mismatch_damping": 0.30,
+    "mismatch_restitution": 0.05,
+    "mismatch_rest_length_m": 1e-3,
+    "mismatch_stop_m": 3e-4,
+    "mismatch_dry_friction": 0.10,
+    "mismatch_bias_g": 0.05,
+    "mismatch_amplitude": 0.0,
+}
+
+CAMPAIGNS: dict[str, Campaign] = {
+    campaign.name: campaign
+    for campaign in (
+        Campaign(
+            name="start-up",
+            title="from random states into the impact regime, where one exists",
+            trials=4800,
+            conditions=((WET_AND_DRY, (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),),
+            numbers={"duration_s": 32.0, **MISMATCH},
+            units={
+                "capture": "s",
+                "overshoot": "x steady",
+                "overshoot_low": "x path",
+                "steady_v": "m/s",
+            },
+            goals=(
+                Goal("eligible", low=3000),
+                Goal("success", low=1.0),
+                Goal("capture", "p95", high=8.0),
+                Goal("overshoot", "worst", high=1.05),
+                Goal("overshoot_low", "worst", high=1.05),
+            ),
+        ),
+        Campaign(
+            name="estimate",
+            title="position and velocity in the impact regime",
+            trials=300,
+            conditions=((("viscous",), (1.1,), NO_IMPULSE), (("coulomb-0.2",), (0.95,), NO_IMPULSE)),
+            numbers={"duration_s": 30.0, **MISMATCH},
+            units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
+            goals=(
+                Goal("x_rmse", "p50", "viscous", high=0.9),
+                Goal("v_rmse", "p50", "viscous", high=0.010),
+                Goal("x_rmse", "p50", "coulomb-0.2", high=3.0),
+            ),
+        ),
+        Campaign(
+            name="detect",
+            title="touch-downs found, when, and the regime told",
+            trials=440,
+            conditions=(
+                (("viscous",), (1.0, 1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
+                (("coulomb", "stribeck"), (1.0, 1.1, 1.2), NO_IMPULSE),
+            ),
+            numbers={"duration_s": 40.0, **MISMATCH},
+            units={"latency": "ms", "speed_error": "m/s"},
+            goals=(
+                Goal("f1", low=0.999),
+                Goal("latency", "p50", high=1.5),
+                Goal("latency", "p95", high=2.5),
+                Goal("regime_right", low=0.995),
+            ),
+        ),
+        Campaign(
+            name="hold",
+            title="the impact regime held for a minute",
+            trials=400,
+            conditions=((("viscous",), (1.3, 1.4), NO_IMPULSE),),
+            numbers={
+                "hold_s": 60.0,
+                **MISMATCH,
+                "mismatch_spring": 0.05,
+                "mismatch_amplitude": 0.03,
+            },
+            units={
+                "impulse": "N s",
+                "impulse_error": "%",
+                "phase": "deg",
+                "phase_asked": "deg",
+                "ripple": "%",
+                "speed_error": "%",
+                "cycle_variation": "%",
+            },
+            goals=(
+                Goal("success", low=1.0),
+                Goal("ripple", "p50", "viscous r=1.3", high=0.2),
+                Goal("impulse", "lowest", "viscous r=1.4", low=1.0),
+                Goal("impulse_error", "worst", high=3.0),
+                Goal("phase_asked", "worst", high=65.0),
+            ),
+        ),
+        Campaign(
+            name="recover",
+            title="back into the impact regime after a kick out of it",
+            trials=1800,
+            conditions=((("viscous",), (1.3, 1.35), NO_IMPULSE),),
+            numbers={"duration_s": 50.0, "kick_low_m_s": 0.8, "kick_high_m_s": 1.4, **MISMATCH},
+            units={"recovery": "s"},
+            goals=(
+                Goal("eligible", low=300),
+                Goal("success", low=1.0),
+                Goal("recovery", "p95", high=8.0),
+            ),
+        ),
+    )
+}
+"""By the name on the command line."""

@@ -1,0 +1,114 @@
+"""What a campaign runs: a friction law and a ratio a cell, and the tables that `--set` may change."""
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+from hil.settings import apply_settings
+from plant_sim.scene import read_scene
+from tools.output import BadInputError
+
+BASE_SCENE = "table1-motor-soft"
+
+DRY_AMPLITUDE_M = 0.03
+"""Dry friction holds the striker at 20 mm."""
+
+LAWS: dict[str, dict[str, Any]] = {
+    "viscous": {
+        "friction": {"law": "viscous", "b_n_s_m": 0.2},
+        "amplitude_m": 0.02,
+        "beliefs": {"friction": {"b_n_s_m": 0.2, "mu": 0.0}, "drive": {"amplitude_m": 0.02}},
+    },
+    "coulomb": {
+        "friction": {"law": "coulomb", "mu": 0.15},
+        "amplitude_m": DRY_AMPLITUDE_M,
+        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+    },
+    "coulomb-0.2": {
+        "friction": {"law": "coulomb", "mu": 0.2},
+        "amplitude_m": DRY_AMPLITUDE_M,
+        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.2}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+    },
+    "coulomb-0.3": {
+        "friction": {"law": "coulomb", "mu": 0.3},
+        "amplitude_m": DRY_AMPLITUDE_M,
+        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.3}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+    },
+    "stribeck": {
+        "friction": {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0},
+        "amplitude_m": DRY_AMPLITUDE_M,
+        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+    },
+}
+"""Truth and belief by friction law; the firmware knows a dry law by its μ alone."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One condition: the nominal truth, the firmware's beliefs, and what the operator asks for."""
+
+    law: str
+    ratio: float
+    impulse_n_s: float
+    scene: Mapping[str, Any]
+    firmware: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """As tables and goals call it."""
+        asked = f" {self.impulse_n_s:g} N s" if self.impulse_n_s > 0.0 else ""
+        return f"{self.law} r={self.ratio:g}{asked}"
+
+
+def scene_of(law: str) -> dict[str, Any]:
+    """The nominal scene with a friction law."""
+    scene = deepcopy(read_scene(BASE_SCENE))
+    scene["friction"] = dict(LAWS[law]["friction"])
+    scene["drive"]["amplitude_m"] = LAWS[law]["amplitude_m"]
+    return scene
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list) else [value]
+
+
+def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
+    """The cells of a campaign's `table` (conditions, each (laws, ratios, impulses)) with `--set` changes.
+
+    `campaign.laws`, `campaign.ratios` and `campaign.impulses` replace the conditions; other keys of the
+    campaign's table are its own numbers and come back as they then are.
+    """
+    known = {"laws": None, "ratios": None, "impulses": None, **table}
+    conditions = known.pop("conditions")
+    document = {"campaign": dict(known), "firmware": {}, "scene": read_scene(BASE_SCENE)}
+    changed = apply_settings(document, settings)["campaign"]
+    unknown = sorted(set(changed) - set(known))
+    if unknown:
+        raise BadInputError(
+            f"--set campaign.{unknown[0]} is no number of this campaign; wanted one of "
+            f"{', '.join(f'campaign.{name}' for name in known)}"
+        )
+    laws, ratios, impulses = (changed.pop(name) for name in ("laws", "ratios", "impulses"))
+    if laws is not None or ratios is not None or impulses is not None:
+        first_laws, first_ratios, first_impulses = conditions[0]
+        conditions = [
+            (
+                first_laws if laws is None else tuple(_listed(laws)),
+                first_ratios if ratios is None else tuple(_listed(ratios)),
+                first_impulses if impulses is None else tuple(_listed(impulses)),
+            )
+        ]
+    cells = []
+    for condition_laws, condition_ratios, condition_impulses in conditions:
+        for law in condition_laws:
+            if law not in LAWS:
+                raise BadInputError(f"campaign.laws: {law!r} is none of {', '.join(LAWS)}")
+            own = {"campaign": {}, "scene": scene_of(law), "firmware": deepcopy(LAWS[law]["beliefs"])}
+            own = apply_settings(own, settings)
+            cells += [
+                Cell(law, float(ratio), float(impulse), own["scene"], own["firmware"])
+                for ratio in condition_ratios
+                for impulse in condition_impulses
+            ]
+    return cells, changed

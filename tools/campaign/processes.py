@@ -1,0 +1,155 @@
+"""Trials on all cores, or on a Dask scheduler's workers.
+
+A worker has to be a process that compiles the firmware: the variable that says so is set before anything of
+the firmware is imported, which is why this module imports none of it.
+"""
+
+import itertools
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from tools.campaign.cells import Cell
+from tools.campaign.outcome import Outcome
+from tools.output import BadInputError
+
+BATCHES_A_WORKER = 16
+LARGEST_BATCH = 32
+SCHEDULER_TIMEOUT_S = "10s"
+
+Progress = Callable[[int, int], None]
+"""Told how many trials are done, of how many."""
+
+
+class WorkerError(RuntimeError):
+    """A worker that cannot run trials."""
+
+
+class Batch(NamedTuple):
+    """Some trials of one campaign."""
+
+    campaign: str
+    cells: list[Cell]
+    numbers: Mapping[str, Any]
+    seed: int
+    trials: list[int]
+
+
+def prepare() -> None:
+    """Make this process one that compiles the firmware; before anything of it is imported."""
+    if "firmware_py.core.compiled" not in sys.modules:
+        os.environ["VIBROHIL_COMPILED"] = "1"
+    elif os.environ.get("VIBROHIL_COMPILED") != "1":
+        raise WorkerError(
+            "this worker has imported the interpreted firmware; start it with VIBROHIL_COMPILED=1"
+        )
+
+
+def run_batch(batch: Batch) -> list[Outcome]:
+    """Run some trials, in a worker."""
+    prepare()
+    from tools.campaign.trials import run_trial
+
+    return [
+        run_trial(batch.campaign, batch.cells, batch.numbers, batch.seed, trial) for trial in batch.trials
+    ]
+
+
+def run_endurance(ticks: int, settings: Sequence[str]) -> dict[str, Any]:
+    """The endurance run, in a worker."""
+    prepare()
+    from tools.campaign.endurance import endurance
+
+    return endurance(ticks, settings)
+
+
+def pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that compile the firmware."""
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare)
+
+
+def batches(
+    campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trials: int, workers: int
+) -> tuple[Batch, list[Batch]]:
+    """One trial of each friction law, which has the kernels compiled once, and the rest."""
+    laws: dict[str, int] = {}
+    for number, cell in enumerate(cells[:trials]):
+        laws.setdefault(cell.law, number)
+    first = sorted(laws.values())
+    rest = sorted(set(range(trials)) - set(first))
+    size = max(1, min(LARGEST_BATCH, len(rest) // (workers * BATCHES_A_WORKER)))
+    return Batch(campaign, cells, numbers, seed, first), [
+        Batch(campaign, cells, numbers, seed, rest[begin : begin + size])
+        for begin in range(0, len(rest), size)
+    ]
+
+
+Finished = Callable[[Sequence[Batch]], Iterator[list[Outcome]]]
+"""Runs batches and hands on their outcomes as they come."""
+
+
+@contextmanager
+def _here(workers: int) -> Iterator[Finished]:
+    """On this machine's cores."""
+    with pool(workers) as executor:
+
+        def finished(some: Sequence[Batch]) -> Iterator[list[Outcome]]:
+            futures = [executor.submit(run_batch, batch) for batch in some]
+            try:
+                for future in as_completed(futures):
+                    yield future.result()
+            finally:
+                for future in futures:
+                    future.cancel()
+
+        yield finished
+
+
+@contextmanager
+def _on_dask(address: str) -> Iterator[Finished]:
+    """On the workers of the Dask scheduler at `address`."""
+    import distributed
+
+    dask: Any = distributed
+    try:
+        client = dask.Client(address, timeout=SCHEDULER_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise BadInputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
+            "'dask scheduler' and workers with 'VIBROHIL_COMPILED=1 dask worker ADDRESS --nthreads 1'"
+        ) from error
+    with client:
+
+        def finished(some: Sequence[Batch]) -> Iterator[list[Outcome]]:
+            futures = client.map(run_batch, list(some), pure=False)
+            for future in dask.as_completed(futures):
+                yield future.result()
+
+        yield finished
+
+
+def run_all(
+    campaign: str,
+    cells: list[Cell],
+    numbers: Mapping[str, Any],
+    seed: int,
+    trials: int,
+    progress: Progress,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> list[Outcome]:
+    """All trials, in order of their numbers."""
+    count = workers or os.cpu_count() or 1
+    outcomes: list[Outcome] = []
+    source = _on_dask(scheduler) if scheduler else _here(count)
+    with source as finished:
+        first, rest = batches(campaign, cells, numbers, seed, trials, count)
+        for part in itertools.chain(finished([first]), finished(rest)):
+            outcomes += part
+            progress(len(outcomes), trials)
+    return sorted(outcomes, key=lambda outcome: outcome.trial)

@@ -1,0 +1,175 @@
+"""What a campaign's outcomes come to: shares with bounds, distributions, goals met or missed."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tools.campaign.campaigns import Campaign, Goal
+from tools.campaign.cells import Cell
+from tools.campaign.draws import FIRST_CAMPAIGN_SEED
+from tools.campaign.outcome import Outcome
+from tools.campaign.statistics import Distribution, distribution, wilson
+
+BINS = 12
+
+SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "recall": (("hits",), ("hits", "misses")),
+    "recall_below_grazing": (("soft_hits",), ("soft",)),
+    "precision": (("hits", "soft_hits"), ("hits", "soft_hits", "false_alarms")),
+    "regime_right": (("periods_right",), ("periods",)),
+    "regime_uncertain": (("periods_uncertain",), ("periods",)),
+    "instant_start_captures": (("instant",), ("eligible",)),
+    "fault_before_start": (("fault_before_start",), ("eligible",)),
+    "hopeless_said": (("hopeless_said",), ("hopeless",)),
+}
+"""Shares of added-up counts: numerator, denominator."""
+
+
+def counts_of(outcomes: Sequence[Outcome]) -> Counter[str]:
+    """All counts added up."""
+    total: Counter[str] = Counter()
+    for outcome in outcomes:
+        total.update(outcome.counts)
+    total["eligible"] = sum(outcome.eligible for outcome in outcomes)
+    total["success"] = sum(outcome.eligible and outcome.why == "" for outcome in outcomes)
+    return total
+
+
+def shares_of(counts: Counter[str]) -> dict[str, dict[str, float]]:
+    """Shares with Wilson's bounds, and F1."""
+    found = {}
+    for name, (above, below) in SHARES.items():
+        trials = sum(counts[one] for one in below)
+        if trials and all(one in counts for one in above):
+            share = wilson(sum(counts[one] for one in above), trials)
+            found[name] = {**share._asdict(), "n": trials}
+    if counts["hits"]:
+        wrong = counts["misses"] + counts["false_alarms"]
+        found["f1"] = {
+            "value": 2 * counts["hits"] / (2 * counts["hits"] + wrong),
+            "n": counts["hits"] + wrong,
+        }
+    return found
+
+
+def values_of(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
+    """Every metric's values over eligible trials; samples are pooled."""
+    values: dict[str, list[float]] = {}
+    for outcome in outcomes:
+        if outcome.eligible:
+            for name, value in outcome.metrics.items():
+                values.setdefault(name, []).append(value)
+            for name, some in outcome.samples.items():
+                values.setdefault(name, []).extend(some)
+    return values
+
+
+def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
+    """Every metric's distribution, with a small histogram."""
+    found = {}
+    for name, values in values_of(outcomes).items():
+        array = np.array(values)
+        spread: Distribution | None = distribution(array)
+        if spread is not None:
+            heights, edges = np.histogram(array[np.isfinite(array)], bins=BINS)
+            found[name] = {
+                **spread._asdict(),
+                "unit": campaign.units.get(name, "1"),
+                "histogram": {"low": edges[0], "high": edges[-1], "counts": heights.tolist()},
+            }
+    return found
+
+
+def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
+    """What a goal judges, None where nothing was measured."""
+    if goal.figure == "success":
+        return result["success"] / result["eligible"] if result["eligible"] else None
+    if goal.figure == "eligible":
+        return float(result["eligible"])
+    if goal.figure in result["shares"]:
+        return float(result["shares"][goal.figure]["value"])
+    metric = result["metrics"].get(goal.figure)
+    return None if metric is None or goal.quantile is None else float(metric[goal.quantile])
+
+
+def judged(goal: Goal, value: float | None) -> bool | None:
+    """Whether a goal is met; None where nothing was measured."""
+    if value is None:
+        return None
+    above = goal.low is None or value >= goal.low
+    below = goal.high is None or value <= goal.high
+    return math.isfinite(value) and above and below
+
+
+def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Counts, shares and metrics of some outcomes."""
+    counts = counts_of(outcomes)
+    return {
+        "trials": len(outcomes),
+        "eligible": counts["eligible"],
+        "success": counts["success"],
+        "success_share": wilson(counts["success"], counts["eligible"])._asdict(),
+        "shares": shares_of(counts),
+        "metrics": metrics_of(campaign, outcomes),
+    }
+
+
+def result_of(
+    campaign: Campaign, cells: Sequence[Cell], outcomes: Sequence[Outcome], seed: int, wall_s: float
+) -> dict[str, Any]:
+    """The campaign's JSON object."""
+    by_cell = [[outcome for outcome in outcomes if outcome.cell == number] for number in range(len(cells))]
+    goals = []
+    for goal in campaign.goals:
+        some = [
+            outcome
+            for cell, part in zip(cells, by_cell, strict=True)
+            if cell.name.startswith(goal.where)
+            for outcome in part
+        ]
+        value = figure_of(goal, summary(campaign, some)) if some else None
+        if goal.figure == "eligible" and len(outcomes) < campaign.trials:
+            value = None
+        goals.append(
+            {
+                "figure": " ".join(word for word in (goal.where, goal.figure, goal.quantile) if word),
+                "value": value,
+                "unit": campaign.units.get(goal.figure, ""),
+                "low": goal.low,
+                "high": goal.high,
+                "passed": judged(goal, value),
+            }
+        )
+    measured = [goal for goal in goals if goal["passed"] is not None]
+    simulated_s = sum(outcome.simulated_s for outcome in outcomes)
+    # The median leaves out those few that had kernels compiled or loaded.
+    speeds = [outcome.simulated_s / outcome.compute_s for outcome in outcomes if outcome.compute_s > 0.0]
+    return {
+        "campaign": campaign.name,
+        "title": campaign.title,
+        "seed": seed,
+        "tuning_seed": seed < FIRST_CAMPAIGN_SEED,
+        **summary(campaign, outcomes),
+        "failures": [
+            {
+                "trial": outcome.trial,
+                "seed": seed,
+                "cell": cells[outcome.cell].name,
+                "why": outcome.why,
+            }
+            for outcome in outcomes
+            if outcome.eligible and outcome.why
+        ],
+        "ineligible": dict(Counter(outcome.why for outcome in outcomes if not outcome.eligible)),
+        "cells": [
+            {"cell": cell.name, **summary(campaign, part)} for cell, part in zip(cells, by_cell, strict=True)
+        ],
+        "goals": goals,
+        "passed": bool(measured) and all(goal["passed"] for goal in measured),
+        "wall_s": wall_s,
+        "simulated_s": simulated_s,
+        "realtime_factor_a_core": float(np.median(speeds)) if speeds else math.nan,
+    }

@@ -1,0 +1,84 @@
+"""Confidence bounds: Wilson's for shares, the bootstrap's for quantiles."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+FloatArray = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+RESAMPLES = 1000
+MOST_NUMBERS = 5_000_000
+"""Drawn at most, or a hundred resamples: many samples need few."""
+
+
+class Share(NamedTuple):
+    """A share of trials with its bounds."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Distribution(NamedTuple):
+    """Quantiles of a metric over trials, each with its bounds; `worst` is the largest."""
+
+    n: int
+    lowest: float
+    p50: float
+    p50_low: float
+    p50_high: float
+    p95: float
+    p95_low: float
+    p95_high: float
+    worst: float
+
+
+def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share:
+    """Wilson's score interval (J. Am. Stat. Assoc. 22 (1927) 209).
+
+    >>> share = wilson(3000, 3000)
+    >>> round(share.low, 4), share.high
+    (0.9987, 1.0)
+    """
+    if trials == 0:
+        return Share(math.nan, 0.0, 1.0)
+    z = float(norm.ppf(0.5 + 0.5 * confidence))
+    p = successes / trials
+    scale = 1.0 + z * z / trials
+    middle = (p + 0.5 * z * z / trials) / scale
+    half = z / scale * math.sqrt(p * (1.0 - p) / trials + 0.25 * z * z / (trials * trials))
+    low = 0.0 if successes == 0 else max(0.0, middle - half)
+    high = 1.0 if successes == trials else min(1.0, middle + half)
+    return Share(p, low, high)
+
+
+def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribution | None:
+    """Quantiles of what is finite, with the percentile bootstrap's bounds; None of nothing."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return None
+    ordered = np.sort(finite)
+    n = len(ordered)
+    p50, p95 = np.quantile(ordered, [0.5, 0.95])
+    rng = np.random.default_rng(n)
+    tail = 50.0 * (1.0 - confidence)
+    # A resample's quantile is the quantile of sorted random places.
+    resampled = np.empty((max(100, min(RESAMPLES, MOST_NUMBERS // n)), 2))
+    for row in resampled:
+        row[:] = np.quantile(ordered[rng.integers(0, n, n)], [0.5, 0.95])
+    low, high = np.percentile(resampled, [tail, 100.0 - tail], axis=0)
+    return Distribution(
+        n,
+        float(ordered[0]),
+        float(p50),
+        float(low[0]),
+        float(high[0]),
+        float(p95),
+        float(low[1]),
+        float(high[1]),
+        float(ordered[-1]),
+    )

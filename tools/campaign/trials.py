@@ -1,0 +1,304 @@
+"""One trial of each campaign: draw, run, judge against the truth."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.step import Config
+from firmware_py.interface.enums import Fault, Mode, Regime
+from firmware_py.shell.parameters import config_from
+from hil import detection, true_regime
+from hil.operator import Command, Request
+from plant_sim.scene import Scene
+from plant_sim.solvers.memory import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
+from tools.campaign import columns
+from tools.campaign.cells import Cell
+from tools.campaign.draws import Drawn, draw, mismatch_of
+from tools.campaign.loop import Plan
+from tools.campaign.outcome import Outcome
+from tools.campaign.reference import goes_on, instant_start_captures, reference, would_be_lost
+from tools.campaign.run import UNDISTURBED, Run, first_in, rms, run
+
+FloatArray = NDArray[np.float64]
+
+CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
+"""The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
+TRANSIENT_S = 1.5
+"""After the command: how long blows are the drawn start's own and not the drive's doing."""
+SETTLE_S = 5.0
+"""From mode RUN on, before the estimate and the regime are judged."""
+KICK_FAULT_S = 1.0
+"""A blow so soon after a kick is the kick's."""
+GRAZING_M_S = 0.05
+LATE_IMPACTS = 10
+"""Impacts whose mean is the steady v⁻."""
+TARGET_SHARE = 0.02
+"""A turn of the crank this close to its target's time is at speed."""
+
+
+def script(cell: Cell) -> list[Command]:
+    """What the operator does in a trial."""
+    return [
+        Command(0.0, Request.IDLE, 0.0),
+        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
+        Command(IDLE_S, Request.IDLE, 0.0),
+        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
+    ]
+
+
+def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
+    """Why the run does not end in mode RUN with impacts that go on; empty where it does."""
+    if done.cut_short:
+        return "more impacts than a run has room for"
+    started = [change for change in done.modes if change.t_s >= RUN_S]
+    last = done.modes[-1] if done.modes else None
+    if not any(change.mode == Mode.SOFT_START for change in started):
+        faults = [change.fault.name for change in done.modes if change.fault != Fault.NONE]
+        return f"never started{': ' + faults[-1].lower() if faults else ''}"
+    if last is None or last.mode != Mode.RUN:
+        assert last is not None
+        return (
+            f"ends in {last.mode.name.lower()} since {last.t_s:.2f} s"
+            f"{': ' + last.fault.name.lower() if last.fault != Fault.NONE else ''}"
+        )
+    if not goes_on(done.impacts[:, IMPACT_TIME], duration_s, omega_rad_s):
+        return "in mode RUN, but without lasting impacts at the end"
+    return ""
+
+
+def steady_speed(done: Run) -> float:
+    """Mean v⁻ of the last impacts, m/s."""
+    return float(np.mean(done.impacts[-LATE_IMPACTS:, APPROACH])) if len(done.impacts) else float("nan")
+
+
+def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+    """Into the impact regime; the largest blow on the way beside the steady one or those of a slow way up."""
+    duration_s = float(numbers["duration_s"])
+    omega_rad_s = cell.ratio * config.start.natural_rad_s
+    attractor = reference(drawn.scene, omega_rad_s, drawn.more)
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise)
+    outcome.simulated_s = duration_s
+    outcome.counts["drawn"] = 1
+    if not attractor.exists:
+        outcome.eligible = False
+        outcome.why = "no impact attractor at this speed"
+        ended = done.modes[-1]
+        outcome.counts["hopeless"] = 1
+        outcome.counts["hopeless_said"] = int(ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST))
+        return
+    outcome.counts["instant"] = int(instant_start_captures(drawn.scene, omega_rad_s))
+    outcome.counts["fault_before_start"] = int(
+        any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
+    )
+    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    captured = first_in(done.modes, Mode.RUN)
+    if captured is None:
+        return
+    outcome.metrics["capture"] = captured.t_s - RUN_S
+    times, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
+    way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
+    if outcome.why == "" and len(way):
+        steady_m_s = steady_speed(done)
+        outcome.metrics["steady_v"] = steady_m_s
+        if cell.ratio >= 1.15:
+            outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
+        else:
+            outcome.metrics["overshoot_low"] = float(np.max(way)) / max(attractor.path_m_s, steady_m_s)
+
+
+def _first_run(cell: Cell, config: Config, drawn: Drawn, duration_s: float) -> tuple[Run, float | None]:
+    """A run without judgement, and when its mode RUN began."""
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise)
+    captured = first_in(done.modes, Mode.RUN)
+    return done, None if captured is None else captured.t_s
+
+
+def estimate(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+    """Errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
+    duration_s = float(numbers["duration_s"])
+    judged = UNDISTURBED._replace(judged_tick=round((RUN_S + 8.0 + SETTLE_S) / config.tick_s))
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, judged)
+    outcome.simulated_s = duration_s
+    if done.sums[columns.SUM_TICKS] < 0.5 / config.tick_s * 10.0:
+        outcome.eligible = False
+        outcome.why = lost_by(done, duration_s, cell.ratio * config.start.natural_rad_s) or "no time in RUN"
+        return
+    outcome.metrics["x_rmse"] = 1e3 * rms(done, columns.SUM_X)
+    outcome.metrics["v_rmse"] = rms(done, columns.SUM_V)
+    outcome.metrics["x_worst"] = 1e3 * float(done.sums[columns.WORST_X])
+    outcome.metrics["nis"] = float(done.sums[columns.SUM_NIS] / done.sums[columns.SUM_TICKS])
+    if not np.isfinite(outcome.metrics["x_rmse"]):
+        outcome.why = "the estimate is no number"
+
+
+def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+    """Touch-downs against detections, from power-up to the end; the regime of settled periods."""
+    duration_s = float(numbers["duration_s"])
+    done, captured_s = _first_run(cell, config, drawn, duration_s)
+    outcome.simulated_s = duration_s
+    until_s = duration_s - detection.LONGEST_LATENCY_S
+    true_s, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
+    pairs = detection.match(true_s, done.detected_s)
+    due, hard = true_s <= until_s, speeds >= GRAZING_M_S
+    found = np.zeros(len(true_s), bool)
+    found[pairs.truth] = True
+    alarms = np.ones(len(done.detected_s), bool)
+    alarms[pairs.detection] = False
+    latency_ms = 1e3 * (done.detected_s[pairs.detection] - true_s[pairs.truth])
+    of_hard = hard[pairs.truth]
+    outcome.counts |= {
+        "hits": int(np.count_nonzero(found & hard & due)),
+        "misses": int(np.count_nonzero(~found & hard & due)),
+        "false_alarms": int(np.count_nonzero(alarms & (done.detected_s <= until_s))),
+        "soft_hits": int(np.count_nonzero(found & ~hard & due)),
+        "soft": int(np.count_nonzero(~hard & due)),
+    }
+    if of_hard.any():
+        outcome.samples["latency"] = latency_ms[of_hard].tolist()
+        told_m_s = done.detections[pairs.detection, 2]
+        outcome.metrics["speed_error"] = float(
+            np.sqrt(np.mean((told_m_s - speeds[pairs.truth])[of_hard] ** 2))
+        )
+    _judge_regime(done, captured_s, duration_s, outcome)
+    wrong = outcome.counts["misses"] + outcome.counts["false_alarms"]
+    if wrong:
+        missed = true_s[~found & hard & due]
+        alarmed = done.detected_s[alarms & (done.detected_s <= until_s)]
+        outcome.why = (f"{len(missed)} missed (first at {missed[0]:.3f} s)" if len(missed) else "") + (
+            f" {len(alarmed)} false (first at {alarmed[0]:.3f} s)" if len(alarmed) else ""
+        )
+
+
+def _judge_regime(done: Run, captured_s: float | None, duration_s: float, outcome: Outcome) -> None:
+    """The periods told after a capture has settled, against the truth of that whole time."""
+    if captured_s is None or done.modes[-1].mode != Mode.RUN:
+        return
+    from_s = captured_s + SETTLE_S
+    turns = done.turns_s[done.turns_s >= from_s]
+    if len(turns) < 10:
+        return
+    # Eight points a turn, so that angles between them are known.
+    places = np.arange(0.0, len(turns) - 1.0, 0.125)
+    t_s = np.interp(places, np.arange(len(turns)), turns)
+    crank_rad = 2.0 * np.pi * (places % 1.0)
+    inside = (done.impacts[:, IMPACT_TIME] >= t_s[0]) & (done.impacts[:, IMPACT_TIME] <= t_s[-1])
+    times, speeds = done.impacts[inside, IMPACT_TIME], done.impacts[inside, APPROACH]
+    truth = true_regime.decide(
+        t_s, np.ones_like(t_s), true_regime.cut_periods(t_s, crank_rad, times), times, speeds
+    )
+    if truth not in (Regime.IMPACT, Regime.NON_IMPACT, Regime.PERIOD_N):
+        outcome.counts["regime_undecided"] = 1
+        return
+    ended_s = done.periods[:, 0] * done.tick_s
+    told = done.periods[(ended_s >= from_s) & (ended_s <= duration_s), 1].astype(int)
+    grazing = len(speeds) > 0 and float(np.mean(speeds)) < GRAZING_M_S
+    right = (told == truth.value) | (grazing & (told == Regime.UNCERTAIN.value))
+    outcome.counts["periods"] = len(told)
+    outcome.counts["periods_right"] = int(np.count_nonzero(right))
+    outcome.counts["periods_uncertain"] = int(np.count_nonzero(told == Regime.UNCERTAIN.value))
+
+
+def hold(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+    """A minute of impacts; their impulse, phase and the crank's speed."""
+    hold_s = float(numbers["hold_s"])
+    settled_s = RUN_S + 15.0
+    duration_s = settled_s + hold_s
+    omega_rad_s = cell.ratio * config.start.natural_rad_s
+    judged = UNDISTURBED._replace(judged_tick=round(settled_s / config.tick_s))
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, judged)
+    outcome.simulated_s = duration_s
+    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    held = done.impacts[done.impacts[:, IMPACT_TIME] >= settled_s]
+    if outcome.why == "" and not goes_on(held[:, IMPACT_TIME], duration_s, omega_rad_s, hold_s):
+        outcome.why = "impacts missing during the hold"
+    if len(held) < 2:
+        return
+    impulses = held[:, IMPULSE]
+    phase_deg = np.degrees((held[:, IMPACT_ANGLE] - 0.5 * np.pi + np.pi) % (2.0 * np.pi) - np.pi)
+    outcome.metrics["impulse"] = float(np.mean(impulses))
+    outcome.metrics["cycle_variation"] = 100.0 * float(np.std(impulses) / np.mean(impulses))
+    outcome.metrics["phase"] = float(np.median(phase_deg))
+    if cell.impulse_n_s > 0.0:
+        error = 100.0 * (float(np.mean(impulses)) / cell.impulse_n_s - 1.0)
+        outcome.metrics["impulse_error"] = abs(error)
+        if outcome.why == "" and abs(error) > 3.0:
+            outcome.why = f"impulse {error:+.1f} % off"
+        outcome.metrics["phase_asked"] = float(np.percentile(phase_deg, 95))
+        if outcome.why == "" and outcome.metrics["phase_asked"] > 65.0:
+            outcome.why = f"impact phase {outcome.metrics['phase_asked']:.0f}°"
+    ticks = done.sums[columns.SUM_TICKS]
+    if ticks > 0:
+        mean = float(done.sums[columns.SUM_OMEGA] / ticks)
+        variance = float(done.sums[columns.SUM_OMEGA_2] / ticks) - mean * mean
+        outcome.metrics["ripple"] = 100.0 * float(np.sqrt(max(variance, 0.0))) / mean
+        outcome.metrics["speed_error"] = 100.0 * abs(mean / omega_rad_s - 1.0)
+
+
+def recover(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+    """A kick in the hold that, left alone, would have ended without impacts; how long until it is undone."""
+    duration_s = float(numbers["duration_s"])
+    omega_rad_s = cell.ratio * config.start.natural_rad_s
+    size = float(drawn.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
+    sign = 1.0 if drawn.more.uniform() < 0.5 else -1.0
+    kick_s = RUN_S + 15.0 + float(drawn.more.uniform(0.0, 1.0))
+    plan = Plan(round(kick_s / config.tick_s), sign * size, 0, endless=False)
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, plan)
+    outcome.simulated_s = duration_s
+    times = done.impacts[:, IMPACT_TIME]
+    if done.kicked_s is None or not goes_on(times[times < done.kicked_s], done.kicked_s, omega_rad_s, 5.0):
+        outcome.eligible = False
+        outcome.why = "no impacts before the kick"
+        return
+    tripped = [change for change in done.modes if change.fault == Fault.IMPULSE_LIMIT]
+    if tripped and 0.0 <= tripped[0].t_s - done.kicked_s < KICK_FAULT_S:
+        outcome.eligible = False
+        outcome.why = "the kick's own blow tripped the impulse limit"
+        return
+    if not would_be_lost(drawn.scene, done.kicked, omega_rad_s):
+        outcome.eligible = False
+        outcome.why = "the kick did not throw it out"
+        return
+    outcome.why = lost_by(done, duration_s, omega_rad_s)
+    if outcome.why == "":
+        outcome.metrics["recovery"] = _back_s(done, omega_rad_s) - done.kicked_s
+
+
+def _back_s(done: Run, omega_rad_s: float) -> float:
+    """When the crank is at its target speed, and impacts go on, for good."""
+    period_s = 2.0 * np.pi / omega_rad_s
+    assert done.kicked_s is not None
+    times = np.concatenate([[done.kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > done.kicked_s, 0]])
+    gaps = np.flatnonzero(np.diff(times) > 2.2 * period_s)
+    from_s = times[gaps[-1] + 1] if len(gaps) else done.kicked_s
+    turns = done.turns_s[done.turns_s > done.kicked_s]
+    off = np.flatnonzero(np.abs(np.diff(turns) / period_s - 1.0) > TARGET_SHARE)
+    return float(max(from_s, turns[off[-1] + 1] if len(off) else done.kicked_s))
+
+
+TRIALS: dict[str, Callable[[Cell, Config, Drawn, Mapping[str, Any], Outcome], None]] = {
+    "start-up": start_up,
+    "estimate": estimate,
+    "detect": detect,
+    "hold": hold,
+    "recover": recover,
+}
+
+
+def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Outcome:
+    """The trial of this number: its cell, its draw, its judgement."""
+    number = trial % len(cells)
+    cell = cells[number]
+    outcome = Outcome(trial, number)
+    started_s = time.process_time()
+    drawn = draw(cell.scene, mismatch_of(numbers), seed, trial)
+    TRIALS[campaign](cell, config_from(cell.firmware), drawn, numbers, outcome)
+    outcome.compute_s = time.process_time() - started_s
+    return outcome
+
+
+def scene_of_trial(cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Scene:
+    """The truth that a trial has drawn."""
+    return draw(cells[trial % len(cells)].scene, mismatch_of(numbers), seed, trial).scene
