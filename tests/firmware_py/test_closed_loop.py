@@ -130,6 +130,35 @@ def test_no_blow_on_the_way_is_harder_than_the_steady_ones(default_run: Bench) -
     assert len(stopping) <= 4
 
 
+def test_where_there_is_no_impact_regime_it_is_said_within_30_s() -> None:
+    """Coulomb μ = 0.3 at A = 30 mm never reaches the stop."""
+    scene = scene_with(drive={"amplitude_m": 0.03}, friction={"law": "coulomb", "mu": 0.31})
+    bench = Bench(
+        {"friction.mu": 0.3, "friction.b_n_s_m": 0.0, "drive.amplitude_m": 0.03}, scene, ratio=1.0
+    ).started()
+    while bench.node.outputs.mode in (Mode.READY, Mode.SOFT_START):
+        bench.run(0.1, keep=False)
+        assert bench.tick < 30_400
+    assert bench.node.outputs.fault == Fault.START_FAILED
+    assert bench.node.outputs.torque_n_m == 0.0
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.35])
+def test_a_stop_ends_with_few_blows_and_none_much_harder(ratio: float) -> None:
+    bench = Bench({"start.rise_s": 2.0}, ratio=ratio).started()
+    bench.run(9.0, keep=False)
+    assert bench.node.outputs.mode == Mode.RUN
+    at_s = 1e-3 * bench.tick
+    bench.request = OperatorRequest.IDLE
+    bench.run(3.0, keep=False)
+    assert bench.node.outputs.mode == Mode.READY
+    steady = max(v for t, v in bench.touch_downs if at_s - 3.0 < t <= at_s)
+    after = [(t - at_s, v) for t, v in bench.touch_downs if t > at_s]
+    assert len(after) <= 4
+    assert max([t for t, _ in after], default=0.0) < 2.0
+    assert max([v for _, v in after], default=0.0) < 1.03 * steady
+
+
 def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> None:
     reports = [o for o in default_run.outputs[11000:16000] if o.period_ended]
     assert len(reports) >= 8
