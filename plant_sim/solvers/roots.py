@@ -103,6 +103,6 @@ def polish(
         s -= step
         if not 0.0 <= s <= limit:
             return -1.0
-        if abs(step) <= 1e-16 * s:
+        if abs(step) <= 1e-9 * s:  # Newton squares it
             return s
     return s
