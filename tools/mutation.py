@@ -137,7 +137,8 @@ def _in_child(name: str, mutant: Mutant, tests: Sequence[str]) -> int:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     sys.meta_path.insert(0, _Finder(name, lambda: compile(mutant.code, name, "exec")))
-    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:cov", *tests]))
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -163,10 +164,12 @@ def main(name: str, tests: Sequence[str]) -> int:
     assert specification is not None
     assert specification.origin is not None
     everything = list(mutants(Path(specification.origin).read_text(), _members(name)))
-    survivors = [mutant for mutant in everything if survives(name, mutant, tests)]
-    for mutant in survivors:
-        print(f"{name}:{mutant.line}: {mutant.before}  →  {mutant.after}")
-    print(f"{name}: {len(everything)} mutants, {len(survivors)} survive")
+    survivors = 0
+    for mutant in everything:
+        if survives(name, mutant, tests):
+            survivors += 1
+            print(f"{name}:{mutant.line}: {mutant.before}  →  {mutant.after}", flush=True)
+    print(f"{name}: {len(everything)} mutants, {survivors} survive")
     return 1 if survivors else 0
 
 
