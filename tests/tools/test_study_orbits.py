@@ -10,7 +10,7 @@ from plant_sim.result import MotionState, Phase
 from plant_sim.solvers import streaming_adaptive
 from plant_sim.solvers.memory import allocate
 from plant_sim.solvers.orbits import CLASSIFY, PAPER, Regime
-from tools.study.basin import axes
+from tools.study.basin import BORDER_BOUND_M, axes
 from tools.study.cases import Case, case
 from tools.study.orbits import AT_REST, State, classify, follow
 from tools.study.sweep import CONTINUE, run
@@ -96,3 +96,37 @@ def test_an_orbit_does_not_depend_on_the_crank_turns_before_it() -> None:
     one = follow(VISCOUS, 1.3, State(0.02, 0.3, 1.0), CLASSIFY)
     other = follow(VISCOUS, 1.3, State(0.02, 0.3, 1.0 + 2.0 * math.pi), CLASSIFY)
     assert one.v_mean_m_s == pytest.approx(other.v_mean_m_s, rel=1e-9)
+
+
+@pytest.mark.parametrize(("case", "ratio"), [(VISCOUS, 1.35), (VISCOUS, 1.4), (COULOMB, 1.2)])
+def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
+    """The border of a basin by orbits stopped early, and by whole runs of 300 s, along a row of starts."""
+    whole = CLASSIFY._replace(settle_s=280.0, record_s=20.0, stop_early=False)
+    y_m = axes(case, "state", 40)[0]
+    row = np.column_stack((y_m, np.full(40, -0.1), np.zeros(40)))
+    strikes = classify(case, ratio, row, CLASSIFY)[1] > 0.0
+    (places,) = np.nonzero(strikes[1:] != strikes[:-1])
+    assert len(places) > 0
+    for place in places:
+        found = []
+        for protocol in (CLASSIFY, whole):
+            low, high = y_m[place], y_m[place + 1]
+            for _ in range(40):
+                middle = 0.5 * (low + high)
+                blows = classify(case, ratio, np.array([[middle, -0.1, 0.0]]), protocol)[1]
+                low, high = (middle, high) if (blows[0] > 0.0) == strikes[place] else (low, middle)
+            found.append(low)
+        assert abs(found[0] - found[1]) < BORDER_BOUND_M
+
+
+def test_a_small_basin_is_the_other_solvers() -> None:
+    y_m, v_m_s = axes(VISCOUS, "state", 12)
+    starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
+    early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
+    parts = VISCOUS.parts(1.3)
+    rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
+    late, blows = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
+    whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
+    memory = allocate(parts, rest, 1e-12, 256)
+    streaming_adaptive.classify_stepwise(parts, memory, starts, whole, late, blows)
+    assert np.array_equal(early, -1 - late)

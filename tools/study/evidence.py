@@ -16,7 +16,7 @@ from tools.study import basin, store, work
 from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case
 from tools.study.orbits import AT_REST, State, classify, follow
 from tools.study.portraits import sample
-from tools.study.sweep import Diagram, diagrams, end_state
+from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
 
 CONTACTS_S = (0.01, 0.03, 0.05)
 """The bench's elastomer pad, and pads three and five times as soft."""
@@ -34,7 +34,7 @@ HIGHEST_PEAK_N = 40.0
 
 SETTLED = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6, measure=True)
 
-BASIN_SIZE = 100
+BASIN_SIZE = 300
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,8 @@ class Evidence:
     """Everything is measured when it is first asked for."""
 
     where: work.Where
+    ratios: int = RATIOS
+    """Of a sweep."""
 
     @cached_property
     def diagrams(self) -> list[Diagram]:
@@ -54,7 +56,7 @@ class Evidence:
             if not (preset == "gait" and law == "stribeck" and value != DRY_RANGE[0])
         ]
         same_amplitude = replace(case("table1", "viscous"), amplitude_m=0.03)
-        return diagrams([*cases, same_amplitude], self.where)
+        return diagrams([*cases, same_amplitude], self.where, self.ratios)
 
     def nominal(self, preset: str) -> list[Diagram]:
         """The preset's own case of each law."""
