@@ -137,6 +137,10 @@ def _in_child(name: str, mutant: Mutant, tests: Sequence[str]) -> int:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     sys.meta_path.insert(0, _Finder(name, lambda: compile(mutant.code, name, "exec")))
+    # All of the package is loaded anew: what has been loaded holds the module as it was.
+    for loaded in list(sys.modules):
+        if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
+            del sys.modules[loaded]
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
 
@@ -163,7 +167,9 @@ def main(name: str, tests: Sequence[str]) -> int:
     specification = importlib.util.find_spec(name)
     assert specification is not None
     assert specification.origin is not None
-    everything = list(mutants(Path(specification.origin).read_text(), _members(name)))
+    everything = list(
+        mutants(Path(specification.origin).read_text(), members_of(importlib.import_module(name)))
+    )
     survivors = 0
     for mutant in everything:
         if survives(name, mutant, tests):
@@ -171,16 +177,6 @@ def main(name: str, tests: Sequence[str]) -> int:
             print(f"{name}:{mutant.line}: {mutant.before}  →  {mutant.after}", flush=True)
     print(f"{name}: {len(everything)} mutants, {survivors} survive")
     return 1 if survivors else 0
-
-
-def _members(name: str) -> dict[str, list[str]]:
-    """`members_of` without leaving the firmware's modules loaded, which the forks have to load anew."""
-    before = set(sys.modules)
-    members = members_of(importlib.import_module(name))
-    for loaded in set(sys.modules) - before:
-        if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
-            del sys.modules[loaded]
-    return members
 
 
 if __name__ == "__main__":

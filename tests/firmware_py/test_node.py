@@ -1,6 +1,7 @@
 """The node by frames alone: what it drops, what it counts, what it sends and when."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 from closed_loop import Bench
@@ -17,6 +18,7 @@ from firmware_py.interface.records import (
     OperatorCommand,
     ParameterRequest,
     ParameterValue,
+    SetAbsolutePosition,
     SetAxisState,
     SetControllerMode,
     SetInputTorque,
@@ -285,3 +287,37 @@ def test_a_command_outside_the_runnable_ratios_starts_nothing() -> None:
     assert bench.node.outputs.mode == Mode.READY
     assert codec.encode(OperatorCommand(1, 0.0), 0).can_id == codec.OPERATOR_COMMAND.can_id
     assert codec.encode(EncoderEstimates(0.0, 0.0)).can_id == codec.ENCODER_ESTIMATES.can_id
+
+
+def counted_from(turns: float) -> Callable[[int, list[Frame]], list[Frame]]:
+    """A drive that has counted so many whole turns already."""
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        return [
+            codec.ENCODER_ESTIMATES.encode(record._replace(position_rev=record.position_rev + turns))
+            if isinstance(record := codec.decode(frame), EncoderEstimates)
+            else frame
+            for frame in frames
+        ]
+
+    return change
+
+
+@pytest.mark.parametrize(("turns", "sent"), [(0.0, 0), (14_400.0, 1), (-100.0, 1)])
+def test_a_position_that_has_run_far_is_brought_back_by_whole_turns_at_rest(turns: float, sent: int) -> None:
+    bench = Bench(change=counted_from(turns))
+    zeroed = []
+    for _ in range(900):
+        bench.run(0.001, keep=False)
+        records = [codec.decode(frame) for frame in bench.sent]
+        zeroed += [record.position_rev for record in records if isinstance(record, SetAbsolutePosition)]
+    assert bench.node.outputs.mode == Mode.READY
+    assert len(zeroed) == sent
+    at_rest = bench.node.inputs.encoder.position_rev
+    for position_rev in zeroed:
+        assert position_rev == pytest.approx(at_rest - math.floor(at_rest), abs=2e-3)
+    bench.request = OperatorRequest.RUN
+    for _ in range(1000):
+        bench.run(0.001, keep=False)
+        if bench.node.outputs.mode == Mode.SOFT_START and bench.node.state.crank.omega_rad_s > 1.0:
+            assert not any(isinstance(codec.decode(f), SetAbsolutePosition) for f in bench.sent)

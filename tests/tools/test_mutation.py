@@ -1,5 +1,6 @@
 """The mutation tool on a module of a few lines."""
 
+import importlib
 import textwrap
 from pathlib import Path
 
@@ -39,15 +40,19 @@ def test_a_mutant_survives_what_does_not_look_at_it(
     edge: float, survivors: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tests that look at x = 5 only do not see a moved edge."""
-    (tmp_path / "small_module.py").write_text(SOURCE)
+    package = tmp_path / "small_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "module.py").write_text(SOURCE)
     tests = tmp_path / "test_small_module.py"
     tests.write_text(
         textwrap.dedent(f"""
-            from small_module import Mode, mode
+            from small_package import module
             def test_it():
-                assert mode({edge}) == Mode.ON
+                assert module.mode({edge}) == module.Mode.ON
         """)
     )
     monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module("small_package.module")  # as the tool itself does, to know the enumerations
     moved = next(m for m in mutation.mutants(SOURCE, {}) if m.after == "x > 2.0")
-    assert mutation.survives("small_module", moved, [str(tests)]) == bool(survivors)
+    assert mutation.survives("small_package.module", moved, [str(tests)]) == bool(survivors)
