@@ -139,11 +139,11 @@ def test_wilson_bounds(successes: int, trials: int) -> None:
 
 def test_bootstrap_bounds_cover_the_quantile_they_are_of() -> None:
     covered = 0
-    for seed in range(100):
+    for seed in range(40):
         spread = distribution(np.random.default_rng(seed).exponential(size=150))
         assert spread is not None
         covered += spread.p50_low <= np.log(2.0) <= spread.p50_high
-    assert 85 <= covered <= 100
+    assert 33 <= covered <= 40
 
 
 def test_of_nothing_there_is_no_distribution() -> None:

@@ -9,6 +9,7 @@ import compiled_side
 import numpy as np
 import pytest
 
+from firmware_py.interface.enums import Mode
 from hil.lockstep import run_lockstep
 from hil.scenario import load_scenario
 from hil.trace import read
@@ -40,20 +41,22 @@ def test_the_compiled_loop_runs_as_the_bench_does(worker: ProcessPoolExecutor, t
     quiet = int(1e3 * impacts["t_s"][0]) - 1
     assert np.abs(trace[:quiet, columns.TRACE_X] - plant["x_m"][:quiet]).max() < 1e-9
     assert np.abs(trace[:quiet, columns.TRACE_TORQUE] - firmware["outputs.torque_n_m"][:quiet]).max() < 1e-6
-    # After it, apart only as far as orbits may drift.
-    assert len(compiled["impacts"]) == len(impacts)
-    assert np.abs(compiled["impacts"][:, 0] - impacts["t_s"]).max() < 1e-3
-    found = np.flatnonzero(trace[:, columns.TRACE_IMPACT])
-    wanted = np.flatnonzero(firmware["outputs.impact"])
+    # After it, apart only as far as orbits may drift, until the motor lets go: a crank that the spring then
+    # swings about its dead centre goes either way.
+    modes, wanted_modes = trace[:, columns.TRACE_MODE], firmware["outputs.mode"]
+    changes, wanted_changes = np.flatnonzero(np.diff(modes)) + 1, np.flatnonzero(np.diff(wanted_modes)) + 1
+    assert list(modes[changes]) == list(wanted_modes[wanted_changes])
+    assert list(modes[changes])[-1] == Mode.READY
+    assert np.abs(changes - wanted_changes).max() <= 1
+    until = wanted_changes[-1]
+    touched_s = compiled["impacts"][:, 0][compiled["impacts"][:, 0] < 1e-3 * until]
+    wanted_s = impacts["t_s"][impacts["t_s"] < 1e-3 * until]
+    assert len(touched_s) == len(wanted_s) > 40
+    assert np.abs(touched_s - wanted_s).max() < 1e-4
+    found = np.flatnonzero(trace[:until, columns.TRACE_IMPACT])
+    wanted = np.flatnonzero(firmware["outputs.impact"][:until])
     assert len(found) == len(wanted)
     assert np.abs(found - wanted).max() <= 1
-    modes, wanted_modes = trace[:, columns.TRACE_MODE], firmware["outputs.mode"]
-    assert list(modes[np.flatnonzero(np.diff(modes)) + 1]) == list(
-        wanted_modes[np.flatnonzero(np.diff(wanted_modes)) + 1]
-    )
-    changes = np.flatnonzero(np.diff(modes)) - np.flatnonzero(np.diff(wanted_modes))
-    assert np.abs(changes[:-1]).max() <= 1
-    assert abs(changes[-1]) <= 50  # the crank comes to rest on its dry friction
 
 
 def test_the_campaign_s_plant_with_dry_friction_follows_the_adaptive_solver(

@@ -20,6 +20,7 @@ from tools.output import BadInputError
 BATCHES_A_WORKER = 16
 LARGEST_BATCH = 32
 SCHEDULER_TIMEOUT_S = "10s"
+VARIABLE = "VIBROHIL_COMPILED"
 
 Progress = Callable[[int, int], None]
 """Told how many trials are done, of how many."""
@@ -41,9 +42,10 @@ class Batch(NamedTuple):
 
 def prepare() -> None:
     """Make this process one that compiles the firmware; before anything of it is imported."""
-    if "firmware_py.core.compiled" not in sys.modules:
-        os.environ["VIBROHIL_COMPILED"] = "1"
-    elif os.environ.get("VIBROHIL_COMPILED") != "1":
+    imported = sys.modules.get("firmware_py.core.compiled")
+    if imported is None:
+        os.environ[VARIABLE] = "1"
+    elif not imported.COMPILED:
         raise WorkerError(
             "this worker has imported the interpreted firmware; start it with VIBROHIL_COMPILED=1"
         )
@@ -67,10 +69,22 @@ def run_endurance(ticks: int, settings: Sequence[str]) -> dict[str, Any]:
     return endurance(ticks, settings)
 
 
-def pool(workers: int) -> ProcessPoolExecutor:
-    """Processes that compile the firmware."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare)
+@contextmanager
+def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that compile the firmware, while this one stays as it is."""
+    import firmware_py.core.compiled  # noqa: F401 - settled here before the variable is set for the workers
+
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = "1"
+    try:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=prepare) as executor:
+            yield executor
+    finally:
+        if before is None:
+            del os.environ[VARIABLE]
+        else:
+            os.environ[VARIABLE] = before
 
 
 def batches(
