@@ -118,7 +118,7 @@ def ramp(
     return y, v, crank
 
 
-@jit
+@subroutine
 def _follow(
     o: Oscillator,
     rest_length_m: float,
@@ -170,7 +170,7 @@ def _follow(
     )
 
 
-@jit
+@subroutine
 def _period(
     o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
 ) -> tuple[Motion, bool]:
@@ -217,7 +217,7 @@ def _steady_period(o: Oscillator, row: NDArray[np.float64]) -> None:
     row[DRIVE], row[FRICTION] = work, work
 
 
-@jit
+@subroutine
 def _stays_clear(o: Oscillator, motion: Motion) -> bool:
     """Whether a striker without dry friction can be seen never to reach the stop again.
 
@@ -231,7 +231,7 @@ def _stays_clear(o: Oscillator, motion: Motion) -> bool:
     return math.hypot(flight.free_m, rate) < room * (1.0 - 1e-9)
 
 
-@jit
+@subroutine
 def _turning_points(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[float, float]:
     """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not."""
     low, high = math.inf, -math.inf
@@ -249,7 +249,7 @@ def _turning_points(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[flo
     return low, min(high, o.gap_m)
 
 
-@jit
+@subroutine
 def _at_zero_speed(
     o: Oscillator, flight: Flight, left: float, v_left: float, right: float, v_right: float
 ) -> float:
