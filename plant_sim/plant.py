@@ -11,7 +11,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.result import EnergyLedger, MotionState, Phase
 from plant_sim.scene import Scene
-from plant_sim.sensing import NoSensing, Probe, allocate_sensing
+from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
 from plant_sim.sensors import SensorReading, Sensors
 from plant_sim.simulate import initial_state
 from plant_sim.solvers.adaptive import (
@@ -113,10 +113,14 @@ class Plant:
         self._disturb(in_contact_too=moved_m != 0.0)
 
     def kick(self, change_m_s: float) -> None:
-        """Change the striker's velocity at once, as a blow from outside does; its work is in no ledger."""
+        """Change the striker's velocity at once, as a blow from outside does, which the accelerometers feel.
+
+        Its work is in no ledger.
+        """
         if not math.isfinite(change_m_s):
             raise PlantError(f"change_m_s = {change_m_s}; wanted a finite change of velocity, in m/s")
         self._memory.y[1] += change_m_s
+        sense_jump(self._probe, -change_m_s)
         self._disturb(in_contact_too=False)
 
     def _disturb(self, in_contact_too: bool) -> None:

@@ -32,6 +32,12 @@ def test_a_kick_changes_the_velocity_and_nothing_else() -> None:
     after = plant.state
     assert after.v_m_s - before.v_m_s == pytest.approx(0.25, abs=1e-12)
     assert dataclasses.replace(after, v_m_s=before.v_m_s) == before
+    felt_m_s = 0.0
+    for _ in range(20):
+        reading = plant.sense().striker_high_m_s2 - plant.accel_m_s2
+        felt_m_s += reading * 1e-3
+        plant.advance(0.06, 1e-3)
+    assert felt_m_s == pytest.approx(0.25, abs=0.05)
     plant.advance(0.06, 0.5)
     assert residual(plant) < 1e-6
 

@@ -1,0 +1,74 @@
+"""`vibrohil suite [NAME…]`: many scenarios, one page and one JUnit file."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json, progress_console
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(suite)
+
+
+def suite(
+    names: Annotated[list[str] | None, typer.Argument(help="Scenarios by name or file; all without.")] = None,
+    clock: Annotated[
+        Literal["real", "lockstep"], typer.Option(help="Wall clock, one by one, or lockstep, two at a time.")
+    ] = "lockstep",
+    bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
+    out: Annotated[
+        Path | None, typer.Option(help="The folder for all runs; by default a new one under runs/.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
+    from hil.suite import run_suite
+
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=progress_console,
+        transient=True,
+    ) as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def progress(fraction: float, doing: str) -> None:
+            bar.update(task, completed=fraction, description=doing)
+
+        result = run_suite(names or [], clock, bus, out, seed, progress)
+    if as_json:
+        print_json(result)
+    else:
+        show(result)
+    if not result["scenarios"]:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+    if not result["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print each scenario's verdict, what went wrong in it, and the whole's."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for one in result["scenarios"]:
+        table.add_row("[green]passed[/]" if one["passed"] else "[bold red]failed[/]", one["name"])
+        for reason in one["reasons"]:
+            table.add_row("", f"  [red]{reason}[/]")
+        for check in one["failed"]:
+            value = figure(check["value"], check["unit"])
+            table.add_row("", f"  [red]{check['name']} = {value}, wanted {check['limit']}[/]")
+    console.print(table)
+    if result["left_out"]:
+        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", highlight=False)
+    passed = sum(one["passed"] for one in result["scenarios"])
+    console.print(
+        f"{passed} of {len(result['scenarios'])} passed in {result['wall_s']:.0f} s {result['report'] or ''}",
+        soft_wrap=True,
+        highlight=False,
+    )
