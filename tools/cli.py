@@ -31,6 +31,7 @@ app = typer.Typer(
 
 COMMANDS = (
     "run",
+    "suite",
     "firmware",
     "plant",
     "campaign",
