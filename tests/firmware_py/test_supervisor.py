@@ -108,6 +108,16 @@ def step(
     return supervisor.step(state, findings, estop, request, 0x200, True, captured, failed, 1)
 
 
+def test_nothing_is_remembered_at_power_up() -> None:
+    assert SupervisorState(Mode.INIT, Fault.NONE, 0, False, False, 0) == supervisor.INITIAL
+
+
+def test_the_time_in_a_mode_is_counted() -> None:
+    state = step(step(running(), CALM, OperatorRequest.RUN), CALM, OperatorRequest.RUN)
+    assert state.ticks_in_mode == 2
+    assert step(state, LIMIT, OperatorRequest.RUN).ticks_in_mode == 0
+
+
 def test_the_way_to_motion_and_back() -> None:
     state = supervisor.INITIAL
     modes = []
