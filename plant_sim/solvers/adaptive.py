@@ -72,7 +72,7 @@ from plant_sim.solvers.transitions import apply, crank_angle, crank_speed, settl
 DONE, BUFFER_FULL, STEP_TOO_SMALL, ENDLESS_EVENTS = range(4)
 """What `advance` returns."""
 
-MOST_EVENTS = 1_000_000
+MOST_EVENTS = 10_000
 """One after the other with no time between them."""
 
 LEAST_ERROR = 1e-6
@@ -493,7 +493,7 @@ def complaint(status: int, parts: Parts, memory: Memory, start_s: float) -> str:
     if status == ENDLESS_EVENTS:
         return (
             f"{MOST_EVENTS} events in no time {place}, in phase {memory.mode[PHASE]}; "
-            "raise solver.accuracy, or lower stop.restitution if the striker chatters"
+            "make the parts less extreme (friction.v_s_m_s), or lower stop.restitution if it chatters"
         )
     return f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
 
