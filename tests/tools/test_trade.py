@@ -1,0 +1,99 @@
+"""Prices of methods: what is compared with what, on short runs."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tools import cli
+from tools.trade import heyoka_peer, own, prices, scipy_peer
+from tools.trade.answers import Method, answer, errors_of
+from tools.trade.automaton import has_peers, run
+from tools.trade.cases import CASES, Case
+from tools.trade.fidelity import STOPS, scene_with
+from tools.trade.pictures import draw
+
+SHORT = {case.name: Case(case.name, case.base, case.settings, 2.5, case.torque_n_m) for case in CASES}
+
+
+def test_there_is_a_case_for_each_difficulty() -> None:
+    names = {"periodic", "sensitive", "chattering", "sticking", "Stribeck", "motor"}
+    assert {case.name for case in CASES} == names
+    assert all(has_peers(case.scene.parts()) for case in CASES)
+
+
+@pytest.mark.parametrize("name", ["sensitive", "Stribeck"])
+def test_peers_and_own_solvers_tell_one_story(name: str) -> None:
+    """scipy, with its own event search, and the adaptive solver agree where both are accurate."""
+    case = SHORT[name]
+    method, setting, tolerances = scipy_peer.SETTINGS[-1]
+    assert (method, setting) == ("scipy DOP853", "1e-10")
+    errors = errors_of(case, run(case, scipy_peer.ScipyFlow(case, "DOP853", tolerances)), own.truth(case))
+    assert errors.impacts == errors.impacts_wanted
+    assert errors.regime == errors.regime_wanted
+    assert errors.state_m < 1e-8
+
+
+def test_heyoka_agrees_too() -> None:
+    pytest.importorskip("heyoka")
+    case = SHORT["Stribeck"]
+    errors = errors_of(case, run(case, heyoka_peer.HeyokaFlow(case, 1e-12)), own.truth(case))
+    assert errors.impacts == errors.impacts_wanted
+    assert errors.state_m < 1e-9
+
+
+def test_errors_are_distances_to_the_truth() -> None:
+    case = SHORT["periodic"]
+    one = np.ones(2)
+    truth = answer(np.array([1.0, 2.0]), one, -0.5 * one, 0.1, 0.0)
+    late = answer(np.array([1.0, 2.1]), one, -0.5 * one, 0.1, 0.01 * case.scene.natural_rad_s)
+    errors = errors_of(case, late, truth)
+    assert errors.time_s == pytest.approx(0.1)
+    assert errors.state_m == pytest.approx(0.01)
+    assert errors.impulse == 0.0
+    lost = errors_of(case, answer(np.array([1.0]), one[:1], -0.5 * one[:1], 0.1, 0.0), truth)
+    assert math.isnan(lost.time_s)
+    assert (lost.impacts, lost.impacts_wanted) == (1, 2)
+    assert lost.impulse == pytest.approx(0.5)
+
+
+def test_the_front_holds_what_nothing_cheaper_beats(tmp_path) -> None:
+    case = SHORT["sticking"]
+    truth = answer(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
+    given = [("adaptive", 1e-3, 1.0), ("stepping", 1e-6, 2.0), ("exact", 1e-4, 3.0)]
+    listed = [
+        prices.Price(
+            case,
+            Method(name, "", lambda: truth),
+            errors_of(case, truth._replace(x_end_m=error), truth),
+            cost,
+            cost,
+        )
+        for name, error, cost in given
+    ]
+    assert [price.method.name for price in prices.pareto(listed)] == ["adaptive", "stepping"]
+    wrong = listed[1]._replace(errors=listed[1].errors._replace(impacts=3))
+    assert [p.method.name for p in prices.pareto([listed[0], wrong, listed[2]])] == ["adaptive", "exact"]
+    draw(listed, tmp_path / "front.svg")
+    assert "cheapest for its error" in (tmp_path / "front.svg").read_text(encoding="utf-8")
+
+
+def test_prices_are_rows_of_json() -> None:
+    case = SHORT["sticking"]
+    methods = [method for method in own.methods(case, quick=True) if method.name in ("exact", "stepping")]
+    rows = [price.row() for price in prices.measure(case, methods, 2, lambda doing: None)]
+    assert {"what", "error", "cost", "unit"} <= set(rows[0])
+    assert rows[0]["error"] == 0.0
+    assert all(0.0 < row["cost"] <= row["cost_median"] for row in rows)
+    json.dumps(rows)
+
+
+def test_every_stop_is_met_on_the_orbit() -> None:
+    for _, stop in STOPS:
+        assert scene_with(stop).parts().drive.omega_rad_s == pytest.approx(1.3 * 9.354143466934854)
+
+
+def test_a_plot_of_another_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["trade", "--plot", "trade.pdf"]) == 4
+    assert "wanted a file ending in .svg or .png" in " ".join(capsys.readouterr().err.split())

@@ -1,0 +1,162 @@
+"""`vibrohil trade`: speed against accuracy, measured here and now."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tools.output import BadInputError, console, figure, print_json, progress_console
+
+if TYPE_CHECKING:
+    from tools.trade.prices import Price
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(trade)
+
+
+def trade(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")
+    ] = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw error against cost into this SVG or PNG.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Price solvers, peers, fidelity and control rate: error against cost, in one run."""
+    from tools.trade import control_rate, fidelity, heyoka_peer, pictures, prices
+    from tools.trade.cases import CASES
+
+    if plot is not None and plot.suffix not in (".svg", ".png"):
+        raise BadInputError(f"--plot is {plot}: wanted a file ending in .svg or .png, e.g. trade.svg")
+    repeats = prices.QUICK_REPEATS if quick else prices.REPEATS
+    load_before = os.getloadavg()[0]
+    measured: list[Price] = []
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=progress_console,
+        transient=True,
+    ) as bar:
+        task = bar.add_task("compiling", total=len(CASES) + 2)
+
+        def progress(doing: str) -> None:
+            bar.update(task, description=doing)
+
+        for case in CASES:
+            measured += prices.measure(case, prices.methods_of(case, quick), repeats, progress)
+            bar.advance(task)
+        of_parts = fidelity.measure(quick, repeats, progress)
+        bar.advance(task)
+        of_rates = control_rate.measure(quick, progress)
+    notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
+    payload: dict[str, Any] = {
+        "rows": [*(price.row() for price in measured), *of_parts, *of_rates],
+        "pareto": [price.row()["what"] for price in prices.pareto(measured)],
+        "repeats": repeats,
+        "load_average": {"before": load_before, "after": os.getloadavg()[0]},
+        "cores": os.cpu_count(),
+        "notes": notes,
+    }
+    if plot is not None:
+        pictures.draw(measured, plot)
+        payload["plot"] = str(plot)
+    if as_json:
+        print_json(payload)
+    else:
+        show(payload)
+
+
+def show(payload: Mapping[str, Any]) -> None:
+    """The price lists for people."""
+    rows = payload["rows"]
+    for case in dict.fromkeys(row["case"] for row in rows if row["kind"] == "solver"):
+        console.print(solver_table(case, [row for row in rows if row.get("case") == case], payload["pareto"]))
+    console.print(parts_table([row for row in rows if row["kind"] == "fidelity"]))
+    console.print(rates_table([row for row in rows if row["kind"] == "control rate"]))
+    load = payload["load_average"]
+    console.print(
+        "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
+        "×: cost over the cheapest; ●: nothing cheaper errs less; ≠: wrong number of impacts. Where there is "
+        "a closed form it is the truth, else the adaptive solver at 1e-13. Processor time of a thread, least "
+        f"of {payload['repeats']} interleaved repeats, as called from Python. {payload['cores']} cores, load "
+        f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures.",
+        highlight=False,
+    )
+    for note in payload["notes"]:
+        console.print(f"note: {note}", highlight=False)
+
+
+def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
+    """Errors and cost of every method on one case; ● the cheapest for its error."""
+    wanted = f"{rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
+    table = _table(
+        f"{case}: {wanted}", ("method", "x [m]", "t [s]", "v [m/s]", "impulse", "impacts", "µs/s", "×")
+    )
+    cheapest = min(row["cost"] for row in rows)
+    for row in rows:
+        is_right = (row["impacts"], row["regime"]) == (row["impacts_wanted"], row["regime_wanted"])
+        mark = " ●" if row["what"] in best else ""
+        table.add_row(
+            f"{row['method']} {row['setting']}".rstrip() + mark,
+            *(
+                "—" if row[key] != row[key] else f"{row[key]:.0e}"
+                for key in ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
+            ),
+            str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]",
+            f"{row['cost']:.1f}",
+            f"{row['cost'] / cheapest:.1f}",
+        )
+    return table
+
+
+def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What each stop changes and costs."""
+    table = _table(
+        "fidelity: table1 on its impact orbit at r = 1.3, ideal drive",
+        ("stop", "impulse [N s]", "off by", "peak [N]", "v⁻ [m/s]", "method", "µs/s"),
+    )
+    for row in rows:
+        table.add_row(
+            row["what"].removeprefix("fidelity: "),
+            f"{row['impulse_n_s']:.4f}",
+            f"{100.0 * row['error']:.1f} %",
+            figure(row["peak_force_n"]),
+            f"{row['approach_m_s']:.4f}",
+            row["method"],
+            f"{row['cost']:.1f}",
+        )
+    return table
+
+
+def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What each control rate gives and costs."""
+    table = _table(
+        "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
+        ("rate [Hz]", "x [mm]", "v [m/s]", "late [ms]", "ripple", "v⁻ [m/s]", "regime", "failed", "ms/s"),
+    )
+    for row in rows:
+        table.add_row(
+            str(row["rate_hz"]),
+            f"{1e3 * row['error']:.2f}",
+            f"{row['v_rmse_m_s']:.4f}",
+            f"{row['latency_p95_ms']:.2f}",
+            f"{row['ripple']:.5f}",
+            f"{row['approach_m_s']:.4f}",
+            row["regime"],
+            str(len(row["failed_checks"])),
+            f"{1e-3 * row['cost']:.0f}",
+        )
+    return table
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", box=None)
+    for index, name in enumerate(columns):
+        table.add_column(name, justify="right" if index else "left", no_wrap=True)
+    return table

@@ -1,0 +1,1 @@
+"""Speed against accuracy, measured: solvers and peers, fidelity, control rate."""

@@ -1,0 +1,89 @@
+"""What a method says of a case, and how far that is from the truth."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.trade.cases import Case
+
+LEAST_BLOW_M_S = 1e-3
+"""Chatter's last bounces are without number; what is slower is not counted."""
+
+FloatArray = NDArray[np.float64]
+
+
+class Answer(NamedTuple):
+    """Impacts of at least LEAST_BLOW_M_S, and the state at the end."""
+
+    t_s: FloatArray
+    v_m_s: FloatArray
+    v_after_m_s: FloatArray
+    x_end_m: float
+    v_end_m_s: float
+
+
+def answer(t_s: FloatArray, v_m_s: FloatArray, v_after_m_s: FloatArray, x_m: float, end_m_s: float) -> Answer:
+    """An answer without the blows that are not counted."""
+    counted = np.asarray(v_m_s) >= LEAST_BLOW_M_S
+    times, before, after = (np.asarray(a, dtype=np.float64)[counted] for a in (t_s, v_m_s, v_after_m_s))
+    return Answer(times, before, after, float(x_m), float(end_m_s))
+
+
+Solve = Callable[[], Answer]
+
+
+class Method(NamedTuple):
+    """One way to an answer; `solve` is what is timed."""
+
+    name: str
+    setting: str
+    solve: Solve
+
+
+class Errors(NamedTuple):
+    """Distances to the truth; nan where the impacts cannot be compared because their number is wrong."""
+
+    state_m: float
+    """At the end: the larger of position's and of velocity's over ω."""
+    time_s: float
+    speed_m_s: float
+    impulse: float
+    """Of the momentum exchanged with the stop in all, as a share."""
+    impacts: int
+    impacts_wanted: int
+    regime: str
+    regime_wanted: str
+
+
+def errors_of(case: Case, given: Answer, truth: Answer) -> Errors:
+    """Compare an answer with the truth."""
+    same = given.t_s.size == truth.t_s.size
+    nan = math.nan
+    exchanged = float(np.sum(truth.v_m_s - truth.v_after_m_s))
+    difference = abs(float(np.sum(given.v_m_s - given.v_after_m_s)) - exchanged)
+    return Errors(
+        state_m=max(
+            abs(given.x_end_m - truth.x_end_m),
+            abs(given.v_end_m_s - truth.v_end_m_s) / case.scene.natural_rad_s,
+        ),
+        time_s=_largest(given.t_s - truth.t_s) if same else nan,
+        speed_m_s=_largest(given.v_m_s - truth.v_m_s) if same else nan,
+        impulse=difference / exchanged if exchanged > 0.0 else difference,
+        impacts=given.t_s.size,
+        impacts_wanted=truth.t_s.size,
+        regime=regime_of(case, given),
+        regime_wanted=regime_of(case, truth),
+    )
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def regime_of(case: Case, given: Answer) -> str:
+    """Impacts a period over the second half, to a quarter."""
+    late = np.count_nonzero(given.t_s > 0.5 * case.until_s)
+    return f"{round(4.0 * late * case.period_s / (0.5 * case.until_s)) / 4.0:g} impacts a period"

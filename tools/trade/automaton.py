@@ -1,0 +1,149 @@
+"""Contact and stick for integrators that have events but no modes of their own.
+
+The peers integrate smooth motion up to an event; what follows from it is decided here, for all of them alike.
+A striker in stick or on the stop is released at the closed-form instant.
+"""
+
+import math
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from plant_sim.parts.drive import IdealDrive, MotorDrive
+from plant_sim.parts.friction import Coulomb, Stribeck
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import KelvinVoigt, RigidStop
+from tools.trade.answers import Answer, answer
+from tools.trade.cases import Case
+
+NUDGE_M_S = 1e-14
+"""Sets a halted striker off: the peers would find its zero velocity again and again."""
+
+REST_M_S = 1e-9
+"""A slower rebound is rest."""
+
+MOST_EVENTS = 20_000
+
+
+class PeerError(RuntimeError):
+    """A peer that does not come to an end."""
+
+
+class Event(Enum):
+    """What ends a smooth piece of motion."""
+
+    END = "end"
+    STOP = "stop"
+    """Touch-down in flight, separation in contact."""
+    HALT = "halt"
+
+
+class Piece(NamedTuple):
+    """A smooth piece of motion."""
+
+    t_s: float
+    state: list[float]
+    """x, v and, with a motor, crank angle and speed."""
+    event: Event
+
+
+class Flow(Protocol):
+    """An integrator: on from a state to the first event, sliding in `direction`."""
+
+    def __call__(
+        self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
+    ) -> Piece:
+        """One smooth piece."""
+
+
+def static_limit_n(parts: Parts) -> float:
+    """Friction that holds the striker, N."""
+    weight_n = parts.striker.mass_kg * parts.striker.gravity_m_s2
+    if isinstance(parts.friction, Coulomb):
+        return parts.friction.mu * weight_n
+    return parts.friction.mu_s * weight_n if isinstance(parts.friction, Stribeck) else 0.0
+
+
+def run(case: Case, flow: Flow) -> Answer:
+    """The whole case by one integrator."""
+    parts = case.scene.parts()
+    limit_n, stop = static_limit_n(parts), parts.stop
+    t_s, state = 0.0, [case.scene.initial_x_m, case.scene.initial.v_m_s]
+    if isinstance(parts.drive, MotorDrive):
+        state += [parts.drive.phase_rad, 0.0]
+    times: list[float] = []
+    before: list[float] = []
+    after: list[float] = []
+    touched: tuple[float, float] | None = None
+    direction = 1.0
+    for _ in range(MOST_EVENTS):
+        if t_s >= case.until_s:
+            break
+        x, v = state[0], state[1]
+        if v == 0.0 and isinstance(parts.drive, IdealDrive):
+            pull_n = _pull_n(parts, t_s, x)
+            on_stop = isinstance(stop, RigidStop) and x == stop.position_m
+            held = pull_n >= -limit_n if on_stop else abs(pull_n) <= limit_n > 0.0
+            if held:
+                t_s = min(_release_s(parts, t_s, x, on_stop), case.until_s)
+                pull_n = -1.0 if on_stop else _pull_n(parts, t_s, x)
+            direction = math.copysign(1.0, pull_n)
+            if limit_n > 0.0 or on_stop:
+                state[1] = NUDGE_M_S * direction
+            if t_s >= case.until_s:
+                state[1] = 0.0
+                break
+        t_s, state, event = flow(t_s, state, case.until_s, direction, touched is not None)
+        if event is Event.HALT:
+            state[1] = 0.0
+        elif event is Event.STOP and isinstance(stop, RigidStop):
+            v = state[1]
+            times.append(t_s)
+            before.append(v)
+            after.append(-stop.restitution * v)
+            state[0], state[1] = stop.position_m, after[-1] if after[-1] < -REST_M_S else 0.0
+            direction = -1.0
+        elif event is Event.STOP and touched is None:
+            touched = (t_s, state[1])
+        elif event is Event.STOP and touched is not None:
+            times.append(touched[0])
+            before.append(touched[1])
+            after.append(state[1])
+            touched = None
+    else:
+        raise PeerError(f"{MOST_EVENTS} events by t = {t_s} s in {case.name}")
+    return answer(np.array(times), np.array(before), np.array(after), state[0], state[1])
+
+
+def _pull_n(parts: Parts, t_s: float, x_m: float) -> float:
+    striker, drive = parts.striker, parts.drive
+    if not isinstance(drive, IdealDrive):
+        raise PeerError("only an ideal drive's pull is a function of time")
+    angle = drive.omega_rad_s * t_s + drive.phase_rad
+    return striker.spring_n_m * (drive.amplitude_m * math.sin(angle) + striker.rest_length_m - x_m)
+
+
+def _release_s(parts: Parts, t_s: float, x_m: float, on_stop: bool) -> float:
+    """When the spring's pull next passes what friction (and a stop, forwards) can hold."""
+    striker, drive = parts.striker, parts.drive
+    if not isinstance(drive, IdealDrive) or drive.amplitude_m == 0.0:
+        return math.inf
+    limit_m = static_limit_n(parts) / striker.spring_n_m
+    best = math.inf
+    for sign in (-1.0,) if on_stop else (1.0, -1.0):
+        sine = (sign * limit_m + x_m - striker.rest_length_m) / drive.amplitude_m
+        if abs(sine) <= 1.0:
+            angle = math.asin(sine) if sign > 0.0 else math.pi - math.asin(sine)
+            turns = (drive.omega_rad_s * t_s + drive.phase_rad - angle) / (2.0 * math.pi)
+            angle += 2.0 * math.pi * (math.floor(turns + 1e-9) + 1.0)
+            best = min(best, (angle - drive.phase_rad) / drive.omega_rad_s)
+    return best
+
+
+def has_peers(parts: Parts) -> bool:
+    """Whether the equations that the peers are given cover these parts."""
+    drive, stop = parts.drive, parts.stop
+    if isinstance(drive, MotorDrive):
+        return drive.dry_n_m == 0.0 and isinstance(stop, KelvinVoigt) and static_limit_n(parts) == 0.0
+    return isinstance(stop, RigidStop)

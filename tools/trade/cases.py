@@ -1,0 +1,57 @@
+"""The scenes on which prices are measured, each for what it is hard on."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from hil.settings import apply_settings
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.scene import Scene, load_scene, read_scene
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, how long it runs and under which held torque."""
+
+    name: str
+    base: str
+    settings: tuple[str, ...]
+    until_s: float
+    torque_n_m: float = 0.0
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The checked scene."""
+        return load_scene(self.document())
+
+    def document(self) -> dict[str, Any]:
+        """The scene's raw tables."""
+        settings = [f"scene.{setting}" for setting in self.settings]
+        tables: dict[str, Any] = apply_settings({"scene": read_scene(self.base)}, settings)["scene"]
+        return tables
+
+    @property
+    def period_s(self) -> float:
+        """The forcing period; a motor has the free oscillation's."""
+        drive = self.scene.parts().drive
+        fast = drive.omega_rad_s if isinstance(drive, IdealDrive) else self.scene.natural_rad_s
+        return 2.0 * math.pi / fast
+
+
+CASES = (
+    Case("periodic", "table1-viscous", ("drive.ratio=1.0",), 50.0),
+    Case("sensitive", "table1-coulomb", ("drive.ratio=0.9",), 20.0),
+    # The stop where the spring is relaxed: bounces without end, rest, release, once a period.
+    Case("chattering", "table1-viscous", ("stop.position_m=0.12", "drive.ratio=0.3"), 50.0),
+    Case("sticking", "table1-coulomb", ("drive.amplitude_m=0.024",), 50.0),
+    Case("Stribeck", "table1-stribeck", (), 50.0),
+    # Without the motor's dry loss, which no peer models, and a stop that is smooth enough for Taylor series.
+    Case(
+        "motor",
+        "gait-motor-soft",
+        ("motor.dry_n_m=0.0", "stop.law=kelvin-voigt"),
+        3.0,
+        0.05,
+    ),
+)

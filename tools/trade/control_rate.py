@@ -1,0 +1,65 @@
+"""What the control rate is worth: the same scenario in lockstep at 250 Hz to 4 kHz."""
+
+import math
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from hil.bench import in_lockstep
+from hil.checks import evaluate
+from hil.figures import figures_of
+from hil.scenario import check_scenario, read_scenario
+from hil.warm import warm_firmware, warm_plant
+from tools.trade.prices import Progress
+
+SCENARIO = "soft-start-multistable"
+RATES_HZ = (250, 500, 1000, 2000, 4000)
+QUICK_RATES_HZ = (500, 1000)
+
+HOLD_UNTIL_S, UNTIL_S = 14.0, 16.0
+"""A start of 5 s and a hold of 8 s are enough for the figures."""
+
+UNIT = "m (RMS of the estimated position); µs of processor per simulated second"
+
+
+def measure(quick: bool, progress: Progress) -> list[dict[str, Any]]:
+    """A row for each rate."""
+    rows = []
+    for rate_hz in QUICK_RATES_HZ if quick else RATES_HZ:
+        progress(f"control at {rate_hz} Hz")
+        rows.append(_row(rate_hz))
+    return rows
+
+
+def _row(rate_hz: int) -> dict[str, Any]:
+    document = read_scenario(SCENARIO)
+    document["firmware"] = {**document["firmware"], "control.tick_s": 1.0 / rate_hz}
+    document["script"]["duration_s"] = UNTIL_S
+    document["script"]["commands"][-1]["at_s"] = HOLD_UNTIL_S
+    scenario = check_scenario(document, SCENARIO)
+    warm_plant(scenario.scene)
+    warm_firmware(scenario.parameters)
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.thread_time_ns()
+        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, lambda fraction, doing: None)
+        spent_us = (time.thread_time_ns() - begun) * 1e-3
+        figures = figures_of(run_dir)
+    results = evaluate(scenario.checks, figures.as_json())
+    failed = [result.name for result in results if not result.passed]
+    estimate = figures.estimate.x_rmse_m
+    return {
+        "what": f"control rate: {rate_hz} Hz",
+        "kind": "control rate",
+        "rate_hz": rate_hz,
+        "error": math.nan if estimate is None else estimate,
+        "cost": spent_us / UNTIL_S,
+        "unit": UNIT,
+        "v_rmse_m_s": figures.estimate.v_rmse_m_s,
+        "latency_p95_ms": figures.detector.latency_ms.p95,
+        "speed_error": figures.speed.error,
+        "ripple": figures.speed.ripple,
+        "approach_m_s": figures.impact_v_m_s,
+        "regime": figures.regime,
+        "failed_checks": failed,
+    }

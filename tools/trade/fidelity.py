@@ -1,0 +1,86 @@
+"""What a stop's model is worth: one impact orbit, with one stop after the other."""
+
+import math
+import statistics
+import time
+from typing import Any
+
+import numpy as np
+
+from hil.settings import apply_settings
+from plant_sim.scene import Scene, load_scene, read_scene
+from plant_sim.simulate import simulate
+from tools.trade.prices import COST_UNIT, Progress
+
+UNTIL_S = 30.0
+"""Of which the second half is looked at."""
+
+RATIO = 1.3
+
+ORBIT = (
+    f"drive.ratio={RATIO}",
+    # Just rebounded, the crank 27° past its forward dead centre: on the orbit with one impact a period.
+    "drive.phase_rad=2.04",
+    "initial.x_m=0.1799",
+    "initial.v_m_s=-0.455",
+)
+
+STOPS = (
+    ("Hunt–Crossley, 10 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.01")),
+    ("rigid", ()),
+    ("Kelvin–Voigt, 10 ms", ("stop.law=kelvin-voigt", "stop.contact_s=0.01")),
+    ("Hunt–Crossley, 2 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.002")),
+    ("Hunt–Crossley, 5 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.005")),
+    ("Hunt–Crossley, 30 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.03")),
+)
+"""The first, the bench's own, is what the others are compared with."""
+
+QUICK_STOPS = 2
+
+
+def scene_with(stop: tuple[str, ...]) -> Scene:
+    """table1 on its impact orbit."""
+    settings = [f"scene.{setting}" for setting in ORBIT + stop]
+    return load_scene(apply_settings({"scene": read_scene("table1-viscous")}, settings)["scene"])
+
+
+def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
+    """Rows for every variant: how far impulse, peak force and speed are from the first one's."""
+    scenes = [(name, scene_with(stop)) for name, stop in (STOPS[:QUICK_STOPS] if quick else STOPS)]
+    results = []
+    for name, scene in scenes:
+        progress(name)
+        results.append(simulate(scene, UNTIL_S))
+    spent: list[list[float]] = [[] for _ in scenes]
+    for _ in range(repeats):
+        for index, (_, scene) in enumerate(scenes):
+            begun = time.thread_time_ns()
+            simulate(scene, UNTIL_S)
+            spent[index].append((time.thread_time_ns() - begun) * 1e-3 / UNTIL_S)
+    wanted = math.nan
+    rows: list[dict[str, Any]] = []
+    for (name, scene), result, times in zip(scenes, results, spent, strict=True):
+        late = result.impacts.t_s > 0.5 * UNTIL_S
+        impulse_n_s = _mean(result.impacts.impulse_n_s[late])
+        wanted = wanted if rows else impulse_n_s
+        period_s = 2.0 * math.pi / (RATIO * scene.natural_rad_s)
+        rows.append(
+            {
+                "what": f"fidelity: {name}",
+                "kind": "fidelity",
+                "error": abs(impulse_n_s / wanted - 1.0),
+                "impulse_n_s": impulse_n_s,
+                "peak_force_n": _mean(result.impacts.peak_force_n[late]),
+                "approach_m_s": _mean(result.impacts.v_m_s[late]),
+                "impacts_per_period": np.count_nonzero(late) * period_s / (0.5 * UNTIL_S),
+                "method": result.method,
+                "cost": min(times),
+                "cost_median": statistics.median(times),
+                "unit": f"share of the impulse with the first stop; {COST_UNIT}",
+            }
+        )
+    return rows
+
+
+def _mean(values: Any) -> float:
+    return float(np.mean(values)) if len(values) else math.nan

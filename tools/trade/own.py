@@ -1,0 +1,68 @@
+"""This package's solvers as methods to be priced."""
+
+import math
+
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.stop import NoStop, RigidStop
+from plant_sim.result import SimulationResult
+from plant_sim.simulate import initial_state
+from plant_sim.solvers import adaptive, exact, stepping
+from tools.trade.answers import Answer, Method, Solve, answer
+from tools.trade.cases import Case
+
+ACCURACIES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+STEPS_RAD = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
+"""Of the faster of drive and free oscillation."""
+
+TRUTH_ACCURACY = 1e-13
+
+
+def truth(case: Case) -> Answer:
+    """The closed form where there is one, else the adaptive solver at its finest."""
+    return (_exact(case) if has_closed_form(case) else _adaptive(case, TRUTH_ACCURACY))()
+
+
+def has_closed_form(case: Case) -> bool:
+    """Whether the exact solver takes the case."""
+    return is_steppable(case) and not isinstance(case.scene.parts().friction, Stribeck)
+
+
+def is_steppable(case: Case) -> bool:
+    """Whether the stepping solver takes the case."""
+    parts = case.scene.parts()
+    return isinstance(parts.drive, IdealDrive) and isinstance(parts.stop, NoStop | RigidStop)
+
+
+def methods(case: Case, quick: bool) -> list[Method]:
+    """All solvers at all their settings that take the case."""
+    found = [Method("exact", "", _exact(case))] if has_closed_form(case) else []
+    for accuracy in ACCURACIES[1::2] if quick else ACCURACIES:
+        found.append(Method("adaptive", f"{accuracy:.0e}", _adaptive(case, accuracy)))
+    if is_steppable(case):
+        for step_rad in STEPS_RAD[1:4:2] if quick else STEPS_RAD:
+            fastest_rad_s = max(2.0 * math.pi / case.period_s, case.scene.natural_rad_s)
+            found.append(Method("stepping", f"{step_rad:g} rad", _stepping(case, step_rad / fastest_rad_s)))
+    return found
+
+
+def _exact(case: Case) -> Solve:
+    parts, start = case.scene.parts(), initial_state(case.scene)
+    return lambda: _answer(exact.simulate(parts, start, case.until_s))
+
+
+def _adaptive(case: Case, accuracy: float) -> Solve:
+    parts, start = case.scene.parts(), initial_state(case.scene)
+    return lambda: _answer(
+        adaptive.simulate(parts, start, case.until_s, torque_n_m=case.torque_n_m, accuracy=accuracy)
+    )
+
+
+def _stepping(case: Case, step_s: float) -> Solve:
+    parts, start = case.scene.parts(), initial_state(case.scene)
+    return lambda: _answer(stepping.simulate(parts, start, case.until_s, step_s))
+
+
+def _answer(result: SimulationResult) -> Answer:
+    impacts, final = result.impacts, result.final
+    return answer(impacts.t_s, impacts.v_m_s, impacts.v_after_m_s, final.x_m, final.v_m_s)

@@ -1,0 +1,79 @@
+"""The Pareto plot: error against cost, one picture a case."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.trade.prices import Price, pareto
+
+STYLES = {
+    "exact": ("tab:green", "*"),
+    "adaptive": ("tab:blue", "o"),
+    "stepping": ("tab:orange", "s"),
+    "heyoka": ("tab:red", "D"),
+    "scipy DOP853": ("tab:purple", "^"),
+    "scipy RK45": ("tab:gray", "v"),
+}
+
+SMALLEST_M = 1e-15
+"""Errors of zero are drawn here."""
+
+
+def draw(prices: Sequence[Price], path: Path) -> None:
+    """Draw all cases into an SVG or PNG. Hollow: a wrong number of impacts."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+
+    cases = list(dict.fromkeys(price.case for price in prices))
+    best = pareto(prices)
+    columns = min(3, len(cases))
+    rows = -(-len(cases) // columns)
+    figure, grid = plt.subplots(
+        rows,
+        columns,
+        figsize=(4.6 * columns, 3.5 * rows + 0.6),
+        layout="constrained",
+        squeeze=False,
+        sharex=True,
+        sharey=True,
+    )
+    for axes, case in zip(grid.flat, cases, strict=False):
+        mine = [price for price in prices if price.case is case]
+        for method, (colour, marker) in STYLES.items():
+            chosen = sorted(
+                (price for price in mine if price.method.name == method), key=lambda p: p.least_us_s
+            )
+            costs = [price.least_us_s for price in chosen]
+            errors = [max(price.errors.state_m, SMALLEST_M) for price in chosen]
+            axes.plot(costs, errors, "-", color=colour, lw=0.8, alpha=0.6)
+            for price, cost, error in zip(chosen, costs, errors, strict=True):
+                face = colour if price.is_right else "none"
+                axes.plot(cost, error, marker, color=colour, mfc=face, ms=9 if marker == "*" else 6)
+        front = sorted((p for p in best if p.case is case), key=lambda p: p.least_us_s)
+        axes.step(
+            [p.least_us_s for p in front],
+            [max(p.errors.state_m, SMALLEST_M) for p in front],
+            where="post",
+            color="black",
+            lw=1.0,
+            ls=":",
+        )
+        axes.set(xscale="log", yscale="log", title=case.name)
+        axes.grid(alpha=0.3)
+    for axes in list(grid.flat)[len(cases) :]:
+        axes.axis("off")
+    for axes in grid[-1]:
+        axes.set_xlabel("cost [µs per simulated second]")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("state error at the end [m]")
+    handles = [
+        Line2D([], [], color=colour, marker=marker, ls="-", lw=0.8, label=method)
+        for method, (colour, marker) in STYLES.items()
+    ]
+    handles.append(Line2D([], [], color="gray", marker="o", mfc="none", ls="", label="wrong impacts"))
+    handles.append(Line2D([], [], color="black", ls=":", label="cheapest for its error"))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,103 @@
+"""Prices of methods: errors once, times as minimum and median of interleaved repeats."""
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from tools.trade import heyoka_peer, own, scipy_peer
+from tools.trade.answers import Errors, Method, errors_of
+from tools.trade.automaton import has_peers
+from tools.trade.cases import Case
+
+REPEATS, QUICK_REPEATS = 7, 3
+
+COST_UNIT = "µs of processor per simulated second"
+STATE_UNIT = "m (state at the end; velocity over ω)"
+
+Progress = Callable[[str], None]
+
+
+class Price(NamedTuple):
+    """One method on one case."""
+
+    case: Case
+    method: Method
+    errors: Errors
+    least_us_s: float
+    median_us_s: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether all impacts were found and none invented."""
+        return self.errors.impacts == self.errors.impacts_wanted
+
+    def row(self) -> dict[str, Any]:
+        """The price as JSON has it."""
+        errors = self.errors
+        return {
+            "what": f"{self.case.name}: {self.method.name} {self.method.setting}".rstrip(),
+            "kind": "solver",
+            "case": self.case.name,
+            "method": self.method.name,
+            "setting": self.method.setting,
+            "error": errors.state_m,
+            "cost": self.least_us_s,
+            "unit": f"{STATE_UNIT}; {COST_UNIT}",
+            "cost_median": self.median_us_s,
+            "impact_time_error_s": errors.time_s,
+            "impact_speed_error_m_s": errors.speed_m_s,
+            "impulse_error": errors.impulse,
+            "impacts": errors.impacts,
+            "impacts_wanted": errors.impacts_wanted,
+            "regime": errors.regime,
+            "regime_wanted": errors.regime_wanted,
+        }
+
+
+def methods_of(case: Case, quick: bool) -> list[Method]:
+    """All that is compared on a case."""
+    found = own.methods(case, quick)
+    if has_peers(case.scene.parts()):
+        found += scipy_peer.methods(case)
+        if heyoka_peer.is_installed():
+            found += heyoka_peer.methods(case, quick)
+    return found
+
+
+def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progress) -> list[Price]:
+    """Answers first (which also compiles), then times, all methods in turn in every repeat.
+
+    The processor's time of this thread is taken, not the wall's: other programs' load counts less. The least
+    is nearest to an idle machine, the median says how far from one this was.
+    """
+    truth = own.truth(case)
+    errors = []
+    for method in methods:
+        progress(f"{case.name}: {method.name} {method.setting}")
+        errors.append(errors_of(case, method.solve(), truth))
+    spent: list[list[float]] = [[] for _ in methods]
+    for _ in range(repeats):
+        for index, method in enumerate(methods):
+            begun = time.thread_time_ns()
+            method.solve()
+            spent[index].append((time.thread_time_ns() - begun) * 1e-3 / case.until_s)
+    return [
+        Price(case, method, error, min(times), statistics.median(times))
+        for method, error, times in zip(methods, errors, spent, strict=True)
+    ]
+
+
+def pareto(prices: Sequence[Price]) -> list[Price]:
+    """The prices that no other one of the same case beats in both error and cost; wrong counts never are."""
+    right = [price for price in prices if price.is_right]
+    return [
+        price
+        for price in right
+        if not any(
+            other.case is price.case
+            and other.errors.state_m <= price.errors.state_m
+            and other.least_us_s < price.least_us_s
+            for other in right
+        )
+    ]
