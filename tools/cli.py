@@ -40,6 +40,7 @@ COMMANDS = (
     "inspect",
     "compare",
     "study",
+    "trade",
     "import_log",
     "kernel",
     "schedule",
