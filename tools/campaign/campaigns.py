@@ -110,9 +110,12 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
         Campaign(
             name="hold",
-            title="the impact regime held for a minute",
-            trials=400,
-            conditions=((("viscous",), (1.3, 1.4), NO_IMPULSE),),
+            title="the impact regime, or an impulse asked for, held for a minute",
+            trials=700,
+            conditions=(
+                (("viscous",), (1.3, 1.4), NO_IMPULSE),
+                (("viscous",), (1.3,), (0.65, 0.75, 0.85, 0.95, 1.05)),
+            ),
             numbers={
                 "hold_s": 60.0,
                 **MISMATCH,
