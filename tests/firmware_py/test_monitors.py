@@ -85,14 +85,14 @@ def test_frames_without_numbers_count_as_silence() -> None:
 @pytest.mark.parametrize(
     ("path", "good", "bad", "ticks", "fault"),
     [
-        ("power.current_a", 11.9, 12.1, 21, Fault.OVERCURRENT),
-        ("power.current_a", -11.9, -12.1, 21, Fault.OVERCURRENT),
-        ("power.voltage_v", 18.1, 17.9, 151, Fault.UNDERVOLTAGE),
-        ("power.voltage_v", 29.9, 30.1, 151, Fault.OVERVOLTAGE),
-        ("power.inverter_degc", 79.9, 80.1, 1, Fault.OVERTEMPERATURE),
-        ("power.motor_degc", 89.9, 90.1, 1, Fault.OVERTEMPERATURE),
-        ("power.motor_degc", -29.0, -31.0, 1, Fault.OVERTEMPERATURE),
-        ("power.inverter_degc", -29.0, -31.0, 1, Fault.OVERTEMPERATURE),
+        ("power.current_a", 12.0, 12.1, 21, Fault.OVERCURRENT),
+        ("power.current_a", -12.0, -12.1, 21, Fault.OVERCURRENT),
+        ("power.voltage_v", 18.0, 17.9, 151, Fault.UNDERVOLTAGE),
+        ("power.voltage_v", 30.0, 30.1, 151, Fault.OVERVOLTAGE),
+        ("power.inverter_degc", 80.0, 80.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", 90.0, 90.1, 1, Fault.OVERTEMPERATURE),
+        ("power.motor_degc", -30.0, -31.0, 1, Fault.OVERTEMPERATURE),
+        ("power.inverter_degc", -30.0, -31.0, 1, Fault.OVERTEMPERATURE),
     ],
 )
 def test_each_measured_limit(path: str, good: float, bad: float, ticks: int, fault: Fault) -> None:
@@ -136,7 +136,7 @@ def test_a_standing_crank_is_not_frozen() -> None:
 
 
 @pytest.mark.parametrize(
-    ("impulse", "fault"), [(1.59, Fault.NONE), (1.61, Fault.IMPULSE_LIMIT), (math.nan, Fault.IMPULSE_LIMIT)]
+    ("impulse", "fault"), [(1.6, Fault.NONE), (1.61, Fault.IMPULSE_LIMIT), (math.nan, Fault.IMPULSE_LIMIT)]
 )
 def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Fault) -> None:
     assert watch(impulse=impulse, separated=True)[1].limit == fault
@@ -144,7 +144,8 @@ def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Faul
 
 
 @pytest.mark.parametrize(
-    ("peak", "fault"), [(1874.0, Fault.NONE), (1876.0, Fault.FORCE_LIMIT), (math.nan, Fault.FORCE_LIMIT)]
+    ("peak", "fault"),
+    [(CONFIG.limits.peak_m_s2, Fault.NONE), (1876.0, Fault.FORCE_LIMIT), (math.nan, Fault.FORCE_LIMIT)],
 )
 def test_the_force_trips_when_the_blow_is_over(peak: float, fault: Fault) -> None:
     assert watch(peak=peak, separated=True)[1].limit == fault
@@ -152,13 +153,38 @@ def test_the_force_trips_when_the_blow_is_over(peak: float, fault: Fault) -> Non
 
 
 @pytest.mark.parametrize(
-    "changes", [{"p_xx": 0.06**2}, {"p_xx": math.nan}, {"x_m": math.nan}, {"started": False}]
+    "changes",
+    [
+        {"p_xx": 0.06**2},
+        {"p_xx": 0.0},
+        {"x_m": 10.0},
+        {"x_m": -10.5},
+        {"p_xx": math.nan},
+        {"x_m": math.nan},
+        {"started": False},
+    ],
 )
 def test_an_estimate_that_is_none(changes: dict[str, float]) -> None:
     bad = ESTIMATE._replace(**changes)
     assert watch(ticks=1000, estimate=bad)[1].limit == Fault.NONE
     assert watch(ticks=1001, estimate=bad)[1].limit == Fault.ESTIMATE_INVALID
     assert watch(ticks=2000, estimate=bad, mode=Mode.READY)[1].limit == Fault.NONE
+
+
+@pytest.mark.parametrize("changes", [{"p_xx": 0.05 * 0.05}, {"x_m": 9.9}])
+def test_an_estimate_that_is_just_good_enough(changes: dict[str, float]) -> None:
+    assert watch(ticks=2000, estimate=ESTIMATE._replace(**changes))[1].limit == Fault.NONE
+
+
+def test_what_is_slow_is_neither_frozen_nor_stalled() -> None:
+    for rad_s, fault in ((0.4, Fault.NONE), (1.0, Fault.DRIVE_FROZEN)):
+        crawling = replaced(CLOSED, "encoder.velocity_rev_s", rad_s / (2 * math.pi))
+        assert watch(crawling, 22)[1].limit == fault
+    standing = CRANK._replace(omega_rad_s=0.0)
+    assert watch(ticks=2000, crank_state=standing, target=0.9)[1].limit == Fault.NONE
+    assert watch(ticks=2000, crank_state=standing, target=1.5)[1].limit == Fault.STALL
+    assert watch(ticks=2000, crank_state=CRANK._replace(omega_rad_s=0.3 * 12.0))[1].limit == Fault.STALL
+    assert not watch(ticks=301, crank_state=CRANK._replace(omega_rad_s=0.3))[1].standstill
 
 
 def test_stall() -> None:

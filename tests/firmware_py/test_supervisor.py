@@ -167,7 +167,7 @@ def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
     assert state.mode == Mode.FAULT
     state = step(state, CALM, OperatorRequest.IDLE)
     state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
-    assert (state.mode, state.fault) == (Mode.INIT, Fault.NONE)
+    assert (state.mode, state.fault, state.disarm_reason) == (Mode.INIT, Fault.NONE, 0)
     # and holding it leads to READY, never further
     for _ in range(5):
         state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
