@@ -64,7 +64,8 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
 def refuse(message: str, as_json: bool) -> int:
     """Say what was wrong with the input, in a sentence and, where asked for, in JSON."""
-    progress_console.print(f"[bold red]error:[/] {message}", highlight=False, soft_wrap=True)
+    progress_console.print("error:", style="bold red", end=" ")
+    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
     if as_json:
         print_json({"error": message})
     return EXIT_BAD_INPUT
