@@ -90,7 +90,7 @@ def show(verdict: dict[str, Any]) -> None:
         ("overruns / bare loop's", f"{verdict['overruns']} / {figure(verdict['baseline_overruns'])}", ""),
         ("met its timing", verdict["real_time"], ""),
         ("times real time", verdict["realtime_factor"], ""),
-        ("bus load, worst case", 100 * verdict["bus_load"], "%"),
+        ("bus load", None if verdict["bus_load"] is None else 100 * verdict["bus_load"], "%"),
     ]
     console.print(figure_table(verdict["scenario"], rows))
     show_checks(verdict)
