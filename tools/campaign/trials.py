@@ -19,7 +19,7 @@ from tools.campaign.cells import Cell
 from tools.campaign.draws import Drawn, draw, mismatch_of
 from tools.campaign.loop import Plan
 from tools.campaign.outcome import Outcome
-from tools.campaign.reference import goes_on, instant_start_captures, reference, would_be_lost
+from tools.campaign.reference import LONGEST_GAP, goes_on, instant_start_captures, reference, would_be_lost
 from tools.campaign.run import UNDISTURBED, Run, first_in, rms, run
 
 FloatArray = NDArray[np.float64]
@@ -35,8 +35,10 @@ KICK_FAULT_S = 1.0
 GRAZING_M_S = 0.05
 LATE_IMPACTS = 10
 """Impacts whose mean is the steady v⁻."""
+LATE_TURNS = 10
+"""Turns of the crank whose median is the speed kept."""
 TARGET_SHARE = 0.02
-"""A turn of the crank this close to its target's time is at speed."""
+"""A turn of the crank that takes so nearly as long as the last ones is at speed."""
 
 
 def script(cell: Cell) -> list[Command]:
@@ -267,14 +269,18 @@ def recover(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any]
 
 
 def _back_s(done: Run, omega_rad_s: float) -> float:
-    """When the crank is at its target speed, and impacts go on, for good."""
-    period_s = 2.0 * np.pi / omega_rad_s
+    """When the crank is at the speed that it then keeps, and impacts go on, for good.
+
+    That speed is not the target's where the firmware keeps away from the fold.
+    """
+    target_s = 2.0 * np.pi / omega_rad_s
     assert done.kicked_s is not None
     times = np.concatenate([[done.kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > done.kicked_s, 0]])
-    gaps = np.flatnonzero(np.diff(times) > 2.2 * period_s)
+    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * target_s)
     from_s = times[gaps[-1] + 1] if len(gaps) else done.kicked_s
     turns = done.turns_s[done.turns_s > done.kicked_s]
-    off = np.flatnonzero(np.abs(np.diff(turns) / period_s - 1.0) > TARGET_SHARE)
+    kept_s = float(np.median(np.diff(turns)[-LATE_TURNS:]))
+    off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)
     return float(max(from_s, turns[off[-1] + 1] if len(off) else done.kicked_s))
 
 
