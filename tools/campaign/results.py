@@ -23,9 +23,13 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "regime_uncertain": (("periods_uncertain",), ("periods",)),
     "instant_start_captures": (("instant",), ("eligible",)),
     "fault_before_start": (("fault_before_start",), ("eligible",)),
-    "hopeless_said": (("hopeless_said",), ("hopeless",)),
+    "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
 }
-"""Shares of added-up counts: numerator, denominator."""
+"""Shares of added-up counts: numerator, denominator.
+
+Where no attractor exists at the speed asked for, `hopeless_settled`: the firmware has said so by a fault, or
+keeps impacts at another speed.
+"""
 
 
 def counts_of(outcomes: Sequence[Outcome]) -> Counter[str]:

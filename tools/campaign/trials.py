@@ -89,7 +89,9 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
         outcome.why = "no impact attractor at this speed"
         ended = done.modes[-1]
         outcome.counts["hopeless"] = 1
-        outcome.counts["hopeless_said"] = int(ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST))
+        said = ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
+        elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
+        outcome.counts["hopeless_settled"] = int(said or elsewhere)
         return
     outcome.counts["instant"] = int(instant_start_captures(drawn.scene, omega_rad_s))
     outcome.counts["fault_before_start"] = int(
