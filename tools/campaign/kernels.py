@@ -44,11 +44,17 @@ def cache_folder() -> Path:
 
 
 def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what Python calls, cached."""
+    """Compile what Python calls, cached; where the firmware runs interpreted, a call is refused."""
     if not COMPILED:
-        raise NotCompiledError(
-            "this process runs the firmware interpreted; start it with VIBROHIL_COMPILED=1 to run campaigns"
-        )
+
+        @functools.wraps(function)
+        def refuse(*_: _P.args, **__: _P.kwargs) -> _R:
+            raise NotCompiledError(
+                "this process runs the firmware interpreted; "
+                "start it with VIBROHIL_COMPILED=1 to run campaigns"
+            )
+
+        return refuse
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
     settings: Any = numba_config
     previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
