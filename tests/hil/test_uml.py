@@ -238,3 +238,27 @@ def test_bad_arguments_are_refused() -> None:
         uml.run_in_kernel(["true"], memory="much")
     with pytest.raises(uml.UmlError, match="got 4096, wanted one of"):
         uml.run_in_kernel(["true"], host_cpu=4096)
+
+
+HOG_AND_SLEEPER = """
+import os, time
+if os.fork() == 0:
+    os.nice(10)
+    while True:
+        pass
+for _ in range(100):
+    time.sleep(0.001)
+print("woken", flush=True)
+"""
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_a_process_that_only_computes_keeps_nobody_from_waking_up() -> None:
+    """It makes no system call at which it could be interrupted; where it is not, this takes for ever."""
+    with start(sys.executable, "-c", HOG_AND_SLEEPER) as starter:
+        try:
+            stdout, stderr = starter.communicate(timeout=60.0)
+        finally:
+            starter.kill()
+    assert stdout == "woken\n", stderr
