@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from hil import run_folder, rundir
+from hil import run_folder, rundir, trace
 from hil.bus import ProvidedBus, join, provide
 from hil.clock import NS_PER_S, MonotonicClock
 from hil.faults.line import with_faults
@@ -149,6 +149,7 @@ class RealTimeRun:
         """Start, run, stop in order; how it ended is noted whatever happens."""
         with ExitStack() as stack:
             stack.callback(self.write_outcome)
+            stack.callback(trace.bring_home, self.run_dir)
             stack.callback(self.stop_all)
             self.start_all()
             operator_bus = join(self.provided.address, accept=())

@@ -18,8 +18,9 @@ from hil.loop import FixedRateLoop
 from hil.nodes import FirmwareRunner, Pace, PlantRunner
 from hil.plant_node import ACCEPTED_IDS
 from hil.processes import READY, read_start_ns
-from hil.realtime import NODE, become_realtime, die_with_parent
+from hil.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 from hil.scenario import changed, load_scenario, refuse_other_periods
+from hil.trace import bring_home
 from hil.warm import warm_firmware, warm_plant
 
 START_DELAY_S = 0.2
@@ -54,6 +55,8 @@ def firmware_main(
         faulty_bus, tell_bus = with_faults(node_bus, "firmware", faults, seed)
         runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir)
         run_loop(runner, pace, 0.5, node_bus, sync, tell_bus)
+    if out_dir is not None and not sync:
+        bring_home(out_dir)
 
 
 def plant_main(
@@ -76,6 +79,8 @@ def plant_main(
         faulty_bus, tell_bus = with_faults(node_bus, "plant", loaded.faults, seed)
         runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults)
         run_loop(runner, pace, 0.0, node_bus, sync, tell_bus)
+    if out_dir is not None and not sync:
+        bring_home(out_dir)
 
 
 def belong_to_parent() -> None:
@@ -131,6 +136,7 @@ def run_loop(
     try:
         loop.run(pace.ticks, step, runner.record)
     finally:
+        leave_realtime()
         runner.close()
     summary = {"overruns": loop.overruns, **asdict(node_bus.counters)}
     print(json.dumps(summary), file=sys.stdout if sync else sys.stderr, flush=True)

@@ -63,7 +63,7 @@ def libc() -> ctypes.CDLL | None:
 
 @cache
 def is_user_mode_linux() -> bool:
-    """Whether the kernel is user-mode Linux, where SCHED_FIFO starves the kernel's own threads."""
+    """Whether the kernel is user-mode Linux, whose root is the machine's file system and whose CPU is one."""
     information = Path("/proc/cpuinfo")
     return information.exists() and "User Mode Linux" in information.read_text()
 
@@ -77,18 +77,18 @@ def become_realtime(reservation: Reservation) -> RealtimeReport:
         return RealtimeReport("ordinary", memory_locked=False, timer_slack=False)
     memory_locked = library.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0
     timer_slack = library.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
-    scheduler = "ordinary" if is_user_mode_linux() else take_scheduler(library, reservation)
-    return RealtimeReport(scheduler, memory_locked, timer_slack)
+    return RealtimeReport(take_scheduler(library, reservation), memory_locked, timer_slack)
 
 
 def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
     """Ask for a reservation, then for a fixed priority; ordinary users mostly may have neither.
 
     A fixed priority alone still lets ordinary processes that have waited for a second run for 50 ms (Linux's
-    fair server); a reservation with a deadline of one tick comes before them.
+    fair server); a reservation with a deadline of one tick comes before them. User-mode Linux accounts for
+    reservations at its timer's 100 Hz, and so takes away the CPU for tens of milliseconds.
     """
     number = SCHED_SETATTR.get(platform.machine())
-    if number is not None:
+    if number is not None and not is_user_mode_linux():
         runtime_ns, period_ns, _ = reservation
         attributes = SCHEDULING_ATTRIBUTES.pack(
             *(SCHEDULING_ATTRIBUTES.size, SCHED_DEADLINE, RESET_ON_FORK, 0, 0),
@@ -108,10 +108,16 @@ def take_fifo(priority: int) -> bool:
     return True
 
 
+def leave_realtime() -> None:
+    """Go back among the ordinary processes: what comes after a loop may not hold up another's."""
+    if libc() is not None:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 @contextmanager
 def fixed_priority(priority: int) -> Iterator[None]:
     """SCHED_FIFO for a while, where this process may have it."""
-    if libc() is None or is_user_mode_linux():
+    if libc() is None:
         yield
         return
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)

@@ -136,3 +136,24 @@ def test_record_of_a_hundred_columns_takes_five_microseconds_at_most(tmp_path: P
                 writer.append(tick, value)
             best_s = min(best_s, (time.perf_counter() - started) / 2000)
     assert best_s < 5e-6
+
+
+def test_trace_that_lies_in_memory_is_read_through_its_link_and_brought_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory, run_dir = tmp_path / "memory", tmp_path / "run"
+    memory.mkdir()
+    run_dir.mkdir()
+    monkeypatch.setattr(trace, "MEMORY", memory)
+    monkeypatch.setattr(trace, "is_user_mode_linux", lambda: True)
+    path = run_dir / "plant.trace"
+    with trace.TraceWriter(path, [("tick", int)]) as writer:
+        writer.append(7)
+        assert path.is_symlink()
+        assert trace.read(path)["tick"].tolist() == [7]
+    trace.bring_home(run_dir)
+    assert not path.is_symlink()
+    assert trace.read(path)["tick"].tolist() == [7]
+    assert list(memory.iterdir()) == []
+    trace.bring_home(run_dir)
+    assert trace.read(path)["tick"].tolist() == [7]
