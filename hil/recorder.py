@@ -6,6 +6,7 @@ traces lose nothing. It ends on SIGTERM, or when its parent is gone, with everyt
 """
 
 import argparse
+import gc
 import json
 import os
 import select
@@ -97,6 +98,8 @@ def main() -> None:
     os.nice(NICENESS)
     stopping = stop_requests()
     bus = None if arguments.bus is None else join(arguments.bus, stamped=True)
+    gc.collect()
+    gc.freeze()
     print(READY, flush=True)
     read_start_ns()
     recorder = Recorder(arguments.run_dir, bus)

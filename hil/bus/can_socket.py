@@ -28,8 +28,8 @@ EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
 # Linux's numbers that Python's socket module lacks.
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMPNS = 35
-TIMESPEC = struct.Struct("=qq")
-STAMP_SPACE = socket.CMSG_SPACE(TIMESPEC.size)
+STAMP = struct.Struct("=QiiqQ")
+"""A control message with a time: its length, level and kind; seconds and nanoseconds."""
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -64,9 +64,9 @@ class BatchHeader(ctypes.Structure):
 
 
 class FrameBatch:
-    """Room for a batch of frames, and the headers the kernel wants for it."""
+    """Room for a batch of frames and, if `stamped`, their times, with the headers the kernel wants for it."""
 
-    def __init__(self) -> None:
+    def __init__(self, stamped: bool = False) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
         address = ctypes.addressof(ctypes.c_char.from_buffer(self.buffer))
         self._vectors = (IoVector * BATCH)(
@@ -76,6 +76,31 @@ class FrameBatch:
         for header, vector in zip(self.headers, self._vectors, strict=True):
             header.message.vectors = ctypes.pointer(vector)
             header.message.vector_count = 1
+        self.stamps = bytearray(BATCH * STAMP.size if stamped else 0)
+        if stamped:
+            address = ctypes.addressof(ctypes.c_char.from_buffer(self.stamps))
+            for index, header in enumerate(self.headers):
+                header.message.control = address + index * STAMP.size
+                header.message.control_length = STAMP.size
+
+    def take_stamps_ns(self, count: int) -> list[int]:
+        """The first `count` frames' times; 0 for a frame that the kernel gave none.
+
+        The kernel has put what it used of the room for a time in place of how much there is, so that is set
+        again.
+        """
+        stamps_ns = []
+        for header, fields in zip(self.headers, STAMP.iter_unpack(self.stamps), strict=True):
+            if len(stamps_ns) == count:
+                break
+            _, level, kind, seconds, nanoseconds = fields
+            is_stamp = header.message.control_length > 0 and (level, kind) == (
+                socket.SOL_SOCKET,
+                SO_TIMESTAMPNS,
+            )
+            stamps_ns.append(seconds * 1_000_000_000 + nanoseconds if is_stamp else 0)
+            header.message.control_length = STAMP.size
+        return stamps_ns
 
 
 def has_kernel_can() -> bool:
@@ -140,6 +165,7 @@ class CanSocket:
         self._receive_batch = library.recvmmsg
         self._send_batch = library.sendmmsg
         self._incoming = FrameBatch()
+        self._stamped: FrameBatch | None = None
         self._outgoing = FrameBatch()
 
     def send(self, frame: Frame) -> None:
@@ -173,30 +199,31 @@ class CanSocket:
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived, a batch at most."""
-        batch = self._incoming
+        count = self._take(self._incoming)
+        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self.counters)
+
+    def _take(self, batch: FrameBatch) -> int:
+        """Fill the batch with what has arrived; how many frames that is."""
         count = self._receive_batch(self._descriptor, batch.headers, BATCH, socket.MSG_DONTWAIT, None)
         if count < 0:
             if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
                 raise OSError(number, os.strerror(number))
-            return []
-        return unpack(batch.buffer[: count * FRAME_BYTES], self.counters)
+            return 0
+        return int(count)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """All frames that have arrived, a batch at most, with the kernel's wall clock in ns."""
-        frames = []
-        try:
-            for _ in range(BATCH):
-                chunk, ancillary, _, _ = self._socket.recvmsg(FRAME_BYTES, STAMP_SPACE, socket.MSG_DONTWAIT)
-                stamp_ns = 0
-                for level, kind, content in ancillary:
-                    if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
-                        seconds, nanoseconds = TIMESPEC.unpack(content[: TIMESPEC.size])
-                        stamp_ns = seconds * 1_000_000_000 + nanoseconds
-                frames += [(stamp_ns, frame) for frame in unpack(chunk, self.counters)]
-        except OSError as error:
-            if error.errno not in NOTHING_TO_RECEIVE:
-                raise
-        return frames
+        batch = self._stamped
+        if batch is None:
+            batch = self._stamped = FrameBatch(stamped=True)
+        count = self._take(batch)
+        stamps_ns = batch.take_stamps_ns(count)
+        content = batch.buffer
+        return [
+            (stamp_ns, frame)
+            for start, stamp_ns in zip(range(0, count * FRAME_BYTES, FRAME_BYTES), stamps_ns, strict=True)
+            for frame in unpack(content[start : start + FRAME_BYTES], self.counters)
+        ]
 
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or when the time is over."""
