@@ -207,10 +207,10 @@ def _on_cpu(cpu: int) -> Iterator[None]:
 
 
 class _Favour:
-    """Puts the guest first in line on its CPU, where this user may: its kernel, and right after it its processes.
+    """Puts the guest first in line on its CPU, where this user may: its kernel, and after it its processes.
 
-    Each guest process is a host process of its own, a child of the kernel, which must be able to interrupt it: at
-    the kernel's own fixed priority one that computes keeps the CPU for as long as it likes, timers or not.
+    Each guest process is a host process of its own, a child of the kernel, which must be able to interrupt
+    it: at the kernel's own priority one that computes keeps the CPU for as long as it likes, timers or not.
     """
 
     def __init__(self, kernel_pid: int) -> None:
