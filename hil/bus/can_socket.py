@@ -89,7 +89,7 @@ class FrameBatch:
         The kernel has put what it used of the room for a time in place of how much there is, so that is set
         again.
         """
-        stamps_ns = []
+        stamps_ns: list[int] = []
         for header, fields in zip(self.headers, STAMP.iter_unpack(self.stamps), strict=True):
             if len(stamps_ns) == count:
                 break
