@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
@@ -36,7 +37,7 @@ OPTIONS = (
 WIDTH, HEIGHT = 1280, 800
 ABOVE_OTHERS = 20
 
-Picture = np.ndarray[Any, np.dtype[np.int64]]
+Picture = NDArray[np.int64]
 """Red, green and blue of each pixel, shape (rows, columns, 3)."""
 
 
@@ -160,3 +161,15 @@ class Browser:
 def near(picture: Picture, rgb: tuple[int, int, int], tolerance: int = 30) -> int:
     """How many pixels have about this colour."""
     return int(np.count_nonzero((np.abs(picture - np.array(rgb)) < tolerance).all(axis=-1)))
+
+
+def drawn_in(picture: Picture, rgb: tuple[int, int, int], tolerance: int = 12) -> NDArray[np.bool_]:
+    """Where this colour was laid over a dark ground, at half its strength or more. Shape (rows, columns).
+
+    A line one pixel wide falls between two rows of pixels, so none of them holds its whole colour.
+    """
+    colour = np.array(rgb)
+    strongest = int(colour.argmax())
+    strength = picture[..., strongest] / colour[strongest]
+    off = np.abs(picture - strength[..., None] * colour)
+    return np.asarray((strength > 0.5) & (off < tolerance).all(axis=-1))

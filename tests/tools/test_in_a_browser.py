@@ -6,7 +6,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from browser import Browser, near
+from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
 from hil.report import write_suite_report
@@ -17,6 +17,9 @@ from tools.quiet_viewer import served
 GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
 PAPER = {False: (255, 255, 255), True: (18, 20, 23)}
 TRUTH, STOP = (63, 143, 224), (229, 72, 77)
+VIEWER_STOP, VIEWER_START, VIEWER_TRUTH = (229, 72, 77), (242, 163, 58), (76, 155, 232)
+LANE_ROWS, STRIKER_ROWS = slice(100, 225), slice(250, 440)
+"""Where the overview has its lanes and the striker's motion."""
 
 
 @pytest.fixture(scope="module")
@@ -64,12 +67,18 @@ def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
     browser.wait_for("document.querySelectorAll('svg').length == 5")
 
 
-def test_the_viewer_opens_in_the_browser_from_this_machine_alone(browser, run_dir):
+def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, run_dir):
+    def stop_line(seen: Picture) -> int:
+        """How wide the widest row of the stop's colour is in the plot of the striker."""
+        return int(drawn_in(seen[STRIKER_ROWS], VIEWER_STOP).sum(axis=1).max())
+
     command = view.viewer_command(run_dir / "run.rrd", web=True)
     with served(command, rerun_environment()) as (address, _):
         browser.open(address, dark=True)
-        browser.wait_for("document.querySelector('canvas') !== null")
+        picture = browser.look_until(lambda seen: stop_line(seen) > 1000)
+    start = drawn_in(picture[LANE_ROWS], VIEWER_START).sum(axis=1)
+    assert (start > 1000).sum() >= 15, "the lane of the run-up, some 20 rows high"
+    assert drawn_in(picture[STRIKER_ROWS], VIEWER_TRUTH, 40).sum() > 200, "the striker's position"
     # What the page's policy stops does not even become a request.
     asked = {urlsplit(url).hostname for url in browser.requests}
-    assert asked
-    assert asked <= {"127.0.0.1", "localhost"}
+    assert asked == {"127.0.0.1", "localhost"}
