@@ -11,7 +11,7 @@ from hil.log_reader import tables
 from tools import cli
 from tools.comparison import Difference, compare, first_in_table
 from tools.inspection import open_run
-from tools.output import EXIT_PASSED
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +84,10 @@ def test_a_skipped_tick_is_no_difference_but_an_impact_that_is_missing_is():
 def test_frames_differ_in_hexadecimal():
     a, b = table([0.0], data=[b"\x01\x02"]), table([0.0], data=[b"\x01\x03"])
     assert first_in_table("can/raw", a, b) == Difference(0.0, "can/raw.data", "0102", "0103")
+
+
+@pytest.mark.parametrize(("other", "expected"), [("again", EXIT_PASSED), ("other", EXIT_CHECK_FAILED)])
+def test_equality_is_a_check_where_it_is_asked_for(runs, other, expected):
+    command = ["compare", str(runs / "first"), str(runs / other)]
+    assert cli.run(command) == EXIT_PASSED
+    assert cli.run([*command, "--must-be-equal"]) == expected

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from tools.output import console, figure, print_json
+from tools.output import EXIT_CHECK_FAILED, console, figure, print_json
 
 
 def register(app: typer.Typer) -> None:
@@ -20,9 +20,15 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(help="Write both runs, overlaid, to one .rrd file; open it with view.")
     ] = None,
+    must_be_equal: Annotated[
+        bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Show the figures of two runs side by side and the first moment at which they differ."""
+    """Show the figures of two runs side by side and the first moment at which they differ.
+
+    Two runs may differ: unless --must-be-equal asks for a check, the exit status is 0 either way.
+    """
     from tools import comparison
     from tools.inspection import open_run
 
@@ -36,6 +42,8 @@ def compare(
         print_json(result)
     else:
         show(result)
+    if must_be_equal and not result["equal"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
 
 
 def show(result: dict[str, Any]) -> None:
