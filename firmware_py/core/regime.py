@@ -4,7 +4,7 @@ A period is one turn of the crank from θ = 0, a quarter turn before its forward
 steady motion lie 0° to 91° past that centre, far from the cut. Impacts in the period, their mean approach
 speed, the crank angle of the last one and the peak acceleration describe it; four periods are remembered. A
 new regime is reported once two periods in a row agree on it, so that one odd period does not make the report
-flap.
+flap. A crank that stands ends no period: below its slowest speed there is no regime, and all starts anew.
 """
 
 import math
@@ -18,13 +18,16 @@ NO_PHASE_RAD = 0.0
 
 
 class RegimeConfig(NamedTuple):
-    """`equal_speed`: relative difference of approach speeds up to which two periods count as alike."""
+    """`equal_speed`: relative difference of approach speeds up to which two periods count as alike.
+
+    `slowest_rad_s`: a crank that turns forward more slowly, or backward, stands.
+    """
 
     equal_speed: float
     grazing_m_s: float
     chattering_impacts: int
     still_m_s2: float
-    longest_period_ticks: int
+    slowest_rad_s: float
     agreeing_periods: int
 
 
@@ -41,7 +44,6 @@ class RegimeState(NamedTuple):
     """The running period, the last four (newest first), and the decision."""
 
     angle_rad: float
-    ticks: int
     running: Period
     last: Period
     second: Period
@@ -58,7 +60,6 @@ _EMPTY = Period(0, 0.0, NO_PHASE_RAD, 0.0)
 
 INITIAL = RegimeState(
     angle_rad=0.0,
-    ticks=0,
     running=_EMPTY,
     last=_EMPTY,
     second=_EMPTY,
@@ -127,6 +128,24 @@ def _touched(
 
 
 @compiled
+def _standing(angle_rad: float) -> RegimeState:
+    """Nothing is known of a crank that stands."""
+    return RegimeState(
+        angle_rad=angle_rad,
+        running=_EMPTY,
+        last=_EMPTY,
+        second=_EMPTY,
+        third=_EMPTY,
+        fourth=_EMPTY,
+        periods=0,
+        candidate=Regime.UNCERTAIN,
+        agreed=0,
+        regime=Regime.UNCERTAIN,
+        ended=False,
+    )
+
+
+@compiled
 def step(
     config: RegimeConfig,
     state: RegimeState,
@@ -136,18 +155,16 @@ def step(
     age_s: float,
     speed_m_s: float,
     acceleration_m_s2: float,
-    elapsed_ticks: int,
 ) -> RegimeState:
     """One tick. `age_s` is the time from touch-down to the crank angle given."""
+    if not omega_rad_s >= config.slowest_rad_s:
+        return _standing(angle_rad)
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
-    ticks = state.ticks + elapsed_ticks
-    overdue = ticks >= config.longest_period_ticks
     phase_rad = wrapped(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
     running = state.running
-    if not (turned or overdue):
+    if not turned:
         return RegimeState(
             angle_rad=angle_rad,
-            ticks=ticks,
             running=_touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2)),
             last=state.last,
             second=state.second,
@@ -162,7 +179,7 @@ def step(
     running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
     fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
     candidate = decide(config, running, state.last, state.second, state.third)
-    if overdue or state.periods < 2:
+    if state.periods < 2:
         candidate = Regime.UNCERTAIN
     agreed = state.agreed + 1 if candidate == state.candidate else 1
     regime = state.regime
@@ -175,15 +192,14 @@ def step(
         regime = candidate
     return RegimeState(
         angle_rad=angle_rad,
-        ticks=0,
         running=fresh,
         last=running,
         second=state.last,
         third=state.second,
         fourth=state.third,
-        periods=0 if overdue else state.periods + 1,
+        periods=state.periods + 1,
         candidate=candidate,
         agreed=agreed,
         regime=regime,
-        ended=not overdue,
+        ended=True,
     )

@@ -159,7 +159,6 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         contact.age_s,
         contact.approach_speed_m_s,
         propagated.sensor.acceleration_m_s2,
-        n,
     )
 
     # Supervise

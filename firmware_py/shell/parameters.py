@@ -495,7 +495,7 @@ def config_of(values: Mapping[str, float]) -> Config:
             grazing_m_s=values["regime.grazing_m_s"],
             chattering_impacts=int(values["regime.chattering_impacts"]),
             still_m_s2=values["regime.still_m_s2"],
-            longest_period_ticks=ticks("regime.longest_period_s"),
+            slowest_rad_s=2.0 * math.pi / values["regime.longest_period_s"],
             agreeing_periods=int(values["regime.agreeing_periods"]),
         ),
         start=start.StartConfig(

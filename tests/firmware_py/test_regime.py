@@ -52,7 +52,7 @@ def turn(
     for tick in range(ticks):
         angle = 2 * math.pi * tick / ticks
         touch = any(angle - 2 * math.pi / ticks < place <= angle for place in places)
-        state = regime.step(CONFIG, state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0, 1)
+        state = regime.step(CONFIG, state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0)
     return state
 
 
@@ -94,11 +94,42 @@ def test_every_period_ends_once() -> None:
     assert ended == 4  # the fifth ends with the next turn's first tick
 
 
-def test_a_crank_that_stands_has_no_regime() -> None:
+@pytest.mark.parametrize("omega", [0.0, -OMEGA, 0.99 * CONFIG.slowest_rad_s, math.nan])
+def test_a_crank_that_stands_has_no_regime(omega: float) -> None:
     state = regime.INITIAL
-    for _ in range(5):
+    for _ in range(6):
         state = turn(state, 1)
-    for _ in range(2 * CONFIG.longest_period_ticks + 10):
-        state = regime.step(CONFIG, state, 1.0, 0.0, False, 0.0, 0.0, 0.1, 1)
-    assert state.regime in (Regime.UNCERTAIN, Regime.LOST)
+    assert state.regime == Regime.IMPACT
+    state = regime.step(CONFIG, state, 1.0, omega, False, 0.0, 0.0, 0.1)
+    assert state == regime.INITIAL._replace(angle_rad=1.0)
+
+
+def test_the_slowest_crank_that_turns_keeps_its_regime() -> None:
+    state = regime.INITIAL
+    for _ in range(6):
+        state = turn(state, 1)
+    state = regime.step(CONFIG, state, 1.0, CONFIG.slowest_rad_s, False, 0.0, 0.0, 0.1)
+    assert state.regime == Regime.IMPACT
+
+
+def test_an_encoder_that_flickers_about_zero_at_rest_ends_no_period() -> None:
+    state = regime.INITIAL
+    for tick in range(20):
+        angle = 1e-3 if tick % 2 else 2.0 * math.pi - 1e-3
+        state = regime.step(CONFIG, state, angle, 0.0, False, 0.0, 0.0, 0.1)
+        assert not state.ended
     assert state.periods == 0
+
+
+def test_after_a_stand_a_regime_is_found_anew() -> None:
+    state = regime.INITIAL
+    for _ in range(6):
+        state = turn(state, 1)
+    state = regime.step(CONFIG, state, 0.0, 0.0, False, 0.0, 0.0, 0.1)
+    seen = []
+    for _ in range(6):
+        state = turn(state, 0)
+        seen.append(state.regime)
+    assert seen[0] == Regime.UNCERTAIN
+    assert seen[-1] == Regime.NON_IMPACT
+    assert Regime.LOST not in seen
