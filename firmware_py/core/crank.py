@@ -16,6 +16,9 @@ from firmware_py.core.numbers import TAU, limited, turned, wrapped
 FASTEST_RAD_S = 1000.0
 """No speed is believed beyond: 25 times what the motor can do."""
 
+LARGEST_STEP_RAD = 0.04
+"""No drive turns the crank so far off its course in a tick: 1600 rad/s² do 13 mrad in 4 ms."""
+
 
 class CrankConfig(NamedTuple):
     """`gain_…` are g, h and k of the tracker at one tick."""
@@ -87,6 +90,16 @@ def step(
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
         )
     innovation_rad = wrapped(measured_rad - angle_rad)
+    if elapsed_ticks > 1 or abs(innovation_rad) > LARGEST_STEP_RAD:
+        # The crank did not do that in a tick: the reading is of another time than it seems, as after a pause.
+        # Where the crank is is read from it, how fast it turns from the drive's own speed.
+        return CrankState(
+            angle_rad=turned(measured_rad),
+            omega_rad_s=limited(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
+            disturbance_rad_s2=state.disturbance_rad_s2,
+            innovation_rad=innovation_rad,
+            missed_ticks=0,
+        )
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
         angle_rad=turned(angle_rad + config.gain_angle * innovation_rad),

@@ -161,7 +161,8 @@ def _contact(
     peak_m_s2 = at_least(excess_m_s2, state.peak_m_s2)
     # The stop's force is what lies below the model: J = m ∫excess dt, spring and friction taken off.
     area_m_s = state.area_m_s + excess_m_s2 * elapsed_ticks * config.tick_s
-    measurable = state.measurable and fresh and not estimate.sensor.clipped
+    # Ticks that were skipped are a hole in that integral.
+    measurable = state.measurable and fresh and elapsed_ticks == 1 and not estimate.sensor.clipped
     ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
     if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):

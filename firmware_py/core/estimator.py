@@ -41,6 +41,9 @@ LONGEST_GAP_TICKS = 20
 """A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step."""
 
 
+LONGEST_TRAPEZOID_TICKS = 5
+"""The readings before and after a longer gap say nothing about a blow in it: half of a soft one fits in."""
+
 STILL_VARIANCE = 1e-4
 """Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
 
@@ -309,7 +312,26 @@ def _by_model(
             Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
             config.model_noise,
         )
+        if belief.x_m > config.striker.stop_m and belief.v_m_s > 0.0:
+            belief = _thrown_back(config, belief)
     return belief
+
+
+@compiled
+def _thrown_back(config: EstimatorConfig, belief: Belief) -> Belief:
+    """Newton's law for a blow that nobody saw; when it was is known to a contact's length only."""
+    k = config.striker.restitution
+    jitter_m = (1.0 + k) * belief.v_m_s * config.separation_jitter_s
+    return kalman.predict(
+        belief,
+        Transition(-k, 0.0, 0.0, 0.0, -k, 0.0),
+        Push(x_m=(1.0 + k) * config.striker.stop_m, v_m_s=0.0),
+        ProcessNoise(
+            xx=config.stop_variance + jitter_m * jitter_m,
+            vv=belief.v_m_s * belief.v_m_s * config.restitution_variance,
+            bb=0.0,
+        ),
+    )
 
 
 @compiled
@@ -336,7 +358,7 @@ def propagate(
             bias_m_s2=0.0,
             p=Covariance(spread.initial_xx, 0.0, 0.0, spread.initial_vv, 0.0, spread.initial_bb),
         )
-    elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_GAP_TICKS:
+    elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
         dt_s = elapsed_ticks * config.tick_s
         # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
         mean_m_s2 = (

@@ -270,3 +270,25 @@ def test_nothing_moves_at_power_up_whatever_the_operator_says() -> None:
         assert outputs.torque_n_m == 0.0
         assert outputs.axis_request == AxisState.IDLE
     assert outputs.mode == Mode.READY
+
+
+@pytest.mark.parametrize("pause_ticks", [5, 12, 25])
+def test_a_tick_that_is_held_up_before_it_reads_its_frames_does_no_harm(pause_ticks: int) -> None:
+    """Paused inside a tick, it takes frames newer than it believes; then ticks are skipped."""
+    held_up = {6000 + 457 * number for number in range(10)}
+    paused = {tick + age for tick in held_up for age in range(pause_ticks)}
+    bench = Bench(overrun=lambda tick: tick in paused).started()
+    in_time = bench.node.tick
+    owed_ticks = 0
+
+    def late(frames: list[Frame], elapsed_ticks: int) -> list[Frame]:
+        nonlocal owed_ticks
+        told_ticks = 1 if elapsed_ticks > 1 else 1 + owed_ticks
+        owed_ticks = elapsed_ticks - 1
+        return in_time(frames, told_ticks)
+
+    bench.node.tick = late  # type: ignore[method-assign]
+    bench.run(12.0)
+    assert bench.node.outputs.fault == Fault.NONE
+    assert bench.node.outputs.mode == Mode.RUN
+    assert bench.node.outputs.regime == Regime.IMPACT

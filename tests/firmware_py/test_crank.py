@@ -98,3 +98,14 @@ def test_nothing_is_known_before_the_first_reading() -> None:
     first = crank.step(CONFIG, state, EncoderInput(0.25, 2.0, 0), 1, 0.0)
     assert first.angle_rad == pytest.approx(math.pi / 2)
     assert first.omega_rad_s == pytest.approx(2.0 * TAU)
+
+
+@pytest.mark.parametrize(("moved_ticks", "elapsed_ticks"), [(12, 1), (12, 11), (12, 13), (3, 20)])
+def test_a_pause_that_is_misjudged_leaves_the_speed_alone(moved_ticks: int, elapsed_ticks: int) -> None:
+    """The reading is of another time than the firmware believes: the way in between tells no speed."""
+    t = np.arange(2000) * 1e-3
+    before = follow(12.0 * t / TAU, velocity_rev_s=12.0 / TAU)[-1]
+    position_rev = 12.0 * (t[-1] + moved_ticks * 1e-3) / TAU
+    after = crank.step(CONFIG, before, EncoderInput(position_rev, 12.0 / TAU, 0), elapsed_ticks, 0.0)
+    assert after.omega_rad_s == pytest.approx(12.0, rel=1e-3)
+    assert wrapped(after.angle_rad - TAU * position_rev) == pytest.approx(0.0, abs=1e-9)

@@ -131,3 +131,20 @@ def test_no_contact_lasts_for_ever() -> None:
 
 def test_nothing_is_found_before_the_estimate_has_started() -> None:
     assert not run([100.0], COMING._replace(started=False))[0].touch_down
+
+
+@pytest.mark.parametrize(("elapsed_ticks", "measured"), [(1, True), (3, False)])
+def test_an_impulse_with_skipped_ticks_in_it_is_not_called_measured(
+    elapsed_ticks: int, measured: bool
+) -> None:
+    """The integral has a hole; Newton's law stands in for it."""
+    state, approach_speed_m_s = detector.INITIAL, 0.0
+    for excess, v_m_s, elapsed in ((60.0, 0.9, 1), (250.0, 0.2, elapsed_ticks), (0.0, -0.4, 1)):
+        moving = COMING._replace(innovation_m_s2=-excess, v_m_s=v_m_s)
+        state, contact = detector.step(CONFIG, state, moving, elapsed)
+        approach_speed_m_s = approach_speed_m_s or contact.approach_speed_m_s
+    assert contact.separation
+    assert contact.measured == measured
+    if not measured:
+        expected_n_s = (1.0 + CONFIG.restitution) * CONFIG.mass_kg * approach_speed_m_s
+        assert state.impulse_n_s == pytest.approx(expected_n_s)

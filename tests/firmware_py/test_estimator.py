@@ -270,3 +270,17 @@ def test_how_far_the_model_is_off_is_learnt_within_its_bounds() -> None:
         learnt = estimator._learnt(trust, learnt, 1e6, 0.0, 1)
     assert learnt == trust.ceiling
     assert estimator._learnt(trust, 0.01, math.nan, 0.0, 1) <= trust.ceiling
+
+
+def test_a_blow_within_a_pause_is_taken_into_account() -> None:
+    """Coming at the stop when the ticks cease, it is on its way back when they go on, and less sure."""
+    config = config_from(EXACT_SENSOR).estimator
+    coming = estimator.INITIAL._replace(
+        x_m=0.179, v_m_s=0.9, p_xx=1e-8, p_vv=1e-6, p_bb=1e-4, started=True, model_variance=0.01
+    )
+    after = estimator.propagate(
+        config, coming, AccelerometerInput(-5.0, -5.0, 0.0, 0), ContactPhase.FREE, 0.0, 0.0, 12
+    )
+    assert -0.5 < after.v_m_s < -0.4
+    assert 0.17 < after.x_m < 0.18
+    assert after.p_vv > 100.0 * coming.p_vv
