@@ -13,17 +13,21 @@ from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMa
 
 from hil.lanes import ALARM, BELIEF, OTHER, TARGET, TRUTH
 
+LARGEST_NIS = 9.0
+"""Of an honest filter 0.3 % lie beyond; a contact not yet found goes into the thousands."""
+
 DARK_TRUTH, DARK_BELIEF = 0x2E6DA8FF, 0xA8691EFF
 
 
 class Moments(NamedTuple):
     """What to open on, in simulated seconds: the run-up, and a few drive periods close up; the fastest blow,
-    and whether a check failed.
+    the innovation's usual σ in flight, and whether a check failed.
     """
 
     run_up_s: tuple[float, float]
     detail_s: tuple[float, float]
     largest_v_m_s: float
+    innovation_std_m_s2: float
     marked: bool
 
 
@@ -88,10 +92,10 @@ def plot(
     name: str,
     *series: Line | Dots | Whole,
     span_s: tuple[float, float] | None = None,
-    up_to: float | None = None,
-    legend: rrb.Corner2D = rrb.Corner2D.LeftTop,
+    range_y: tuple[float, float] | None = None,
+    legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
 ) -> rrb.TimeSeriesView:
-    """A plot of `series`, opened on `span_s` or on all there is, and on 0 … `up_to` or what is drawn."""
+    """A plot of `series`, opened on `span_s` or on all there is, and on `range_y` or what is drawn."""
     drawn: dict[str | rr.datatypes.EntityPath, list[Any]] = {}
     for item in series:
         if not isinstance(item, Whole):
@@ -100,8 +104,8 @@ def plot(
         name=name,
         contents=sorted({item.entity for item in series}),
         overrides=drawn,
-        plot_legend=rrb.PlotLegend(legend),
-        axis_y=None if up_to is None else rrb.ScalarAxis(range=(0.0, up_to)),
+        plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
+        axis_y=None if range_y is None else rrb.ScalarAxis(range=range_y),
         axis_x=None if span_s is None else rrb.archetypes.TimeAxis(view_range=span(span_s)),
     )
 
@@ -162,16 +166,18 @@ def shares(kind: Any, *parts: Any, by: Sequence[float], name: str | None = None)
     return kind(*parts, name=name, **{key: list(by)})
 
 
-def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None, marked: bool) -> Any:
+def overview(
+    detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, marked: bool
+) -> Any:
     """What the run was, at one glance."""
     return shares(
         rrb.Vertical,
         lanes("Modes and regimes", "mode", "regime", "checks"),
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
-            plot("Impacts", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
-            plot("Crank speed [rad/s]", *SPEED, legend=rrb.Corner2D.RightBottom),
-            plot("Torque [N m]", *TORQUE, legend=rrb.Corner2D.LeftBottom),
+            plot("Impacts", *BLOWS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Crank speed [rad/s]", *SPEED, legend=None),
+            plot("Torque [N m]", *TORQUE, legend=None),
         ),
         shares(rrb.Horizontal, module(), texts("Events", "/events"), by=(3, 2)),
         by=(6 if marked else 5, 7, 5, 5),
@@ -179,12 +185,12 @@ def overview(detail_s: tuple[float, float] | None, fastest_m_s: float | None, ma
     )
 
 
-def start_up(run_up_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+def start_up(run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None) -> Any:
     """How the striker got onto its orbit."""
     return shares(
         rrb.Vertical,
         plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
-        plot("Impacts", *BLOWS, span_s=run_up_s, up_to=fastest_m_s),
+        plot("Impacts", *BLOWS, span_s=run_up_s, range_y=speeds_m_s),
         plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
         plot("Torque [N m]", *TORQUE, span_s=run_up_s),
         by=(4, 2, 2, 2),
@@ -192,7 +198,7 @@ def start_up(run_up_s: tuple[float, float] | None, fastest_m_s: float | None) ->
     )
 
 
-def estimator(detail_s: tuple[float, float] | None) -> Any:
+def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None) -> Any:
     """Whether the filter is right and honest about it."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
@@ -205,15 +211,21 @@ def estimator(detail_s: tuple[float, float] | None) -> Any:
             Line("/can/Accelerometer", "housing_m_s2", "housing", "m/s²", TARGET),
             Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
             span_s=detail_s,
+            legend=rrb.Corner2D.LeftBottom,
         ),
         rrb.Horizontal(
             plot(
-                "Innovation, close up [m/s²]",
+                "Innovation in flight, close up [m/s²]",
                 Line("/firmware", innovation, "innovation", "m/s²", BELIEF),
                 Line("/firmware", deviation, "its σ", "m/s²", TARGET),
                 span_s=detail_s,
+                range_y=innovations_m_s2,
             ),
-            plot("NIS", Line("/firmware", "state.estimator.nis", "NIS", "", OTHER)),
+            plot(
+                "NIS (mean of an honest filter: 1)",
+                Line("/firmware", "state.estimator.nis", "NIS", "", OTHER),
+                range_y=(0.0, LARGEST_NIS),
+            ),
             plot(
                 "Accelerometer bias [m/s²]",
                 Line(
@@ -224,17 +236,18 @@ def estimator(detail_s: tuple[float, float] | None) -> Any:
                     BELIEF,
                     "state.estimator.p_bb",
                 ),
+                legend=rrb.Corner2D.RightBottom,
             ),
         ),
         name="Estimator",
     )
 
 
-def impacts(detail_s: tuple[float, float] | None, fastest_m_s: float | None) -> Any:
+def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None) -> Any:
     """The blows: how fast, how hard, and what they cost."""
     return rrb.Vertical(
         rrb.Horizontal(
-            plot("Approach speed", *BLOWS, up_to=fastest_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Approach speed", *BLOWS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
             plot(
                 "Impulse",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", OTHER, "diamond"),
@@ -283,7 +296,7 @@ def bus_and_timing() -> Any:
                 Line("/firmware", "overruns", "firmware", "", BELIEF),
                 Line("/plant", "overruns", "plant", "", TRUTH),
             ),
-            plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), up_to=1.0),
+            plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), range_y=(0.0, 1.0)),
         ),
         rrb.Horizontal(
             lanes("Drive, faults, limits", "axis", "fault", "limit", "motion"),
@@ -307,13 +320,14 @@ def layout(moments: Moments | None) -> rrb.Blueprint:
     """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is."""
     detail_s = moments.detail_s if moments else None
     run_up_s = moments.run_up_s if moments else None
-    fastest_m_s = 1.15 * moments.largest_v_m_s if moments else None
+    speeds_m_s = (0.0, 1.15 * moments.largest_v_m_s) if moments else None
+    widest_m_s2 = 5.0 * moments.innovation_std_m_s2 if moments else 0.0
     return rrb.Blueprint(
         rrb.Tabs(
-            overview(detail_s, fastest_m_s, marked=moments is not None and moments.marked),
-            start_up(run_up_s, fastest_m_s),
-            estimator(detail_s),
-            impacts(detail_s, fastest_m_s),
+            overview(detail_s, speeds_m_s, marked=moments is not None and moments.marked),
+            start_up(run_up_s, speeds_m_s),
+            estimator(detail_s, (-widest_m_s2, widest_m_s2) if moments else None),
+            impacts(detail_s, speeds_m_s),
             bus_and_timing(),
             about(),
         ),

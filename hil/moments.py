@@ -73,6 +73,14 @@ def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
     return figures.duration_s if moment is None else moment
 
 
+def usual_innovation(traces: RunTraces) -> float:
+    """The median σ of the innovation where the model corrects the estimate, m/s²."""
+    corrected = traces.firmware[column(traces.firmware, "state.estimator.nis") > 0.0]
+    return (
+        float(np.median(column(corrected, "state.estimator.innovation_std_m_s2"))) if len(corrected) else 1.0
+    )
+
+
 def marks(results: Iterable[CheckResult], traces: RunTraces, figures: Figures) -> list[Mark]:
     """A mark for each failed check."""
     return [
@@ -95,6 +103,7 @@ def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Mome
     left_s = min(max(centre_s - CLOSE_UP_S / 2.0, 0.0), max(end_s - CLOSE_UP_S, 0.0))
     return Moments(
         largest_v_m_s=figures.largest_v_m_s or 1.0,
+        innovation_std_m_s2=usual_innovation(traces),
         marked=bool(failed),
         run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),
         detail_s=(left_s, left_s + CLOSE_UP_S),

@@ -136,6 +136,7 @@ def make_run() -> MadeUpRun:
         "state.estimator.p_vb": zeros,
         "state.estimator.p_bb": zeros + 1e-4,
         "state.estimator.innovation_m_s2": noise.normal(0.0, 0.1, n),
+        "state.estimator.innovation_std_m_s2": np.full(n, 0.1),
         "state.estimator.nis": noise.chisquare(1.0, n),
         "state.crank.angle_rad": np.mod(theta, 2 * np.pi),
         "state.crank.omega_rad_s": omega + noise.normal(0.0, 0.01, n),

@@ -47,7 +47,7 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, marked=True))
+    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True))
 
     fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
     fields += [

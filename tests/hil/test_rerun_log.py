@@ -189,6 +189,7 @@ def test_the_log_opens_on_the_failed_check_else_on_the_end_of_the_run_up(run_dir
     assert calm.detail_s[0] < figures.hold_start_s < calm.detail_s[1]
     assert calm.run_up_s[0] == pytest.approx(0.5, abs=0.1)
     assert 0.0 <= calm.detail_s[0] < calm.detail_s[1] <= END_S
+    assert calm.innovation_std_m_s2 == 0.1
 
 
 def test_a_run_without_firmware_or_plant_still_has_a_log(tmp_path):
