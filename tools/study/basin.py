@@ -48,6 +48,9 @@ CONFIDENCE_Z = 1.959963984540054  # 95 %
 FARTHEST = 16
 """Cells; so near, a curved border is straight."""
 
+SMALLEST_FOR_EXPONENT = 36
+"""Cells along a side; fewer hold less than three distances up to a twelfth of it."""
+
 BOX = 5
 """Cells along the side of an entropy box."""
 
@@ -79,6 +82,14 @@ class Basin:
     uncertain: int
     """Cells whose orbit had not settled by the end of its run; they count by what it did last."""
     statistics: dict[str, Any]
+    start: str = "instant"
+    """instant: the crank at speed at once; soft: by the firmware, as tools.study.soft_start has it."""
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+        soft = "-soft" if self.start == "soft" else ""
+        return f"basin-{self.case.preset}-{self.case.law}-r{self.ratio:g}-{self.plane}{soft}"
 
     def as_json(self) -> dict[str, Any]:
         """For machines."""
@@ -88,9 +99,10 @@ class Basin:
             "parameters": self.case.parameters(),
             "ratio": self.ratio,
             "plane": self.plane,
+            "start": self.start,
             "size": self.size,
             "uncertain": self.uncertain,
-            "border_bound_m": BORDER_BOUND_M,
+            "border_bound_m": BORDER_BOUND_M if self.start == "instant" else None,
             **self.statistics,
         }
 
@@ -103,9 +115,14 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     uncertain = sum(metadata["facts"]["uncertain"] for _, metadata in pieces)
     numbers = statistics(table["blows"].to_numpy().reshape(size, size) > 0.0)
     found = Basin(case, ratio, plane, size, table, uncertain, numbers)
-    name = f"basin-{case.preset}-{case.law}-r{ratio:g}-{plane}.parquet"
-    store.write(where.out / name, table, {"case": case.parameters(), "ratio": ratio, "plane": plane}, numbers)
+    keep(found, where)
     return found
+
+
+def keep(found: Basin, where: work.Where) -> None:
+    """Write a map with its numbers as one file."""
+    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": found.start}
+    store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 
 def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
@@ -192,7 +209,7 @@ def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDA
     """
     size = min(strikes.shape)
     square = strikes[:size, :size]
-    lags = np.unique(np.geomspace(1, max(min(size // 12, FARTHEST), 1), 8).astype(np.int64))
+    lags = np.unique(np.geomspace(1, min(size // 12, FARTHEST), 8).astype(np.int64))
     shares = np.empty((len(lags), 2 * size))
     lines, edge = np.concatenate((square, square.T)), int(lags[-1])
     middle = lines[:, edge : size - edge]
@@ -203,10 +220,15 @@ def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDA
 
 
 def uncertainty_exponent(strikes: NDArray[np.bool_]) -> tuple[float, list[float]]:
-    """α by least squares in the logarithms, with 95 % bounds by resampling rows and columns."""
+    """α by least squares in the logarithms, with 95 % bounds by resampling rows and columns.
+
+    NaN for maps too small for three distances, and where no cell is uncertain.
+    """
+    if min(strikes.shape) < SMALLEST_FOR_EXPONENT:
+        return math.nan, [math.nan, math.nan]
     lags, shares = uncertain_shares(strikes)
     mean = shares.mean(axis=1)
-    if len(lags) < 3 or not np.all(mean > 0.0):
+    if not np.all(mean > 0.0):
         return math.nan, [math.nan, math.nan]
     exponent = float(np.polyfit(np.log(lags), np.log(mean), 1)[0])
     draws = np.random.default_rng(1).integers(0, shares.shape[1], (RESAMPLES, shares.shape[1]))

@@ -1,12 +1,14 @@
 """Pieces of work, spread over this machine's cores or a Dask cluster; same results on any of them.
 
-A piece is a function of one plain specification and returns a table with some facts beside it. Kernels run
-without the interpreter's lock, so that threads of this process use all cores and share what is compiled.
+A piece is a function of one plain specification and returns a table with some facts beside it. On this
+machine pieces run in threads: kernels hold no interpreter's lock, so that threads use all cores as processes
+would, while kernels are compiled or loaded once and tables are handed on without a copy. Closed loops with
+the firmware run in processes, as a process has either the compiled firmware or the interpreted one.
 """
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import Any
 import pyarrow as pa
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from tools.campaign import processes
 from tools.output import BadInputError, progress_console
 from tools.study import store
 
@@ -40,13 +43,20 @@ def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> W
     return Where(out, cores or available, scheduler)
 
 
-def run(kind: str, piece: Piece, specs: Sequence[store.Spec], where: Where) -> list[Path]:
+def run(
+    kind: str,
+    piece: Piece,
+    specs: Sequence[store.Spec],
+    where: Where,
+    with_compiled_firmware: bool = False,
+) -> list[Path]:
     """Compute what is missing and return the pieces' files in the order of `specs`."""
     paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]
     missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
     with _progress() as progress:
         task = progress.add_task(kind, total=len(specs), completed=len(specs) - len(missing))
-        for index, (table, facts) in _results(piece, [(index, specs[index]) for index in missing], where):
+        numbered = [(index, specs[index]) for index in missing]
+        for index, (table, facts) in _results(piece, numbered, where, with_compiled_firmware):
             store.write(paths[index], table, specs[index], facts)
             progress.advance(task)
     return paths
@@ -64,24 +74,36 @@ def _progress() -> Progress:
 
 
 def _results(
-    piece: Piece, numbered: list[tuple[int, store.Spec]], where: Where
+    piece: Piece, numbered: list[tuple[int, store.Spec]], where: Where, with_compiled_firmware: bool
 ) -> Iterator[tuple[int, tuple[pa.Table, dict[str, Any]]]]:
     """Each piece's number and result as it is done."""
     if not numbered:
         return
     if where.scheduler is not None:
         yield from _on_cluster(piece, numbered, where.scheduler)
+    elif with_compiled_firmware:
+        with processes.pool(where.cores) as pool:
+            # The first compiles what the others load.
+            yield from _in_pool(pool, piece, numbered[:1])
+            yield from _in_pool(pool, piece, numbered[1:])
     elif where.cores == 1:
         for index, spec in numbered:
             yield index, piece(spec)
     else:
-        with ThreadPoolExecutor(where.cores) as pool:
-            futures = {pool.submit(piece, spec): index for index, spec in numbered}
-            try:
-                for future in _as_done(futures):
-                    yield futures[future], future.result()
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+        with ThreadPoolExecutor(where.cores) as threads:
+            yield from _in_pool(threads, piece, numbered)
+
+
+def _in_pool(
+    pool: Executor, piece: Piece, numbered: list[tuple[int, store.Spec]]
+) -> Iterator[tuple[int, tuple[pa.Table, dict[str, Any]]]]:
+    futures = {pool.submit(piece, spec): index for index, spec in numbered}
+    try:
+        for future in _as_done(futures):
+            yield futures[future], future.result()
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 def _as_done(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:

@@ -1,0 +1,167 @@
+"""Basins with the firmware in the loop: each cell a closed loop from power-up, started softly to r = Ω/ω.
+
+The motor, the soft stop and the sensors of the bench's own scene stand around the case's striker; the
+firmware believes the case's own numbers. The operator asks for RUN `RUN_S` after power-up. A cell strikes
+where the firmware ends in mode RUN with impacts that go on. Beside it the same module with the crank at speed
+at once: what the start was spared.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from plant_sim.scene import load_scene, read_scene
+from tools.campaign import processes
+from tools.campaign.kernels import cache_folder
+from tools.output import BadInputError
+from tools.study import store, work
+from tools.study.basin import Basin, axes, keep, statistics, wilson
+from tools.study.cases import Case
+
+PRESET = "table1"
+"""The module that the firmware's limits are set for."""
+
+DURATION_S = 32.0
+"""As in the start-up campaign: the start, all of its further attempts, and 8 s in which impacts go on."""
+
+ROWS_AT_ONCE = 2
+NOISE_SEED = 1
+
+
+def check(case: Case, ratio: float) -> None:
+    """Refuse what the shipped firmware would refuse."""
+    from firmware_py.shell.parameters import config_from
+
+    if case.preset != PRESET:
+        raise BadInputError(
+            f"--start soft with --preset {case.preset}: the firmware's limits are {PRESET}'s; "
+            f"take --preset {PRESET}"
+        )
+    known = config_from({}).start
+    if not known.lowest_ratio <= ratio <= known.highest_ratio:
+        raise BadInputError(
+            f"--start soft with --ratio {ratio:g}: the firmware starts from {known.lowest_ratio:g} to "
+            f"{known.highest_ratio:g}"
+        )
+
+
+def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str, Any]:
+    """The bench's scene with the case's striker, guide and stop, and where all stands at power-up."""
+    scene = read_scene(f"{PRESET}-motor-soft")
+    scene["striker"] |= {
+        "mass_kg": case.mass_kg,
+        "spring_n_m": case.spring_n_m,
+        "rest_length_m": case.rest_length_m,
+    }
+    scene["drive"] |= {"amplitude_m": case.amplitude_m, "phase_rad": crank_rad}
+    if case.law == "viscous":
+        scene["friction"] = {"law": "viscous", "b_n_s_m": case.b_n_s_m}
+    elif case.law == "coulomb":
+        scene["friction"] = {"law": "coulomb", "mu": case.mu}
+    else:
+        scene["friction"] = {
+            "law": "stribeck",
+            "mu": case.mu,
+            "mu_s": case.mu_s,
+            "v_s_m_s": case.v_s_m_s,
+            "delta": case.delta,
+        }
+    scene["stop"] |= {"position_m": case.stop_m, "restitution": case.restitution}
+    scene["initial"] = {"x_m": x_m, "v_m_s": v_m_s}
+    return scene
+
+
+def beliefs_of(case: Case) -> dict[str, Any]:
+    """What the firmware holds for true: the case, a dry law by its μ alone."""
+    return {
+        "striker": {
+            "mass_kg": case.mass_kg,
+            "spring_n_m": case.spring_n_m,
+            "rest_length_m": case.rest_length_m,
+        },
+        "drive": {"amplitude_m": case.amplitude_m},
+        "friction": {"b_n_s_m": case.b_n_s_m, "mu": case.mu},
+        "stop": {"position_m": case.stop_m, "restitution": case.restitution},
+    }
+
+
+def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
+    """The whole map; also written as one file beside its figure."""
+    check(case, ratio)
+    paths = work.run(
+        f"soft-{plane}", piece, specs(case, ratio, plane, size), where, with_compiled_firmware=True
+    )
+    table = pa.concat_tables([store.read(path)[0] for path in paths])
+    strikes = table["blows"].to_numpy() > 0.0
+    instant = float(table["instant"].to_numpy(zero_copy_only=False).mean())
+    captured_s = table["captured_s"].to_numpy()[strikes]
+    numbers = statistics(strikes.reshape(size, size)) | {
+        "instant_fraction": instant,
+        "instant_fraction_wilson": list(wilson(instant, size * size)),
+        "captured_s": [float(np.quantile(captured_s, q)) for q in (0.5, 1.0)] if len(captured_s) else [],
+        "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
+    }
+    found = Basin(case, ratio, plane, size, table, 0, numbers, start="soft")
+    keep(found, where)
+    return found
+
+
+def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
+    """The pieces of a map; they depend on the firmware's and the campaigns' sources as well."""
+    return [
+        {
+            "case": case.parameters(),
+            "ratio": ratio,
+            "plane": plane,
+            "size": size,
+            "rows": [first, min(first + ROWS_AT_ONCE, size)],
+            "sources": cache_folder().name,
+        }
+        for first in range(0, size, ROWS_AT_ONCE)
+    ]
+
+
+def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+    """Some rows of a map; in a process that compiles the firmware."""
+    processes.prepare()
+    from firmware_py.interface.enums import Mode
+    from firmware_py.shell.parameters import config_from
+    from plant_sim.solvers.memory import APPROACH, IMPACT_TIME
+    from tools.campaign.cells import Cell
+    from tools.campaign.reference import JUDGED_S, instant_start_captures
+    from tools.campaign.run import first_in, run
+    from tools.campaign.trials import RUN_S, lost_by, script
+
+    case, ratio, size = Case(**spec["case"]), spec["ratio"], spec["size"]
+    beliefs = beliefs_of(case)
+    config = config_from(beliefs)
+    omega_rad_s = ratio * config.start.natural_rad_s
+    y_m, other = axes(case, spec["plane"], size)
+    rows = []
+    for row in range(*spec["rows"]):
+        for column in range(size):
+            v_m_s, crank_rad = (other[row], 0.0) if spec["plane"] == "state" else (0.0, other[row])
+            x_m = float(y_m[column]) + case.rest_length_m
+            drawn = scene_of(case, x_m, float(v_m_s), float(crank_rad))
+            scene = load_scene(drawn)
+            noise = np.random.default_rng([NOISE_SEED, row, column])
+            done = run(scene, config, script(Cell(case.law, ratio, 0.0, drawn, beliefs)), DURATION_S, noise)
+            why = lost_by(done, DURATION_S, omega_rad_s)
+            late = int((done.impacts[:, IMPACT_TIME] >= DURATION_S - JUDGED_S).sum())
+            running = first_in(done.modes, Mode.RUN)
+            rows.append(
+                {
+                    "x_m": x_m,
+                    "v_m_s": float(v_m_s),
+                    "crank_rad": float(crank_rad),
+                    "blows": 0.0 if why else late / JUDGED_S / (omega_rad_s / (2.0 * np.pi)),
+                    "why": why,
+                    "captured_s": np.nan if running is None else running.t_s - RUN_S,
+                    "largest_m_s": float(np.max(done.impacts[:, APPROACH], initial=0.0)),
+                    "instant": instant_start_captures(scene, omega_rad_s),
+                }
+            )
+    return pa.Table.from_pylist(rows), {}
