@@ -17,6 +17,7 @@ from firmware_py.shell.parameters import config_from
 from hil.checks import Check
 from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault
 from hil.operator import Command, Request
+from hil.parameter_file import merged, read_parameters
 from hil.settings import SettingError, apply_settings
 from plant_sim.complaints import complaints, nearest
 from plant_sim.scene import Scene, load_scene, read_scene
@@ -107,7 +108,9 @@ class ScenarioTable(Table):
 
     title: str = Field(min_length=1, description="what must hold, as a sentence")
     scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
-    firmware: dict[str, Any] = Field(default={}, description="parameters that differ from their defaults")
+    firmware: dict[str, Any] = Field(
+        default={}, description="parameters that differ from their defaults, or a file of `vibrohil tune`"
+    )
     bus: BusTable | None = Field(default=None, description="the table [bus]: frames take their time")
     script: ScriptTable = Field(description="the table [script] with duration_s and commands")
     checks: list[Check] = Field(default=[], description="the tables [[checks]]")
@@ -183,15 +186,22 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
         raise ScenarioError(f"scenario file {str(path)!r} is not valid TOML: {error}; correct it") from error
     if isinstance(document.get("scene"), str):
         document["scene"] = read_scene(document["scene"])
+    if isinstance(document.get("firmware"), str):
+        document["firmware"] = read_parameters(path.parent / document["firmware"])
     return {"firmware": {}, **document}
 
 
-def load_scenario(source: str | Path, settings: Sequence[str] = ()) -> Scenario:
-    """A checked scenario from a name or a file, with `KEY=VALUE` changes.
+def load_scenario(
+    source: str | Path, settings: Sequence[str] = (), parameter_files: Sequence[Path] = ()
+) -> Scenario:
+    """A checked scenario from a name or a file, with tuned parameters and, over them, `KEY=VALUE` changes.
 
     Raises `ScenarioError`, the scene's `SceneError` or the firmware's `ParameterError`.
     """
-    return check_scenario(changed(read_scenario(source), settings), scenario_path(source).stem)
+    document = read_scenario(source)
+    if parameter_files:
+        document["firmware"] = merged(document["firmware"], parameter_files)
+    return check_scenario(changed(document, settings), scenario_path(source).stem)
 
 
 def changed(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:

@@ -41,6 +41,7 @@ COMMANDS = (
     "compare",
     "study",
     "trade",
+    "tune",
     "import_log",
     "kernel",
     "schedule",

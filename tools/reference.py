@@ -174,6 +174,14 @@ def scenes() -> str:
     return page("Scenarios and scenes", *parts)
 
 
+def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """All commands by their names, those of a group after it."""
+    for name, command in group.commands.items():
+        yield f"{prefix}{name}", command
+        if hasattr(command, "commands"):
+            yield from every_command(command, f"{prefix}{name} ")
+
+
 def commands() -> str:
     """Every command and its options."""
     program: Any = typer.main.get_command(app)
@@ -182,12 +190,13 @@ def commands() -> str:
         "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted, 3 internal error, 4 usage or "
         "bad input, 5 nothing ran."
     ]
-    for name, command in program.commands.items():
+    for name, command in every_command(program):
         lines = []
         for option in command.params:
             if option.name == "help":
                 continue
-            names = ", ".join(f"`{one}`" for one in option.opts) or f"`{option.name}`"
+            every = (*option.opts, *option.secondary_opts)
+            names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
             shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
             lines.append(row(shown, getattr(option, "help", None) or ""))
         parts.append(f"## vibrohil {name}\n\n{command.help or ''}")

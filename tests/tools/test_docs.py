@@ -19,6 +19,7 @@ IN_ORDER = (
     "how-to/write-a-scenario.md",
     "how-to/read-a-log.md",
     "how-to/compare-two-runs.md",
+    "how-to/tune.md",
 )
 """Pages whose examples build on one another."""
 
@@ -76,7 +77,15 @@ def test_every_command_and_option_that_is_shown_is_there(page):
             continue
         for name, *words in commands(block):
             assert name in program.commands, f"{page.name}: vibrohil {name}"
-            known = {option for parameter in program.commands[name].params for option in parameter.opts}
+            command = program.commands[name]
+            if hasattr(command, "commands") and words[0] != "--help":
+                assert words[0] in command.commands, f"{page.name}: vibrohil {name} {words[0]}"
+                command = command.commands[words[0]]
+            known = {
+                option
+                for parameter in command.params
+                for option in (*parameter.opts, *parameter.secondary_opts)
+            }
             shown = {word.partition("=")[0] for word in words if word.startswith("--") and len(word) > 2}
             assert shown <= known | {"--help"}, f"{page.name}: vibrohil {name} has no {shown - known}"
 

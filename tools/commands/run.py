@@ -31,6 +31,10 @@ def run(
         list[str] | None,
         typer.Option("--set", help="Change a value: scene., firmware. or script., dotted; repeatable."),
     ] = None,
+    parameters: Annotated[
+        list[Path] | None,
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+    ] = None,
     live: Annotated[
         bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
     ] = False,
@@ -40,7 +44,7 @@ def run(
     from hil.bench import run_scenario
     from hil.scenario import load_scenario
 
-    loaded = load_scenario(scenario, change or [])
+    loaded = load_scenario(scenario, change or [], parameters or [])
     viewer = None
     if live:
         from tools.view import live_viewer

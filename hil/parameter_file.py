@@ -1,0 +1,84 @@
+"""A tuned parameter file: some of the firmware's parameters, each with its unit, and where they come from.
+
+    format = 1
+    [tuning]                              # which command, of what, whether the safety scenarios let it pass
+    [parameters."speed.gain_p_n_m_s"]     # value, unit, low, high
+    [figures_of_merit.phase_margin]       # value, unit
+    [[safety]]                            # scenario, seed, passed, why
+
+`vibrohil tune` writes it, a scenario (`firmware = "speed.toml"`) and `vibrohil run --parameters` load it.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from firmware_py.shell.parameters import BY_NAME, ParameterError, checked
+
+FORMAT = 1
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """The file's tables; refused where it is none of this format."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ParameterError(
+            f"parameter file {str(path)!r} cannot be read ({error.strerror}); give one that "
+            "`vibrohil tune` has written"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ParameterError(
+            f"parameter file {str(path)!r} is not valid TOML: {error}; correct it"
+        ) from error
+    if document.get("format") != FORMAT or not isinstance(document.get("parameters"), dict):
+        raise ParameterError(
+            f"parameter file {str(path)!r} has format = {document.get('format')!r}, wanted {FORMAT} and a "
+            "table [parameters]; write it with `vibrohil tune`"
+        )
+    return document
+
+
+def values_of(document: Mapping[str, Any], path: Path) -> dict[str, float]:
+    """The parameters by their dotted names, checked against the firmware's table: names, units and bounds."""
+    values = {}
+    for name, entry in document["parameters"].items():
+        if not isinstance(entry, dict) or "value" not in entry:
+            raise ParameterError(f'{path}: [parameters."{name}"] wants value and unit')
+        values[name] = checked(name, entry["value"])
+        if entry.get("unit") != BY_NAME[name].unit:
+            raise ParameterError(
+                f"{path}: {name} is given in {entry.get('unit')!r}; wanted {BY_NAME[name].unit!r}"
+            )
+    return values
+
+
+def nested(values: Mapping[str, float]) -> dict[str, Any]:
+    """Dotted names as a scenario's table `[firmware]` has them.
+
+    >>> nested({"stop.restitution": 0.4, "stop.position_m": 0.18})
+    {'stop': {'restitution': 0.4, 'position_m': 0.18}}
+    """
+    tables: dict[str, Any] = {}
+    for name, value in values.items():
+        block, _, key = name.partition(".")
+        tables.setdefault(block, {})[key] = value
+    return tables
+
+
+def read_parameters(path: Path) -> dict[str, Any]:
+    """The file as a scenario's table `[firmware]`."""
+    return nested(values_of(read_document(path), path))
+
+
+def merged(firmware: Mapping[str, Any], paths: Sequence[Path]) -> dict[str, Any]:
+    """A scenario's table `[firmware]` with what parameter files say put over it, the last one on top."""
+    tables = {block: dict(table) if isinstance(table, dict) else table for block, table in firmware.items()}
+    for path in paths:
+        for block, table in read_parameters(path).items():
+            known = tables.setdefault(block, {})
+            if not isinstance(known, dict):
+                raise ParameterError(f"firmware.{block} is a value, not a table; {path} has parameters in it")
+            known.update(table)
+    return tables

@@ -1,0 +1,51 @@
+"""Writing what was tuned into a parameter file, once the safety scenarios have let it pass."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from hil.parameter_file import FORMAT
+from tools.tuning.result import Tuning
+from tools.tuning.safety import SafetyResult
+
+
+class UnsafeError(ValueError):
+    """Parameters with which a safety scenario fails, and no --force."""
+
+
+def document_of(tuning: Tuning, safety: Sequence[SafetyResult], forced: bool) -> dict[str, Any]:
+    """The file's tables."""
+    about: dict[str, Any] = {
+        "command": tuning.command,
+        "source": tuning.source,
+        "range_is": tuning.range_is,
+        "vibrohil": version("vibrohil"),
+        "safe": all(result.passed for result in safety),
+        "forced": forced,
+        "warnings": list(tuning.warnings),
+    }
+    if tuning.seed is not None:
+        about["seed"] = tuning.seed
+    return {
+        "format": FORMAT,
+        "tuning": about,
+        "parameters": {name: value._asdict() for name, value in tuning.parameters.items()},
+        "figures_of_merit": {name: merit._asdict() for name, merit in tuning.figures_of_merit.items()},
+        "safety": [result.as_json() for result in safety],
+    }
+
+
+def write(path: Path, tuning: Tuning, safety: Sequence[SafetyResult], force: bool) -> None:
+    """Write the file; parameters that are not safe only by `force`, and then the file says so."""
+    failed = [result for result in safety if not result.passed]
+    if failed and not force:
+        why = "; ".join(f"{result.scenario}: {result.why}" for result in failed)
+        raise UnsafeError(
+            f"{path} is not written: with these parameters the safety scenarios fail ({why}); tune anew, or "
+            "write it all the same with --force"
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(tomli_w.dumps(document_of(tuning, safety, forced=bool(failed))), encoding="utf-8")

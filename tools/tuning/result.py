@@ -1,0 +1,57 @@
+"""What a tuning command comes to: parameters, how good they are, and what is to be said about them."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from firmware_py.shell.parameters import BY_NAME
+
+
+class Value(NamedTuple):
+    """A parameter as tuned. Between `low` and `high` it may lie: the command says by which measure."""
+
+    value: float
+    unit: str
+    low: float
+    high: float
+
+
+class Merit(NamedTuple):
+    """A figure of merit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """`source`: a run's folder, or what it was designed for; `range_is`: what low and high mean."""
+
+    command: str
+    source: str
+    seed: int | None
+    range_is: str
+    parameters: dict[str, Value]
+    figures_of_merit: dict[str, Merit]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters alone."""
+        return {name: value.value for name, value in self.parameters.items()}
+
+    def as_json(self) -> dict[str, Any]:
+        """The command's JSON object."""
+        return {
+            "command": self.command,
+            "source": self.source,
+            "seed": self.seed,
+            "range_is": self.range_is,
+            "parameters": {name: value._asdict() for name, value in self.parameters.items()},
+            "figures_of_merit": {name: merit._asdict() for name, merit in self.figures_of_merit.items()},
+            "warnings": list(self.warnings),
+        }
+
+
+def tuned(name: str, value: float, low: float, high: float) -> Value:
+    """A value with its parameter's unit."""
+    return Value(value, BY_NAME[name].unit, low, high)

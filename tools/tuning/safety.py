@@ -1,0 +1,73 @@
+"""Whether a set of parameters may be used at all: within bounds, a start that holds, an E-stop that stops.
+
+The runs are scenarios of the bench in lockstep, with their own checks, on their own plant.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from firmware_py.shell.parameters import ParameterError, with_overrides
+from hil.bench import in_lockstep
+from hil.figures import figures_from
+from hil.parameter_file import nested
+from hil.run_traces import read_run
+from hil.rundir import judge
+from hil.scenario import check_scenario, read_scenario
+
+SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
+SEED = 1
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class SafetyResult:
+    """One of the judgements; `why` names the checks that failed."""
+
+    scenario: str
+    seed: int
+    passed: bool
+    why: str
+
+    def as_json(self) -> dict[str, Any]:
+        """As it stands in the parameter file."""
+        return asdict(self)
+
+
+def within_bounds(values: Mapping[str, float]) -> SafetyResult:
+    """The parameter table's bounds and the rules between parameters."""
+    try:
+        with_overrides(values)
+    except ParameterError as error:
+        return SafetyResult("bounds", SEED, False, str(error))
+    return SafetyResult("bounds", SEED, True, "")
+
+
+def judged(name: str, values: Mapping[str, float], progress: Progress, seed: int = SEED) -> SafetyResult:
+    """A scenario with these parameters over its own."""
+    document = deepcopy(read_scenario(name))
+    firmware = document["firmware"]
+    for block, table in nested(values).items():
+        firmware.setdefault(block, {}).update(table)
+    try:
+        scenario = check_scenario(document, name)
+    except ParameterError as error:
+        return SafetyResult(name, seed, False, str(error))
+    with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
+        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress)
+        traces = read_run(run_dir)
+        verdict, results = judge(traces, figures_from(traces), run_dir)
+    failed = [f"{one.name} = {one.value} {one.unit}".strip() for one in results if not one.passed]
+    return SafetyResult(name, seed, bool(verdict["passed"]), ", ".join([*verdict["reasons"], *failed]))
+
+
+def judge_safety(values: Mapping[str, float], progress: Progress) -> list[SafetyResult]:
+    """Bounds first; the scenarios run only with values that the firmware would take."""
+    bounds = within_bounds(values)
+    if not bounds.passed:
+        return [bounds]
+    return [bounds, *(judged(name, values, progress) for name in SCENARIOS)]

@@ -1,0 +1,174 @@
+"""The speed loop's margins measured: firmware and plant in lockstep, with small sines on the torque frames.
+
+The frames of the torque are changed on their way to the drive, so that the loop is cut where the torque
+reaches the motor: what the firmware commands there over what then acts is −L, by its definition, with
+everything in it that runs: tracker, limits, load feed-forward, quantised encoder, way over the bus.
+
+All sines are there at once, each a whole number of times in the window and midway between the harmonics of
+the crank's turn, whose load is there too; a Hann window keeps those apart. As the commanded torque carries
+more than the sines, neighbouring lines tell how much of a line is noise.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.codec import CODECS
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import SetInputTorque
+from hil.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
+from hil.nodes import FirmwareRunner, NodeBus, Pace, PlantRunner
+from hil.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
+from plant_sim.scene import load_scene, read_scene
+from tools.output import BadInputError
+from tools.tuning.result import Merit, Tuning
+from tools.tuning.speed import Belief, respond
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+SCENE = "table1-motor-soft"
+RATIO = 0.6
+"""Smooth motion below the impacts: the load has few harmonics."""
+SETTLE_S = 10.0
+WINDOW_S = 20.0
+TURNS = 17
+"""Whole turns in about a window at r = 0.6; sines lie at half-odd multiples of the turn."""
+LINES = 10
+AMPLITUDE_N_M = 0.02
+"""Of each sine, at most 0.2 together: the torque's limits stay out of it."""
+LOWEST_HZ, HIGHEST_HZ = 3.0, 110.0
+TORQUE = CODECS[SetInputTorque]
+
+Progress = Callable[[float, str], None]
+
+
+class MeasuredLoop(NamedTuple):
+    """At `omega_rad_s`, shape (n,): L, and how much of it may be noise (one standard deviation of |ΔL|)."""
+
+    omega_rad_s: FloatArray
+    loop: ComplexArray
+    noise: FloatArray
+
+
+class PushedBus:
+    """The drive's end of the bus: adds a torque to the commanded one, and notes both, a row a tick."""
+
+    def __init__(self, bus: NodeBus, push_n_m: FloatArray) -> None:
+        self._bus = bus
+        self._push_n_m = push_n_m
+        self._tick = 0
+        self.commanded_n_m = np.zeros(len(push_n_m))
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """As it is."""
+        self._bus.send_all(frames)
+
+    def wait(self, timeout_s: float) -> None:
+        """As it is."""
+        self._bus.wait(timeout_s)
+
+    def receive(self) -> list[Frame]:
+        """Once a tick: the frames, the torque changed."""
+        tick = min(self._tick, len(self._push_n_m) - 1)
+        self._tick += 1
+        return [self._pushed(frame, tick) for frame in self._bus.receive()]
+
+    def _pushed(self, frame: Frame, tick: int) -> Frame:
+        if frame.can_id != TORQUE.can_id:
+            return frame
+        commanded = TORQUE.decode(frame.data).torque_n_m
+        self.commanded_n_m[tick] = commanded
+        return TORQUE.encode(SetInputTorque(commanded + float(self._push_n_m[tick])), 0)
+
+
+def lines_of(turn_hz: float, window_s: float) -> NDArray[np.int64]:
+    """Which multiples of 1/window carry a sine: even by octaves, midway between harmonics of the turn."""
+    wanted_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, LINES)
+    between_hz = (np.floor(wanted_hz / turn_hz) + 0.5) * turn_hz
+    return np.unique(np.round(between_hz * window_s).astype(np.int64))
+
+
+def measure_loop(
+    parameters: dict[str, object],
+    seed: int = 1,
+    progress: Progress = lambda *_: None,
+    window_s: float = WINDOW_S,
+    amplitude_n_m: float = AMPLITUDE_N_M,
+) -> MeasuredLoop:
+    """L(jω) of the firmware with these parameters (a scenario's table `[firmware]`) on the bench's plant."""
+    scene = load_scene(read_scene(SCENE))
+    pace = Pace(1e-3, SETTLE_S + window_s)
+    assert pace.ticks is not None
+    first = round(SETTLE_S / pace.period_s)
+    turn_hz = RATIO * scene.natural_rad_s / (2.0 * np.pi)
+    lines = lines_of(turn_hz, window_s)
+    t_s = np.arange(pace.ticks) * pace.period_s
+    # Quadratic phases (Schroeder 1970) keep the sum of the sines low.
+    phases = np.pi * np.arange(len(lines)) ** 2 / len(lines)
+    push = amplitude_n_m * np.sum(np.cos(2.0 * np.pi * np.outer(t_s / window_s, lines) + phases), axis=1)
+    push[: first // 2] = 0.0
+    bus = BusAtOnce()
+    pushed = PushedBus(bus.join(PLANT), push)
+    plant = PlantRunner(scene, seed, pace, pushed, None)
+    firmware = FirmwareRunner(parameters, pace, bus.join(FIRMWARE), None)
+    operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
+    operator_bus = bus.join(OPERATOR)
+    every = round(OPERATOR_PERIOD_S / pace.period_s)
+    for tick in range(pace.ticks):
+        plant.step(tick, 1)
+        if tick % every == 0:
+            operator_bus.send_all(operator.publish(tick // every))
+        firmware.step(tick, 1)
+        bus.pass_time(0, 0)
+        if tick % 500 == 0:
+            progress(tick / pace.ticks, "measuring the loop")
+    commanded = pushed.commanded_n_m[first:]
+    if not np.any(commanded):
+        raise BadInputError("the firmware asked for no torque while the loop was measured: it did not start")
+    window = np.hanning(len(commanded))
+    of_commanded = np.fft.rfft(window * (commanded - commanded.mean()))
+    of_acting = of_commanded + np.fft.rfft(window * push[first:])
+    beside = [np.abs(of_commanded[lines + shift]) ** 2 for shift in (-6, -5, -4, 4, 5, 6)]
+    noise = np.sqrt(np.mean(beside, axis=0)) / np.abs(of_acting[lines])
+    # commanded = −L acting; its noise enters above and below
+    loop = -of_commanded[lines] / of_acting[lines]
+    omega_rad_s = np.asarray(2.0 * np.pi * lines / window_s, np.float64)
+    return MeasuredLoop(omega_rad_s, loop, noise * np.abs(1.0 + loop))
+
+
+def compared(tuning: Tuning, belief: Belief, measured: MeasuredLoop) -> tuple[Tuning, dict[str, list[float]]]:
+    """The tuning with the margins as measured beside the designed ones, and the points for the JSON object.
+
+    Between the measured points L is the designed one times their ratio, interpolated over log ω.
+    """
+    gain_p = tuning.parameters["speed.gain_p_n_m_s"].value
+    gain_i = tuning.parameters["speed.gain_i_n_m"].value
+    omega, w = measured.omega_rad_s, np.geomspace(measured.omega_rad_s[0], measured.omega_rad_s[-1], 2000)
+    ratio = np.log(measured.loop / respond(belief, gain_p, gain_i, omega).loop)
+    between = np.interp(np.log(w), np.log(omega), ratio.real) + 1j * np.interp(
+        np.log(w), np.log(omega), np.unwrap(ratio.imag)
+    )
+    loop = respond(belief, gain_p, gain_i, w).loop * np.exp(between)
+    crossing = int(np.flatnonzero(np.abs(loop) > 1.0)[-1])
+    phase_margin_deg = float(np.degrees(np.angle(-loop[crossing])))
+    angles = np.unwrap(np.angle(loop))
+    beyond = np.flatnonzero((angles[:-1] > -np.pi) & (angles[1:] <= -np.pi))
+    found = {
+        "measured_crossover": Merit(float(w[crossing]), "rad/s"),
+        "measured_phase_margin": Merit(phase_margin_deg, "deg"),
+        "measured_disk_margin": Merit(float(1.0 / np.max(np.abs(1.0 / (1.0 + loop) - 0.5))), "1"),
+    }
+    if len(beyond):
+        size = float(np.abs(loop[beyond[0]]))
+        found["measured_gain_margin"] = Merit(-20.0 * float(np.log10(size)), "dB")
+    points = {
+        "frequency_hz": (omega / (2.0 * np.pi)).tolist(),
+        "gain": np.abs(measured.loop).tolist(),
+        "phase_deg": np.degrees(np.angle(measured.loop)).tolist(),
+        "noise": measured.noise.tolist(),
+    }
+    return replace(tuning, figures_of_merit={**tuning.figures_of_merit, **found}), points
