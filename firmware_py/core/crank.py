@@ -16,9 +16,6 @@ from firmware_py.core.numbers import TAU, limited, turned, wrapped
 FASTEST_RAD_S = 1000.0
 """No speed is believed beyond: 25 times what the motor can do."""
 
-LARGEST_STEP_RAD = 0.04
-"""No drive turns the crank so far off its course in a tick: 1600 rad/s² do 13 mrad in 4 ms."""
-
 
 class CrankConfig(NamedTuple):
     """`gain_…` are g, h and k of the tracker at one tick."""
@@ -90,9 +87,9 @@ def step(
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
         )
     innovation_rad = wrapped(measured_rad - angle_rad)
-    if elapsed_ticks > 1 or abs(innovation_rad) > LARGEST_STEP_RAD:
-        # The crank did not do that in a tick: the reading is of another time than it seems, as after a pause.
-        # Where the crank is is read from it, how fast it turns from the drive's own speed.
+    if elapsed_ticks > 1:
+        # How long a pause was is known to a tick or two only: the encoder says where the crank is, its drive
+        # how fast it turns, and the way made in between neither.
         return CrankState(
             angle_rad=turned(measured_rad),
             omega_rad_s=limited(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),

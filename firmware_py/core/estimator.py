@@ -312,7 +312,8 @@ def _by_model(
             Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
             config.model_noise,
         )
-        if belief.x_m > config.striker.stop_m and belief.v_m_s > 0.0:
+        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # a blow longer than a gap is not over within it
+        if unseen and belief.x_m > config.striker.stop_m and belief.v_m_s > 0.0:
             belief = _thrown_back(config, belief)
     return belief
 

@@ -100,7 +100,7 @@ def test_nothing_is_known_before_the_first_reading() -> None:
     assert first.omega_rad_s == pytest.approx(2.0 * TAU)
 
 
-@pytest.mark.parametrize(("moved_ticks", "elapsed_ticks"), [(12, 1), (12, 11), (12, 13), (3, 20)])
+@pytest.mark.parametrize(("moved_ticks", "elapsed_ticks"), [(12, 11), (12, 13), (3, 20)])
 def test_a_pause_that_is_misjudged_leaves_the_speed_alone(moved_ticks: int, elapsed_ticks: int) -> None:
     """The reading is of another time than the firmware believes: the way in between tells no speed."""
     t = np.arange(2000) * 1e-3
