@@ -1,0 +1,32 @@
+"""The pictures of the explanations: each is there, and shown on the page of its name."""
+
+import numpy as np
+import pytest
+
+from hil.run_traces import column
+from tools import pictures
+from tools.pictures import AVERAGED_TICKS, Series
+
+
+@pytest.mark.parametrize("name", pictures.PICTURES)
+def test_every_picture_is_on_its_page(name):
+    assert (pictures.PLACE / f"{name}.svg").read_text("utf-8").startswith("<?xml")
+    assert f"]({name}.svg)" in (pictures.PLACE / f"{name}.md").read_text("utf-8")
+
+
+def test_a_mean_is_of_the_second_before():
+    t_s = 1e-3 * np.arange(3 * AVERAGED_TICKS)
+    mean = pictures.averaged(Series(t_s, np.where(t_s < 0.9995, 0.0, 2.0)))
+    assert mean.t_s[0] == pytest.approx(0.999)
+    assert mean.values[0] == 0.0
+    assert mean.values[AVERAGED_TICKS // 2] == pytest.approx(1.0)
+    assert mean.values[-1] == pytest.approx(2.0)
+
+
+def test_an_error_is_the_estimate_less_the_truth():
+    run = pictures.made(pictures.INSTANT, "script.duration_s=1.0")
+    error = pictures.error(run, "x_m")
+    assert error.values[-1] == column(run.firmware, "state.estimator.x_m")[-1] - column(run.plant, "x_m")[-1]
+    kept = pictures.within(error, (0.2, 0.4))
+    assert kept.t_s[0] == pytest.approx(0.2)
+    assert kept.t_s[-1] == pytest.approx(0.4)
