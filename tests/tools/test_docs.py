@@ -8,6 +8,9 @@ from typing import NamedTuple
 import pytest
 import typer
 
+from firmware_py.shell.parameters import TABLE
+from hil.figure_records import CATALOGUE
+from hil.scenario import load_scenario
 from tools import cli, reference
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
@@ -44,7 +47,23 @@ def commands(block: Block) -> list[list[str]]:
     return [line[line.index("vibrohil") + 1 :] for line in lines if "vibrohil" in line]
 
 
-PAGES = sorted(DOCS.rglob("*.md"))
+README = DOCS.parent / "README.md"
+PAGES = [README, *sorted(DOCS.rglob("*.md"))]
+INLINE = re.compile(r"`(vibrohil [^`]+)`")
+INDENTED = re.compile(r"^    (vibrohil .*?)(?: +#.*)?$", re.MULTILINE)
+GROUPS = "|".join(sorted({one.name.partition(".")[0] for one in TABLE}))
+PARAMETER = re.compile(rf"`((?:{GROUPS})\.(?!py`)[a-z][a-z0-9_.]*)`")
+
+
+def shown_on(page: Path) -> list[list[str]]:
+    """The commands that a page shows, in blocks or within its text, without `vibrohil`."""
+    text = page.read_text("utf-8")
+    loose = [
+        shlex.split(line.replace("…", ""))[1:] for line in (*INDENTED.findall(text), *INLINE.findall(text))
+    ]
+    return [command for block in blocks(page) if block.language == "sh" for command in commands(block)] + [
+        command for command in loose if command
+    ]
 
 
 def test_what_is_shown_works(tmp_path, monkeypatch, capsys):
@@ -69,28 +88,47 @@ def test_what_is_shown_works(tmp_path, monkeypatch, capsys):
     assert ran >= 12
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_that_is_shown_is_there(page):
     program = typer.main.get_command(cli.app)
-    for block in blocks(page):
-        if block.language != "sh":
-            continue
-        for name, *words in commands(block):
-            assert name in program.commands, f"{page.name}: vibrohil {name}"
-            command = program.commands[name]
-            if hasattr(command, "commands") and words[0] != "--help":
-                assert words[0] in command.commands, f"{page.name}: vibrohil {name} {words[0]}"
-                command = command.commands[words[0]]
-            known = {
-                option
-                for parameter in command.params
-                for option in (*parameter.opts, *parameter.secondary_opts)
-            }
-            shown = {word.partition("=")[0] for word in words if word.startswith("--") and len(word) > 2}
-            assert shown <= known | {"--help"}, f"{page.name}: vibrohil {name} has no {shown - known}"
+    for name, *words in shown_on(page):
+        assert name in program.commands, f"{page.name}: vibrohil {name}"
+        command = program.commands[name]
+        if hasattr(command, "commands") and words and words[0] != "--help":
+            assert words[0] in command.commands, f"{page.name}: vibrohil {name} {words[0]}"
+            command = command.commands[words[0]]
+        known = {
+            option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
+        }
+        own = words[: words.index("--")] if "--" in words else words
+        shown = {word.partition("=")[0] for word in own if word.startswith("--")}
+        assert shown <= known | {"--help"}, f"{page.name}: vibrohil {name} has no {shown - known}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_every_command_is_in_the_readme():
+    program = typer.main.get_command(cli.app)
+    named = {name for name, *_ in shown_on(README)}
+    # The plant stands beside the firmware.
+    assert named | {"plant"} == set(program.commands)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_setting_that_is_shown_can_be_made(page):
+    for name, *words in shown_on(page):
+        settings = [words[place + 1] for place, word in enumerate(words[:-1]) if word == "--set"]
+        given = [setting for setting in settings if "NAME" not in setting]
+        if name == "run" and given and not words[0].endswith(".toml"):
+            load_scenario(words[0], given)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_parameter_that_is_named_is_one(page):
+    known = {one.name for one in TABLE} | set(CATALOGUE)
+    named = set(PARAMETER.findall(page.read_text("utf-8")))
+    assert named <= known, f"{page.name} names {named - known}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
     for target in LINK.findall(page.read_text("utf-8")):
         assert (page.parent / target).exists(), f"{page.name} links to {target}"
