@@ -132,13 +132,15 @@ def peak_force(plant: Records, impacts: Records) -> float | None:
 
 
 def energy_residual(plant: Records) -> float | None:
-    """What drive work − stored − friction − impact loss leaves, over the sum of their magnitudes."""
+    """What work of drive and housing − stored − all losses leaves, over the sum of their magnitudes."""
     if len(plant) == 0:
         return None
-    names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j")
-    drive, stored, friction, loss = (float(np.diff(column(plant, name)[[0, -1]])[0]) for name in names)
-    exchanged = abs(drive) + abs(stored) + abs(friction) + abs(loss)
-    return abs(drive - stored - friction - loss) / exchanged if exchanged > 0.0 else 0.0
+    names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")
+    changes = [float(np.diff(column(plant, name)[[0, -1]])[0]) for name in names]
+    drive, stored, friction, loss, housing, ankle = changes
+    exchanged = sum(map(abs, changes))
+    left = drive - stored - friction - loss + housing - ankle
+    return abs(left) / exchanged if exchanged > 0.0 else 0.0
 
 
 def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> EstimateFigures:

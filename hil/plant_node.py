@@ -46,6 +46,8 @@ class PlantRecord(NamedTuple):
     stored_j: float
     friction_j: float
     impact_loss_j: float
+    housing_work_j: float
+    ankle_j: float
     axis_state: int
     axis_error: int
     striker_low_m_s2: float
@@ -216,6 +218,8 @@ class PlantNode:
             energy.stored_change_j,
             energy.friction_j,
             energy.impact_loss_j,
+            energy.housing_work_j,
+            energy.ankle_j,
             self.drive.axis_state,
             self.drive.active_errors,
             reading.striker_low_m_s2,

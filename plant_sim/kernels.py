@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core import config as numba_config
 from numba.core import types
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic, overload, register_jitable
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -69,6 +69,13 @@ def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
     njit: Any = numba.njit
     kernel: Callable[_P, _R] = njit(nogil=True, error_model="numpy", **_KERNELS_ONLY)(function)
     return kernel
+
+
+def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """A function that kernels compile and Python calls as it stands."""
+    decorate: Any = register_jitable(error_model="numpy", **_KERNELS_ONLY)
+    plain: Callable[_P, _R] = decorate(function)
+    return plain
 
 
 def parallel_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.housing import Moving
+from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.scene import Scene
@@ -56,8 +58,9 @@ def choose(scene: Scene, parts: Parts) -> Choice:
         return Choice("stepping", solver.step_s or _step_for(scene, parts, solver.accuracy))
     if solver.method != "auto":
         return Choice(solver.method)
-    if not isinstance(parts.drive, IdealDrive) or not isinstance(parts.stop, NoStop | RigidStop):
-        return Choice("adaptive", note="auto took adaptive: no other method has a motor or a soft stop")
+    alone = _only_adaptive(parts)
+    if alone is not None:
+        return Choice("adaptive", note=f"auto took adaptive: no other method has {alone}")
     if not isinstance(parts.friction, Stribeck):
         return Choice("exact", note="auto took exact: a closed form is both cheapest and most accurate")
     coarsest = STEPPING_PRICES[0]
@@ -73,6 +76,15 @@ def choose(scene: Scene, parts: Parts) -> Choice:
     return Choice(
         "adaptive", note=f"auto took adaptive: stepping at its cheapest errs by {error_m:.2g} m a period"
     )
+
+
+def _only_adaptive(parts: Parts) -> str | None:
+    """What only the adaptive solver has, if the scene has it."""
+    if not isinstance(parts.drive, IdealDrive) or not isinstance(parts.stop, NoStop | RigidStop):
+        return "a motor or a soft stop"
+    if not isinstance(parts.linkage, Sine) or isinstance(parts.housing, Moving):
+        return "a rod or a moving housing"
+    return None
 
 
 def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:

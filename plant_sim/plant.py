@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.kernels import entry_point
+from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.result import EnergyLedger, MotionState, Phase
@@ -24,6 +25,7 @@ from plant_sim.solvers.adaptive import (
     complaint,
     ledger,
     motion_state,
+    peak_felt_force_n,
 )
 from plant_sim.solvers.memory import (
     ACCELERATION,
@@ -39,6 +41,7 @@ from plant_sim.solvers.memory import (
     UNSETTLED,
     allocate,
 )
+from plant_sim.solvers.motion import felt_force_n
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
@@ -74,7 +77,7 @@ class Plant:
         self._probe: Probe = NoSensing()
         if scene.sensors is not None:
             models = scene.sensors.models()
-            sensing = allocate_sensing(models, initial.omega_rad_s)
+            sensing = allocate_sensing(models, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
             self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
         self._t_s = initial.t_s
@@ -171,8 +174,23 @@ class Plant:
 
     @property
     def accel_m_s2(self) -> float:
-        """The striker's true x'', m/s²."""
+        """The striker's true x'', m/s², as seen from the housing."""
         return float(self._memory.observed[ACCELERATION])
+
+    @property
+    def housing_m_s2(self) -> float:
+        """The housing's true a_b, m/s²: its acceleration along the axis and gravity's part along it."""
+        return housing_m_s2(self.parts.housing, self.t_s)
+
+    @property
+    def felt_force_n(self) -> float:
+        """Force of ankle spring and damper on the wearer, N; 0 where nobody wears the module."""
+        return float(felt_force_n(self.parts.wearer, self.parts.drive, self._memory.y))
+
+    @property
+    def peak_felt_force_n(self) -> float | None:
+        """The largest of these so far, N; None where nobody wears the module."""
+        return peak_felt_force_n(self.parts, self._memory)
 
     @property
     def stop_force_n(self) -> float:

@@ -30,22 +30,30 @@ class MotionState:
 
 @dataclass(frozen=True, slots=True)
 class EnergyLedger:
-    """drive_work = stored_change + friction + impact_loss (+ stop_stored), all in joules."""
+    """drive_work + housing_work = stored_change + friction + impact_loss + ankle, all in joules.
+
+    `housing_work_j` is that of −m a_b, as seen from a tilted or moving housing; `ankle_j` is what the
+    wearer's ankle damps.
+    """
 
     drive_work_j: float
     stored_change_j: float
     friction_j: float
     impact_loss_j: float
+    housing_work_j: float = 0.0
+    ankle_j: float = 0.0
 
     @property
     def exchanged_j(self) -> float:
         """The energy that went through the ledger: the scale of its residual."""
-        return abs(self.drive_work_j) + abs(self.stored_change_j) + self.friction_j + self.impact_loss_j
+        moved_j = abs(self.drive_work_j) + abs(self.stored_change_j) + abs(self.housing_work_j)
+        return moved_j + self.friction_j + self.impact_loss_j + self.ankle_j
 
     @property
     def residual(self) -> float:
         """What does not balance, as a fraction of the energy exchanged; 0 where none was."""
-        error = self.drive_work_j - self.stored_change_j - self.friction_j - self.impact_loss_j
+        given_j = self.drive_work_j + self.housing_work_j
+        error = given_j - self.stored_change_j - self.friction_j - self.impact_loss_j - self.ankle_j
         return abs(error) / self.exchanged_j if self.exchanged_j > 0.0 else 0.0
 
 
@@ -53,7 +61,8 @@ class EnergyLedger:
 class Impacts:
     """One entry an impact: touch-down time, approach velocity v⁻ > 0, velocity after it, impulse, peak force.
 
-    `peak_force_n` is nan at a rigid stop, which has none. Arrays share one shape (n,).
+    `peak_force_n` is nan at a rigid stop, which has none. Against a wearer's foot plate both velocities are
+    those relative to it. Arrays share one shape (n,).
     """
 
     t_s: NDArray[np.float64]
@@ -84,3 +93,5 @@ class SimulationResult:
     method: str
     samples: Samples | None = None
     notes: tuple[str, ...] = field(default=())
+    peak_felt_force_n: float | None = None
+    """Largest force of ankle spring and damper on the wearer; None where nobody wears the module."""

@@ -15,6 +15,8 @@ from pydantic import Field, ValidationError, model_validator
 from plant_sim.complaints import complaints, nearest
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted
+from plant_sim.parts.linkage import Sine, SliderCrank
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.restitution import (
     HERTZ_EXPONENT,
@@ -25,6 +27,7 @@ from plant_sim.parts.restitution import (
 )
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
+from plant_sim.parts.wearer import Ankle, NoWearer
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
     CoulombTable,
@@ -32,6 +35,7 @@ from plant_sim.scene_tables import (
     IdealDriveTable,
     InitialTable,
     KelvinVoigtTable,
+    MotionTable,
     MotorDriveTable,
     MotorTable,
     NoFrictionTable,
@@ -43,6 +47,7 @@ from plant_sim.scene_tables import (
     StrikerTable,
     Table,
     ViscousTable,
+    WearerTable,
 )
 
 SCENES = Path(__file__).parent / "scenes"
@@ -71,6 +76,8 @@ class Scene(Table):
     solver: SolverTable = SolverTable()
     motor: MotorTable | None = Field(default=None, description="the table [motor]")
     sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
+    housing: MotionTable | None = Field(default=None, description="the table [housing]")
+    wearer: WearerTable | None = Field(default=None, description="the table [wearer]")
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Self:
@@ -86,8 +93,25 @@ class Scene(Table):
                 f"stop.position_m = {self.stop.position_m}; start at most there (initial.x_m), or make the "
                 "stop soft"
             )
+        self._wearer_fits()
         self._method_fits()
         return self
+
+    def _wearer_fits(self) -> None:
+        if self.wearer is None:
+            return
+        if self.stop.law not in ("kelvin-voigt", "hunt-crossley"):
+            raise ValueError(
+                f"wearer is given while stop.law = {self.stop.law!r}; a wearer feels a force, which only "
+                "a soft stop has: set stop.law = 'hunt-crossley' or 'kelvin-voigt', or delete the table "
+                "[wearer]"
+            )
+        if self.friction.law in ("coulomb", "stribeck"):
+            raise ValueError(
+                f"wearer is given while friction.law = {self.friction.law!r}; a striker that sticks against "
+                "a moving foot plate is not modelled: set friction.law = 'viscous' or 'none', or delete the "
+                "table [wearer]"
+            )
 
     def _method_fits(self) -> None:
         if self.solver.method not in ("exact", "stepping"):
@@ -100,6 +124,15 @@ class Scene(Table):
                 ("stop.law", self.stop.law, ("none", "rigid")),
             )
             if value not in possible
+        ]
+        beyond += [
+            key
+            for key, is_given in (
+                ("drive.rod_m", self.drive.rod_m is not None),
+                ("housing.harmonic", self.housing is not None and self.housing.harmonic is not None),
+                ("housing.shock", self.housing is not None and self.housing.shock is not None),
+            )
+            if is_given
         ]
         if beyond and self.solver.method == "exact":
             raise ValueError(
@@ -124,7 +157,39 @@ class Scene(Table):
 
     def parts(self) -> Parts:
         """The records that kernels are specialised for."""
-        return Parts(Striker(**self.striker.model_dump()), self._drive(), self._friction(), self._stop())
+        return Parts(
+            self._striker(),
+            self._drive(),
+            self._friction(),
+            self._stop(),
+            Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
+            self._housing(),
+            NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values()),
+        )
+
+    def _striker(self) -> Striker:
+        striker = Striker(**self.striker.model_dump())
+        if self.housing is None:
+            return striker
+        return striker._replace(gravity_m_s2=striker.gravity_m_s2 * math.cos(self.housing.tilt_rad))
+
+    def _housing(self) -> Housing:
+        housing = self.housing
+        if housing is None:
+            return Level()
+        along_m_s2 = self.striker.gravity_m_s2 * math.sin(housing.tilt_rad)
+        swing, shock = housing.harmonic, housing.shock
+        if swing is None and shock is None:
+            return Tilted(along_m_s2)
+        return Moving(
+            along_m_s2,
+            *(
+                (swing.amplitude_m_s2, 2.0 * math.pi * swing.frequency_hz, swing.phase_rad)
+                if swing
+                else (0.0,) * 3
+            ),
+            *((shock.peak_m_s2, shock.start_s, shock.duration_s) if shock else (0.0,) * 3),
+        )
 
     def _drive(self) -> Drive:
         drive = self.drive

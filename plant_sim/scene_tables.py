@@ -1,5 +1,6 @@
 """The tables of a scene file: their keys, units, bounds and defaults, each default with its reason."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
@@ -26,15 +27,40 @@ class StrikerTable(Table):
     spring_n_m: float = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
     rest_length_m: float = Field(description="the striker's position in m where the spring is relaxed")
     gravity_m_s2: float = Field(
-        default=STANDARD_GRAVITY_M_S2, ge=0.0, description="gravity in m/s² (it enters dry friction only)"
+        default=STANDARD_GRAVITY_M_S2,
+        ge=0.0,
+        description="gravity in m/s² (it enters dry friction, and the motion where the housing is tilted)",
     )
 
 
-class IdealDriveTable(Table):
+_Rod = Annotated[
+    float | None,
+    Field(
+        gt=0.0, description="the connecting rod's length in m, above amplitude_m (default: endless, a sine)"
+    ),
+]
+
+
+class CrankTable(Table):
+    """What every drive turns."""
+
+    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m: the crank's radius")
+    rod_m: _Rod = None
+
+    @model_validator(mode="after")
+    def _rod_outreaches_crank(self) -> Self:
+        if self.rod_m is not None and self.rod_m <= self.amplitude_m:
+            raise ValueError(
+                f"drive.rod_m = {self.rod_m} is not longer than the crank, drive.amplitude_m = "
+                f"{self.amplitude_m}; such a crank cannot turn, give a longer rod or delete rod_m"
+            )
+        return self
+
+
+class IdealDriveTable(CrankTable):
     """The paper's crank: constant speed, whatever the load."""
 
     model: Literal["ideal"]
-    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m")
     ratio: float | None = Field(default=None, ge=0.0, description="the crank's speed as a ratio Ω/ω")
     frequency_hz: float | None = Field(default=None, ge=0.0, description="the crank's frequency in Hz")
     speed_rad_s: float | None = Field(default=None, ge=0.0, description="the crank's speed in rad/s")
@@ -56,11 +82,10 @@ class IdealDriveTable(Table):
 _SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
 
 
-class MotorDriveTable(Table):
+class MotorDriveTable(CrankTable):
     """The crank on a motor that is commanded a torque."""
 
     model: Literal["motor"]
-    amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m")
     phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
 
     @model_validator(mode="before")
@@ -173,6 +198,43 @@ class HuntCrossleyTable(SoftStopTable):
     """A Hertzian spring whose damping grows with depth."""
 
     law: Literal["hunt-crossley"]
+
+
+class HarmonicTable(Table):
+    """The housing swings along the axis; ±20° of slow tilt is 3.4 m/s² of it."""
+
+    amplitude_m_s2: float = Field(gt=0.0, description="the amplitude in m/s²")
+    frequency_hz: float = Field(gt=0.0, description="the frequency in Hz")
+    phase_rad: float = Field(default=0.0, description="the phase at t = 0 in rad")
+
+
+class ShockTable(Table):
+    """The housing is knocked along the axis once, as a half-sine."""
+
+    peak_m_s2: float = Field(description="the largest acceleration in m/s², negative away from the stop")
+    start_s: float = Field(ge=0.0, description="when it begins in s")
+    duration_s: float = Field(gt=0.0, description="how long it lasts in s")
+
+
+class MotionTable(Table):
+    """[housing]: tilt and acceleration of what carries the module, along the striker's axis."""
+
+    tilt_rad: float = Field(
+        default=0.0,
+        ge=-math.pi / 2.0,
+        le=math.pi / 2.0,
+        description="by how much the axis rises towards the stop in rad",
+    )
+    harmonic: HarmonicTable | None = Field(default=None, description="the table [housing.harmonic]")
+    shock: ShockTable | None = Field(default=None, description="the table [housing.shock]")
+
+
+class WearerTable(Table):
+    """[wearer]: the stop rests on a foot plate, the plate on the ankle. In `result`: peak_felt_force_n."""
+
+    plate_kg: float = Field(gt=0.0, description="the mass of foot plate and foot in kg")
+    ankle_n_m: float = Field(gt=0.0, description="the ankle's stiffness along the axis in N/m")
+    ankle_n_s_m: float = Field(ge=0.0, description="the ankle's damping along the axis in N s/m")
 
 
 class InitialTable(Table):

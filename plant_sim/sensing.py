@@ -5,6 +5,9 @@ An accelerometer's is a second-order Butterworth, ω²/(s² + √2 ω s + ω²):
 
 At a rigid stop the velocity jumps by (1 + k) v⁻. An accelerometer is given a half-sine of that area over the
 contact time T instead: −(π/2T)(1 + k) v⁻ sin(π τ/T).
+
+On a tilted or moving housing an accelerometer reads x'' + a_b, one on the housing a_b alone. The filters are
+linear: a_b, a polynomial over the step, drives them on top of what the motion does.
 """
 
 import cmath
@@ -16,14 +19,16 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
+from plant_sim.parts.parts import Parts
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
-from plant_sim.solvers.bernstein import DEGREE
+from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.motion import SPEED, VELOCITY, Vector
 
 Complex = NDArray[np.complex128]
 
-LOW, HIGH, SPEED_ESTIMATE = range(3)
-"""Filters: the striker's two accelerometers and the encoder's speed."""
+LOW, HIGH, SPEED_ESTIMATE, HOUSING = range(4)
+"""Filters: the striker's two accelerometers, the encoder's speed, and the housing's, if it feels anything."""
 
 PULSES = 32
 """Half-sines at work at once; a chatter's further ones join the last, of which they are a small part."""
@@ -37,28 +42,41 @@ class NoSensing(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2)."""
+    """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2).
+
+    A tilted or moving housing has its own, the fourth, and `shaken` of shape (2, DEGREE + 1), else (0, …).
+    """
 
     poles: Complex
     states: Complex
     power: Vector
     pulses: Vector
     pulse_s: float
+    shaken: Vector
 
 
 Probe: TypeAlias = NoSensing | Sensing
 
 
-def allocate_sensing(models: SensorModels, crank_speed_rad_s: float) -> Sensing:
-    """Filters that have seen no acceleration and a steady crank."""
+def allocate_sensing(
+    models: SensorModels, crank_speed_rad_s: float, housing: Housing | None = None
+) -> Sensing:
+    """Filters that have seen a striker at rest, what the housing always does, and a steady crank."""
+    poles = [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
+    states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
+    is_felt = isinstance(housing, Tilted | Moving)
+    if isinstance(housing, Tilted | Moving):
+        poles.append(_pole(models.housing))
+        states.append(0.0j)
+        for which in (LOW, HIGH, HOUSING):
+            states[which] = -housing.along_m_s2 / poles[which]  # where z' = λ z + a stays
     return Sensing(
-        poles=np.array(
-            [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
-        ),
-        states=np.array([0.0j, 0.0j, crank_speed_rad_s + 0.0j]),
+        poles=np.array(poles),
+        states=np.array(states),
         power=np.zeros(DEGREE + 1),
         pulses=np.zeros((PULSES, 2)),
         pulse_s=models.rigid_contact_s,
+        shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
     )
 
 
@@ -69,6 +87,11 @@ def _pole(model: AccelerometerModel) -> complex:
 def filtered_acceleration_m_s2(sensing: Sensing, which: int) -> float:
     """Low-passed acceleration of the striker, m/s²: 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
     return float(2.0 * sensing.poles[which].imag * sensing.states[which].imag)
+
+
+def filtered_housing_m_s2(sensing: Sensing) -> float:
+    """Low-passed a_b, m/s²."""
+    return filtered_acceleration_m_s2(sensing, HOUSING) if sensing.poles.size > HOUSING else 0.0
 
 
 def filtered_speed_rad_s(sensing: Sensing) -> float:
@@ -115,22 +138,22 @@ def _(probe: Sensing, jump_m_s: float) -> None:
 
 
 @by_part
-def sense_step(probe: Probe, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
     raise NotImplementedError
 
 
 @law(sense_step, NoSensing)
-def _(probe: NoSensing, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+def _(probe: NoSensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     return
 
 
 @law(sense_step, Sensing)
-def _(probe: Sensing, drive: Drive, dense: Vector, h_s: float, used_s: float) -> None:
+def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     if used_s == 0.0:
         return
     power, poles, states = probe.power, probe.poles, probe.states
-    _crank_speed_power(drive, dense, used_s / h_s, power)
+    _crank_speed_power(parts.drive, dense, used_s / h_s, power)
     pole = poles[SPEED_ESTIMATE]
     for j in range(DEGREE + 1):
         power[j] *= -pole.real
@@ -143,6 +166,31 @@ def _(probe: Sensing, drive: Drive, dense: Vector, h_s: float, used_s: float) ->
     for i in range(PULSES):
         if probe.pulses[i, JUMP] != 0.0:
             _sense_pulse(probe, probe.pulses[i], used_s)
+    _sense_housing(parts.housing, probe, used_s, begin_s)
+
+
+@by_part
+def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
+    """Drive the accelerometers by a_b over a step, on top of what they hold already."""
+    raise NotImplementedError
+
+
+@law(_sense_housing, Level)
+def _(housing: Level, probe: Sensing, used_s: float, begin_s: float) -> None:
+    return
+
+
+@law(_sense_housing, Tilted, Moving)
+def _(housing: Tilted | Moving, probe: Sensing, used_s: float, begin_s: float) -> None:
+    power, poles, states = probe.power, probe.poles, probe.states
+    values, through = probe.shaken[0], probe.shaken[1]
+    for i in range(DEGREE + 1):
+        values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
+    interpolate(values, through)
+    to_power(through, 1.0, power)
+    for which in (LOW, HIGH):
+        states[which] += driven(poles[which], 0.0j, power, DEGREE, used_s)
+    states[HOUSING] = driven(poles[HOUSING], states[HOUSING], power, DEGREE, used_s)
 
 
 @by_part

@@ -5,12 +5,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.sensing import HIGH, LOW, Sensing, filtered_acceleration_m_s2, filtered_speed_rad_s
+from plant_sim.sensing import (
+    HIGH,
+    LOW,
+    Sensing,
+    filtered_acceleration_m_s2,
+    filtered_housing_m_s2,
+    filtered_speed_rad_s,
+)
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
 
 
 class SensorReading(NamedTuple):
-    """One sample of everything. A housing that does not move reads its bias and noise."""
+    """One sample of everything. A housing that is level and at rest reads its bias and noise."""
 
     striker_low_m_s2: float
     striker_high_m_s2: float
@@ -56,7 +63,7 @@ class Sensors:
         return SensorReading(
             self._low.read(filtered_acceleration_m_s2(self._sensing, LOW), low),
             self._high.read(filtered_acceleration_m_s2(self._sensing, HIGH), high),
-            self._housing.read(0.0, housing),
+            self._housing.read(filtered_housing_m_s2(self._sensing), housing),
             math.floor(crank_rad / (2.0 * math.pi) * counts) % counts / counts,
             speed_rad_s / (2.0 * math.pi),
         )

@@ -10,6 +10,7 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene
 from plant_sim.solvers import adaptive, exact, stepping
+from plant_sim.tilt import levelled, tilted
 
 
 class SimulationError(ValueError):
@@ -38,9 +39,11 @@ def simulate(
     grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
     choice = choose(scene, parts)
     if choice.step_s is not None:
-        result = stepping.simulate(parts, initial, until_s, choice.step_s, grid)
+        result = tilted(
+            stepping.simulate(levelled(parts), initial, until_s, choice.step_s, grid), parts, initial
+        )
     elif choice.method == "exact":
-        result = exact.simulate(parts, initial, until_s, grid)
+        result = tilted(exact.simulate(levelled(parts), initial, until_s, grid), parts, initial)
     else:
         result = adaptive.simulate(
             parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy

@@ -4,14 +4,20 @@ from typing import NamedTuple
 
 from plant_sim.parts.drive import Drive
 from plant_sim.parts.friction import Friction
+from plant_sim.parts.housing import Housing, Level
+from plant_sim.parts.linkage import Linkage, Sine
 from plant_sim.parts.stop import Stop
 from plant_sim.parts.striker import Striker
+from plant_sim.parts.wearer import NoWearer, Wearer
 
 
 class Parts(NamedTuple):
-    """One of each; kernels are specialised by the types of the four."""
+    """One of each; kernels are specialised by their types."""
 
     striker: Striker
     drive: Drive
     friction: Friction
     stop: Stop
+    linkage: Linkage = Sine()
+    housing: Housing = Level()
+    wearer: Wearer = NoWearer()

@@ -11,13 +11,15 @@ import numpy as np
 from plant_sim.kernels import by_part, jit, law, subroutine, unowned
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.housing import is_level, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
+from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, is_worn
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.sensing import NoSensing, Probe, is_sensing, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
 from plant_sim.solvers.dop853 import attempt, extend
-from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, first_event
+from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, angle_at, first_event
 from plant_sim.solvers.memory import (
     ACCELERATION,
     ANGLE_NOW,
@@ -36,6 +38,7 @@ from plant_sim.solvers.memory import (
     LAST_STEP,
     MOTOR_TORQUE,
     PEAK,
+    PEAK_FELT,
     PEAK_FORCE,
     PHASE,
     PHASE_NOW,
@@ -60,9 +63,14 @@ from plant_sim.solvers.motion import (
     STICK,
     Flow,
     Vector,
+    ankle_place,
+    closing_m_s,
     derivative,
+    from_stop_m,
     held_force_n,
+    housing_place,
     in_touch,
+    plate_place,
     state_size,
     stored_energy_j,
     work_place,
@@ -126,7 +134,7 @@ def advance(
         if timeless > MOST_EVENTS:
             status = ENDLESS_EVENTS
             break
-    _observe(parts, memory, torque_n_m)
+    _observe(parts, memory, torque_n_m, start_s + held[ELAPSED])
     return status
 
 
@@ -164,13 +172,15 @@ def _step(
     """One step, up to an event at most; returns its length, s, or −1 where no step is small enough."""
     y, mode, held, new = memory.y, memory.mode, memory.held, memory.new
     k, trial, dense = memory.k, memory.trial, memory.dense
-    flow = _flow(parts, memory, torque_n_m)
+    begin_s = start_s + held[ELAPSED]
+    flow = _flow(parts, memory, torque_n_m, begin_s)
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
     place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
     remaining = duration_s - held[ELAPSED]
     longest = 1.0 / max(
         math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg), abs(crank_speed(parts.drive, memory))
     )
+    longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
     derivative(parts, flow, 0.0, y, k[0])
     while True:
         h = min(held[place], longest, remaining)
@@ -183,11 +193,10 @@ def _step(
     _choose_next(held, place, h, error)
 
     zeros = Zeros(mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK])
-    begin_s = start_s + held[ELAPSED]
     used: float = h
     event = NONE
     has_sample = mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + h
-    may_end = _may_end(parts, flow, h, y, new, k, zeros)
+    may_end = is_worn(parts.wearer) or _may_end(parts, flow, h, y, new, k, zeros)
     if is_sensing(probe) or has_sample or may_end:
         extend(parts, flow, h, y, new, k, trial, dense)
     if may_end:
@@ -197,7 +206,8 @@ def _step(
             used = _repeat(parts, flow, found, h, memory)
     if flow.phase == CONTACT:
         _follow_peak(parts, memory, flow.damping_s_m, used / h)
-    sense_step(probe, parts.drive, dense, h, used)
+    _follow_felt(parts.wearer, parts.drive, memory, used / h)
+    sense_step(probe, parts, dense, h, used, begin_s)
     if has_sample:
         _sample_step(parts, memory, begin_s, h, used, grid_s, samples)
 
@@ -235,7 +245,7 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _flow(parts: Parts, memory: Memory, torque_n_m: float) -> Flow:
+def _flow(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> Flow:
     mode = memory.mode
     return Flow(
         mode[PHASE],
@@ -245,6 +255,7 @@ def _flow(parts: Parts, memory: Memory, torque_n_m: float) -> Flow:
         torque_n_m,
         float(mode[CRANK_DIRECTION]),
         mode[CRANK_STUCK] == 1,
+        time_s,
     )
 
 
@@ -254,8 +265,9 @@ def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) 
     y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
     used = found.s * h_s
     attempt(parts, flow, used, y, memory.scale, k, trial, new)
-    if found.event == TOUCH and new[1] != 0.0:
-        correction = -new[0] / new[1]
+    closing = closing_m_s(parts.wearer, parts.drive, new)
+    if found.event == TOUCH and closing != 0.0:
+        correction = -new[0] / closing
         if abs(correction) < 1e-3 * used:
             used = min(used + correction, h_s)
             attempt(parts, flow, used, y, memory.scale, k, trial, new)
@@ -332,8 +344,78 @@ def _follow_peak(parts: Parts, memory: Memory, damping_s_m: float, share: float)
 @subroutine
 def _force_at(parts: Parts, dense: Vector, damping_s_m: float, s: float) -> float:
     depth = max(evaluate(dense[0], DEGREE, s), 0.0)
-    velocity = evaluate(dense[1], DEGREE, s)
+    velocity = _closing_at(parts.wearer, parts.drive, dense, s)
     return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), velocity, damping_s_m)
+
+
+@by_part
+def _closing_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> float:
+    """How fast depth grows within a step, m/s."""
+    raise NotImplementedError
+
+
+@law(_closing_at, NoWearer)
+def _(wearer: NoWearer, drive: Drive, dense: Vector, s: float) -> float:
+    return evaluate(dense[1], DEGREE, s)
+
+
+@law(_closing_at, Ankle)
+def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> float:
+    return evaluate(dense[1], DEGREE, s) - evaluate(dense[plate_place(drive) + 1], DEGREE, s)
+
+
+@by_part
+def _follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> None:
+    """Largest force on the wearer so far, by the same means as the contact's."""
+    raise NotImplementedError
+
+
+@law(_follow_felt, NoWearer)
+def _(wearer: NoWearer, drive: Drive, memory: Memory, share: float) -> None:
+    return
+
+
+@law(_follow_felt, Ankle)
+def _(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
+    dense, contact = memory.dense, memory.contact
+    best, best_s = -1.0, 0.0
+    for i in range(5):
+        s = share * 0.25 * i
+        force = _felt_at(wearer, drive, dense, s)
+        if force > best:
+            best, best_s = force, s
+    if best > contact[PEAK_FELT]:
+        low, high = max(best_s - 0.25 * share, 0.0), min(best_s + 0.25 * share, share)
+        for _ in range(GOLDEN_CUTS):
+            cut = GOLDEN * (high - low)
+            if _felt_at(wearer, drive, dense, high - cut) > _felt_at(wearer, drive, dense, low + cut):
+                high = low + cut
+            else:
+                low = high - cut
+        contact[PEAK_FELT] = max(best, _felt_at(wearer, drive, dense, 0.5 * (low + high)))
+
+
+@subroutine
+def _felt_at(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> float:
+    place = plate_place(drive)
+    way, velocity = evaluate(dense[place], DEGREE, s), evaluate(dense[place + 1], DEGREE, s)
+    return abs(wearer.stiffness_n_m * way + wearer.damping_n_s_m * velocity)
+
+
+@by_part
+def ankle_s(wearer: Wearer) -> float:
+    """How long a step may be for the ankle's sake, s: a radian of its oscillation at most."""
+    raise NotImplementedError
+
+
+@law(ankle_s, NoWearer)
+def _(wearer: NoWearer) -> float:
+    return math.inf
+
+
+@law(ankle_s, Ankle)
+def _(wearer: Ankle) -> float:
+    return math.sqrt(wearer.plate_kg / wearer.stiffness_n_m)
 
 
 @subroutine
@@ -341,7 +423,8 @@ def _sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, sa
     mode = memory.mode
     while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] <= start_s + memory.held[ELAPSED]:
         row = samples[mode[SAMPLES]]
-        row[0], row[1], row[2] = memory.y[0], memory.y[1], crank_angle(parts.drive, memory)
+        row[0], row[1] = from_stop_m(parts.wearer, parts.drive, memory.y), memory.y[1]
+        row[2] = crank_angle(parts.drive, memory)
         mode[SAMPLES] += 1
 
 
@@ -353,49 +436,53 @@ def _sample_step(
     while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + used_s:
         row = samples[mode[SAMPLES]]
         s = (grid_s[mode[SAMPLES]] - begin_s) / h_s
-        row[0] = evaluate(memory.dense[0], DEGREE, s)
+        row[0] = _place_at(parts.wearer, parts.drive, memory.dense, s)
         row[1] = evaluate(memory.dense[1], DEGREE, s)
-        row[2] = _angle_within(parts.drive, memory, s, h_s)
+        row[2] = angle_at(parts.drive, crank_angle(parts.drive, memory), s, h_s, memory.dense)
         mode[SAMPLES] += 1
 
 
 @by_part
-def _angle_within(drive: Drive, memory: Memory, s: float, h_s: float) -> float:
+def _place_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> float:
+    """The striker's place within a step, m from where the scene puts the stop."""
     raise NotImplementedError
 
 
-@law(_angle_within, IdealDrive)
-def _(drive: IdealDrive, memory: Memory, s: float, h_s: float) -> float:
-    return crank_angle(drive, memory) + drive.omega_rad_s * s * h_s
+@law(_place_at, NoWearer)
+def _(wearer: NoWearer, drive: Drive, dense: Vector, s: float) -> float:
+    return evaluate(dense[0], DEGREE, s)
 
 
-@law(_angle_within, MotorDrive)
-def _(drive: MotorDrive, memory: Memory, s: float, h_s: float) -> float:
-    return evaluate(memory.dense[2], DEGREE, s)
+@law(_place_at, Ankle)
+def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> float:
+    return evaluate(dense[0], DEGREE, s) + evaluate(dense[plate_place(drive)], DEGREE, s)
 
 
 @subroutine
-def _observe(parts: Parts, memory: Memory, torque_n_m: float) -> None:
+def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
     """What can be read off the module now."""
     y, observed = memory.y, memory.observed
-    flow = _flow(parts, memory, torque_n_m)
+    flow = _flow(parts, memory, torque_n_m, time_s)
     derivative(parts, flow, 0.0, y, memory.k[0])
     observed[ACCELERATION] = memory.k[0, 1]
     observed[STOP_FORCE] = 0.0
     if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
         observed[STOP_FORCE] = stop_force_n(
-            parts.stop, elastic_force_n(parts.stop, y[0]), y[1], flow.damping_s_m
+            parts.stop,
+            elastic_force_n(parts.stop, y[0]),
+            closing_m_s(parts.wearer, parts.drive, y),
+            flow.damping_s_m,
         )
     angle, speed = crank_angle(parts.drive, memory), crank_speed(parts.drive, memory)
     current = motor_current_a(parts.drive, torque_n_m, speed)
     observed[CURRENT] = current
     observed[MOTOR_TORQUE] = _torque_of(parts.drive, current)
-    observed[STORED] = stored_energy_j(parts, flow.phase, y[0], y[1], angle, speed)
+    observed[STORED] = stored_energy_j(parts, flow.phase, y, angle, speed)
     observed[ANGLE_NOW] = angle
     observed[SPEED_NOW] = speed
     observed[PHASE_NOW] = flow.phase
     limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
-    if flow.phase == REST and held_force_n(parts, angle, y[0]) < limit:
+    if flow.phase == REST and held_force_n(parts, angle, y, time_s) < limit:
         observed[PHASE_NOW] = STICK  # friction holds it there, the stop does not have to
 
 
@@ -464,6 +551,7 @@ def simulate(
         else Samples(
             t_s=grid, x_m=samples[:, 0] + origin, v_m_s=samples[:, 1].copy(), crank_rad=samples[:, 2] % TURN
         ),
+        peak_felt_force_n=peak_felt_force_n(parts, memory),
     )
 
 
@@ -488,7 +576,7 @@ def run(
 
 def complaint(status: int, parts: Parts, memory: Memory, start_s: float) -> str:
     """What went wrong where, and what to do."""
-    x_m = memory.y[0] + origin_m(parts.stop, parts.striker)
+    x_m = from_stop_m(parts.wearer, parts.drive, memory.y) + origin_m(parts.stop, parts.striker)
     place = f"at t = {start_s + memory.held[ELAPSED]:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
     if status == ENDLESS_EVENTS:
         return (
@@ -502,7 +590,7 @@ def motion_state(parts: Parts, memory: Memory, t_s: float) -> MotionState:
     """The module as `memory` has it."""
     return MotionState(
         t_s=t_s,
-        x_m=float(memory.y[0]) + origin_m(parts.stop, parts.striker),
+        x_m=float(from_stop_m(parts.wearer, parts.drive, memory.y)) + origin_m(parts.stop, parts.striker),
         v_m_s=float(memory.y[1]),
         crank_rad=float(memory.observed[ANGLE_NOW]),
         omega_rad_s=float(memory.observed[SPEED_NOW]),
@@ -512,10 +600,17 @@ def motion_state(parts: Parts, memory: Memory, t_s: float) -> MotionState:
 
 def ledger(parts: Parts, memory: Memory, stored_before_j: float) -> EnergyLedger:
     """Where the energy went since `stored_before_j` was stored."""
-    work = work_place(parts.drive)
+    work = work_place(parts)
     return EnergyLedger(
         drive_work_j=float(memory.y[work]),
         stored_change_j=float(memory.observed[STORED]) - stored_before_j,
         friction_j=float(memory.y[work + 1]),
         impact_loss_j=0.0 if isinstance(parts.stop, NoStop) else float(memory.y[work + 2]),
+        housing_work_j=0.0 if is_level(parts.housing) else float(memory.y[housing_place(parts)]),
+        ankle_j=float(memory.y[ankle_place(parts)]) if is_worn(parts.wearer) else 0.0,
     )
+
+
+def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
+    """Largest force on the wearer so far, N; None where nobody wears the module."""
+    return float(memory.contact[PEAK_FELT]) if is_worn(parts.wearer) else None

@@ -6,6 +6,8 @@ chapter 5): no change proves that there is no root, one change brackets exactly 
 that is so.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,27 @@ NO_ROOT = 2.0
 
 DEEPEST_HALVING = 40
 """An excursion narrower than 2⁻⁴⁰ of a step is below rounding: it is no crossing."""
+
+
+NODES: Coefficients = 0.5 - 0.5 * np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+"""Where a function is looked at to be replaced by a polynomial: Chebyshev's points, both ends included."""
+
+
+def _basis(s: float) -> list[float]:
+    """The Bernstein polynomials at s."""
+    return [math.comb(DEGREE, i) * s**i * (1.0 - s) ** (DEGREE - i) for i in range(DEGREE + 1)]
+
+
+_FROM_VALUES: Coefficients = np.linalg.inv(np.array([_basis(float(s)) for s in NODES]))
+
+
+@subroutine
+def interpolate(values: Coefficients, b: Coefficients) -> None:
+    """Coefficients of the polynomial through `values` at NODES, into `b`."""
+    for i in range(DEGREE + 1):
+        b[i] = 0.0
+        for j in range(DEGREE + 1):
+            b[i] += _FROM_VALUES[i, j] * values[j]
 
 
 @subroutine

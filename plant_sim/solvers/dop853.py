@@ -23,7 +23,7 @@ def attempt(
 
     `k` has shape (STAGES, n), all others (n,).
     """
-    n, motion = state_size(parts), work_place(parts.drive)
+    n, motion = state_size(parts), work_place(parts)
     for stage in range(1, 12):
         for i in range(motion):  # the integrals feed back into nothing
             trial[i] = y[i] + h_s * _slope(k, stage, 1 if stage < 5 else 3, i)
@@ -57,7 +57,7 @@ def extend(
     parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, trial: Vector, dense: Vector
 ) -> None:
     """Bernstein coefficients of the motion over the step, into `dense`, shape (motion, DEGREE + 1)."""
-    motion = work_place(parts.drive)
+    motion = work_place(parts)
     derivative(parts, flow, h_s, new, k[12])
     for stage in range(13, STAGES):
         for i in range(motion):

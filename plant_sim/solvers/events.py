@@ -11,6 +11,8 @@ from typing import NamedTuple
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
+from plant_sim.parts.linkage import sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
@@ -21,7 +23,16 @@ from plant_sim.parts.stop import (
     elastic_force_n,
     origin_m,
 )
-from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, first_rise, without_root_at_start
+from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
+from plant_sim.solvers.bernstein import (
+    DEGREE,
+    NO_ROOT,
+    NODES,
+    evaluate,
+    first_rise,
+    interpolate,
+    without_root_at_start,
+)
 from plant_sim.solvers.motion import (
     CONTACT,
     DEPTH,
@@ -32,7 +43,10 @@ from plant_sim.solvers.motion import (
     VELOCITY,
     Flow,
     Vector,
+    closing_m_s,
     crank_load_n_m,
+    from_stop_m,
+    held_force_n,
 )
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK = range(9)
@@ -42,6 +56,9 @@ TURN = 2.0 * math.pi
 
 NEAR_RAD = 1e-9
 """A crank this close to where a striker breaks away is there."""
+
+ROUNDING = 1e-14
+"""Of a polynomial through forces, as a share of the largest: beyond it the limit is passed."""
 
 
 class Zeros(NamedTuple):
@@ -81,25 +98,33 @@ def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) ->
 
 
 @by_part
-def stop_events(stop: Stop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+def stop_events(
+    stop: Stop, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
+) -> Found:
     """The earlier of `found` and the stop's own event."""
     raise NotImplementedError
 
 
 @law(stop_events, NoStop)
-def _(stop: NoStop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+def _(
+    stop: NoStop, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
+) -> Found:
     return found
 
 
 @law(stop_events, RigidStop)
-def _(stop: RigidStop, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+def _(
+    stop: RigidStop, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
+) -> Found:
     if phase != FLIGHT:
         return found
     return earlier(found, TOUCH, root(dense[DEPTH], 1.0, 0.0, zeros.depth, scratch))
 
 
 @law(stop_events, HuntCrossley)
-def _(stop: HuntCrossley, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+def _(
+    stop: HuntCrossley, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
+) -> Found:
     if phase == FLIGHT:
         return earlier(found, TOUCH, root(dense[DEPTH], 1.0, 0.0, zeros.depth, scratch))
     if phase == CONTACT:
@@ -108,7 +133,9 @@ def _(stop: HuntCrossley, phase: int, zeros: Zeros, dense: Vector, scratch: Scra
 
 
 @law(stop_events, KelvinVoigt)
-def _(stop: KelvinVoigt, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found) -> Found:
+def _(
+    stop: KelvinVoigt, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
+) -> Found:
     slope_s = stop.damping_n_s_m / stop.stiffness_n_m
     depth, press = dense[DEPTH], scratch.press
     beyond = phase == FLIGHT and depth[0] > 0.0
@@ -119,7 +146,7 @@ def _(stop: KelvinVoigt, phase: int, zeros: Zeros, dense: Vector, scratch: Scrat
     if beyond:
         found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
     for i in range(DEGREE + 1):
-        press[i] = depth[i] + slope_s * dense[VELOCITY, i]  # F/K
+        press[i] = depth[i] + slope_s * closing_m_s(parts.wearer, parts.drive, dense[:, i])  # F/K
     if beyond:
         return earlier(found, PRESS, root(press, 1.0, 0.0, zeros.depth, scratch))
     return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros.depth, scratch))
@@ -179,13 +206,33 @@ def _(
         return earlier(
             found, CRANK_HALT, root(dense[SPEED], -flow.crank_direction, 0.0, zeros.crank, scratch)
         )
-    # At rest the net torque is linear in the striker's depth: net(0) + slope (depth − depth(0)).
+    # At rest the net torque is linear in the striker's place: net(0) + slope (place − place(0)).
+    place = _place(parts.wearer, drive, dense, scratch)
     slope = crank_load_n_m(parts, y[2], 0.0) - crank_load_n_m(parts, y[2], 1.0)
     torque = drive.torque_constant_n_m_a * motor_current_a(drive, flow.torque_n_m, 0.0)
     net = torque - crank_load_n_m(parts, y[2], 0.0)
-    upward = root(dense[DEPTH], slope, net - drive.dry_n_m, 0, scratch)
-    downward = root(dense[DEPTH], -slope, -net - drive.dry_n_m, 0, scratch)
+    upward = root(place, slope, net - drive.dry_n_m, 0, scratch)
+    downward = root(place, -slope, -net - drive.dry_n_m, 0, scratch)
     return earlier(earlier(found, CRANK_BREAK, upward), CRANK_BREAK, downward)
+
+
+@by_part
+def _place(wearer: Wearer, drive: Drive, dense: Vector, scratch: Scratch) -> Vector:
+    """Coefficients of the striker's place from where the scene puts the stop."""
+    raise NotImplementedError
+
+
+@law(_place, NoWearer)
+def _(wearer: NoWearer, drive: Drive, dense: Vector, scratch: Scratch) -> Vector:
+    depth: Vector = dense[DEPTH]
+    return depth
+
+
+@law(_place, Ankle)
+def _(wearer: Ankle, drive: Drive, dense: Vector, scratch: Scratch) -> Vector:
+    for i in range(DEGREE + 1):
+        scratch.press[i] = from_stop_m(wearer, drive, dense[:, i])
+    return scratch.press
 
 
 @by_part
@@ -236,8 +283,9 @@ def _(
 def release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -> tuple[float, float]:
     """Next crank angles above and below the present one, rad, at which a resting striker breaks away.
 
-    The spring's pull c (A sin θ + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
+    The spring's pull c (x_A + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
     away from it). Angles within NEAR_RAD are passed over: whoever comes to rest there has been dealt with.
+    For a housing that does not move, whatever its tilt.
     """
     striker, stop, amplitude = parts.striker, parts.stop, parts.drive.amplitude_m
     if amplitude == 0.0:
@@ -245,8 +293,9 @@ def release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -
     limit = static_limit_n(parts.friction, striker.mass_kg * striker.gravity_m_s2)
     reach = striker.rest_length_m - origin_m(stop, striker) - depth_m
     held = elastic_force_n(stop, max(depth_m, 0.0)) / striker.spring_n_m - reach
-    high = (held + limit / striker.spring_n_m) / amplitude
-    low = (held - limit / striker.spring_n_m) / amplitude
+    held += striker.mass_kg * housing_m_s2(parts.housing, 0.0) / striker.spring_n_m
+    high = sine_at(parts.linkage, amplitude, held + limit / striker.spring_n_m)
+    low = sine_at(parts.linkage, amplitude, held - limit / striker.spring_n_m)
     up, down = math.inf, -math.inf
     if phase == STICK and abs(high) <= 1.0:
         rising = math.asin(high)
@@ -266,6 +315,77 @@ def _next(angle_rad: float, after_rad: float) -> float:
     return angle_rad + turns * TURN
 
 
+@by_part
+def release_event(
+    housing: Housing,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    angle_rad: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    """First s at which a resting striker breaks away."""
+    raise NotImplementedError
+
+
+@law(release_event, Level, Tilted)
+def _(
+    housing: Level | Tilted,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    angle_rad: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    up, down = release_angles(parts, flow.phase, angle_rad, y[0])
+    return angle_event(parts.drive, up, down, angle_rad, h_s, dense, scratch)
+
+
+@law(release_event, Moving)
+def _(
+    housing: Moving,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    angle_rad: float,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    """The pull and the housing's push together, as a polynomial: over a radian good to 1e-9 of them."""
+    striker = parts.striker
+    values, pull = scratch.poly, scratch.press
+    largest = 0.0
+    for i in range(DEGREE + 1):
+        angle = angle_at(parts.drive, angle_rad, NODES[i], h_s, dense)
+        values[i] = held_force_n(parts, angle, y, flow.time_s + NODES[i] * h_s)
+        largest = max(largest, abs(values[i]))
+    interpolate(values, pull)
+    limit = static_limit_n(parts.friction, striker.mass_kg * striker.gravity_m_s2) + ROUNDING * largest
+    down = root(pull, -1.0, -limit, 0, scratch)
+    return min(down, root(pull, 1.0, -limit, 0, scratch)) if flow.phase == STICK else down
+
+
+@by_part
+def angle_at(drive: Drive, angle_rad: float, s: float, h_s: float, dense: Vector) -> float:
+    """Crank angle, rad, within a step that began at `angle_rad`."""
+    raise NotImplementedError
+
+
+@law(angle_at, IdealDrive)
+def _(drive: IdealDrive, angle_rad: float, s: float, h_s: float, dense: Vector) -> float:
+    return angle_rad + drive.omega_rad_s * s * h_s
+
+
+@law(angle_at, MotorDrive)
+def _(drive: MotorDrive, angle_rad: float, s: float, h_s: float, dense: Vector) -> float:
+    return evaluate(dense[2], DEGREE, s)
+
+
 @subroutine
 def first_event(
     parts: Parts,
@@ -282,8 +402,8 @@ def first_event(
     limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
     found = crank_events(parts.drive, parts, flow, y, zeros, dense, scratch, found)
     if flow.phase in (STICK, REST):
-        up, down = release_angles(parts, flow.phase, angle_rad, y[0])
-        return earlier(found, RELEASE, angle_event(parts.drive, up, down, angle_rad, h_s, dense, scratch))
+        s = release_event(parts.housing, parts, flow, h_s, y, angle_rad, dense, scratch)
+        return earlier(found, RELEASE, s)
     if limit > 0.0:
         found = earlier(found, HALT, root(dense[VELOCITY], -flow.direction, 0.0, zeros.velocity, scratch))
-    return stop_events(parts.stop, flow.phase, zeros, dense, scratch, found)
+    return stop_events(parts.stop, parts, flow.phase, zeros, dense, scratch, found)

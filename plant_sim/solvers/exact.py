@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from plant_sim.kernels import jit
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
+from plant_sim.parts.housing import Level
+from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
+from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.ledger import booked, empty_ledger, stored_j
@@ -146,7 +149,8 @@ def simulate(
     very instant of an event sees what comes after it. The bounces of chatter below `rest_speed_m_s` that are
     certain to end at rest are one plastic blow.
     """
-    striker, drive, friction, stop = parts
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
+    require_plain(parts)
     if (
         not isinstance(drive, IdealDrive)
         or not isinstance(friction, NoFriction | Viscous | Coulomb)
@@ -180,6 +184,23 @@ def simulate(
         method="exact",
         samples=None if samples_t_s is None else _samples(striker, stop, grid, samples),
     )
+
+
+def require_plain(parts: Parts) -> None:
+    """Refuse what these solvers have no form for; a tilt is taken off beforehand (`plant_sim.tilt`)."""
+    beyond = [
+        repr(part)
+        for part, plain in (
+            (parts.linkage, Sine),
+            (parts.housing, Level),
+            (parts.wearer, NoWearer),
+        )
+        if not isinstance(part, plain)
+    ]
+    if beyond:
+        raise UnsupportedSceneError(
+            f"this solver has no form for {' and '.join(beyond)}: use the adaptive solver"
+        )
 
 
 def require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.float64]) -> None:

@@ -10,11 +10,12 @@ from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_soft, origin_m
+from plant_sim.parts.wearer import is_worn
 from plant_sim.result import MotionState
 from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE
 from plant_sim.solvers.dop853 import STAGES
 from plant_sim.solvers.events import TURN, Scratch
-from plant_sim.solvers.motion import Vector, integrals, work_place
+from plant_sim.solvers.motion import Vector, housing_place, integrals, state_size, work_place
 
 # Places in Memory.mode.
 (
@@ -37,8 +38,8 @@ UNSETTLED = -1
 # Places in Memory.held; the crank's angle is there with an ideal drive only.
 ELAPSED, STEP_FREE, STEP_CONTACT, REST_SPEED, LAST_STEP, LAST_MARGIN, CRANK_ANGLE = range(7)
 
-# Places in Memory.contact, which soft stops have.
-TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE = range(6)
+# Places in Memory.contact, which soft stops have; the last with a wearer only.
+TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, PEAK_FELT = range(7)
 
 # Columns of Memory.impacts.
 IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
@@ -81,8 +82,7 @@ class Memory(NamedTuple):
 def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
     """Memory of a module at `initial`: only what these parts need, and room for some impacts."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
-    motion = work_place(drive)
-    size = motion + integrals(stop)
+    motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     has_motor = isinstance(drive, MotorDrive)
     y = np.zeros(size)
@@ -102,7 +102,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         y=y,
         mode=mode,
         held=held,
-        contact=np.zeros(6 if is_soft(stop) else 0),
+        contact=np.zeros((7 if is_worn(parts.wearer) else 6) if is_soft(stop) else 0),
         impacts=np.zeros((impacts, 6)),
         observed=np.zeros(8),
         scale=_scale(parts, accuracy),
@@ -121,7 +121,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
 
 def _scale(parts: Parts, accuracy: float) -> Vector:
     """Error of one step in each quantity that weighs as much as a step's share of `accuracy` in position."""
-    striker, drive, friction, stop = parts
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     length = max(drive.amplitude_m, 1e-3)
     motion = [1.0, natural]
@@ -129,8 +129,11 @@ def _scale(parts: Parts, accuracy: float) -> Vector:
     if isinstance(drive, MotorDrive):
         share = SHARE_OF_A_MOTOR_STEP
         motion += [1.0 / length, natural / length]
+    if is_worn(parts.wearer):
+        motion += [1.0, natural]
     force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
+    ledger += [force] * (state_size(parts) - housing_place(parts))
     scale: Vector = share * accuracy * np.array(motion + ledger)
     if isinstance(friction, Stribeck):
         scale[1] = min(scale[1], SHARE_OF_STRIBECK_SPEED * friction.v_s_m_s)

@@ -1,21 +1,24 @@
 """The equations of motion within one phase, and where each quantity sits in the integrated state.
 
-m_B x'' = c (A sin θ + l0 − x) + F_f − F_stop;  J θ'' = T − T_viscous − T_dry − c (A sin θ + l0 − x) A cos θ.
+m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop;  J θ'' = T − T_viscous − T_dry − c (x_A + l0 − x) dx_A/dθ;
+m_f (p'' + a_b) = F_stop − k_a p − d_a p'.
 
-The state holds only what the parts have: depth and velocity; the crank's angle and speed with a motor; then
-the ledger's integrals: work of the drive, friction, with a stop its loss, with a soft one its impulse. Depth
-is x − x_stop, so that it keeps its digits at the stop.
+The state holds only what the parts have: depth and velocity; the crank's angle and speed with a motor; the
+foot plate's place and velocity with a wearer; then the ledger's integrals: work of the drive, friction, with
+a stop its loss, with a soft one its impulse, with a tilted or moving housing its work, with a wearer the
+ankle's loss. Depth is x − x_stop − p, so that it keeps its digits at the stop.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, law, shared, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import friction_force_n
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
+from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
@@ -29,6 +32,7 @@ from plant_sim.parts.stop import (
     origin_m,
     stop_force_n,
 )
+from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
 from plant_sim.result import Phase
 
 Vector = NDArray[np.float64]
@@ -54,22 +58,46 @@ class Flow(NamedTuple):
     crank_direction: float
     """Of a turning crank with dry loss, ±1; else 0."""
     crank_stuck: bool
+    time_s: float
+    """At the step's start."""
 
 
 @by_part
-def work_place(drive: Drive) -> int:
-    """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
+def plate_place(drive: Drive) -> int:
+    """Place of the foot plate's way in the state, which its velocity follows, where there is a wearer."""
     raise NotImplementedError
 
 
-@law(work_place, IdealDrive)
+@law(plate_place, IdealDrive)
 def _(drive: IdealDrive) -> int:
     return 2
 
 
-@law(work_place, MotorDrive)
+@law(plate_place, MotorDrive)
 def _(drive: MotorDrive) -> int:
     return 4
+
+
+@by_part
+def plate_size(wearer: Wearer) -> int:
+    """How many quantities of motion a wearer adds."""
+    raise NotImplementedError
+
+
+@law(plate_size, NoWearer)
+def _(wearer: NoWearer) -> int:
+    return 0
+
+
+@law(plate_size, Ankle)
+def _(wearer: Ankle) -> int:
+    return 2
+
+
+@shared
+def work_place(parts: Parts) -> int:
+    """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
+    return plate_place(parts.drive) + plate_size(parts.wearer)
 
 
 @by_part
@@ -93,10 +121,180 @@ def _(stop: KelvinVoigt | HuntCrossley) -> int:
     return 4
 
 
-@subroutine
+@by_part
+def housing_integrals(housing: Housing) -> int:
+    """How many of the ledger's integrals a housing has."""
+    raise NotImplementedError
+
+
+@law(housing_integrals, Level)
+def _(housing: Level) -> int:
+    return 0
+
+
+@law(housing_integrals, Tilted, Moving)
+def _(housing: Tilted | Moving) -> int:
+    return 1
+
+
+@by_part
+def wearer_integrals(wearer: Wearer) -> int:
+    """How many of the ledger's integrals a wearer has."""
+    raise NotImplementedError
+
+
+@law(wearer_integrals, NoWearer)
+def _(wearer: NoWearer) -> int:
+    return 0
+
+
+@law(wearer_integrals, Ankle)
+def _(wearer: Ankle) -> int:
+    return 1
+
+
+@shared
+def housing_place(parts: Parts) -> int:
+    """Place of the housing's work in the state, where it is not level and at rest."""
+    return work_place(parts) + integrals(parts.stop)
+
+
+@shared
+def ankle_place(parts: Parts) -> int:
+    """Place of the ankle's loss in the state, where there is a wearer."""
+    return housing_place(parts) + housing_integrals(parts.housing)
+
+
+@shared
 def state_size(parts: Parts) -> int:
     """Length of the integrated state."""
-    return work_place(parts.drive) + integrals(parts.stop)
+    return ankle_place(parts) + wearer_integrals(parts.wearer)
+
+
+@by_part
+def from_stop_m(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """The striker's place from where the scene puts the stop, m."""
+    raise NotImplementedError
+
+
+@law(from_stop_m, NoWearer)
+def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
+    depth_m: float = y[0]
+    return depth_m
+
+
+@law(from_stop_m, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    place_m: float = y[0] + y[plate_place(drive)]
+    return place_m
+
+
+@by_part
+def closing_m_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """The striker's velocity against the stop's surface, m/s: how fast depth grows."""
+    raise NotImplementedError
+
+
+@law(closing_m_s, NoWearer)
+def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
+    v_m_s: float = y[1]
+    return v_m_s
+
+
+@law(closing_m_s, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    v_m_s: float = y[1] - y[plate_place(drive) + 1]
+    return v_m_s
+
+
+@by_part
+def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """Force of spring and damper of the ankle on the wearer, N: k_a p + d_a p'."""
+    raise NotImplementedError
+
+
+@law(felt_force_n, NoWearer)
+def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
+    return 0.0
+
+
+@law(felt_force_n, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    place = plate_place(drive)
+    force_n: float = wearer.stiffness_n_m * y[place] + wearer.damping_n_s_m * y[place + 1]
+    return force_n
+
+
+@by_part
+def plate_momentum_n_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """m_f p', N s."""
+    raise NotImplementedError
+
+
+@law(plate_momentum_n_s, NoWearer)
+def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
+    return 0.0
+
+
+@law(plate_momentum_n_s, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    momentum_n_s: float = wearer.plate_kg * y[plate_place(drive) + 1]
+    return momentum_n_s
+
+
+@by_part
+def plate_energy_j(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """Energy of plate and ankle spring, J."""
+    raise NotImplementedError
+
+
+@law(plate_energy_j, NoWearer)
+def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
+    return 0.0
+
+
+@law(plate_energy_j, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    p, v = y[plate_place(drive)], y[plate_place(drive) + 1]
+    energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_m * p * p)
+    return energy_j
+
+
+@by_part
+def _plate_derivative(
+    wearer: Wearer, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector
+) -> None:
+    raise NotImplementedError
+
+
+@law(_plate_derivative, NoWearer)
+def _(wearer: NoWearer, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+    return
+
+
+@law(_plate_derivative, Ankle)
+def _(wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+    place = plate_place(parts.drive)
+    v = y[place + 1]
+    out[place] = v
+    out[place + 1] = (push_n - felt_force_n(wearer, parts.drive, y)) / wearer.plate_kg - a_b
+    out[ankle_place(parts)] = wearer.damping_n_s_m * v * v
+
+
+@by_part
+def _housing_derivative(housing: Housing, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    raise NotImplementedError
+
+
+@law(_housing_derivative, Level)
+def _(housing: Level, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    return
+
+
+@law(_housing_derivative, Tilted, Moving)
+def _(housing: Tilted | Moving, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    momentum = parts.striker.mass_kg * y[1] + plate_momentum_n_s(parts.wearer, parts.drive, y)
+    out[housing_place(parts)] = -a_b * momentum
 
 
 @by_part
@@ -116,61 +314,68 @@ def _(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> tuple[float, fl
 
 
 @by_part
-def crank_derivative(drive: Drive, flow: Flow, load_n_m: float, omega_rad_s: float, out: Vector) -> float:
+def crank_derivative(
+    drive: Drive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector
+) -> float:
     """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
     raise NotImplementedError
 
 
 @law(crank_derivative, IdealDrive)
-def _(drive: IdealDrive, flow: Flow, load_n_m: float, omega_rad_s: float, out: Vector) -> float:
-    out[2] = load_n_m * omega_rad_s
+def _(drive: IdealDrive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector) -> float:
+    out[work] = load_n_m * omega_rad_s
     return 0.0
 
 
 @law(crank_derivative, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, load_n_m: float, omega_rad_s: float, out: Vector) -> float:
+def _(drive: MotorDrive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector) -> float:
     if flow.crank_stuck:
         out[2] = 0.0
         out[3] = 0.0
-        out[4] = 0.0
+        out[work] = 0.0
         return 0.0
     torque_n_m = drive.torque_constant_n_m_a * motor_current_a(drive, flow.torque_n_m, omega_rad_s)
     loss_n_m = drive.viscous_n_m_s * omega_rad_s + drive.dry_n_m * flow.crank_direction
     out[2] = omega_rad_s
     out[3] = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
-    out[4] = torque_n_m * omega_rad_s
+    out[work] = torque_n_m * omega_rad_s
     return loss_n_m * omega_rad_s
 
 
 @subroutine
 def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -> None:
     """Time derivative of the state `tau_s` after the step's start, into `out`."""
-    striker, drive, friction, stop = parts
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     depth, v = y[0], y[1]
     theta, omega = crank(drive, flow, tau_s, y)
     reach = striker.rest_length_m - origin_m(stop, striker)
-    spring = striker.spring_n_m * (drive.amplitude_m * math.sin(theta) + reach - depth)
-    load = spring * drive.amplitude_m * math.cos(theta)
-    crank_loss = crank_derivative(drive, flow, load, omega, out)
-    work = work_place(drive)
+    piston = piston_m(parts.linkage, drive.amplitude_m, theta)
+    spring = striker.spring_n_m * (piston + reach - from_stop_m(parts.wearer, drive, y))
+    load = crank_torque_n_m(parts.linkage, spring, drive.amplitude_m, theta)
+    work = work_place(parts)
+    crank_loss = crank_derivative(drive, flow, load, omega, work, out)
+    closing = closing_m_s(parts.wearer, drive, y)
+    a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
     for place in range(work + 2, work + integrals(stop)):
         out[place] = 0.0
     elastic = 0.0
     push = 0.0
     if is_soft(stop) and in_touch(flow.phase, depth):
         elastic = elastic_force_n(stop, depth)
-        push = stop_force_n(stop, elastic, v, flow.damping_s_m)
-        out[work + 2] = (push - elastic) * v
+        push = stop_force_n(stop, elastic, closing, flow.damping_s_m)
+        out[work + 2] = (push - elastic) * closing
         out[work + 3] = push
     if flow.phase in (FLIGHT, CONTACT):
         drag = friction_force_n(friction, striker.mass_kg * striker.gravity_m_s2, v, flow.direction)
-        out[0] = v
-        out[1] = (spring + drag - push) / striker.mass_kg
+        out[0] = closing
+        out[1] = (spring + drag - push) / striker.mass_kg - a_b
         out[work + 1] = crank_loss - drag * v
     else:
         out[0] = 0.0
         out[1] = 0.0
         out[work + 1] = crank_loss
+    _plate_derivative(parts.wearer, parts, push, a_b, y, out)
+    _housing_derivative(parts.housing, parts, a_b, y, out)
 
 
 @subroutine
@@ -180,21 +385,26 @@ def in_touch(phase: int, depth_m: float) -> bool:
 
 
 @subroutine
-def held_force_n(parts: Parts, theta_rad: float, depth_m: float) -> float:
+def held_force_n(parts: Parts, theta_rad: float, y: Vector, time_s: float) -> float:
     """Force, N, on a striker at rest there, apart from dry friction and from a rigid stop."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     reach = striker.rest_length_m - origin_m(stop, striker)
-    spring = striker.spring_n_m * (drive.amplitude_m * math.sin(theta_rad) + reach - depth_m)
-    return spring - elastic_force_n(stop, max(depth_m, 0.0))
+    piston = piston_m(parts.linkage, drive.amplitude_m, theta_rad)
+    spring = striker.spring_n_m * (piston + reach - from_stop_m(parts.wearer, drive, y))
+    inertia = striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return spring - elastic_force_n(stop, max(y[0], 0.0)) - inertia
 
 
 @subroutine
-def crank_load_n_m(parts: Parts, theta_rad: float, depth_m: float) -> float:
-    """Torque, N m, that the coupling spring takes from the crank: c (A sin θ + l0 − x) A cos θ."""
+def crank_load_n_m(parts: Parts, theta_rad: float, place_m: float) -> float:
+    """Torque, N m, that the coupling spring takes from the crank, the striker `place_m` from the stop.
+
+    c (x_A + l0 − x) dx_A/dθ.
+    """
     striker, amplitude_m = parts.striker, parts.drive.amplitude_m
     reach = striker.rest_length_m - origin_m(parts.stop, striker)
-    spring = striker.spring_n_m * (amplitude_m * math.sin(theta_rad) + reach - depth_m)
-    return spring * amplitude_m * math.cos(theta_rad)
+    spring = striker.spring_n_m * (piston_m(parts.linkage, amplitude_m, theta_rad) + reach - place_m)
+    return crank_torque_n_m(parts.linkage, spring, amplitude_m, theta_rad)
 
 
 @by_part
@@ -214,15 +424,15 @@ def _(drive: MotorDrive, omega_rad_s: float) -> float:
 
 
 @subroutine
-def stored_energy_j(
-    parts: Parts, phase: int, depth_m: float, v_m_s: float, theta_rad: float, omega_rad_s: float
-) -> float:
-    """Energy, J, in the striker, the coupling spring, the stop's spring and the rotor."""
+def stored_energy_j(parts: Parts, phase: int, y: Vector, theta_rad: float, omega_rad_s: float) -> float:
+    """Energy, J, in striker, coupling spring, stop's spring, rotor, foot plate and ankle."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
-    stretch = (
-        drive.amplitude_m * math.sin(theta_rad) + striker.rest_length_m - origin_m(stop, striker) - depth_m
-    )
-    energy = 0.5 * striker.mass_kg * v_m_s * v_m_s + 0.5 * striker.spring_n_m * stretch * stretch
+    depth_m, v_m_s = y[0], y[1]
+    piston = piston_m(parts.linkage, drive.amplitude_m, theta_rad)
+    place_m = from_stop_m(parts.wearer, drive, y)
+    stretch = piston + striker.rest_length_m - origin_m(stop, striker) - place_m
+    energy: float = 0.5 * striker.mass_kg * v_m_s * v_m_s + 0.5 * striker.spring_n_m * stretch * stretch
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
+    energy += plate_energy_j(parts.wearer, drive, y)
     return energy + rotor_energy_j(drive, omega_rad_s)

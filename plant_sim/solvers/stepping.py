@@ -25,7 +25,7 @@ from plant_sim.parts.stop import NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.double_double import TURN_RAD, turned
-from plant_sim.solvers.exact import UnsupportedSceneError, require_run, start_m
+from plant_sim.solvers.exact import UnsupportedSceneError, require_plain, require_run, start_m
 from plant_sim.solvers.laws import damping_n_s_m, dry_limit_m_s2, has_stop, restitution, stop_position_m
 
 THETA = 0.5
@@ -140,7 +140,8 @@ def simulate(
 
     Positions and times are good to the order of one step; samples between steps are interpolated.
     """
-    striker, drive, friction, stop = parts
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
+    require_plain(parts)
     if not isinstance(drive, IdealDrive) or not isinstance(stop, NoStop | RigidStop):
         raise UnsupportedSceneError(
             f"the stepping solver takes an ideal drive and no or a rigid stop; this scene has {drive!r} and "

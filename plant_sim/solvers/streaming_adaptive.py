@@ -161,7 +161,7 @@ def _period(
     """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
     clear(row)
     y, mode = memory.y, memory.mode
-    work = work_place(parts.drive)
+    work = work_place(parts)
     drive_j, friction_j, loss_j, depth = y[work], y[work + 1], y[work + 2], y[0]
     looks = LOOKS + 1 if looked_at else 0
     for look in range(looks):

@@ -11,6 +11,8 @@ import math
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2, housing_m_s3
+from plant_sim.parts.linkage import crank_torque_n_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
@@ -27,6 +29,7 @@ from plant_sim.parts.stop import (
     restitution,
     stop_force_n,
 )
+from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.sensing import Probe, sense_jump
 from plant_sim.solvers.events import (
     CLEAR,
@@ -67,7 +70,17 @@ from plant_sim.solvers.memory import (
     ZERO_VELOCITY,
     Memory,
 )
-from plant_sim.solvers.motion import CONTACT, FLIGHT, REST, STICK, crank_load_n_m, held_force_n, work_place
+from plant_sim.solvers.motion import (
+    CONTACT,
+    FLIGHT,
+    REST,
+    STICK,
+    closing_m_s,
+    crank_load_n_m,
+    from_stop_m,
+    held_force_n,
+    work_place,
+)
 
 TURN_LOW = 2.4492935982947064e-16
 """By what 2π exceeds its nearest double: with it, many turns taken off leave no drift."""
@@ -149,7 +162,8 @@ def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> No
     mode[DIRECTION] = 1 if y[1] > 0.0 else -1
     if is_soft(stop) and y[0] > 0.0:
         _open_contact(parts, memory, time_s, 0)
-        if stop_force_n(stop, elastic_force_n(stop, y[0]), y[1], memory.contact[DAMPING]) < 0.0:
+        closing = closing_m_s(parts.wearer, parts.drive, y)
+        if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, memory.contact[DAMPING]) < 0.0:
             mode[PHASE] = FLIGHT
             mode[IN_IMPACT] = 0
     if y[1] == 0.0:
@@ -181,7 +195,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
         mode[CRANK_DIRECTION] = 1 if y[3] > 0.0 else -1
         return
     torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
-    net = torque - crank_load_n_m(parts, y[2], y[0])
+    net = torque - crank_load_n_m(parts, y[2], from_stop_m(parts.wearer, drive, y))
     mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
     mode[ZERO_CRANK] = 1
     if abs(net) <= drive.dry_n_m:
@@ -241,7 +255,7 @@ def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
 @law(_break_crank, MotorDrive)
 def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
-    net = torque - crank_load_n_m(parts, memory.y[2], memory.y[0])
+    net = torque - crank_load_n_m(parts, memory.y[2], from_stop_m(parts.wearer, drive, memory.y))
     memory.mode[CRANK_STUCK] = 0
     memory.mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
     memory.mode[ZERO_CRANK] = 2
@@ -252,9 +266,11 @@ def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     """Reach the stop from outside, at depth 0."""
     y, mode = memory.y, memory.mode
     y[0] = 0.0
-    v = y[1]
+    v = closing_m_s(parts.wearer, parts.drive, y)
     if v < 0.0:  # a graze that rounding made an event
         mode[ZERO_DEPTH] = 1
+    elif v == 0.0 and y[1] != 0.0:  # striker and plate side by side
+        mode[ZERO_DEPTH] = 2
     elif v == 0.0:
         _from_rest(parts, memory, time_s)
     elif is_soft(parts.stop):
@@ -263,7 +279,7 @@ def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
         _strike(parts, probe, memory, time_s)
         if y[1] > -memory.held[REST_SPEED]:
             loss = 0.5 * parts.striker.mass_kg * y[1] * y[1]
-            y[work_place(parts.drive) + 2] += loss
+            y[work_place(parts) + 2] += loss
             y[1] = 0.0
             _from_rest(parts, memory, time_s)
 
@@ -274,7 +290,7 @@ def _strike(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     mass, k = parts.striker.mass_kg, restitution(parts.stop)
     v = memory.y[1]
     memory.y[1] = -k * v
-    memory.y[work_place(parts.drive) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
+    memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
     memory.mode[DIRECTION] = -1
     memory.mode[ZERO_DEPTH] = 1
     _record(memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_angle(parts.drive, memory))
@@ -303,22 +319,23 @@ def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> No
     mode[PHASE] = CONTACT
     mode[IN_IMPACT] = 1
     mode[ZERO_DEPTH] = zeros
-    speed = max(y[1], 0.0)
+    speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
     contact[TOUCH_TIME] = time_s
     contact[TOUCH_SPEED] = speed
     contact[TOUCH_ANGLE] = crank_angle(parts.drive, memory)
     contact[DAMPING] = damping_s_m(parts.stop, speed)
     # In a stiff stop an error of position weighs as much as one of velocity does within the contact.
-    rate = contact_rate_rad_s(parts.stop, parts.striker.mass_kg, speed)
+    mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
+    rate = contact_rate_rad_s(parts.stop, mass, speed)
     memory.contact_scale[0] = min(memory.scale[0], memory.contact_scale[1] / rate)
     contact[PEAK] = 0.0
-    contact[IMPULSE_BEFORE] = y[work_place(parts.drive) + 3]
+    contact[IMPULSE_BEFORE] = y[work_place(parts) + 3]
 
 
 @subroutine
 def _press(parts: Parts, memory: Memory, time_s: float) -> None:
     """Meet a stop that let go early and has not yet been left: it holds its spring's energy again."""
-    memory.y[work_place(parts.drive) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
+    memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
     _open_contact(parts, memory, time_s, 1)
 
 
@@ -328,16 +345,17 @@ def _leave(parts: Parts, memory: Memory) -> None:
     y, mode, contact = memory.y, memory.mode, memory.contact
     if _leaving_zeros(parts.stop) == 1:
         y[0] = 0.0
-    y[work_place(parts.drive) + 2] += elastic_energy_j(parts.stop, y[0])
+    y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
     mode[PHASE] = FLIGHT
     mode[IN_IMPACT] = 0
-    mode[ZERO_DEPTH] = 1 if y[1] < 0.0 else 2
+    closing = closing_m_s(parts.wearer, parts.drive, y)
+    mode[ZERO_DEPTH] = 1 if closing < 0.0 else 2
     _record(
         memory,
         contact[TOUCH_TIME],
         contact[TOUCH_SPEED],
-        y[1],
-        y[work_place(parts.drive) + 3] - contact[IMPULSE_BEFORE],
+        closing,
+        y[work_place(parts) + 3] - contact[IMPULSE_BEFORE],
         contact[PEAK],
         contact[TOUCH_ANGLE],
     )
@@ -347,9 +365,9 @@ def _leave(parts: Parts, memory: Memory) -> None:
 def _from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
     y, mode = memory.y, memory.mode
-    net = held_force_n(parts, crank_angle(parts.drive, memory), y[0])
+    net = _set_off_force_n(parts.wearer, parts, memory, time_s)
     limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
-    growth, near = _pull_growth(parts, memory)
+    growth, near = _pull_growth(parts.housing, parts, memory, time_s)
     is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
     breaks_forward = not is_on_stop and (net > limit or (net > limit - near and growth > 0.0))
     breaks_back = net < -limit or (net < near - limit and growth < 0.0)
@@ -361,23 +379,57 @@ def _from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     _set_off(parts, memory, time_s, forward, 1 if is_pulled else 2)
 
 
-@subroutine
-def _pull_growth(parts: Parts, memory: Memory) -> tuple[float, float]:
-    """Growth of the spring's pull with time, N/s, and how much it changes within NEAR_RAD, N.
+@by_part
+def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float) -> float:
+    """Force, N, that says which way a striker at rest sets off."""
+    raise NotImplementedError
+
+
+@law(_set_off_force_n, NoWearer)
+def _(wearer: NoWearer, parts: Parts, memory: Memory, time_s: float) -> float:
+    return held_force_n(parts, crank_angle(parts.drive, memory), memory.y, time_s)
+
+
+@law(_set_off_force_n, Ankle)
+def _(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
+    force_n = held_force_n(parts, crank_angle(parts.drive, memory), memory.y, time_s)
+    if memory.y[0] == 0.0:  # at a plate at rest, which the housing moves along as it does the striker
+        force_n += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return force_n
+
+
+@by_part
+def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    """Growth of the pull on a resting striker with time, N/s, and how much it changes within NEAR_RAD, N.
 
     Where the piston turns round there is no growth to speak of: nothing breaks away there on its own.
     """
-    cosine = math.cos(crank_angle(parts.drive, memory))
-    if abs(cosine) < 1e-4:
+    raise NotImplementedError
+
+
+@law(_pull_growth, Level, Tilted)
+def _(housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    angle = crank_angle(parts.drive, memory)
+    if abs(math.cos(angle)) < 1e-4:
         return 0.0, 0.0
-    per_rad = parts.striker.spring_n_m * parts.drive.amplitude_m * cosine
+    per_rad = crank_torque_n_m(parts.linkage, parts.striker.spring_n_m, parts.drive.amplitude_m, angle)
     return per_rad * crank_speed(parts.drive, memory), abs(per_rad) * NEAR_RAD
+
+
+@law(_pull_growth, Moving)
+def _(housing: Moving, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    angle, striker = crank_angle(parts.drive, memory), parts.striker
+    per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_m, parts.drive.amplitude_m, angle)
+    shaken = striker.mass_kg * housing_m_s3(housing, time_s)
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    growth = per_rad * crank_speed(parts.drive, memory) - shaken
+    return growth, (abs(per_rad) + abs(shaken) / natural) * NEAR_RAD
 
 
 @subroutine
 def _release(parts: Parts, memory: Memory, time_s: float) -> None:
     """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
-    net = held_force_n(parts, crank_angle(parts.drive, memory), memory.y[0])
+    net = held_force_n(parts, crank_angle(parts.drive, memory), memory.y, time_s)
     forward = net > 0.0 and memory.mode[PHASE] == STICK
     _set_off(parts, memory, time_s, forward, 2)
 

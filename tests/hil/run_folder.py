@@ -111,6 +111,8 @@ def make_run() -> MadeUpRun:
         "stored_j": zeros,
         "friction_j": np.cumsum(torque * omega) * T_S * 0.6,
         "impact_loss_j": np.cumsum(torque * omega) * T_S * 0.4,
+        "housing_work_j": zeros,
+        "ankle_j": zeros,
         "axis_state": np.where(driving, AxisState.CLOSED_LOOP_CONTROL, AxisState.IDLE),
         "axis_error": np.zeros(n, int),
         "striker_low_m_s2": np.clip(np.gradient(v, T_S), -156.9, 156.9),

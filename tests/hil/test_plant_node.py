@@ -89,6 +89,25 @@ def test_torque_turns_the_crank_forward_and_the_record_says_so() -> None:
     assert record.encoder_position_rev == pytest.approx(record.crank_rad / (2.0 * np.pi) % 1.0, abs=1e-3)
 
 
+def test_a_tilted_module_with_a_wearer_publishes_what_it_feels() -> None:
+    scene = {
+        **read_scene("table1-motor-soft"),
+        "housing": {"tilt_rad": 0.5},
+        "wearer": {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0},
+    }
+    node = PlantNode(load_scene(scene), seed=1)
+    along_m_s2 = 9.80665 * np.sin(0.5)
+    for _ in range(200):
+        frame = node.publish()[0]
+        node.advance([ARM, torque(0.1)])
+        assert codec.ACCELEROMETER.decode(frame.data).housing_m_s2 == pytest.approx(along_m_s2, abs=0.2)
+    record = node.record
+    assert record.housing_work_j > 1e-3  # the striker has slid downhill
+    assert record.ankle_j > 0.0
+    taken = record.stored_j + record.friction_j + record.impact_loss_j + record.ankle_j
+    assert record.drive_work_j + record.housing_work_j == pytest.approx(taken, abs=1e-8)
+
+
 def held(torque_n_m: float, ticks: int, of_ticks: int) -> Plant:
     """The module alone under a torque for so many ticks, then under none."""
     plant = Plant(load_scene("table1-motor-soft"), seed=1)

@@ -9,8 +9,11 @@ from scipy.optimize import brentq
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
+from plant_sim.parts.housing import Moving, Tilted
+from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.wearer import Ankle
 
 MOST_STEP_S = 2e-3
 """Short enough that scipy's own event search, by signs at step ends, sees every crossing of these runs."""
@@ -32,6 +35,9 @@ class Reference:
     touch_v: float | None = None
     touch_t: float = 0.0
     is_crank_stuck: bool = False
+    plate: float = 0.0
+    plate_v: float = 0.0
+    peak_felt: float = 0.0
     impacts_t: list[float] = field(default_factory=list)
     impacts_v: list[float] = field(default_factory=list)
 
@@ -56,9 +62,9 @@ class Reference:
                 self._crank_event(crank_direction, torque),
             ]
             solution = solve_ivp(
-                lambda t, y: self._derivative(y, torque, direction, crank_direction),  # noqa: B023
+                lambda t, y: self._derivative(t, y, torque, direction, crank_direction),  # noqa: B023
                 (self.t, until),
-                [self.x, self.v, self.theta, self.omega],
+                [self.x, self.v, self.theta, self.omega, self.plate, self.plate_v],
                 method="DOP853",
                 rtol=rtol,
                 atol=1e-15,
@@ -66,7 +72,8 @@ class Reference:
                 max_step=MOST_STEP_S,
             )
             self.t = float(solution.t[-1])
-            self.x, self.v, self.theta, self.omega = solution.y[:, -1]
+            self.x, self.v, self.theta, self.omega, self.plate, self.plate_v = solution.y[:, -1]
+            self._follow_felt(solution.y)
             if len(solution.t_events[0]):
                 self._meet_stop()
             elif len(solution.t_events[1]):
@@ -81,9 +88,45 @@ class Reference:
         return drive.dry_n_m if isinstance(drive, MotorDrive) else 0.0
 
     def _crank_net(self, torque: float, x: float) -> float:
-        striker, drive = self.parts.striker, self.parts.drive
-        stretch = drive.amplitude_m * math.sin(self.theta) + striker.rest_length_m - x
-        return torque - striker.spring_n_m * stretch * drive.amplitude_m * math.cos(self.theta)
+        striker = self.parts.striker
+        stretch = self._piston(self.theta) + striker.rest_length_m - x
+        return torque - striker.spring_n_m * stretch * self._lever(self.theta)
+
+    def _piston(self, theta: float) -> float:
+        """By the cosine theorem: L² = A² + s² − 2 A s sin θ in the triangle of crank, rod and axis."""
+        a = self.parts.drive.amplitude_m
+        if isinstance(self.parts.linkage, Sine):
+            return a * math.sin(theta)
+        rod = self.parts.linkage.rod_m
+        return max(np.roots([1.0, -2.0 * a * math.sin(theta), a * a - rod * rod]).real) - rod
+
+    def _lever(self, theta: float) -> float:
+        """dx_A/dθ, by differentiating the cosine theorem: 0 = 2 s s' − 2 A s' sin θ − 2 A s cos θ."""
+        a = self.parts.drive.amplitude_m
+        if isinstance(self.parts.linkage, Sine):
+            return a * math.cos(theta)
+        s = self._piston(theta) + self.parts.linkage.rod_m
+        return a * s * math.cos(theta) / (s - a * math.sin(theta))
+
+    def _shaken(self, t: float) -> float:
+        match self.parts.housing:
+            case Tilted(along):
+                return along
+            case Moving(along, swing, rate, phase, peak, start, lasting):
+                knock = (
+                    peak * math.sin(math.pi * (t - start) / lasting) if start < t < start + lasting else 0.0
+                )
+                return along + swing * math.sin(rate * t + phase) + knock
+        return 0.0
+
+    def _felt(self, plate, plate_v):
+        match self.parts.wearer:
+            case Ankle(_, stiffness, damping):
+                return stiffness * plate + damping * plate_v
+        return 0.0 * plate
+
+    def _follow_felt(self, y) -> None:
+        self.peak_felt = max(self.peak_felt, float(np.max(np.abs(self._felt(y[4], y[5])))))
 
     def _crank_event(self, direction, torque):
         if self._dry() == 0.0:
@@ -94,17 +137,17 @@ class Reference:
         return _event(lambda t, y: y[3], -direction)
 
     def _pull(self) -> float:
-        striker, drive = self.parts.striker, self.parts.drive
-        return striker.spring_n_m * (
-            drive.amplitude_m * math.sin(self.theta) + striker.rest_length_m - self.x
-        )
+        striker = self.parts.striker
+        spring = striker.spring_n_m * (self._piston(self.theta) + striker.rest_length_m - self.x)
+        return spring - striker.mass_kg * self._shaken(self.t)
 
-    def _derivative(self, y, torque, direction, crank_direction):
-        x, v, theta, omega = y
-        striker, drive, friction, stop = self.parts
+    def _derivative(self, t, y, torque, direction, crank_direction):
+        x, v, theta, omega, plate, plate_v = y
+        striker, drive, friction, stop, *_ = self.parts
         m, c, weight = striker.mass_kg, striker.spring_n_m, striker.mass_kg * striker.gravity_m_s2
-        force = c * (drive.amplitude_m * math.sin(theta) + striker.rest_length_m - x)
-        load = force * drive.amplitude_m * math.cos(theta)
+        force = c * (self._piston(theta) + striker.rest_length_m - x)
+        load = force * self._lever(theta)
+        shaken = self._shaken(t)
         match friction:
             case Viscous(b):
                 force -= b * v
@@ -115,8 +158,13 @@ class Reference:
                 force -= (mu + (mu_s - mu) * fall) * weight * direction + b * v
             case NoFriction():
                 pass
+        push = 0.0
         if self.touch_v is not None:
-            force -= self._stop_force(x - stop.position_m, v)
+            push = self._stop_force(x - stop.position_m - plate, v - plate_v)
+            force -= push
+        plate_a = 0.0
+        if isinstance(self.parts.wearer, Ankle):
+            plate_a = (push - self._felt(plate, plate_v)) / self.parts.wearer.plate_kg - shaken
         match drive:
             case IdealDrive():
                 alpha = 0.0
@@ -130,12 +178,14 @@ class Reference:
                 alpha = (kt * current - losses - load) / drive.inertia_kg_m2
                 if self.is_crank_stuck:
                     alpha = 0.0
-        return [v, force / m, omega, alpha]
+        return [v, force / m - shaken, omega, alpha, plate_v, plate_a]
 
     def _stop_force(self, depth: float, v: float) -> float:
         match self.parts.stop:
             case HuntCrossley(_, stiffness, exponent, dissipation):
-                return stiffness * max(depth, 0.0) ** exponent * (1.0 + dissipation / self.touch_v * v)
+                return (
+                    stiffness * max(depth, 0.0) ** exponent * max(1.0 + dissipation / self.touch_v * v, 0.0)
+                )
             case KelvinVoigt(_, stiffness, damping):
                 return stiffness * depth + damping * v
         raise AssertionError
@@ -145,10 +195,10 @@ class Reference:
         if isinstance(stop, NoStop):
             return _never
         if self.touch_v is None:
-            return _event(lambda t, y: y[0] - stop.position_m, 1.0)
+            return _event(lambda t, y: y[0] - y[4] - stop.position_m, 1.0)
         if isinstance(stop, KelvinVoigt):
-            return _event(lambda t, y: self._stop_force(y[0] - stop.position_m, y[1]), -1.0)
-        return _event(lambda t, y: y[0] - stop.position_m, -1.0)
+            return _event(lambda t, y: self._stop_force(y[0] - y[4] - stop.position_m, y[1] - y[5]), -1.0)
+        return _event(lambda t, y: y[0] - y[4] - stop.position_m, -1.0)
 
     def _halt_event(self, direction):
         if isinstance(self.parts.friction, NoFriction | Viscous):
@@ -169,7 +219,7 @@ class Reference:
         begin, angle = self.t, self.theta
 
         def excess(t: float) -> float:
-            self.theta = angle + self.omega * (t - begin)
+            self.theta, self.t = angle + self.omega * (t - begin), t
             return abs(self._pull()) - self._limit()
 
         grid = np.arange(begin, until + MOST_STEP_S, MOST_STEP_S)
@@ -187,7 +237,7 @@ class Reference:
             self.impacts_v.append(self.v)
             self.x, self.v = stop.position_m, -stop.restitution * self.v
         elif self.touch_v is None:
-            self.touch_t, self.touch_v = self.t, self.v
+            self.touch_t, self.touch_v = self.t, self.v - self.plate_v
         else:
             self.impacts_t.append(self.touch_t)
             self.impacts_v.append(self.touch_v)

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.housing import Level
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley
+from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import MotionState
 from plant_sim.sensing import SPEED_ESTIMATE, NoSensing, Sensing, driven
 from plant_sim.solvers.events import CRANK_HALT, HALT, LEAVE, NONE, RELEASE, TOUCH
@@ -128,6 +130,7 @@ def advance(
             torque_n_m,
             float(mode[CRANK_DIRECTION]),
             mode[CRANK_STUCK] == 1,
+            start_s + tick_s - left_s,
         )
         derivative(parts, flow, 0.0, y, module.k1)
         _step(parts, flow, module, h_s)
@@ -184,7 +187,7 @@ def _quantity(parts: Parts, flow: Flow, kind: int, y: Vector) -> float:
         sign, place = -flow.crank_direction, 3
     elif kind == RELEASE:
         limit_n = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
-        return abs(held_force_n(parts, y[2], y[0])) - limit_n
+        return abs(held_force_n(parts, y[2], y, 0.0)) - limit_n
     value: float = sign * y[place]
     return value
 
@@ -295,5 +298,6 @@ def _parabola(a0: float, a1: float, mean: float) -> tuple[float, float]:
 
 
 def is_supported(parts: Parts) -> bool:
-    """Whether the campaign's plant knows these parts: a motor, and a stop whose contact ends at depth 0."""
-    return isinstance(parts.drive, MotorDrive) and isinstance(parts.stop, HuntCrossley)
+    """Whether the campaign's plant knows these parts: a motor, a fixed stop left at depth 0."""
+    is_at_rest = isinstance(parts.housing, Level) and isinstance(parts.wearer, NoWearer)
+    return is_at_rest and isinstance(parts.drive, MotorDrive) and isinstance(parts.stop, HuntCrossley)

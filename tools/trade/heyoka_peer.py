@@ -61,7 +61,7 @@ class HeyokaFlow:
 
     def _integrator(self, parts: Parts, tolerance: float, in_contact: bool) -> Any:
         hy = self.hy
-        striker, drive, friction, stop = parts
+        striker, drive, friction, stop = parts[:4]
         m, c, l0 = striker.mass_kg, striker.spring_n_m, striker.rest_length_m
         if not isinstance(stop, KelvinVoigt | RigidStop):
             raise TypeError(f"{stop!r} is no stop of a case that peers are given")

@@ -64,7 +64,7 @@ class ScipyFlow:
         raise TypeError(f"{stop!r} is no stop of a case that peers are given")
 
     def _slopes(self, direction: float, in_contact: bool) -> Any:
-        striker, drive, friction, stop = self.parts
+        striker, drive, friction, stop = self.parts[:4]
         m, c, l0 = striker.mass_kg, striker.spring_n_m, striker.rest_length_m
         weight_n, amplitude_m = m * striker.gravity_m_s2, drive.amplitude_m
 

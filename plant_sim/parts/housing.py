@@ -1,0 +1,143 @@
+"""The housing that carries guide, crank and stop: at rest and level, tilted, or moving along the axis.
+
+Seen from the housing the striker feels −m a_b, with a_b the housing's acceleration along +x plus gravity's
+part along it: m (x'' + a_b) + c (x − l0 − x_A) = F. That sum is also what accelerometers read: x'' + a_b on
+the striker, a_b on the housing. Gravity's part across the axis presses on the guide (it is in `Striker`).
+"""
+
+import math
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
+
+SAME_INSTANT_S = 1e-12
+"""A step that ends this close to where a shock begins or ends has ended there."""
+
+
+class Level(NamedTuple):
+    """a_b = 0."""
+
+
+class Tilted(NamedTuple):
+    """a_b = g sin α for an axis that rises by α towards the stop."""
+
+    along_m_s2: float
+
+
+class Moving(NamedTuple):
+    """a_b = g sin α + â sin(ω_b t + φ) + â_s sin(π (t − t_s) / T) for t_s < t < t_s + T."""
+
+    along_m_s2: float
+    harmonic_m_s2: float
+    harmonic_rad_s: float
+    harmonic_phase_rad: float
+    shock_m_s2: float
+    shock_start_s: float
+    shock_s: float
+
+
+Housing: TypeAlias = Level | Tilted | Moving
+
+
+@by_part
+def housing_m_s2(housing: Housing, t_s: float) -> float:
+    """a_b, m/s²."""
+    raise NotImplementedError
+
+
+@law(housing_m_s2, Level)
+def _(housing: Level, t_s: float) -> float:
+    return 0.0
+
+
+@law(housing_m_s2, Tilted)
+def _(housing: Tilted, t_s: float) -> float:
+    return housing.along_m_s2
+
+
+@law(housing_m_s2, Moving)
+def _(housing: Moving, t_s: float) -> float:
+    value = housing.along_m_s2 + housing.harmonic_m_s2 * math.sin(
+        housing.harmonic_rad_s * t_s + housing.harmonic_phase_rad
+    )
+    into_s = t_s - housing.shock_start_s
+    if 0.0 < into_s < housing.shock_s:
+        value += housing.shock_m_s2 * math.sin(math.pi * into_s / housing.shock_s)
+    return value
+
+
+@by_part
+def housing_m_s3(housing: Housing, t_s: float) -> float:
+    """Growth of a_b, m/s³."""
+    raise NotImplementedError
+
+
+@law(housing_m_s3, Level, Tilted)
+def _(housing: Level | Tilted, t_s: float) -> float:
+    return 0.0
+
+
+@law(housing_m_s3, Moving)
+def _(housing: Moving, t_s: float) -> float:
+    rate = housing.harmonic_rad_s
+    value = housing.harmonic_m_s2 * rate * math.cos(rate * t_s + housing.harmonic_phase_rad)
+    into_s = t_s - housing.shock_start_s
+    if -SAME_INSTANT_S <= into_s < housing.shock_s - SAME_INSTANT_S:
+        rate = math.pi / housing.shock_s
+        value += housing.shock_m_s2 * rate * math.cos(rate * into_s)
+    return value
+
+
+@by_part
+def smooth_for_s(housing: Housing, t_s: float) -> float:
+    """How long a step from `t_s` may be, s: a radian of the motion at most, and over no kink of it."""
+    raise NotImplementedError
+
+
+@law(smooth_for_s, Level, Tilted)
+def _(housing: Level | Tilted, t_s: float) -> float:
+    return math.inf
+
+
+@law(smooth_for_s, Moving)
+def _(housing: Moving, t_s: float) -> float:
+    longest = 1.0 / housing.harmonic_rad_s if housing.harmonic_rad_s > 0.0 else math.inf
+    begin, end = housing.shock_start_s, housing.shock_start_s + housing.shock_s
+    same = SAME_INSTANT_S + 4e-16 * abs(t_s)
+    if t_s < begin - same:
+        longest = min(longest, begin - t_s)
+    elif t_s < end - same:
+        longest = min(longest, end - t_s, housing.shock_s / math.pi)
+    return longest
+
+
+@by_part
+def moves(housing: Housing) -> bool:
+    """Whether what it does changes with time."""
+    raise NotImplementedError
+
+
+@law(moves, Level, Tilted)
+def _(housing: Level | Tilted) -> bool:
+    return False
+
+
+@law(moves, Moving)
+def _(housing: Moving) -> bool:
+    return True
+
+
+@by_part
+def is_level(housing: Housing) -> bool:
+    """Whether there is nothing to feel of it."""
+    raise NotImplementedError
+
+
+@law(is_level, Level)
+def _(housing: Level) -> bool:
+    return True
+
+
+@law(is_level, Tilted, Moving)
+def _(housing: Tilted | Moving) -> bool:
+    return False

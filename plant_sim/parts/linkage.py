@@ -1,0 +1,85 @@
+"""How the crank moves the piston: x_A(θ), and the torque that a force on the piston asks of the crank.
+
+Both follow from one function: a force F on the piston takes the torque F dx_A/dθ, so that F x_A' = T θ' and
+no energy is lost or made between crank and piston.
+"""
+
+import math
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
+
+
+class Sine(NamedTuple):
+    """x_A = A sin θ: the paper's piston, as a Scotch yoke or an endlessly long rod moves it."""
+
+
+class SliderCrank(NamedTuple):
+    """x_A = A sin θ + √(L² − A² cos² θ) − L: a rod of length L > A on a crank of radius A.
+
+    The in-line slider–crank (Uicker, Pennock & Shigley, Theory of Machines and Mechanisms), by Pythagoras in
+    the triangle of crank and rod. θ counts from mid-stroke, and the dead centres are ±A as the sine's.
+    """
+
+    rod_m: float
+
+
+Linkage: TypeAlias = Sine | SliderCrank
+
+
+@by_part
+def piston_m(linkage: Linkage, amplitude_m: float, theta_rad: float) -> float:
+    """x_A, m."""
+    raise NotImplementedError
+
+
+@law(piston_m, Sine)
+def _(linkage: Sine, amplitude_m: float, theta_rad: float) -> float:
+    return amplitude_m * math.sin(theta_rad)
+
+
+@law(piston_m, SliderCrank)
+def _(linkage: SliderCrank, amplitude_m: float, theta_rad: float) -> float:
+    across = amplitude_m * math.cos(theta_rad)
+    along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
+    # √(L² − a²) − L = −a² / (L + √(L² − a²)), without the difference of two near numbers
+    return amplitude_m * math.sin(theta_rad) - across * across / (linkage.rod_m + along)
+
+
+@by_part
+def crank_torque_n_m(linkage: Linkage, force_n: float, amplitude_m: float, theta_rad: float) -> float:
+    """F dx_A/dθ, N m: what a force on the piston along +x asks of the crank."""
+    raise NotImplementedError
+
+
+@law(crank_torque_n_m, Sine)
+def _(linkage: Sine, force_n: float, amplitude_m: float, theta_rad: float) -> float:
+    return force_n * amplitude_m * math.cos(theta_rad)
+
+
+@law(crank_torque_n_m, SliderCrank)
+def _(linkage: SliderCrank, force_n: float, amplitude_m: float, theta_rad: float) -> float:
+    across = amplitude_m * math.cos(theta_rad)
+    along = math.sqrt(linkage.rod_m * linkage.rod_m - across * across)
+    return force_n * across * (1.0 + amplitude_m * math.sin(theta_rad) / along)
+
+
+@by_part
+def sine_at(linkage: Linkage, amplitude_m: float, level_m: float) -> float:
+    """sin θ of the crank angles at which x_A = `level_m`; beyond ±1 where the piston never gets there."""
+    raise NotImplementedError
+
+
+@law(sine_at, Sine)
+def _(linkage: Sine, amplitude_m: float, level_m: float) -> float:
+    return level_m / amplitude_m
+
+
+@law(sine_at, SliderCrank)
+def _(linkage: SliderCrank, amplitude_m: float, level_m: float) -> float:
+    # (s − A sin θ)² = L² − A² cos² θ with s = x_A + L: sin θ = (s² − L² + A²) / (2 A s)
+    reach = level_m + linkage.rod_m
+    if reach <= 0.0:
+        return -math.inf
+    raised = level_m * (level_m + 2.0 * linkage.rod_m) + amplitude_m * amplitude_m
+    return raised / (2.0 * amplitude_m * reach)

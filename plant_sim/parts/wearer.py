@@ -1,0 +1,56 @@
+"""The wearer behind the stop: a foot plate on the ankle, which gives way under a blow.
+
+m_f p'' = F_stop − k_a p − d_a p' (− m_f a_b), with p the plate's way from where the scene puts the stop. The
+stop's law holds between striker and plate. What the wearer feels is k_a p + d_a p'.
+"""
+
+from typing import NamedTuple, TypeAlias
+
+from plant_sim.kernels import by_part, law
+
+
+class NoWearer(NamedTuple):
+    """The stop is fixed to the housing."""
+
+
+class Ankle(NamedTuple):
+    """Foot plate and ankle as one mass on a spring and a damper (Kelvin–Voigt)."""
+
+    plate_kg: float
+    stiffness_n_m: float
+    damping_n_s_m: float
+
+
+Wearer: TypeAlias = NoWearer | Ankle
+
+
+@by_part
+def is_worn(wearer: Wearer) -> bool:
+    """Whether the stop gives way."""
+    raise NotImplementedError
+
+
+@law(is_worn, NoWearer)
+def _(wearer: NoWearer) -> bool:
+    return False
+
+
+@law(is_worn, Ankle)
+def _(wearer: Ankle) -> bool:
+    return True
+
+
+@by_part
+def contact_mass_kg(wearer: Wearer, striker_kg: float) -> float:
+    """The mass that a contact accelerates: the striker's, or the reduced one of striker and plate."""
+    raise NotImplementedError
+
+
+@law(contact_mass_kg, NoWearer)
+def _(wearer: NoWearer, striker_kg: float) -> float:
+    return striker_kg
+
+
+@law(contact_mass_kg, Ankle)
+def _(wearer: Ankle, striker_kg: float) -> float:
+    return striker_kg * wearer.plate_kg / (striker_kg + wearer.plate_kg)

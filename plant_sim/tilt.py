@@ -1,0 +1,43 @@
+"""A constant tilt taken off a scene and put back into its result, so that level solvers run it exactly.
+
+m (x'' + g sin α) + c (x − l0 − x_A) = F is the level module's equation with l0' = l0 − m g sin α / c. Only
+the energies differ: with F0 = m g sin α the drive has done F0 Δx_A more, the housing −F0 Δx, and
+F0 (Δx − Δx_A) less is stored.
+"""
+
+import math
+from dataclasses import replace
+
+from plant_sim.parts.housing import Level, Tilted
+from plant_sim.parts.parts import Parts
+from plant_sim.result import MotionState, SimulationResult
+
+
+def levelled(parts: Parts) -> Parts:
+    """The level module that moves as this one does; parts that are not tilted as they are."""
+    if not isinstance(parts.housing, Tilted):
+        return parts
+    striker = parts.striker
+    sag_m = striker.mass_kg * parts.housing.along_m_s2 / striker.spring_n_m
+    return parts._replace(
+        striker=striker._replace(rest_length_m=striker.rest_length_m - sag_m), housing=Level()
+    )
+
+
+def tilted(result: SimulationResult, parts: Parts, start: MotionState) -> SimulationResult:
+    """The result of `levelled(parts)` with the energies of `parts`."""
+    if not isinstance(parts.housing, Tilted):
+        return result
+    weight_n = parts.striker.mass_kg * parts.housing.along_m_s2
+    piston_m = parts.drive.amplitude_m * (math.sin(result.final.crank_rad) - math.sin(start.crank_rad))
+    rise_m = result.final.x_m - start.x_m
+    energy = result.energy
+    return replace(
+        result,
+        energy=replace(
+            energy,
+            drive_work_j=energy.drive_work_j + weight_n * piston_m,
+            stored_change_j=energy.stored_change_j - weight_n * (rise_m - piston_m),
+            housing_work_j=-weight_n * rise_m,
+        ),
+    )
