@@ -45,6 +45,7 @@ COMMANDS = (
     "import_log",
     "kernel",
     "schedule",
+    "fuzz",
     "doctor",
 )
 

@@ -6,7 +6,7 @@ Every tick sends the torque and at most one other frame.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from firmware_py.core.compiled import COMPILED
@@ -176,6 +176,11 @@ class FirmwareNode:
             for its_codec in (codec.DRIVE_CURRENT, codec.DRIVE_TEMPERATURE, codec.DRIVE_SUPPLY)
         ]
         self.inputs: Inputs = self._inputs(1)
+
+    @property
+    def can_ids(self) -> Collection[int]:
+        """The identifiers it listens to; frames with others are not counted."""
+        return self._sources.keys()
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
