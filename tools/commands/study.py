@@ -33,6 +33,7 @@ Cores = Annotated[int | None, typer.Option(help="Cores of this machine to use; a
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")
 ]
+Rrd = Annotated[Path | None, typer.Option(help="Write a moving picture to one .rrd file; open it with view.")]
 Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
 Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
 Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; the preset's own by default.")]
@@ -66,6 +67,7 @@ def sweep(
     quick: Annotated[
         bool, typer.Option("--quick", help="One friction parameter per law instead of Table 1's ranges.")
     ] = False,
+    rrd: Rrd = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
     scheduler: Scheduler = None,
@@ -74,7 +76,7 @@ def sweep(
     """Amplitude–frequency diagrams, run-up and run-down, 50 s a ratio with 30 s discarded."""
     from dataclasses import replace
 
-    from tools.study import cases, figures, work
+    from tools.study import cases, figures, recordings, work
     from tools.study.orbits import warm
     from tools.study.sweep import diagrams
 
@@ -96,12 +98,15 @@ def sweep(
         if shown:
             pictures += figures.amplitude_frequency(shown, out, f"sweep-{name}")
     pictures += figures.regime_bars(found, out, "regimes")
+    if rrd is not None:
+        recordings.sweeps([d for d in found if is_nominal(d.case)], rrd)
     payload = {
         "regimes": [diagram.as_json() for diagram in found],
         **cost,
         "compile_s": compile_s,
         "cores": where.cores,
         "figures": pictures,
+        "rrd": rrd and str(rrd),
         "out": str(out),
     }
     if as_json:
@@ -251,15 +256,16 @@ def chart(
 @study.command()
 def portrait(
     preset: Preset = "table1",
+    rrd: Rrd = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Time histories and phase portraits of both motions of each friction law."""
-    from tools.study import cases, figures, work
+    from tools.study import cases, figures, recordings, store, work
     from tools.study.orbits import warm
-    from tools.study.portraits import pair
+    from tools.study.portraits import as_table, pair
     from tools.study.sweep import diagrams
 
     one_of("--preset", preset, cases.PRESETS)
@@ -269,6 +275,10 @@ def portrait(
     clock = Stopwatch()
     pairs = [pair(diagram) for diagram in diagrams(chosen, where)]
     cost = clock.read()
+    samples = out / f"portrait-{preset}.parquet"
+    store.write(samples, as_table(pairs), {"cases": [case.parameters() for case in chosen]}, {})
+    if rrd is not None:
+        recordings.portraits(pairs, rrd)
     payload = {
         "portraits": [
             {
@@ -282,6 +292,8 @@ def portrait(
         **cost,
         "compile_s": compile_s,
         "figures": figures.portraits(pairs, out, f"portrait-{preset}"),
+        "samples": str(samples),
+        "rrd": rrd and str(rrd),
         "out": str(out),
     }
     if as_json:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.result import MotionState, Phase, SimulationResult
@@ -100,3 +101,30 @@ def with_blows(
     v_m_s = np.concatenate((samples.v_m_s, impacts.v_m_s, impacts.v_after_m_s))
     order = np.argsort(t_s, kind="stable")
     return t_s[order], x_m[order], v_m_s[order]
+
+
+def as_table(pairs: list[Pair]) -> pa.Table:
+    """All of the pictures' points: `kind` is sample, or section for a Poincaré point; those have no time."""
+    parts = []
+    for both in pairs:
+        for name, one in (("impact", both.impact), ("non-impact", both.calm)):
+            if one is None:
+                continue
+            sections = len(one.points)
+            count = len(one.t_s) + sections
+            parts.append(
+                pa.table(
+                    {
+                        "law": [both.case.law] * count,
+                        "motion": [name] * count,
+                        "ratio": [one.ratio] * count,
+                        "kind": ["sample"] * len(one.t_s) + ["section"] * sections,
+                        "t_s": pa.array(
+                            np.concatenate((one.t_s, np.full(sections, np.nan))), from_pandas=True
+                        ),
+                        "x_m": np.concatenate((one.x_m, one.points[:, 0])),
+                        "v_m_s": np.concatenate((one.v_m_s, one.points[:, 1])),
+                    }
+                )
+            )
+    return pa.concat_tables(parts)
