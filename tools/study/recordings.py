@@ -28,15 +28,19 @@ FRAME_S = 0.01
 
 
 class Way(NamedTuple):
-    """One way through the ratios, as it is drawn: the narrow one lies above the wide one where they agree."""
+    """One way through the ratios, as it is drawn: small above large, so that both show where they agree.
+
+    Lines lie above each other by `above`, dots by their names.
+    """
 
     name: str
     rgba: int
     width: float
     above: float
+    dot: float
 
 
-RUN_UP, RUN_DOWN = Way("run-up", TRUTH, 1.8, 1.0), Way("run-down", BELIEF, 0.8, 2.0)
+RUN_UP, RUN_DOWN = Way("run-up", TRUTH, 1.8, 1.0, 1.7), Way("run-down", BELIEF, 0.8, 2.0, 3.5)
 
 Orbit = NDArray[np.float64]
 """Points in the plane as it is drawn, shape (n, 2); the screen's second axis points down."""
@@ -136,9 +140,7 @@ def _one_way(recording: rr.RecordingStream, case: Case, sweep: Sweep, way: Way) 
     recording.log(orbits, style, static=True)
     strips = [orbit(case, sweep, float(ratio)) for ratio in ratios]
     recording.send_columns(orbits, steps, [*rr.LineStrips2D.columns(strips=strips)])
-    dots = rr.SeriesPoints(
-        colors=colour(way.rgba), markers="circle", marker_sizes=2.0 * way.width, names=way.name
-    )
+    dots = rr.SeriesPoints(colors=colour(way.rgba), markers="circle", marker_sizes=way.dot, names=way.name)
     recording.log(speeds, dots, static=True)
     values = sweep.column("v_max_m_s")[order]
     recording.send_columns(speeds, steps, [*rr.Scalars.columns(scalars=values)])
