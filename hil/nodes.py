@@ -9,6 +9,7 @@ from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import Counters, FirmwareNode
 from firmware_py.shell.parameters import config_from
+from hil.alignment import Alignment
 from hil.faults.tables import Fault
 from hil.loop import LoopTiming
 from hil.operator import Command, OperatorNode, OperatorRecord
@@ -106,6 +107,7 @@ class FirmwareRunner:
         self.node = FirmwareNode(config_from(parameters), parameters)
         self.bus = bus
         self._period_s = pace.period_s
+        self._alignment = Alignment()
         self._waking: Waking | None = None
         self._last_frames: list[Frame] = []
         self._trace = None
@@ -126,8 +128,9 @@ class FirmwareRunner:
         bus = self.bus
         frames = bus.receive()
         if elapsed_ticks > 1 or self._waking is not None:
-            self._wake_up(tick, elapsed_ticks, frames)
+            self._wake_up(tick, elapsed_ticks, self._alignment.take_all(frames))
             return
+        frames = self._alignment.take(frames)
         self._last_frames = frames
         bus.send_all(self.node.tick(frames, 1))
 

@@ -1,0 +1,41 @@
+"""One sample a tick: a firmware process that wakes up late finds the next tick's sample beside its own.
+
+A sample stands for the instant it was sent at, and does not say which that was. Two at once, where neither
+tick before them went without, are this tick's and the next one's: the second waits for its tick. Without that
+the crank would seem to have turned for two ticks within one, and to stand in the next.
+"""
+
+from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame
+
+ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
+
+
+class Alignment:
+    """Hands out each tick's frames; no frame waits for longer than one tick."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Frame] = []
+        self._had_sample = True
+
+    def take(self, frames: list[Frame]) -> list[Frame]:
+        """The frames of this tick, of those that have arrived and those that waited."""
+        samples = [frame.data for frame in frames if frame.can_id == ACCELEROMETER]
+        waited = self._waiting
+        if waited or (self._had_sample and len(samples) > 1):
+            self._waiting = []
+            own = None if waited else samples[0]
+            now = list(waited)
+            for frame in frames:
+                next_begins = frame.can_id == ACCELEROMETER and frame.data != own
+                early = next_begins or (bool(self._waiting) and frame.can_id == ENCODER)
+                (self._waiting if early else now).append(frame)
+            self._had_sample = True
+            return now
+        self._had_sample = bool(samples)
+        return frames
+
+    def take_all(self, frames: list[Frame]) -> list[Frame]:
+        """Everything there is, after skipped ticks."""
+        waited, self._waiting = self._waiting, []
+        return waited + frames
