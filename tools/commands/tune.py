@@ -20,7 +20,7 @@ from tools.output import (
 
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
-    from tools.tuning.safety import SafetyResult
+    from tools.tuning.safety import Bench, SafetyResult
 
 tune = typer.Typer(
     name="tune",
@@ -59,7 +59,12 @@ def refuse_other_pictures(plot: Path | None) -> None:
 
 
 def finish(
-    tuning: "Tuning", out: Path, force: bool, bar: Progress, more: Mapping[str, Any]
+    tuning: "Tuning",
+    out: Path,
+    force: bool,
+    bar: Progress,
+    more: Mapping[str, Any],
+    bench: "Bench | None" = None,
 ) -> tuple[dict[str, Any], list["SafetyResult"]]:
     """Judge, write, and give the JSON object."""
     from tools.tuning.parameter_file import write
@@ -70,7 +75,7 @@ def finish(
     def progress(fraction: float, doing: str) -> None:
         bar.update(task, completed=fraction, description=f"safety: {doing}")
 
-    safety = judge_safety(tuning.values, progress)
+    safety = judge_safety(tuning.values, progress, bench)
     safe = all(result.passed for result in safety)
     if safe or force:
         write(out, tuning, safety, force)
@@ -168,6 +173,36 @@ def speed(
             draw_speed(belief, design, measured, plot)
             more["plot"] = str(plot)
         payload, _ = finish(tuning, out, force, bar, more)
+    report(payload, as_json)
+
+
+@tune.command()
+def identify(
+    source: Annotated[Path, typer.Argument(help="A run folder, or a candump log of a real bench.")],
+    scene: Annotated[
+        str | None,
+        typer.Option(help="The plant of the safety scenarios; by default the run's own, else theirs."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the resampling that gives the bounds.", min=0)] = 1,
+    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("identified.toml"),
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Spring, friction, crank radius and stop from one log; only what went over CAN is used."""
+    from tools.tuning.identify import bench_of, tune_identify
+    from tools.tuning.identify_figure import draw_identified
+
+    refuse_other_pictures(plot)
+    bench = bench_of(source, scene)
+    with progress_bar() as bar:
+        bar.add_task("fitting", total=None)
+        tuning, identified, readings = tune_identify(source, seed)
+        more: dict[str, Any] = {"law": identified.law.value}
+        if plot is not None:
+            draw_identified(identified, readings, plot)
+            more["plot"] = str(plot)
+        payload, _ = finish(tuning, out, force, bar, more, bench)
     report(payload, as_json)
 
 

@@ -47,9 +47,28 @@ def within_bounds(values: Mapping[str, float]) -> SafetyResult:
     return SafetyResult("bounds", SEED, True, "")
 
 
-def judged(name: str, values: Mapping[str, float], progress: Progress, seed: int = SEED) -> SafetyResult:
+@dataclass(frozen=True)
+class Bench:
+    """Another plant than the scenarios' own, for parameters of another module, and its highest ratio."""
+
+    scene: Mapping[str, Any]
+    ratio: float
+
+
+def judged(
+    name: str,
+    values: Mapping[str, float],
+    progress: Progress,
+    seed: int = SEED,
+    bench: Bench | None = None,
+) -> SafetyResult:
     """A scenario with these parameters over its own."""
     document = deepcopy(read_scenario(name))
+    if bench is not None:
+        document["scene"] = deepcopy(dict(bench.scene))
+        for command in document["script"]["commands"]:
+            if "target_ratio" in command:
+                command["target_ratio"] = min(bench.ratio, command["target_ratio"])
     firmware = document["firmware"]
     for block, table in nested(values).items():
         firmware.setdefault(block, {}).update(table)
@@ -65,9 +84,11 @@ def judged(name: str, values: Mapping[str, float], progress: Progress, seed: int
     return SafetyResult(name, seed, bool(verdict["passed"]), ", ".join([*verdict["reasons"], *failed]))
 
 
-def judge_safety(values: Mapping[str, float], progress: Progress) -> list[SafetyResult]:
+def judge_safety(
+    values: Mapping[str, float], progress: Progress, bench: Bench | None = None
+) -> list[SafetyResult]:
     """Bounds first; the scenarios run only with values that the firmware would take."""
     bounds = within_bounds(values)
     if not bounds.passed:
         return [bounds]
-    return [bounds, *(judged(name, values, progress) for name in SCENARIOS)]
+    return [bounds, *(judged(name, values, progress, SEED, bench) for name in SCENARIOS)]

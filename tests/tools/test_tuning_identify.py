@@ -1,0 +1,255 @@
+"""Identification from one log: the truth it never saw, within the goals; refusals and warnings."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.bench import in_lockstep
+from hil.scenario import check_scenario
+from plant_sim.scene import read_scene
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
+from tools.tuning import safety
+from tools.tuning.blows import contact_time_s, fit_blow, pulse, seen
+from tools.tuning.flights import contacts_of, flights_of, integrals
+from tools.tuning.identify import Law, bench_of, identify, tune_identify
+from tools.tuning.readings import Readings, read
+from tools.tuning.result import Tuning
+
+SPRING_N_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
+BANDWIDTH_HZ = 400.0
+
+
+def record(
+    run_dir: Path,
+    friction: dict[str, Any],
+    firmware: dict[str, Any],
+    amplitude_m: float,
+    ratio: float,
+    duration_s: float,
+) -> Path:
+    """A run of a module that is none of what the firmware believes."""
+    scene = read_scene("table1-motor-soft")
+    scene["striker"]["spring_n_m"] = SPRING_N_M
+    scene["stop"] |= {"position_m": STOP_M, "restitution": RESTITUTION}
+    scene["drive"]["amplitude_m"] = amplitude_m
+    scene["friction"] = friction
+    scene["sensors"] = {"striker_low": {"bias_m_s2": -0.31}}
+    commands = [
+        {"at_s": 0.5, "request": "run", "target_ratio": ratio},
+        {"at_s": duration_s - 3.0, "request": "idle"},
+    ]
+    document = {
+        "title": "to identify",
+        "scene": scene,
+        "firmware": firmware,
+        "script": {"duration_s": duration_s, "commands": commands},
+    }
+    in_lockstep(check_scenario(document, "to-identify"), run_dir, 7, lambda *_: None)
+    for trace in run_dir.glob("*.trace"):
+        trace.unlink()  # the truth among them: nothing but the CAN log is left
+    return run_dir
+
+
+@pytest.fixture(scope="module")
+def viscous(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    law = {"law": "viscous", "b_n_s_m": 0.26}
+    return record(tmp_path_factory.mktemp("viscous"), law, {}, 0.0201, 1.3, 60.0)
+
+
+@pytest.fixture(scope="module")
+def tuned(viscous: Path) -> Tuning:
+    return tune_identify(viscous)[0]
+
+
+def test_the_goals_are_met_from_a_minute(tuned: Tuning) -> None:
+    values = tuned.values
+    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.05)
+    assert values["friction.mu"] == 0.0
+    assert values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
+    assert values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
+    assert values["stop.contact_s"] == pytest.approx(0.01, rel=0.03)
+    assert values["drive.amplitude_m"] == pytest.approx(0.0201, rel=0.005)
+    assert tuned.figures_of_merit["accelerometer_offset"].value == pytest.approx(-0.31, abs=0.005)
+
+
+def test_it_is_much_better_than_the_goals(tuned: Tuning) -> None:
+    """So that a change that costs accuracy is seen before the goals are missed."""
+    values = tuned.values
+    assert values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.0005)
+    assert values["friction.b_n_s_m"] == pytest.approx(0.26, rel=0.01)
+    assert values["stop.position_m"] == pytest.approx(STOP_M, abs=3e-5)
+    assert values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.003)
+
+
+def test_the_bounds_hold_spring_and_friction(tuned: Tuning) -> None:
+    for name, truth in (
+        ("striker.spring_n_m", SPRING_N_M),
+        ("friction.b_n_s_m", 0.26),
+        ("drive.amplitude_m", 0.0201),
+    ):
+        value = tuned.parameters[name]
+        width = value.high - value.low
+        assert value.low - 0.5 * width < truth < value.high + 0.5 * width
+        assert 0.0 < width < 0.05 * truth
+
+
+def test_nothing_but_the_can_log_is_needed(viscous: Path, tuned: Tuning, tmp_path: Path) -> None:
+    """A bare log gives the same, the beliefs being the defaults in that run too."""
+    log = tmp_path / "bare.log"
+    log.write_bytes((viscous / "can.log").read_bytes())
+    assert tune_identify(log)[0].values == tuned.values
+    assert bench_of(log, None) is None
+    bench = bench_of(log, "table1-motor-soft")
+    assert bench is not None
+    assert bench.ratio == pytest.approx(1.3, abs=1e-3)
+
+
+def test_the_same_seed_gives_the_same(viscous: Path, tuned: Tuning) -> None:
+    assert tune_identify(viscous)[0] == tuned
+    assert tune_identify(viscous, seed=2)[0].values == tuned.values
+
+
+def test_a_dry_guide_is_told_and_measured(tmp_path: Path) -> None:
+    run = record(
+        tmp_path / "dry",
+        {"law": "coulomb", "mu": 0.15},
+        {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": 0.03}},
+        0.0305,
+        1.1,
+        30.0,
+    )
+    tuning, found, _ = tune_identify(run)
+    assert found.law == Law.COULOMB
+    assert tuning.values["friction.mu"] == pytest.approx(0.15, rel=0.01)
+    assert tuning.values["friction.b_n_s_m"] == 0.0
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+    assert tuning.values["stop.position_m"] == pytest.approx(STOP_M, abs=1e-4)
+    assert tuning.values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
+
+
+def test_both_laws_at_once_are_told(tmp_path: Path) -> None:
+    run = record(
+        tmp_path / "both",
+        {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
+        {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
+        0.0245,
+        1.1,
+        40.0,
+    )
+    tuning, found, _ = tune_identify(run)
+    assert found.law == Law.BOTH
+    assert tuning.values["friction.mu"] == pytest.approx(0.05, rel=0.02)
+    assert tuning.values["friction.b_n_s_m"] == pytest.approx(0.1, rel=0.15)
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+
+
+def cut(readings: Readings, begin_s: float, end_s: float) -> Readings:
+    begin, end = round(begin_s / readings.period_s), round(end_s / readings.period_s)
+    return Readings(
+        readings.period_s,
+        readings.acceleration_m_s2[begin:end],
+        readings.housing_m_s2[begin:end],
+        readings.angle_rad[begin:end],
+        ((0, end - begin),),
+    )
+
+
+def test_a_short_log_says_less(viscous: Path) -> None:
+    readings = read(viscous, 156.9)
+    short = identify(cut(readings, 30.0, 36.0), BANDWIDTH_HZ)
+    whole = identify(readings, BANDWIDTH_HZ)
+    for name in ("stiffness_1_s2", "damping_1_s", "amplitude_m"):
+        widths = [one.bounds[name][1] - one.bounds[name][0] for one in (short, whole)]
+        assert widths[0] > 1.5 * widths[1]
+
+
+def test_a_log_in_which_nothing_moves_is_refused(viscous: Path) -> None:
+    with pytest.raises(BadInputError, match="free flights"):
+        identify(cut(read(viscous, 156.9), 0.0, 0.5), BANDWIDTH_HZ)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="is not there"):
+        read(tmp_path / "nowhere", 156.9)
+    (tmp_path / "other.log").write_text("(0.001000) can0 123#00\n")
+    with pytest.raises(BadInputError, match="0 frames of the accelerometer"):
+        read(tmp_path / "other.log", 156.9)
+
+
+def test_gaps_split_the_log_and_spoil_nothing(viscous: Path, tuned: Tuning, tmp_path: Path) -> None:
+    """Each 3 s a hundredth of a second of frames is missing."""
+    kept = [
+        line
+        for line in (viscous / "can.log").read_text().splitlines(keepends=True)
+        if float(line[1:].partition(")")[0]) % 3.0 > 0.01
+    ]
+    (tmp_path / "gaps.log").write_text("".join(kept))
+    readings = read(tmp_path / "gaps.log", 156.9)
+    assert len(readings.pieces) >= 19
+    found = identify(readings, BANDWIDTH_HZ)
+    assert 0.8 * found.fit.striker.stiffness_1_s2 == pytest.approx(SPRING_N_M, rel=0.005)
+
+
+# --- parts --------------------------------------------------------------------------------------------
+
+
+def test_flights_lie_between_contacts(viscous: Path) -> None:
+    readings = read(viscous, 156.9)
+    contacts = contacts_of(readings)
+    assert len(contacts) > 90
+    flights = flights_of(readings, contacts, 0.00056)
+    spans = sorted([(one.begin, one.end) for one in flights] + [(one.before, one.after) for one in contacts])
+    assert all(end <= begin for (_, end), (begin, _) in pairwise(spans))
+
+
+def test_integrals_are_those_of_a_polynomial() -> None:
+    t = np.arange(1001) * 1e-3
+    velocity, way = integrals(2.0 - 3.0 * t, 1e-3)
+    assert velocity == pytest.approx(2.0 * t - 1.5 * t**2, abs=1e-12)
+    assert way == pytest.approx(t**2 - 0.5 * t**3, abs=1e-12)
+
+
+@pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8, 0.99])
+def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -> None:
+    """∫ push dt = (1 + k) v⁻ in a Hunt–Crossley contact whose damping is that of k."""
+    times, pushes = pulse(restitution, 0.0)
+    assert np.trapezoid(pushes, times) == pytest.approx(1.0 + restitution, abs=2e-3)
+
+
+def test_a_blow_is_fitted_back() -> None:
+    rows = np.arange(16) * 1e-3
+    readings = seen(rows, 0.9, 4.0, BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
+    fitted = fit_blow(rows, readings, 0.9, 4.0, BANDWIDTH_HZ)
+    assert fitted.touch_down_s == pytest.approx(0.00123, abs=2e-6)
+    assert fitted.scale_s == pytest.approx(0.0031, rel=2e-3)
+    assert fitted.restitution == pytest.approx(0.45, abs=2e-3)
+
+
+def test_the_contact_time_scales_as_hertz_says() -> None:
+    """T ∝ v^−0.2: S is its share at any speed, so that the time at the reference speed is one number."""
+    scale_s = 0.003
+    at_other_speed = scale_s * (0.9 / 0.45) ** 0.2
+    assert contact_time_s(at_other_speed, 0.45) == pytest.approx(contact_time_s(scale_s, 0.9), rel=1e-9)
+
+
+# --- the command --------------------------------------------------------------------------------------
+
+
+def test_the_command(viscous: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(safety, "SCENARIOS", ())
+    out, plot = tmp_path / "mine.toml", tmp_path / "mine.svg"
+    command = ["tune", "identify", str(viscous), "--out", str(out), "--plot", str(plot)]
+    assert cli.run([*command, "--json"]) == EXIT_PASSED
+    payload = json.loads(capsys.readouterr().out)
+    assert payload["law"] == "viscous"
+    assert payload["parameters"]["striker.spring_n_m"]["unit"] == "N/m"
+    assert any("mass and rest length" in warning for warning in payload["warnings"])
+    assert out.exists()
+    assert plot.stat().st_size > 10_000
+    assert cli.run(["tune", "identify", str(tmp_path / "nowhere")]) == EXIT_BAD_INPUT

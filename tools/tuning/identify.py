@@ -1,0 +1,501 @@
+"""The striker's parameters from one recorded log: stiffness by mass, friction law, crank radius, stop, k.
+
+Only what went over CAN is used: the accelerometer and the encoder. `flights` says how a free flight is linear
+in the parameters; here all flights are put together (least squares), the friction law is chosen by the
+Bayesian information criterion (Schwarz 1978), and flights are drawn again with replacement for the bounds
+(bootstrap, Efron 1979), since errors within a flight hang together. Where and how fast the striker touches
+down follows from the flight before, and `blows` says when, how stiffly and with which restitution.
+
+Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the believed mass,
+places for the believed l0.
+"""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lstsq
+from scipy.ndimage import uniform_filter1d
+
+from firmware_py.interface.records import OperatorCommand
+from firmware_py.shell.parameters import STANDARD_GRAVITY_M_S2, with_overrides
+from hil.run_traces import parse_candump
+from hil.scenario import LARGEST_RATIO
+from hil.seen_on_bus import heard
+from plant_sim.scene import read_scene
+from tools.output import BadInputError
+from tools.tuning.blows import contact_time_s, fit_blow
+from tools.tuning.flights import (
+    CRANK,
+    CURVE,
+    DAMPING,
+    DRY,
+    SLOW_M_S,
+    STIFFNESS,
+    Contact,
+    Flight,
+    contacts_of,
+    flights_of,
+    integrals,
+    standing_still,
+)
+from tools.tuning.readings import Readings, can_log_of, read
+from tools.tuning.result import Merit, Tuning, Value, tuned
+from tools.tuning.safety import Bench
+
+FloatArray = NDArray[np.float64]
+
+RESAMPLES = 500
+SIGN_PASSES = 8
+"""How often the sign of v is taken anew from the last fit; it settles after four."""
+OUTLYING = 4.0
+"""Times the median of the flights' mean squared residuals: left out."""
+FEWEST_FLIGHTS = 8
+FEWEST_SAMPLES = 50
+"""Of a flight; fewer say nothing beyond its own offset and slope."""
+WIDE_SHARE = 0.1
+"""Bounds wider than this share of the value: the log cannot tell."""
+CONDITION_LIMIT = 1e5
+"""Of the normalised normal matrix; beyond, regressors are each other's shadow."""
+MERGED_SAMPLES = 10
+"""So many neighbouring samples count as one where laws are compared: their errors hang together."""
+AFTER_ROWS = 3
+"""Of a contact that still belong to the blow."""
+FEWEST_BLOWS = 5
+CLEAR_LEAD = 6.0
+UNEXPLAINED = 3.0
+"""Times the sensor's noise."""
+GRAZING_M_S = 0.1
+"""Slower blows place the stop badly."""
+
+
+class Law(StrEnum):
+    """Friction laws that are told apart."""
+
+    VISCOUS = "viscous"
+    COULOMB = "coulomb"
+    BOTH = "coulomb and viscous"
+
+
+USED = {
+    Law.VISCOUS: (STIFFNESS, CRANK, DAMPING, CURVE),
+    Law.COULOMB: (STIFFNESS, CRANK, DRY, CURVE),
+    Law.BOTH: (STIFFNESS, CRANK, DAMPING, DRY, CURVE),
+}
+
+
+class Striker(NamedTuple):
+    """By unit of mass: κ = c/m, d = b/m, f = μ g; A and the accelerometer's offset β."""
+
+    stiffness_1_s2: float
+    amplitude_m: float
+    damping_1_s: float
+    dry_m_s2: float
+    offset_m_s2: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A law fitted: the striker, the root of the mean squared residual, samples and their criterion."""
+
+    law: Law
+    striker: Striker
+    residual_m_s2: float
+    samples: int
+    criterion: float
+    condition: float
+
+
+class Blow(NamedTuple):
+    """A touch-down: where it was past l0, the speed before it, and what `blows` makes of the readings."""
+
+    stop_m: float
+    speed_m_s: float
+    restitution: float
+    contact_s: float
+    misfit: float
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What the log says, and bounds (2.5 % and 97.5 %) of each quantity over resampled flights and blows."""
+
+    fits: dict[Law, Fit]
+    law: Law
+    bounds: dict[str, tuple[float, float]]
+    blows: tuple[Blow, ...]
+    flights: int
+    used: tuple[Flight, ...]
+    """Flights with the sign of v, for pictures."""
+    left_out: int
+    """Flights in which nothing moves, or that no law fits."""
+    seconds: float
+
+    @property
+    def fit(self) -> Fit:
+        """The law that was chosen."""
+        return self.fits[self.law]
+
+
+def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identified:
+    """Fit a log's readings; `bandwidth_hz` is that of the accelerometers' low-pass."""
+    contacts = contacts_of(readings)
+    flights = flights_of(readings, contacts, low_pass_delay_s(bandwidth_hz))
+    if len(flights) < FEWEST_FLIGHTS:
+        raise BadInputError(
+            f"the log has {len(flights)} free flights of the striker, wanted {FEWEST_FLIGHTS} or more; "
+            "record some seconds with the crank turning"
+        )
+    swing = _swing_m_s(readings)
+    signed, chosen = _with_signs(
+        flights, [swing[flight.begin : flight.end] for flight in flights], readings.period_s
+    )
+    matrices = _normals(signed, chosen)
+    for _ in range(SIGN_PASSES):
+        striker = _solved(matrices, Law.BOTH)
+        speeds = [_speed(flight, mask, striker) for flight, mask in zip(signed, chosen, strict=True)]
+        signed, chosen = _with_signs(flights, speeds, readings.period_s)
+        matrices = _fitting(_normals(signed, chosen), chosen)
+    fits = {law: _fit(matrices, chosen, law) for law in Law}
+    law = min(fits.values(), key=lambda fit: fit.criterion).law
+    blows = tuple(
+        blow
+        for flight in signed
+        if flight.contact is not None
+        and (blow := _blow(readings, flight, flight.contact, fits[law].striker, bandwidth_hz)) is not None
+    )
+    noise = np.random.default_rng(seed)
+    return Identified(
+        fits=fits,
+        law=law,
+        bounds=_bounds(matrices, law, noise) | _bounds_of_blows(blows, noise),
+        blows=blows,
+        flights=len(flights),
+        used=tuple(flight for flight, matrix in zip(signed, matrices, strict=True) if matrix[5, 5] > 0.0),
+        left_out=int(np.count_nonzero(matrices[:, 5, 5] == 0.0)),
+        seconds=fits[law].samples * readings.period_s,
+    )
+
+
+# --- flights ------------------------------------------------------------------------------------------
+
+
+def _normals(flights: list[Flight], chosen: list[NDArray[np.bool_]]) -> FloatArray:
+    """Each flight's normal matrix of regressors and reading, its own line projected out: (n, 6, 6)."""
+    matrices = np.zeros((len(flights), 6, 6))
+    for number, (flight, mask) in enumerate(zip(flights, chosen, strict=True)):
+        if mask.sum() < FEWEST_SAMPLES:
+            continue
+        rows = np.column_stack([flight.regressors, flight.z_m_s2])[mask]
+        own = np.column_stack([np.ones(mask.sum()), flight.t_s[mask]])
+        rows = rows - own @ lstsq(own, rows)[0]
+        matrices[number] = rows.T @ rows
+    return matrices
+
+
+def _fitting(matrices: FloatArray, chosen: list[NDArray[np.bool_]]) -> FloatArray:
+    """The normal matrices without those of flights that no law fits: a wrong sign of v, a stick, a knock.
+
+    Each flight's residual is taken against what all of them say, and held against the flights' median.
+    """
+    found = _coefficients(matrices.sum(axis=0), Law.BOTH)
+    with_reading = np.append(-found, 1.0)
+    squares = np.einsum("i,nij,j->n", with_reading, matrices, with_reading)
+    counts = np.array([mask.sum() for mask in chosen])
+    says = matrices[:, 5, 5] > 0.0
+    mean = squares / np.maximum(counts, 1)
+    kept = says & (mean <= OUTLYING * np.median(mean[says]))
+    return np.where(kept[:, None, None], matrices, 0.0)
+
+
+def _coefficients(total: FloatArray, law: Law) -> FloatArray:
+    """Least squares from a normal matrix, its columns scaled to be alike; 0 for what is unused."""
+    used = np.array(USED[law])
+    normal = total[np.ix_(used, used)]
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    found = np.zeros(5)
+    found[used] = lstsq(normal / np.outer(scale, scale), total[used, 5] / scale)[0] / scale
+    return found
+
+
+def _striker(coefficients: FloatArray) -> Striker:
+    # (−κ, κ A, −d, −f, κ β/2)
+    k = -coefficients[STIFFNESS]
+    return Striker(
+        stiffness_1_s2=float(k),
+        amplitude_m=float(coefficients[CRANK] / k),
+        damping_1_s=float(-coefficients[DAMPING]),
+        dry_m_s2=float(-coefficients[DRY]),
+        offset_m_s2=float(2.0 * coefficients[CURVE] / k),
+    )
+
+
+def _solved(matrices: FloatArray, law: Law) -> Striker:
+    return _striker(_coefficients(matrices.sum(axis=0), law))
+
+
+def _fit(matrices: FloatArray, chosen: list[NDArray[np.bool_]], law: Law) -> Fit:
+    total = matrices.sum(axis=0)
+    found = _coefficients(total, law)
+    samples = sum(int(mask.sum()) for mask, one in zip(chosen, matrices, strict=True) if one[5, 5] > 0.0)
+    squares = float(total[5, 5] - 2.0 * found @ total[:5, 5] + found @ total[:5, :5] @ found)
+    used = np.array(USED[law])
+    normal = total[np.ix_(used, used)]
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    merged = samples / MERGED_SAMPLES
+    return Fit(
+        law=law,
+        striker=_striker(found),
+        residual_m_s2=float(np.sqrt(max(squares, 0.0) / samples)),
+        samples=samples,
+        criterion=float(merged * np.log(max(squares, 1e-300) / samples) + len(used) * np.log(merged)),
+        condition=float(np.linalg.cond(normal / np.outer(scale, scale))),
+    )
+
+
+def _start(flight: Flight, mask: NDArray[np.bool_], striker: Striker) -> tuple[float, float]:
+    """Where a flight began past l0, and how fast: x0 − l0 and v0, from its own offset and slope."""
+    k, amplitude, d, f, offset = striker
+    shared = np.array([-k, k * amplitude, -d, -f, 0.5 * k * offset])
+    own = np.column_stack([np.ones(mask.sum()), flight.t_s[mask]])
+    p0, p1 = lstsq(own, flight.z_m_s2[mask] - flight.regressors[mask] @ shared)[0]
+    v0 = (d * offset - p1) / k
+    return float((offset - d * v0 - p0) / k), float(v0)
+
+
+def _speed(flight: Flight, mask: NDArray[np.bool_], striker: Striker) -> FloatArray:
+    """v over a flight; 0 where the striker never moves."""
+    if mask.sum() < FEWEST_SAMPLES:
+        return np.zeros(len(flight.t_s))
+    _, v0 = _start(flight, mask, striker)
+    return v0 + flight.regressors[:, DAMPING] - striker.offset_m_s2 * flight.t_s
+
+
+def _swing_m_s(readings: Readings) -> FloatArray:
+    """A first idea of v, without a model: ∫z dt less its mean over a turn, which ends where it began."""
+    v = np.zeros(len(readings.acceleration_m_s2))
+    for begin, end in readings.pieces:
+        z = readings.acceleration_m_s2[begin:end]
+        turns = abs(readings.angle_rad[end - 1] - readings.angle_rad[begin]) / (2.0 * np.pi)
+        width = round((end - begin) / turns) if turns > 1.0 else end - begin
+        whole = integrals(z - np.mean(z), readings.period_s)[0]
+        v[begin:end] = whole - uniform_filter1d(whole, max(width, 1), mode="nearest")
+    return v
+
+
+def _with_signs(
+    flights: list[Flight], speeds_m_s: list[FloatArray], period_s: float
+) -> tuple[list[Flight], list[NDArray[np.bool_]]]:
+    """The flights with the sign of v, and which samples to use: those that move."""
+    signed, chosen = [], []
+    for flight, v in zip(flights, speeds_m_s, strict=True):
+        columns = flight.regressors.copy()
+        columns[:, DRY] = np.sign(v)
+        signed.append(replace(flight, regressors=columns))
+        chosen.append(~standing_still(flight, period_s) & (np.abs(v) > SLOW_M_S))
+    return signed, chosen
+
+
+def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
+    """v, and d v + f sign v: what is left of the reading once spring and crank are taken off."""
+    k, amplitude, _, _, offset = found.fit.striker
+    speeds, left = [], []
+    for flight in found.used:
+        moving = np.ones(len(flight.t_s), bool)
+        x0, v0 = _start(flight, moving, found.fit.striker)
+        t = flight.t_s
+        x = x0 + v0 * t + flight.regressors[:, STIFFNESS] - 0.5 * offset * t * t
+        speeds.append(v0 + flight.regressors[:, DAMPING] - offset * t)
+        left.append(offset - k * (x - amplitude * flight.regressors[:, CRANK]) - flight.z_m_s2)
+    return np.concatenate(speeds), np.concatenate(left)
+
+
+# --- blows --------------------------------------------------------------------------------------------
+
+
+def _blow(
+    readings: Readings, flight: Flight, contact: Contact, striker: Striker, bandwidth_hz: float
+) -> Blow | None:
+    """Where and how fast the striker touched down, and what the stop made of it; None for a weak blow."""
+    T = readings.period_s
+    k, amplitude, d, f, offset = striker
+    x0, v0 = _start(flight, np.ones(len(flight.t_s), bool), striker)
+    last = contact.before - flight.begin
+    end = min(contact.after + AFTER_ROWS, len(readings.acceleration_m_s2))
+    z = readings.acceleration_m_s2[flight.begin : end]
+    velocity, way = integrals(z[: last + 1], T)
+    t = last * T
+    x = x0 + v0 * t + way[-1] - 0.5 * offset * t * t
+    v = v0 + velocity[-1] - offset * t
+    if v < GRAZING_M_S or not np.all(np.isfinite(z)):
+        return None
+    # What spring, crank and friction would give over the blow; the striker stays where it is, within 3 mm.
+    rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
+    angle = readings.angle_rad[contact.before : end]
+    # Once it is thrown back, friction has turned round.
+    back = np.where(np.arange(len(rows)) > np.argmin(z[last:]), -1.0, 1.0)
+    free = -k * (x - amplitude * np.sin(angle)) - back * (d * v + f)
+    delay_s = low_pass_delay_s(bandwidth_hz)
+    coming = float(z[last]) - offset
+    at_s, speed = T, v
+    for _ in range(2):
+        speed = v + coming * (at_s + delay_s)
+        fitted = fit_blow(rows, free + offset - z[last:], speed, -float(np.mean(free)), bandwidth_hz)
+        at_s = fitted.touch_down_s
+    # All of the flight lags behind by the low-pass's delay.
+    since = at_s + delay_s
+    return Blow(
+        stop_m=x + v * since + 0.5 * coming * since * since,
+        speed_m_s=speed,
+        restitution=fitted.restitution,
+        contact_s=contact_time_s(fitted.scale_s, speed),
+        misfit=fitted.misfit,
+    )
+
+
+def low_pass_delay_s(bandwidth_hz: float) -> float:
+    """Of a Butterworth low-pass of second order, well below its corner."""
+    return float(np.sqrt(2.0) / (2.0 * np.pi * bandwidth_hz))
+
+
+# --- bounds -------------------------------------------------------------------------------------------
+
+
+def _quantiles(values: FloatArray) -> tuple[float, float]:
+    low, high = np.percentile(values, (2.5, 97.5))
+    return float(low), float(high)
+
+
+def _bounds(matrices: FloatArray, law: Law, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """Of the striker's quantities, over flights drawn with replacement."""
+    n = len(matrices)
+    drawn = [_solved(matrices[noise.integers(n, size=n)], law) for _ in range(RESAMPLES)]
+    return {name: _quantiles(np.array([getattr(one, name) for one in drawn])) for name in Striker._fields}
+
+
+def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """Of the medians over blows, drawn with replacement."""
+    if len(blows) < 2:
+        return {}
+    table = np.array(blows)
+    medians = np.array(
+        [np.median(table[noise.integers(len(table), size=len(table))], axis=0) for _ in range(RESAMPLES)]
+    )
+    return {name: _quantiles(medians[:, place]) for place, name in enumerate(Blow._fields)}
+
+
+# --- as a command -------------------------------------------------------------------------------------
+
+
+def beliefs_of(source: Path) -> dict[str, float]:
+    """The firmware's parameters in that run; the defaults for a bare log."""
+    scenario = source / "scenario.toml"
+    document = tomllib.loads(scenario.read_text()) if scenario.is_file() else {}
+    return with_overrides(document.get("firmware", {}))
+
+
+def bench_of(source: Path, scene: str | None) -> Bench | None:
+    """The plant on which to judge, the one named or the run's own, and the highest ratio asked for.
+
+    The fit never sees it.
+    """
+    scenario = source / "scenario.toml"
+    if scene is not None:
+        tables = read_scene(scene)
+    elif scenario.is_file():
+        tables = tomllib.loads(scenario.read_text())["scene"]
+    else:
+        return None
+    commands = heard(parse_candump(can_log_of(source).read_bytes()), OperatorCommand).signals
+    ratios = commands[:, OperatorCommand._fields.index("target_ratio")] if len(commands) else np.zeros(0)
+    return Bench(tables, float(np.max(ratios)) if ratios.any() else LARGEST_RATIO)
+
+
+def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Readings]:
+    """The firmware's beliefs about striker, friction and stop, from a run folder or a candump log."""
+    beliefs = beliefs_of(source)
+    readings = read(source, beliefs["sensor.low_full_scale_m_s2"], beliefs["control.tick_s"])
+    found = identify(readings, beliefs["sensor.bandwidth_hz"], seed)
+    mass, rest = beliefs["striker.mass_kg"], beliefs["striker.rest_length_m"]
+    striker, bounds = found.fit.striker, found.bounds
+    places = {
+        "striker.spring_n_m": (striker.stiffness_1_s2, "stiffness_1_s2", mass, 0.0),
+        "drive.amplitude_m": (striker.amplitude_m, "amplitude_m", 1.0, 0.0),
+        "friction.b_n_s_m": (abs(striker.damping_1_s), "damping_1_s", mass, 0.0),
+        "friction.mu": (abs(striker.dry_m_s2), "dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
+    }
+    if len(found.blows) >= FEWEST_BLOWS:
+        stop_m, _, restitution, contact_s, _ = np.median(np.array(found.blows), axis=0).tolist()
+        places |= {
+            "stop.position_m": (stop_m, "stop_m", 1.0, rest),
+            "stop.restitution": (restitution, "restitution", 1.0, 0.0),
+            "stop.contact_s": (contact_s, "contact_s", 1.0, 0.0),
+        }
+    parameters = {
+        name: tuned(name, one * factor + base, *(abs(bound) * factor + base for bound in bounds[key]))
+        for name, (one, key, factor, base) in places.items()
+    }
+    merits = {
+        "residual": Merit(found.fit.residual_m_s2, "m/s^2"),
+        "accelerometer_offset": Merit(striker.offset_m_s2, "m/s^2"),
+        "criterion_over_the_next_law": Merit(_lead(found), "1"),
+        "condition": Merit(found.fit.condition, "1"),
+        "flights": Merit(float(found.flights - found.left_out), "1"),
+        "flights_left_out": Merit(float(found.left_out), "1"),
+        "blows": Merit(float(len(found.blows)), "1"),
+        "fitted": Merit(found.seconds, "s"),
+    }
+    if found.blows:
+        merits["blows_misfit"] = Merit(float(np.median([blow.misfit for blow in found.blows])), "1")
+    tuning = Tuning(
+        command="identify",
+        source=f"{source}: {found.law.value} friction, {found.seconds:.1f} s of free flight",
+        seed=seed,
+        range_is="95 % of resampled flights and blows; errors that all share are not in it",
+        parameters=parameters,
+        figures_of_merit=merits,
+        warnings=tuple(_warnings(found, parameters, readings, beliefs)),
+    )
+    return tuning, found, readings
+
+
+def _lead(found: Identified) -> float:
+    """By how much the next law's criterion is worse; above 6 is strong evidence (Kass & Raftery 1995)."""
+    others = [fit.criterion for law, fit in found.fits.items() if law != found.law]
+    return min(others) - found.fit.criterion
+
+
+def _warnings(
+    found: Identified, parameters: Mapping[str, Value], readings: Readings, beliefs: Mapping[str, float]
+) -> Iterator[str]:
+    """What the log cannot tell."""
+    yield (
+        f"mass and rest length cannot be told by accelerometer and encoder: forces are for "
+        f"{beliefs['striker.mass_kg']:g} kg, the stop for l0 = {beliefs['striker.rest_length_m']:g} m"
+    )
+    for name, (value, unit, low, high) in parameters.items():
+        size = value - beliefs["striker.rest_length_m"] if name == "stop.position_m" else value
+        if high - low > WIDE_SHARE * abs(size) and value != 0.0:
+            yield (
+                f"{name} = {value:.4g} {unit} is known no better than {low:.4g} … {high:.4g}: a longer log, "
+                "or one with several speeds, would tell"
+            )
+    if found.fit.condition > CONDITION_LIMIT:
+        yield f"the regressors are nearly each other's shadow (condition {found.fit.condition:.2g})"
+    if _lead(found) < CLEAR_LEAD:
+        yield f"the friction laws are hardly told apart (criterion {_lead(found):.1f} better than the next)"
+    if len(found.blows) < FEWEST_BLOWS:
+        yield f"{len(found.blows)} usable blows: nothing is said of the stop, wanted {FEWEST_BLOWS}"
+    noise_m_s2 = beliefs["estimator.model_std_m_s2"]
+    if found.fit.residual_m_s2 > UNEXPLAINED * noise_m_s2:
+        yield (
+            f"the residual is {found.fit.residual_m_s2:.3g} m/s², the sensor's noise {noise_m_s2:.3g}: "
+            "another friction law, or something else moves the striker"
+        )
+    if float(np.nanstd(readings.housing_m_s2)) > UNEXPLAINED * noise_m_s2:
+        yield "the housing moved, which the fit takes for the striker: record with the module held still"

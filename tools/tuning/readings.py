@@ -1,0 +1,74 @@
+"""What went over CAN, tick by tick: the accelerometers and the crank's angle, and nothing of the truth."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.records import Accelerometer, EncoderEstimates
+from hil.run_traces import BusLog, parse_candump
+from hil.seen_on_bus import heard, tick_numbers
+from tools.output import BadInputError
+
+FloatArray = NDArray[np.float64]
+
+CLIPPED_SHARE = 0.95
+QUIET_SHARE = 0.2
+"""Of the low range: there both ranges can be read, and the high one's offset shows."""
+BUS_PERIOD_S = 1e-3
+
+
+class Readings(NamedTuple):
+    """A row a tick, shape (n,), without gaps inside `pieces`, which are pairs (first, behind the last).
+
+    `acceleration_m_s2` is the low range, or the high one without its offset where the low one clips.
+    """
+
+    period_s: float
+    acceleration_m_s2: FloatArray
+    housing_m_s2: FloatArray
+    angle_rad: FloatArray
+    pieces: tuple[tuple[int, int], ...]
+
+
+def can_log_of(source: Path) -> Path:
+    """The CAN log of a run folder, or the log itself."""
+    path = source / "can.log" if source.is_dir() else source
+    if not path.exists():
+        raise BadInputError(f"{path} is not there; give a run folder or a candump log")
+    return path
+
+
+def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_S) -> Readings:
+    """The readings of a run folder or of a candump log."""
+    path = can_log_of(source)
+    bus = parse_candump(path.read_bytes())
+    return of_bus(bus, low_full_scale_m_s2, period_s, str(path))
+
+
+def of_bus(bus: BusLog, low_full_scale_m_s2: float, period_s: float, name: str = "the log") -> Readings:
+    """Both sensors on one row of ticks; a tick that lacks one of them ends a piece."""
+    felt, turned = heard(bus, Accelerometer), heard(bus, EncoderEstimates)
+    if len(felt.t_s) < 2 or len(turned.t_s) < 2:
+        raise BadInputError(
+            f"{name} has {len(felt.t_s)} frames of the accelerometer and {len(turned.t_s)} of the encoder; "
+            "wanted a log of the bench's bus with both"
+        )
+    of_felt, of_turned = tick_numbers(felt.t_s, period_s), tick_numbers(turned.t_s, period_s)
+    first = min(int(of_felt[0]), int(of_turned[0]))
+    count = max(int(of_felt[-1]), int(of_turned[-1])) - first + 1
+    low, high, housing, angle = (np.full(count, np.nan) for _ in range(4))
+    low[of_felt - first], high[of_felt - first] = felt.signals[:, 0], felt.signals[:, 1]
+    housing[of_felt - first] = felt.signals[:, 2]
+    angle[of_turned - first] = 2.0 * np.pi * turned.signals[:, 0]
+    quiet = np.abs(low) < QUIET_SHARE * low_full_scale_m_s2
+    offset_m_s2 = float(np.median((high - low)[quiet])) if quiet.any() else 0.0
+    clipped = np.abs(low) >= CLIPPED_SHARE * low_full_scale_m_s2
+    acceleration = np.where(clipped, high - offset_m_s2, low)
+    whole = np.isfinite(acceleration) & np.isfinite(angle)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8)))
+    pieces = tuple((int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True))
+    for begin, end in pieces:
+        angle[begin:end] = np.unwrap(angle[begin:end])
+    return Readings(period_s, acceleration, housing, angle, pieces)
