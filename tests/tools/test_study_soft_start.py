@@ -43,6 +43,24 @@ def test_the_firmware_strikes_from_where_an_instant_start_does_not(tmp_path, mon
     assert again.table.equals(found.table)
 
 
+def test_a_cluster_that_compiles_the_firmware_gives_the_same(tmp_path, monkeypatch):
+    from distributed import LocalCluster
+
+    def found(where):
+        return soft_start.compute(case("table1", "viscous"), 1.3, "phase", 2, where).table
+
+    settings = {"n_workers": 1, "dashboard_address": None, "host": "127.0.0.1", "silence_logs": 50}
+    with LocalCluster(threads_per_worker=1, **settings) as cluster:
+        where = work.here(tmp_path / "interpreted", None, cluster.scheduler_address)
+        with pytest.raises(BadInputError, match="VIBROHIL_COMPILED=1"):
+            found(where)
+    monkeypatch.setenv("VIBROHIL_COMPILED", "1")
+    with LocalCluster(threads_per_worker=1, **settings) as cluster:
+        on_a_cluster = found(work.here(tmp_path / "cluster", None, cluster.scheduler_address))
+    monkeypatch.undo()
+    assert found(work.here(tmp_path / "here", 1)).equals(on_a_cluster)
+
+
 def test_where_nothing_can_strike_no_start_does(tmp_path):
     weak = case("table1", "viscous", amplitude_m=0.002)
     found = soft_start.compute(weak, 1.3, "phase", 2, work.here(tmp_path, cores=2))

@@ -141,7 +141,8 @@ def basin(
 
     With --start soft a cell strikes where the firmware ends in its mode RUN with lasting impacts, 30 s after
     it was asked to; motor, sensors and soft stop are those of the bench's default scene. Beside it stands
-    what an instant start of the same module would have come to.
+    what an instant start of the same module would have come to. Workers of a Dask cluster have to be started
+    with VIBROHIL_COMPILED=1 for it.
     """
     import numpy as np
 

@@ -122,7 +122,11 @@ def _on_cluster(
     with _client(address) as client:
         futures = {client.submit(piece, spec, pure=False): index for index, spec in numbered}
         for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]  # distributed carries no types
-            yield futures[future], future.result()
+            try:
+                result = future.result()
+            except processes.WorkerError as error:
+                raise BadInputError(f"--scheduler {address}: {error}") from error
+            yield futures[future], result
             future.release()
 
 
