@@ -166,7 +166,14 @@ def basin(
     for one in found:
         across, up = basins.axes(case, one.plane, size)
         blows = np.asarray(one.table["blows"].to_numpy()).reshape(size, size)
-        pictures += figures.basin(case, ratio, one.plane, across, up, blows, caption_of(one), out, one.name)
+        at_once = (
+            np.asarray(one.table["instant"].to_numpy(zero_copy_only=False)).reshape(size, size)
+            if soft
+            else None
+        )
+        pictures += figures.basin(
+            case, ratio, one.plane, across, up, blows, caption_of(one), out, one.name, at_once
+        )
     payload = {
         "basins": [one.as_json() for one in found],
         **cost,

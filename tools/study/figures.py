@@ -143,8 +143,9 @@ def basin(
     caption: str,
     folder: Path,
     name: str,
+    at_once: NDArray[np.bool_] | None = None,
 ) -> list[str]:
-    """A map of starts, coloured by what they end in."""
+    """A map of starts, coloured by what they end in; over it where instant starts would have struck."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -177,7 +178,11 @@ def basin(
         Patch(color=IMPACT_COLOUR, label="ends in impact motion"),
         Patch(color=CALM_COLOUR, label="ends without"),
     ]
-    axes.legend(handles=handles, loc="lower left", fontsize=8)
+    if at_once is not None and at_once.any() and not at_once.all():
+        axes.contourf(across_m * 1e3, up, at_once, levels=[-0.5, 0.5], hatches=["///"], colors="none")
+        axes.contour(across_m * 1e3, up, at_once, levels=[0.5], colors="k", linewidths=1.0)
+        handles.append(Patch(fill=False, hatch="///", label="would end without by an instant start"))
+    axes.legend(handles=handles, loc="lower left" if at_once is None else "upper left", fontsize=8)
     return save(figure, folder, name)
 
 
