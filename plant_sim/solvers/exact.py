@@ -188,18 +188,11 @@ def simulate(
 
 def require_plain(parts: Parts) -> None:
     """Refuse what these solvers have no form for; a tilt is taken off beforehand (`plant_sim.tilt`)."""
-    beyond = [
-        repr(part)
-        for part, plain in (
-            (parts.linkage, Sine),
-            (parts.housing, Level),
-            (parts.wearer, NoWearer),
-        )
-        if not isinstance(part, plain)
-    ]
-    if beyond:
+    linkage, housing, wearer = parts.linkage, parts.housing, parts.wearer
+    if not (isinstance(linkage, Sine) and isinstance(housing, Level) and isinstance(wearer, NoWearer)):
         raise UnsupportedSceneError(
-            f"this solver has no form for {' and '.join(beyond)}: use the adaptive solver"
+            "this solver has a sine, a level housing and no wearer alone; this scene has "
+            f"{linkage!r}, {housing!r} and {wearer!r}: use the adaptive solver"
         )
 
 

@@ -1,20 +1,27 @@
 """The plant tick by tick."""
 
 import math
+import struct
 from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit, typeof
 from reference import Reference
 from test_scene import changed
 
 from plant_sim.parts.stop import RigidStop
-from plant_sim.plant import Plant, PlantError
+from plant_sim.plant import Plant, PlantError, compiled_advance
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene
 from plant_sim.simulate import initial_state, simulate
+from plant_sim.solvers.adaptive import advance
+from plant_sim.solvers.bernstein import NODES
+from plant_sim.solvers.memory import allocate
 
 MOTOR = load_scene("gait-motor-soft")
+WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
+SHAKEN = {"harmonic": {"amplitude_m_s2": 1.0, "frequency_hz": 1.0}}
 
 
 def torque_at(tick: int) -> float:
@@ -146,13 +153,16 @@ def test_impacts_are_handed_out_once() -> None:
             6,
         ),
         ("table1-motor-soft", {}, 8, 6),
+        # a rod needs nothing; + work of a housing; + foot plate, its velocity, the ankle's loss and peak
+        ("table1-motor-soft", {"drive.rod_m": 0.1}, 8, 6),
+        ("table1-motor-soft", {"housing": {"tilt_rad": 0.1}}, 9, 6),
+        ("table1-motor-soft", {"wearer": WEARER}, 11, 7),
+        ("table1-motor-soft", {"wearer": WEARER, "housing": SHAKEN, "drive.rod_m": 0.1}, 12, 7),
     ],
 )
 def test_the_state_holds_only_what_the_scene_names(
     name: str, changes: dict[str, Any], state: int, contact: int
 ) -> None:
-    from plant_sim.solvers.memory import allocate
-
     scene = load_scene(changed(name, changes))
     memory = allocate(scene.parts(), initial_state(scene), 1e-9, 1)
     assert memory.y.size == state
@@ -160,30 +170,63 @@ def test_the_state_holds_only_what_the_scene_names(
 
 
 def test_the_kernel_holds_only_what_the_scene_names() -> None:
-    """Only the Stribeck law takes an exponential, and only sensors take one of a complex number."""
-    from plant_sim.plant import compiled_advance
-    from plant_sim.solvers.adaptive import advance
+    """Only the Stribeck law takes an exponential; only a shaken housing looks at a step's inner points.
 
-    def has_exponential(changes: dict[str, Any]) -> bool:
-        plant = Plant(load_scene(changed("table1-viscous", changes)), seed=1)
-        compiled_advance(plant)
-        for signature in advance.overloads:  # type: ignore[attr-defined]
-            if [str(kind) for kind in signature[:2]] == [
-                str(typeof(plant.parts)),
-                str(typeof(plant._probe)),
-            ]:
-                # The code of a kernel that comes from the cache cannot be had back: compile it anew.
-                fresh = njit(error_model="numpy")(advance.py_func)  # type: ignore[attr-defined]
-                fresh.compile(signature)
-                code = fresh.inspect_llvm(signature)
-                return "@exp(" in code or "@llvm.exp.f64(" in code
-        raise AssertionError
-
-    from numba import njit, typeof
-
+    What parts there are shows in the arithmetic: each adds to it.
+    """
     stribeck = {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}
-    assert not has_exponential({})
-    assert has_exponential({"friction": stribeck})
+    hertz = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    plain, rubbed = kernel_code({}), kernel_code({"friction": stribeck})
+    assert not has_exponential(plain)
+    assert has_exponential(rubbed)
+    soft = kernel_code({"stop": hertz})
+    rod = kernel_code({"stop": hertz, "drive.rod_m": 0.1})
+    worn = kernel_code({"stop": hertz, "wearer": WEARER})
+    shaken = kernel_code({"stop": hertz, "housing": SHAKEN})
+    assert constant(NODES[1]) in shaken
+    for code in (plain, rubbed, soft, rod, worn):
+        assert constant(NODES[1]) not in code
+    for code in (rod, worn, shaken):
+        assert arithmetic(code) > arithmetic(soft) > arithmetic(plain)
+    # A rod takes square roots and an ankle's frequency one; a swing takes sines.
+    assert calls(rod, "sqrt") > calls(worn, "sqrt") > calls(soft, "sqrt")
+    assert calls(plain, "sqrt") == calls(soft, "sqrt") == calls(shaken, "sqrt")
+    assert calls(shaken, "sin") > calls(soft, "sin") == calls(worn, "sin") == calls(plain, "sin")
+
+
+def kernel_code(changes: dict[str, Any]) -> str:
+    """The compiled code of a scene's kernel, as LLVM writes it down."""
+    plant = Plant(load_scene(changed("table1-viscous", changes)), seed=1)
+    compiled_advance(plant)
+    for signature in advance.overloads:  # type: ignore[attr-defined]
+        if [str(kind) for kind in signature[:2]] == [str(typeof(plant.parts)), str(typeof(plant._probe))]:
+            # The code of a kernel that comes from the cache cannot be had back: compile it anew.
+            fresh = njit(error_model="numpy")(advance.py_func)  # type: ignore[attr-defined]
+            fresh.compile(signature)
+            return fresh.inspect_llvm(signature)
+    raise AssertionError
+
+
+def has_exponential(code: str) -> bool:
+    return "@exp(" in code or "@llvm.exp.f64(" in code
+
+
+def arithmetic(code: str) -> int:
+    """How many floating-point operations are written in it."""
+    return sum(code.count(f" {operation} ") for operation in ("fadd", "fsub", "fmul", "fdiv"))
+
+
+def calls(code: str, function: str) -> int:
+    """How often a function of one number is mentioned in it."""
+    return code.count(f"@llvm.{function}.f64(") + code.count(f"@{function}(")
+
+
+def constant(value: float) -> str:
+    """A number as LLVM writes it within an array."""
+    return "".join(
+        chr(byte) if 32 <= byte < 127 and byte not in b'"\\' else f"\\{byte:02X}"
+        for byte in struct.pack("<d", value)
+    )
 
 
 def test_a_rigid_scene_ticks_as_it_runs() -> None:

@@ -8,10 +8,12 @@ import pytest
 from reference import Reference
 from test_scene import changed
 
+from plant_sim.parts.stop import RigidStop
 from plant_sim.parts.wearer import Ankle
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulate import initial_state, simulate
+from plant_sim.solvers import exact
 from plant_sim.solvers.memory import allocate
 
 # A foot of a kilogram; an ankle of 100 N m/rad and 1 N m s/rad at a lever of 0.1 m.
@@ -145,6 +147,13 @@ def test_a_run_does_not_depend_on_its_ticks() -> None:
         plant.advance(0.05, 1e-3)
     assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
     assert plant.peak_felt_force_n == pytest.approx(whole.peak_felt_force_n, rel=1e-6)
+
+
+def test_solvers_without_a_form_for_it_refuse_it() -> None:
+    parts = scene({"stop": HERTZ}).parts()
+    start = initial_state(scene({"stop": HERTZ}))
+    with pytest.raises(exact.UnsupportedSceneError, match="no wearer alone"):
+        exact.simulate(parts._replace(stop=RigidStop(0.18, 0.5)), start, 1.0)
 
 
 @pytest.mark.parametrize(
