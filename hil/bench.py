@@ -29,6 +29,7 @@ from hil.processes import Child, ChildError
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
+from hil.soak import SETTLED_SHARE, MemoryWatch
 from hil.warm import warm_firmware, warm_plant
 
 Progress = Callable[[float, str], None]
@@ -40,6 +41,7 @@ READY_TIMEOUT_S = 120.0
 START_DELAY_S = 0.3
 LIVE = "live"
 """The child that shows the run in a viewer."""
+PERIODS_A_MEMORY_SAMPLE = 100
 REACTION_S = 0.5
 """How long the survivors of a dead node are watched."""
 END_TIMEOUT_S = 5.0
@@ -58,6 +60,10 @@ class Outcome:
     reasons: list[str] = field(default_factory=list)
     """Why the run is no good whatever its checks say: one sentence each."""
     baseline_overruns: int | None = None
+    memory_growth_mb: dict[str, float] = field(default_factory=dict)
+    """By process since it had settled, in runs that are long enough."""
+    memory_watched_s: float = 0.0
+    """The time from then on."""
 
 
 def run_scenario(
@@ -227,6 +233,7 @@ class RealTimeRun:
         scripted = ProcessFaults(self.scenario.faults)
         signals = scripted.signals()
         dead = {name for name in self.watched if scripted.kills(name)}
+        memory = MemoryWatch({name: child.pid for name, child in self.watched.items()})
 
         def step(period: int, _: int) -> None:
             nonlocal last_period
@@ -246,11 +253,15 @@ class RealTimeRun:
                 loop.stop()
             if period % 10 == 0:
                 self.progress(period / periods, "running")
+            if period % PERIODS_A_MEMORY_SAMPLE == 0:
+                memory.sample()
 
         def record(_: int, __: LoopTiming) -> None:
             """The operator's own timing is nobody's concern."""
 
         loop.run(periods, step, record)
+        self.outcome.memory_growth_mb = memory.growth_mb()
+        self.outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * self.scenario.duration_s
 
     def await_ends(self) -> None:
         """The loops end by themselves within a tick or two of the script."""

@@ -73,6 +73,16 @@ class TrueImpact:
 
 
 @dataclass(frozen=True, slots=True)
+class MemoryFigures:
+    """Growth since the processes had settled; none in short runs and in lockstep."""
+
+    nodes_growth_mb: Annotated[float | None, Quantity("MB", "the largest of all but the recorder's")]
+    recorder_growth_mb_min: Annotated[
+        float | None, Quantity("MB/min", "the recorder's, which keeps the log's index")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class EstimateFigures:
     """The firmware's estimate against the truth of the same tick, over the hold."""
 
@@ -172,6 +182,7 @@ class Figures:
         float | None, Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing")
     ]
     realtime_factor: Annotated[float | None, Quantity("", "simulated over elapsed time")]
+    memory: Annotated[MemoryFigures, Quantity("", "growth of the processes' own memory")]
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]

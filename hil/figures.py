@@ -22,6 +22,7 @@ from hil.figure_records import (
     Latency,
     Loops,
     LoopTiming,
+    MemoryFigures,
     SafeStateFigures,
     SpeedFigures,
     Spread,
@@ -371,6 +372,18 @@ def first_fault(firmware: Records) -> Fault:
 # --- whole -------------------------------------------------------------------------------------------
 
 
+def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
+    """The growth of memory that the bench has noted, if the run was long enough."""
+    growth_mb = dict(outcome.get("memory_growth_mb", {}))
+    recorder_mb = growth_mb.pop("recorder", None)
+    return MemoryFigures(
+        nodes_growth_mb=max(growth_mb.values(), default=None),
+        recorder_growth_mb_min=None
+        if recorder_mb is None
+        else recorder_mb / (float(outcome["memory_watched_s"]) / 60.0),
+    )
+
+
 def figures_from(traces: RunTraces) -> Figures:
     """All figures of one run."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
@@ -411,6 +424,7 @@ def figures_from(traces: RunTraces) -> Figures:
         loops=loops,
         bus_load=mean_load(traces.bus.length, duration_s),
         realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
+        memory=memory_figures(outcome),
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),

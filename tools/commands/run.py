@@ -1,13 +1,24 @@
 """`vibrohil run SCENARIO`: one run of firmware and plant on a bus, with a verdict."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tools.output import EXIT_CHECK_FAILED, console, figure, figure_table, print_json, progress_console
+from tools.output import (
+    EXIT_CHECK_FAILED,
+    BadInputError,
+    console,
+    figure,
+    figure_table,
+    print_json,
+    progress_console,
+)
+
+if TYPE_CHECKING:
+    from hil.scenario import Scenario
 
 
 def register(app: typer.Typer) -> None:
@@ -35,6 +46,12 @@ def run(
         list[Path] | None,
         typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
     ] = None,
+    soak: Annotated[
+        str | None,
+        typer.Option(
+            help="So much longer before the script's last command, such as 10m; memory must not grow."
+        ),
+    ] = None,
     live: Annotated[
         bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
     ] = False,
@@ -45,6 +62,8 @@ def run(
     from hil.scenario import load_scenario
 
     loaded = load_scenario(scenario, change or [], parameters or [])
+    if soak is not None:
+        loaded = longer(loaded, soak)
     viewer = None
     if live:
         from tools.view import live_viewer
@@ -71,6 +90,18 @@ def run(
         show(verdict)
     if not verdict["passed"]:
         raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def longer(scenario: "Scenario", by: str) -> "Scenario":
+    """The scenario with so much more time before its last command."""
+    from hil.scenario import check_scenario
+    from hil.soak import duration_s, prolonged
+
+    try:
+        by_s = duration_s(by)
+    except ValueError as error:
+        raise BadInputError(f"--soak: {error}") from error
+    return check_scenario(prolonged(scenario.document, by_s), scenario.name)
 
 
 def show(verdict: dict[str, Any]) -> None:

@@ -1,0 +1,60 @@
+"""Longer runs: the script's end moves, and growing memory is seen."""
+
+import os
+
+import pytest
+
+from hil.scenario import check_scenario, read_scenario
+from hil.soak import FEWEST_SAMPLES, MemoryWatch, duration_s, grown_mb, own_memory_mb, prolonged
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("90s", 90.0), ("10m", 600.0), ("1.5h", 5400.0)])
+def test_durations(text: str, seconds: float) -> None:
+    assert duration_s(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["10", "m", "-1m", "ten minutes", ""])
+def test_what_is_no_duration_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="such as 10m"):
+        duration_s(text)
+
+
+def test_time_comes_before_the_last_command() -> None:
+    before = check_scenario(read_scenario("soft-start-multistable"), "short")
+    document = dict(before.document)
+    after = check_scenario(prolonged(document, 600.0), "long")
+    assert after.duration_s == before.duration_s + 600.0
+    assert [command.at_s for command in after.commands[:-1]] == [c.at_s for c in before.commands[:-1]]
+    assert after.commands[-1].at_s == before.commands[-1].at_s + 600.0
+    assert after.checks[:-2] == before.checks
+    assert [check.name for check in after.checks[-2:]] == [
+        "memory.nodes_growth_mb",
+        "memory.recorder_growth_mb_min",
+    ]
+    assert before.document == document
+
+
+def test_faults_keep_their_time_unless_the_last_command_comes_before() -> None:
+    before = check_scenario(read_scenario("a-silent-encoder-stops-the-motor"), "short")
+    after = check_scenario(prolonged(before.document, 60.0), "long")
+    last_s = max(command.at_s for command in before.commands)
+    moved = [60.0 if fault.at_s >= last_s else 0.0 for fault in before.faults]
+    assert [fault.at_s for fault in after.faults] == [
+        fault.at_s + by_s for fault, by_s in zip(before.faults, moved, strict=True)
+    ]
+
+
+def test_growth_is_what_comes_after_settling() -> None:
+    assert grown_mb([float(k) for k in range(10)] + [10.0] * 90) == 0.0
+    assert grown_mb([0.1 * k for k in range(400)]) == pytest.approx(27.0, abs=0.1)
+
+
+def test_memory_that_grows_is_seen() -> None:
+    watch = MemoryWatch({"self": os.getpid()})
+    kept = []
+    for _ in range(FEWEST_SAMPLES):
+        kept.append(bytearray(b"x") * (1 << 20))
+        watch.sample()
+    assert watch.growth_mb()["self"] == pytest.approx(0.675 * FEWEST_SAMPLES, rel=0.2)
+    assert own_memory_mb(2**22 + 1) is None
+    assert MemoryWatch({"self": os.getpid()}).growth_mb() == {}
