@@ -159,6 +159,13 @@ def test_a_stop_ends_with_few_blows_and_none_much_harder(ratio: float) -> None:
     assert max([v for _, v in after], default=0.0) < 1.03 * steady
 
 
+def test_a_crank_that_has_stopped_has_no_regime(default_run: Bench) -> None:
+    stopping = next(k for k, o in enumerate(default_run.outputs) if o.mode == Mode.STOPPING)
+    stopped = next(k for k, o in enumerate(default_run.outputs) if k > stopping and o.mode == Mode.READY)
+    assert default_run.outputs[stopping].regime == Regime.IMPACT
+    assert {o.regime for o in default_run.outputs[stopped:]} == {Regime.UNCERTAIN}
+
+
 def test_the_phase_of_the_impacts_is_that_of_the_branch(default_run: Bench) -> None:
     reports = [o for o in default_run.outputs[11000:16000] if o.period_ended]
     assert len(reports) >= 8
