@@ -52,7 +52,10 @@ FINEST_STEP_RAD = 1e-4
 
 
 def choose(scene: Scene, parts: Parts) -> Choice:
-    """The method of `scene.solver`; `auto` takes the cheapest that meets its accuracy."""
+    """The method of `scene.solver`; `auto` takes the cheapest that meets its accuracy.
+
+    `parts` are the scene's, a tilt taken off (`plant_sim.tilt`): how far it lets the striker sag counts.
+    """
     solver = scene.solver
     if solver.method == "stepping":
         return Choice("stepping", solver.step_s or _step_for(scene, parts, solver.accuracy))

@@ -37,13 +37,12 @@ def simulate(
             "leave it out, or set drive.model = 'motor'"
         )
     grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
-    choice = choose(scene, parts)
+    level = levelled(parts)
+    choice = choose(scene, level)
     if choice.step_s is not None:
-        result = tilted(
-            stepping.simulate(levelled(parts), initial, until_s, choice.step_s, grid), parts, initial
-        )
+        result = tilted(stepping.simulate(level, initial, until_s, choice.step_s, grid), parts, initial)
     elif choice.method == "exact":
-        result = tilted(exact.simulate(levelled(parts), initial, until_s, grid), parts, initial)
+        result = tilted(exact.simulate(level, initial, until_s, grid), parts, initial)
     else:
         result = adaptive.simulate(
             parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from plant_sim.scene import load_scene, read_scene
 from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
 from tools.campaign.cells import cells_of
 from tools.campaign.draws import Mismatch, draw, mismatch_of
@@ -221,3 +222,18 @@ def test_f1_counts_misses_and_false_alarms_alike() -> None:
 def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
     assert histogram([0, 1, 50, 100]) == " ▁▄█"
     assert histogram([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("table_name", "values"),
+    [
+        ("housing", {"tilt_rad": 0.1}),
+        ("wearer", {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}),
+    ],
+)
+def test_parts_that_campaigns_do_not_know_are_refused(table_name: str, values: dict[str, float]) -> None:
+    from tools.campaign.run import supported
+
+    supported(load_scene("table1-motor-soft"))
+    with pytest.raises(BadInputError, match=rf"level housing that nobody wears.*\[{table_name}\]"):
+        supported(load_scene({**read_scene("table1-motor-soft"), table_name: values}))

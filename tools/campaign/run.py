@@ -61,8 +61,9 @@ def supported(scene: Scene) -> Parts:
     parts = scene.parts()
     if scene.sensors is None or not is_supported(parts):
         raise BadInputError(
-            f"campaigns run a motor, sensors and a Hunt–Crossley stop; the scene has drive.model = "
-            f"{scene.drive.model!r}, stop.law = {scene.stop.law!r}"
+            f"campaigns run a motor, sensors and a Hunt–Crossley stop in a level housing that nobody wears; "
+            f"the scene has drive.model = {scene.drive.model!r}, stop.law = {scene.stop.law!r}"
+            f"{', [housing]' if scene.housing else ''}{', [wearer]' if scene.wearer else ''}"
         )
     return parts
 
