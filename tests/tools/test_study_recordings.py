@@ -11,6 +11,7 @@ from hil.rerun_program import rerun
 from tools.study import portraits, recordings, work
 from tools.study.cases import case
 from tools.study.sweep import diagrams
+from tools.view import log_of
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,7 @@ def columns(path: Path, entity: str, component: str) -> list:
 def test_a_sweep_shows_its_orbits_at_every_ratio(found, tmp_path):
     path = tmp_path / "new" / "sweep.rrd"
     recordings.sweeps(found, path)
+    assert log_of(path) == path, "what vibrohil view opens"
     assert rerun(["rrd", "verify", path]).returncode == 0
     for diagram in found:
         name = recordings.entity(diagram.case)

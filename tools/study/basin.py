@@ -119,9 +119,15 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     return found
 
 
-def keep(found: Basin, where: work.Where) -> None:
-    """Write a map with its numbers as one file."""
-    spec = {"case": found.case.parameters(), "ratio": found.ratio, "plane": found.plane, "start": found.start}
+def keep(found: Basin, where: work.Where, **more: Any) -> None:
+    """Write a map with its numbers, and what `more` it depends on, as one file."""
+    spec = {
+        "case": found.case.parameters(),
+        "ratio": found.ratio,
+        "plane": found.plane,
+        "start": found.start,
+        **more,
+    }
     store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 

@@ -105,7 +105,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
         "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
     }
     found = Basin(case, ratio, plane, size, table, 0, numbers, start="soft")
-    keep(found, where)
+    keep(found, where, sources=cache_folder().name)
     return found
 
 
