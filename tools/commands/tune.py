@@ -1,6 +1,7 @@
 """`vibrohil tune`: the firmware's parameters designed, fitted to a log, or chosen on draws; and compared."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +34,9 @@ Force = Annotated[
     bool, typer.Option("--force", help="Write the file although a safety scenario fails; it then says so.")
 ]
 Plot = Annotated[Path | None, typer.Option(help="Draw what explains the result into this SVG or PNG.")]
+Seed = Annotated[int | None, typer.Option(help="Of the draws to choose on, below 10000.", min=0)]
+FreshSeed = Annotated[int | None, typer.Option(help="Of the draws to judge on, from 10000 on.", min=0)]
+Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
@@ -203,6 +207,48 @@ def identify(
             draw_identified(identified, readings, plot)
             more["plot"] = str(plot)
         payload, _ = finish(tuning, out, force, bar, more, bench)
+    report(payload, as_json)
+
+
+@tune.command()
+def detector(
+    cost_miss: Annotated[float, typer.Option(help="What a blow that is not seen costs.")] = 1.0,
+    cost_false_alarm: Annotated[float, typer.Option(help="What a blow that was none costs.")] = 1.0,
+    trials: Annotated[int | None, typer.Option(help="Draws for each floor.", min=11)] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("detector.toml"),
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """The floor of the blow detector from what misses and false alarms cost, on drawn modules."""
+    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
+    from tools.tuning.detector import TRIALS, tune_detector
+    from tools.tuning.detector_figure import draw_detector
+
+    refuse_other_pictures(plot)
+    with progress_bar() as bar:
+        task = bar.add_task("compiling", total=None)
+        tuning, points = tune_detector(
+            cost_miss,
+            cost_false_alarm,
+            trials=trials or TRIALS,
+            seed=TUNING_SEED if seed is None else seed,
+            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
+            progress=lambda done, total: bar.update(task, completed=done, total=total, description="draws"),
+            workers=workers,
+        )
+        more: dict[str, Any] = {
+            "characteristic": [
+                {**asdict(point), "false_alarms_1_h": point.false_alarms_1_h} for point in points
+            ]
+        }
+        if plot is not None:
+            draw_detector(tuning, points, plot)
+            more["plot"] = str(plot)
+        payload, _ = finish(tuning, out, force, bar, more)
     report(payload, as_json)
 
 

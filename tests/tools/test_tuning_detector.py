@@ -1,0 +1,114 @@
+"""The detector's floor: the choice from a characteristic, and the campaign behind it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from firmware_py.shell.parameters import DEFAULTS
+from tools import cli
+from tools.campaign.outcome import Outcome
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
+from tools.tuning import safety
+from tools.tuning.candidates import grid, refuse_same_seeds, run_candidates
+from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
+
+ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0)
+
+
+def characteristic(*costs: float) -> list[Operating]:
+    return [replace(ANY, floor_m_s2=2.0**number, cost_1_h=cost) for number, cost in enumerate(costs)]
+
+
+@pytest.mark.parametrize(
+    ("costs", "floor", "low", "high"),
+    [
+        ((8.0, 5.0, 0.5, 0.0, 0.0, 0.5, 9.0), 8.0, 4.0, 32.0),
+        ((9.0, 0.0, 9.0), 2.0, 2.0, 2.0),
+        ((9.0, 0.0, 0.0, 9.0), 4.0, 2.0, 4.0),
+        ((0.0, 9.0, 0.0), 1.0, 1.0, 1.0),  # a stretch has no holes
+        ((0.0, 0.0, 0.0), 2.0, 1.0, 4.0),
+    ],
+)
+def test_the_floor_stands_a_step_off_the_cliff(costs, floor: float, low: float, high: float) -> None:
+    best, alike = chosen(characteristic(*costs))
+    assert (best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2) == (floor, low, high)
+
+
+def outcome(trial: int, hits: int, misses: int, false_alarms: int) -> Outcome:
+    counts = {"hits": hits, "misses": misses, "false_alarms": false_alarms, "soft_hits": 0, "soft": 0}
+    return Outcome(trial, 0, simulated_s=1800.0, counts=counts, samples={"latency": [1.0, 2.0, 3.0]})
+
+
+def test_costs_are_what_is_stated() -> None:
+    outcomes = [outcome(0, 90, 4, 1), outcome(1, 110, 0, 2)]
+    point = operating(1.5, outcomes, cost_miss=2.0, cost_false_alarm=10.0)
+    assert point.hours == 1.0
+    assert point.cost_1_h == 2.0 * 4 + 10.0 * 3
+    assert point.cost_error_1_h == pytest.approx((2.0**2 * 4 + 10.0**2 * 3) ** 0.5)
+    assert point.recall == pytest.approx(200 / 204)
+    assert point.precision == pytest.approx(200 / 203)
+    assert point.false_alarms_1_h == 3.0
+    assert point.latency_p50_ms == 2.0
+
+
+def test_what_chooses_does_not_judge() -> None:
+    refuse_same_seeds(41, 30_000)
+    for seed, fresh_seed in ((10_000, 30_000), (41, 9_999)):
+        with pytest.raises(BadInputError, match="chosen on a seed below 10000"):
+            refuse_same_seeds(seed, fresh_seed)
+    with pytest.raises(BadInputError, match="wanted both above 0"):
+        tune_detector(cost_miss=0.0)
+
+
+def test_a_grid_has_every_combination() -> None:
+    assert grid(start__rise_s=[1.0, 2.0], start__again_s=[3.0]) == [
+        {"start.rise_s": 1.0, "start.again_s": 3.0},
+        {"start.rise_s": 2.0, "start.again_s": 3.0},
+    ]
+
+
+def test_candidates_meet_the_same_draws() -> None:
+    """Twice the same candidate gives the same outcomes, and a deaf detector misses what another hears."""
+    conditions = ((("viscous",), (1.1, 1.3), (0.0,)),)
+    floors = (1.5, 1.5, 900.0)
+    told: list[tuple[int, int]] = []
+    same, again, deaf = run_candidates(
+        "detect",
+        [{PARAMETER: floor} for floor in floors],
+        seed=41,
+        trials=4,
+        progress=lambda done, total: told.append((done, total)),
+        workers=1,
+        conditions=conditions,
+    )
+    assert [one.counts for one in same] == [one.counts for one in again]
+    assert [one.samples for one in same] == [one.samples for one in again]
+    assert [one.trial for one in same] == [0, 1, 2, 3]
+    assert told[-1] == (12, 12)
+    hears = operating(1.5, same, 1.0, 1.0)
+    misses = operating(900.0, deaf, 1.0, 1.0)
+    assert hears.recall > 0.99
+    assert misses.recall < 0.5
+
+
+def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(safety, "SCENARIOS", ())
+    monkeypatch.setattr("tools.tuning.detector.FLOORS_M_S2", (0.75, 1.5, 3.0))
+    out, plot = tmp_path / "mine.toml", tmp_path / "mine.svg"
+    command = ["tune", "detector", "--trials", "11", "--workers", "1", "--out", str(out)]
+    assert cli.run([*command, "--plot", str(plot), "--json"]) == EXIT_PASSED
+    payload = json.loads(capsys.readouterr().out)
+    value = payload["parameters"][PARAMETER]
+    assert value["low"] <= value["value"] <= value["high"]
+    assert value["unit"] == "m/s^2"
+    assert payload["figures_of_merit"]["recall"]["value"] > 0.99
+    assert payload["figures_of_merit"]["default_recall"]["value"] > 0.99
+    latencies = [point["latency_p50_ms"] for point in payload["characteristic"]]
+    assert latencies == sorted(latencies)  # the higher the floor, the later it is crossed
+    assert plot.exists()
+    assert out.exists()
+    assert payload["seed"] < 10_000
+    assert DEFAULTS[PARAMETER] == 1.5
+    assert cli.run([*command, "--seed", "20000"]) == EXIT_BAD_INPUT

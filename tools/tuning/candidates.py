@@ -1,0 +1,81 @@
+"""Candidates of the firmware's parameters run through a campaign, all on the same draws.
+
+A campaign's trial draws its truth from seed and number alone, so that candidates are compared pair by pair.
+Parameters are chosen on seeds below `FIRST_CAMPAIGN_SEED` and judged again on one from there on.
+"""
+
+import itertools
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import as_completed
+
+from tools.campaign.campaigns import CAMPAIGNS, Condition
+from tools.campaign.cells import cells_of
+from tools.campaign.draws import FIRST_CAMPAIGN_SEED
+from tools.campaign.outcome import Outcome
+from tools.campaign.processes import Batch, batches, pool, run_batch
+from tools.output import BadInputError
+
+TUNING_SEED = 41
+FRESH_SEED = 30_000
+
+Candidate = Mapping[str, float]
+Progress = Callable[[int, int], None]
+
+
+def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
+    """What was chosen on some draws is judged on others."""
+    if seed >= FIRST_CAMPAIGN_SEED or fresh_seed < FIRST_CAMPAIGN_SEED:
+        raise BadInputError(
+            f"--seed {seed} and --fresh-seed {fresh_seed}: parameters are chosen on a seed below "
+            f"{FIRST_CAMPAIGN_SEED} and judged on one from there on"
+        )
+
+
+def run_candidates(
+    campaign: str,
+    candidates: Sequence[Candidate],
+    seed: int,
+    trials: int,
+    progress: Progress,
+    workers: int | None = None,
+    conditions: tuple[Condition, ...] | None = None,
+) -> list[list[Outcome]]:
+    """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same draws."""
+    chosen = CAMPAIGNS[campaign]
+    table = {"conditions": conditions or chosen.conditions, **chosen.numbers}
+    count = workers or os.cpu_count() or 1
+    firsts: list[tuple[int, Batch]] = []
+    rests: list[tuple[int, Batch]] = []
+    for number, candidate in enumerate(candidates):
+        settings = [f"firmware.{name}={value!r}" for name, value in candidate.items()]
+        cells, numbers = cells_of(table, settings)
+        first, rest = batches(campaign, cells, numbers, seed, trials, count)
+        firsts.append((number, first))
+        rests += [(number, batch) for batch in rest]
+    found: list[list[Outcome]] = [[] for _ in candidates]
+    done, total = 0, trials * len(candidates)
+    with pool(count) as executor:
+        # The first batch has everything compiled; the others find it in the cache.
+        for some in (firsts[:1], [*firsts[1:], *rests]):
+            futures = {executor.submit(run_batch, batch): number for number, batch in some}
+            try:
+                for future in as_completed(futures):
+                    outcomes = future.result()
+                    found[futures[future]] += outcomes
+                    done += len(outcomes)
+                    progress(done, total)
+            finally:
+                for future in futures:
+                    future.cancel()
+    return [sorted(outcomes, key=lambda outcome: outcome.trial) for outcomes in found]
+
+
+def grid(**axes: Sequence[float]) -> list[dict[str, float]]:
+    """Every combination; a double underscore stands for the dot of a parameter's name.
+
+    >>> grid(start__rise_s=[2.0, 5.0])
+    [{'start.rise_s': 2.0}, {'start.rise_s': 5.0}]
+    """
+    names = [name.replace("__", ".") for name in axes]
+    return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes.values())]

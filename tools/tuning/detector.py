@@ -1,0 +1,173 @@
+"""The detector's threshold, from what a miss and a false alarm cost.
+
+The floor of the one-sided test (`detector.floor_m_s2`) is moved over two decades; the detect campaign counts
+hits, misses and false alarms against the truth and takes their latencies, each floor on the same draws. Of
+the floors whose cost cannot be told from the least one, the lowest but one is taken: latency grows with the
+floor, and a step of two lies between it and the cliff. It is then judged beside the default on seeds that had
+no part in the choice.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_py.shell.parameters import DEFAULTS
+from tools.campaign.outcome import Outcome
+from tools.campaign.results import counts_of, shares_of, values_of
+from tools.output import BadInputError
+from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
+from tools.tuning.result import Merit, Tuning, tuned
+
+PARAMETER = "detector.floor_m_s2"
+FLOORS_M_S2 = (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
+TRIALS = 110
+"""Ten of each condition: some 5000 blows a floor."""
+COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Operating:
+    """One point of the characteristic. Costs and alarms are by hour of simulated time."""
+
+    floor_m_s2: float
+    hits: int
+    misses: int
+    false_alarms: int
+    hours: float
+    recall: float
+    recall_low: float
+    recall_high: float
+    precision: float
+    latency_p50_ms: float
+    latency_p95_ms: float
+    cost_1_h: float
+    cost_error_1_h: float
+
+    @property
+    def false_alarms_1_h(self) -> float:
+        """By hour."""
+        return self.false_alarms / self.hours
+
+
+def operating(
+    floor_m_s2: float, outcomes: Sequence[Outcome], cost_miss: float, cost_false_alarm: float
+) -> Operating:
+    """What a floor came to. The cost's error is that of two Poisson counts, at least one event of each."""
+    counts = counts_of(outcomes)
+    shares = shares_of(counts)
+    latencies = np.array(values_of(outcomes).get("latency", [math.nan]))
+    hours = sum(outcome.simulated_s for outcome in outcomes) / 3600.0
+    misses, alarms = counts["misses"], counts["false_alarms"]
+    nothing = {"value": math.nan, "low": math.nan, "high": math.nan}
+    recall, precision = shares.get("recall", nothing), shares.get("precision", nothing)
+    # Var(c₁ n₁ + c₂ n₂) = c₁² n₁ + c₂² n₂
+    variance = cost_miss**2 * max(misses, 1) + cost_false_alarm**2 * max(alarms, 1)
+    return Operating(
+        floor_m_s2=floor_m_s2,
+        hits=counts["hits"],
+        misses=misses,
+        false_alarms=alarms,
+        hours=hours,
+        recall=recall["value"],
+        recall_low=recall["low"],
+        recall_high=recall["high"],
+        precision=precision["value"],
+        latency_p50_ms=float(np.median(latencies)),
+        latency_p95_ms=float(np.percentile(latencies, 95)),
+        cost_1_h=(cost_miss * misses + cost_false_alarm * alarms) / hours,
+        cost_error_1_h=math.sqrt(variance) / hours,
+    )
+
+
+def chosen(points: Sequence[Operating]) -> tuple[Operating, list[Operating]]:
+    """The lowest but one of the unbroken stretch of floors, about the cheapest, that cost alike; and all."""
+    best = min(range(len(points)), key=lambda number: points[number].cost_1_h)
+    limit = points[best].cost_1_h + points[best].cost_error_1_h
+    first = last = best
+    while first > 0 and points[first - 1].cost_1_h <= limit:
+        first -= 1
+    while last < len(points) - 1 and points[last + 1].cost_1_h <= limit:
+        last += 1
+    alike = list(points[first : last + 1])
+    return alike[min(1, len(alike) - 1)], alike
+
+
+def tune_detector(
+    cost_miss: float = COST_MISS,
+    cost_false_alarm: float = COST_FALSE_ALARM,
+    trials: int = TRIALS,
+    seed: int = TUNING_SEED,
+    fresh_seed: int = FRESH_SEED,
+    floors_m_s2: Sequence[float] | None = None,
+    progress: Progress = lambda *_: None,
+    workers: int | None = None,
+) -> tuple[Tuning, list[Operating]]:
+    """The floor for these costs, judged on fresh draws, and the whole characteristic."""
+    refuse_same_seeds(seed, fresh_seed)
+    if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
+        raise BadInputError(
+            f"costs of {cost_miss:g} a miss and {cost_false_alarm:g} a false alarm: wanted both above 0"
+        )
+    floors_m_s2 = floors_m_s2 or FLOORS_M_S2
+    total = trials * (len(floors_m_s2) + 2)
+    swept = run_candidates(
+        "detect",
+        [{PARAMETER: floor} for floor in floors_m_s2],
+        seed,
+        trials,
+        lambda done, _: progress(done, total),
+        workers,
+    )
+    points = [
+        operating(floor, outcomes, cost_miss, cost_false_alarm)
+        for floor, outcomes in zip(floors_m_s2, swept, strict=True)
+    ]
+    best, alike = chosen(points)
+    fresh, default = (
+        operating(floor, outcomes, cost_miss, cost_false_alarm)
+        for floor, outcomes in zip(
+            (best.floor_m_s2, DEFAULTS[PARAMETER]),
+            run_candidates(
+                "detect",
+                [{PARAMETER: best.floor_m_s2}, {PARAMETER: DEFAULTS[PARAMETER]}],
+                fresh_seed,
+                trials,
+                lambda done, _: progress(total - 2 * trials + done, total),
+                workers,
+            ),
+            strict=True,
+        )
+    )
+    warnings = []
+    if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:
+        warnings.append("the best floor lies at the end of those tried: the costs ask for one beyond")
+    tuning = Tuning(
+        command="detector",
+        source=(
+            f"campaign detect, {trials} trials a floor, cost {cost_miss:g} a miss and {cost_false_alarm:g} a "
+            f"false alarm; judged on seed {fresh_seed}"
+        ),
+        seed=seed,
+        range_is="floors whose cost cannot be told from the least",
+        parameters={PARAMETER: tuned(PARAMETER, best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2)},
+        figures_of_merit={**merits("", fresh), **merits("default_", default)},
+        warnings=tuple(warnings),
+    )
+    return tuning, points
+
+
+def merits(prefix: str, point: Operating) -> dict[str, Merit]:
+    """On fresh seeds."""
+    return {
+        f"{prefix}recall": Merit(point.recall, "1"),
+        f"{prefix}recall_low": Merit(point.recall_low, "1"),
+        f"{prefix}precision": Merit(point.precision, "1"),
+        f"{prefix}false_alarms": Merit(point.false_alarms_1_h, "1/h"),
+        f"{prefix}latency_p50": Merit(point.latency_p50_ms, "ms"),
+        f"{prefix}latency_p95": Merit(point.latency_p95_ms, "ms"),
+        f"{prefix}cost": Merit(point.cost_1_h, "1/h"),
+    }
