@@ -1,0 +1,38 @@
+"""Did all runs on vcan cross the kernel's own CAN, and were they judged and passed? Prints their timing.
+
+`judge_vcan.py FOLDER STATUS COUNT`: the suite's folder with what it printed in suite.json, its exit status,
+and how many scenarios it was asked to run.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+folder, status, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+printed = (folder / "suite.json").read_text(encoding="utf-8")
+try:
+    suite = json.loads(printed)
+except json.JSONDecodeError:
+    sys.exit(f"ci: no result; exit status {status}, printed {printed!r}")
+wrong = []
+for scenario in suite.get("scenarios", []):
+    name = scenario["name"]
+    verdict = json.loads((folder / name / "verdict.json").read_text(encoding="utf-8"))
+    timing = {key: verdict[key] for key in ("real_time", "ticks", "overruns", "baseline_overruns")}
+    print(f"ci: {'passed' if verdict['passed'] else 'FAILED'} {name}: {timing}, work {verdict['tick_us']}")
+    for check in verdict["checks"]:
+        if not check["passed"]:
+            print(f"ci:     {check['name']} = {check['value']} {check['unit']}, wanted {check['limit']}")
+    if verdict["kernel_can"] is not True:
+        wrong.append(f"{name} was not on the kernel's own CAN")
+    if not verdict["checks"]:
+        wrong.append(f"{name} was judged by nothing")
+    if verdict["passed"] is not True:
+        wrong.append(f"{name} did not pass: {'; '.join(verdict['reasons']) or 'see its checks'}")
+if len(suite.get("scenarios", [])) != count:
+    wrong.append(f"{len(suite.get('scenarios', []))} scenarios ran, {count} were asked for")
+if status != 0 and not wrong:
+    wrong.append(f"exit status {status}")
+if wrong:
+    sys.exit("ci: " + "; ".join(wrong))
+print(f"ci: {count} scenarios passed on the kernel's own CAN")
