@@ -253,6 +253,42 @@ def detector(
 
 
 @tune.command()
+def start(
+    trials: Annotated[int | None, typer.Option(help="Draws for each ramp.", min=12)] = None,
+    fresh_trials: Annotated[int | None, typer.Option(help="Draws to judge the winner on.", min=12)] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("start.toml"),
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """The soft start's ramp that fails least, then overshoots little, then is quick, on drawn starts."""
+    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
+    from tools.tuning.start import FRESH_TRIALS, TRIALS, tune_start
+    from tools.tuning.start_figure import draw_start
+
+    refuse_other_pictures(plot)
+    with progress_bar() as bar:
+        task = bar.add_task("compiling", total=None)
+        tuning, tried = tune_start(
+            trials=trials or TRIALS,
+            fresh_trials=fresh_trials or FRESH_TRIALS,
+            seed=TUNING_SEED if seed is None else seed,
+            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
+            progress=lambda done, total: bar.update(task, completed=done, total=total, description="draws"),
+            workers=workers,
+        )
+        more: dict[str, Any] = {"tried": [asdict(one) for one in tried]}
+        if plot is not None:
+            draw_start(tuning, tried, plot)
+            more["plot"] = str(plot)
+        payload, _ = finish(tuning, out, force, bar, more)
+    report(payload, as_json)
+
+
+@tune.command()
 def diff(
     a: Annotated[Path, typer.Argument(help="A parameter file.")],
     b: Annotated[Path, typer.Argument(help="Another one.")],
