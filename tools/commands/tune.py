@@ -302,7 +302,7 @@ def diff(
         print_json(payload)
         return
     table = Table(box=None, pad_edge=False)
-    for name in ("parameter", str(a), str(b), "change", "unit"):
+    for name in ("parameter", a.name, b.name, "change", "unit"):
         table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
     for change in payload["changed"]:
         relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"
@@ -316,7 +316,7 @@ def diff(
     else:
         console.print("no parameter differs")
     merits = Table(box=None, pad_edge=False)
-    for name in ("figure of merit", str(a), str(b), "unit"):
+    for name in ("figure of merit", a.name, b.name, "unit"):
         merits.add_column(name, justify="left" if name in ("figure of merit", "unit") else "right")
     for name, merit in payload["figures_of_merit"].items():
         merits.add_row(name.replace("_", " "), figure(merit["a"]), figure(merit["b"]), merit["unit"])
