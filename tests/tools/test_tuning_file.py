@@ -156,7 +156,9 @@ def test_speed_is_written_and_compared(tmp_path: Path, monkeypatch, capsys) -> N
     assert cli.run(["tune", "diff", "speed.toml", "slower.toml", "--json"]) == EXIT_PASSED
     changes = json.loads(capsys.readouterr().out)
     assert [change["name"] for change in changes["changed"]] == ["speed.gain_i_n_m", "speed.gain_p_n_m_s"]
-    assert all(change["relative"] < -0.2 for change in changes["changed"])
+    # The slower loop needs less gain; its spare phase goes into the integral.
+    assert changes["changed"][1]["relative"] < -0.2
+    assert changes["changed"][1]["a"] == 0.05
     assert changes["same"] == ["crank.bandwidth_rad_s"]
     assert cli.run(["tune", "diff", "speed.toml", "slower.toml"]) == EXIT_PASSED
     assert "speed.gain_p_n_m_s" in capsys.readouterr().out
