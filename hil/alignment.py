@@ -16,13 +16,14 @@ class Alignment:
 
     def __init__(self) -> None:
         self._waiting: list[Frame] = []
-        self._had_sample = True
+        self.had_sample = True
+        """Whether there was one in the last tick."""
 
     def take(self, frames: list[Frame]) -> list[Frame]:
         """The frames of this tick, of those that have arrived and those that waited."""
         samples = [frame.data for frame in frames if frame.can_id == ACCELEROMETER]
         waited = self._waiting
-        if waited or (self._had_sample and len(samples) > 1):
+        if waited or (self.had_sample and len(samples) > 1):
             self._waiting = []
             own = None if waited else samples[0]
             now = list(waited)
@@ -30,9 +31,9 @@ class Alignment:
                 next_begins = frame.can_id == ACCELEROMETER and frame.data != own
                 early = next_begins or (bool(self._waiting) and frame.can_id == ENCODER)
                 (self._waiting if early else now).append(frame)
-            self._had_sample = True
+            self.had_sample = True
             return now
-        self._had_sample = bool(samples)
+        self.had_sample = bool(samples)
         return frames
 
     def take_all(self, frames: list[Frame]) -> list[Frame]:

@@ -110,6 +110,7 @@ class FirmwareRunner:
         self._alignment = Alignment()
         self._waking: Waking | None = None
         self._last_frames: list[Frame] = []
+        self._last_tick = 0
         self._trace = None
         if out_dir is not None:
             fields = [
@@ -131,13 +132,14 @@ class FirmwareRunner:
             self._wake_up(tick, elapsed_ticks, self._alignment.take_all(frames))
             return
         frames = self._alignment.take(frames)
-        self._last_frames = frames
+        if self._alignment.had_sample:
+            self._last_frames, self._last_tick = frames, tick
         bus.send_all(self.node.tick(frames, 1))
 
     def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
         """One of the first ticks after a pause: nothing is done until there is a sample of now."""
         bus = self.bus
-        waking = self._waking or Waking(tick - elapsed_ticks, self._last_frames)
+        waking = self._waking or Waking(self._last_tick, self._last_frames)
         waking.begin_tick(tick, elapsed_ticks, frames)
         if not waking.is_fresh:
             bus.wait(WAKING_SHARE * self._period_s)
@@ -146,7 +148,8 @@ class FirmwareRunner:
             self._waking = waking
             return
         self._waking = None
-        self._last_frames = waking.frames
+        if waking.is_fresh:
+            self._last_frames, self._last_tick = waking.frames, tick
         bus.send_all(self.node.tick(waking.frames, waking.elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:

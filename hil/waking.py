@@ -5,7 +5,8 @@ that is this tick. After a pause, of the whole machine say, samples from before 
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
 be late at any time. It counts modulo 16, and so a sample that lies there all but alone after a long pause is
-taken for an old one whatever its counter says.
+taken for an old one whatever its counter says. Once a tick has taken away all that lay there, what comes in
+the next one is of now.
 """
 
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ def counter_of(frame: Frame) -> int | None:
 class Waking:
     """Gathers frames from the end of a pause until a sample of the current tick is among them.
 
-    `last_frames` are those of `last_tick`, the last one before the pause.
+    `last_frames` are those of `last_tick`, the last one before the pause that had a sample.
     """
 
     def __init__(self, last_tick: int, last_frames: Sequence[Frame]) -> None:
@@ -47,10 +48,14 @@ class Waking:
 
     def begin_tick(self, tick: int, elapsed_ticks: int, frames: Sequence[Frame]) -> None:
         """Another tick of the loop, with the frames that lie there."""
+        is_first = self.elapsed_ticks == 0
         self.elapsed_ticks += elapsed_ticks
         self._left_ticks -= 1
-        samples = sum(frame.can_id == ACCELEROMETER for frame in frames)
-        if 2 * samples >= elapsed_ticks:
+        samples = [frame for frame in frames if frame.can_id == ACCELEROMETER]
+        if not is_first:
+            self._keep_others(frames)
+            self._keep_newest(samples, frames)
+        elif 2 * len(samples) >= elapsed_ticks:
             self.take(tick, frames)
         else:
             self._keep_others(frames)
@@ -67,9 +72,13 @@ class Waking:
             now = self._lead + tick
             near = {(now + jitter) % codec.COUNTER_MODULUS for jitter in (-1, 0, 1)}
             fresh = [frame for frame in frames if counter_of(frame) in near]
-        if fresh:
+        self._keep_newest(fresh, frames)
+
+    def _keep_newest(self, samples: Sequence[Frame], frames: Sequence[Frame]) -> None:
+        """Keep the last of `samples`, and the encoder's frame with it."""
+        if samples:
             self.is_fresh = True
-            self.frames += [fresh[-1], *[frame for frame in frames if frame.can_id == ENCODER][-1:]]
+            self.frames += [samples[-1], *[frame for frame in frames if frame.can_id == ENCODER][-1:]]
 
     @property
     def is_over(self) -> bool:

@@ -138,3 +138,18 @@ def test_sample_that_was_a_tick_late_before_the_pause_does_not_make_later_ones_w
     run.bus.arriving = run.publish()
     run.firmware.step(27, 6)
     assert run.ages() == (0, 0)
+
+
+@pytest.mark.parametrize("wrong_by_ticks", [3, 7, 12])
+def test_what_comes_after_the_first_tick_is_of_now_whatever_its_counter_says(wrong_by_ticks: int) -> None:
+    """A sample that was misjudged in one pause must not keep the firmware waiting in the next one."""
+    run = Paused()
+    run.firmware._last_tick -= wrong_by_ticks
+    run.plant.sleep_through(9, [])
+    run.bus.pending += run.publish()
+    run.firmware.step(29, 10)
+    assert run.firmware.node.inputs.elapsed_ticks == 1
+    run.bus.pending += run.publish()
+    run.firmware.step(30, 1)
+    assert run.firmware.node.inputs.elapsed_ticks == 11
+    assert run.ages() == (0, 0)
