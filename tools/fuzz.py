@@ -225,7 +225,7 @@ def together(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Life after life from `seed` on, until so many frames have come to the two inputs, or much has failed."""
+    """Life after life from `seed` on, until so many frames have come in, or enough has failed."""
     outcomes: list[Outcome] = []
     so_far = failures = 0
     while so_far < frames and failures < ENOUGH_FAILURES:
