@@ -1,6 +1,8 @@
 """Logs of a real bench: all three formats give the same run, and what is not understood is counted."""
 
+import io
 import json
+from contextlib import redirect_stdout
 
 import can
 import numpy as np
@@ -63,15 +65,15 @@ def write(path):
 @pytest.fixture(scope="module", params=["log", "asc", "blf"])
 def imported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
-    path = folder / f"bench.{request.param}"
+    path, out = folder / f"bench.{request.param}", folder / "run"
     write(path)
-    return path, folder / "run"
+    with redirect_stdout(io.StringIO()) as printed:
+        assert cli.run(["import", str(path), "--out", str(out), "--json"]) == EXIT_PASSED
+    return out, json.loads(printed.getvalue())
 
 
-def test_what_is_not_understood_is_counted(imported, capsys):
-    path, out = imported
-    assert cli.run(["import", str(path), "--out", str(out), "--json"]) == EXIT_PASSED
-    result = json.loads(capsys.readouterr().out)
+def test_what_is_not_understood_is_counted(imported):
+    out, result = imported
     assert result["unknown"] == {"0x7AB": 2}
     assert result["refused"] == {"0x111": 1}
     assert result["skipped"] == {"remote frame": 1}
@@ -82,7 +84,7 @@ def test_what_is_not_understood_is_counted(imported, capsys):
 
 
 def test_modes_estimate_and_impacts_come_from_the_frames(imported):
-    _, out = imported
+    out, _ = imported
     log = tables(out / "run.rrd")
     assert [state for (state,) in log["/states/mode"]["StateChange:state"].to_pylist()] == [
         "ready",
@@ -101,7 +103,7 @@ def test_modes_estimate_and_impacts_come_from_the_frames(imported):
 
 
 def test_figures_that_need_the_truth_are_missing(imported):
-    _, out = imported
+    out, _ = imported
     verdict = open_run(out).verdict
     assert verdict["reasons"] == []
     assert verdict["regime"] == "uncertain"
