@@ -163,9 +163,11 @@ class TraceWriter:
         self._window: mmap.mmap | None = None
         self._offset = 0
         self._last_offset = -1
-        self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
+        window = self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
+        if expected_records:  # not when the file grows: that is within a loop, and thousands of pages at once
+            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] |= 0  # fetches each page, writable
 
-    def _open_window(self, length: int) -> None:
+    def _open_window(self, length: int) -> mmap.mmap:
         """Map the next `length` bytes after the records written so far, with disk space behind them."""
         start = self._header_bytes + self.count * self.record_bytes
         aligned = start // mmap.ALLOCATIONGRANULARITY * mmap.ALLOCATIONGRANULARITY
@@ -177,9 +179,9 @@ class TraceWriter:
         else:
             self._file.truncate(aligned + length)
         self._window = mmap.mmap(self._file.fileno(), length, offset=aligned)
-        np.frombuffer(self._window, np.uint8)[:: mmap.PAGESIZE] |= 0  # fetches each page, writable
         self._offset = start - aligned
         self._last_offset = length - self.record_bytes
+        return self._window
 
     def append(self, *values: Any) -> None:
         """Write one record, one value a field."""
