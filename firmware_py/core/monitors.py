@@ -44,7 +44,7 @@ class Limits(NamedTuple):
 
 
 class MonitorConfig(NamedTuple):
-    """`…_ticks`: how long a condition has to hold."""
+    """`…_ticks`: how long a condition has to hold. `parameters_damaged`: these are none to move by."""
 
     watchdogs: Watchdogs
     limits: Limits
@@ -54,6 +54,7 @@ class MonitorConfig(NamedTuple):
     stall_ticks: int
     standstill_rad_s: float
     standstill_ticks: int
+    parameters_damaged: bool
 
 
 class MonitorState(NamedTuple):
@@ -78,6 +79,7 @@ class Findings(NamedTuple):
     drive: Fault
     operator_lost: bool
     standstill: bool
+    parameters_damaged: bool
 
 
 INITIAL = MonitorState(
@@ -215,4 +217,5 @@ def step(
         drive=drive,
         operator_lost=inputs.operator.age_ticks > config.watchdogs.operator_ticks,
         standstill=new.standstill_ticks > config.standstill_ticks,
+        parameters_damaged=config.parameters_damaged,
     )

@@ -57,12 +57,12 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
         if asks_clear and conditions.clear_armed and conditions.fault == Fault.NONE:
             return Mode.INIT
         return mode
+    if conditions.fault != Fault.NONE:
+        return Mode.FAULT
     if mode == Mode.INIT:
         if conditions.inputs_fresh and conditions.operator_fresh and conditions.drive_well:
             return Mode.READY
         return Mode.INIT
-    if conditions.fault != Fault.NONE:
-        return Mode.FAULT
     if mode == Mode.READY:
         if not (conditions.inputs_fresh and conditions.operator_fresh):
             return Mode.INIT
@@ -82,12 +82,14 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
 def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:  # noqa: PLR0911 - a table
     """Which of the findings is a fault in `mode`.
 
-    Silence is a fault only where something moves; before, it keeps the firmware out of READY. In FAULT and
-    E_STOP the answer says what still stands against clearing; a drive's error does not, as clearing is its
-    cure.
+    Damaged parameters are one from power-up on, which only a start with good ones ends. Silence is one only
+    where something moves; before, it keeps the firmware out of READY. In FAULT and E_STOP the answer says
+    what still stands against clearing; a drive's error does not, as clearing is its cure.
     """
     moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
     latched = mode in (Mode.FAULT, Mode.E_STOP)
+    if findings.parameters_damaged:
+        return Fault.PARAMETERS_DAMAGED
     if mode == Mode.INIT:
         return Fault.NONE
     if (moving or latched) and findings.watchdog != Fault.NONE:

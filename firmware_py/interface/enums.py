@@ -64,6 +64,7 @@ class Fault(IntEnum):
     STALL = 16
     FORCE_LIMIT = 17
     REQUEST_REFUSED = 18
+    PARAMETERS_DAMAGED = 19
 
 
 class Refusal(IntEnum):

@@ -159,6 +159,14 @@ FAULTS: tuple[FaultLine, ...] = (
         Reaction.GOES_ON,
         30.0,
     ),
+    FaultLine(
+        Fault.PARAMETERS_DAMAGED,
+        "the parameter file fails its checksum, lacks a value or has one out of bounds; only a start with a "
+        "good one ends it",
+        "from power-up on",
+        Reaction.TORQUE_OFF,
+        0.1,
+    ),
 )
 """All faults, in the order of their codes."""
 

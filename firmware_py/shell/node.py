@@ -6,6 +6,7 @@ Every tick sends the torque and at most one other frame.
 """
 
 import math
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -59,7 +60,14 @@ from firmware_py.interface.records import (
     SetLimits,
     StrikerEstimate,
 )
-from firmware_py.shell.parameters import TABLE, ParameterError, config_of, with_overrides
+from firmware_py.shell.parameters import (
+    DEFAULTS,
+    TABLE,
+    ParameterError,
+    config_of,
+    read_back,
+    with_overrides,
+)
 
 TAU = 2.0 * math.pi
 TORQUE_CONTROL = 1
@@ -403,7 +411,8 @@ class FirmwareNode:
                     status = ParameterStatus.OUT_OF_RANGE
                 else:
                     self.values = values
-                    self.config = config_of(values)
+                    # Of damaged parameters one is written, and the others are as unknown as before.
+                    self.config = config_of(values, self.config.monitors.parameters_damaged)
         return ParameterValue(request.parameter_index, status.value, self.values[name])
 
     def _send(self, its_codec: FrameCodec[Any], record: Any, urgency: Urgency = Urgency.IN_TURN) -> None:
@@ -433,6 +442,20 @@ class FirmwareNode:
         """Whether a cyclic frame's period has passed."""
         last = self._due_ticks.get(its_codec.can_id)
         return last is None or (self._ticks - last) * self.config.tick_s >= (its_codec.period_s or 0.0) - 1e-9
+
+
+def powered_up(parameter_file: str) -> FirmwareNode:
+    """A controller that starts with the content of its parameter file.
+
+    With a damaged one it is there on the bus and says so, with default parameters in place of those it cannot
+    read, and does not arm.
+    """
+    try:
+        values = read_back(parameter_file)
+    except ParameterError as error:
+        print(error, file=sys.stderr)
+        return FirmwareNode(config_of(DEFAULTS, damaged=True))
+    return FirmwareNode(config_of(values), values)
 
 
 def _regime_report(outputs: Outputs) -> RegimeReport:

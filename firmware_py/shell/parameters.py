@@ -376,8 +376,11 @@ def contact_growth(mass_kg: float, contact_s: float, restitution: float, referen
     return stiffness / mass_kg * (1.0 + hertz_dissipation(restitution))
 
 
-def config_of(values: Mapping[str, float]) -> Config:
-    """The core's configuration for a complete set of values, as `with_overrides` gives it."""
+def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
+    """The core's configuration for a complete set of values, as `with_overrides` gives it.
+
+    `damaged`: these stand in for values that could not be read, and the firmware must not arm.
+    """
     tick_s = values["control.tick_s"]
 
     def ticks(name: str) -> int:
@@ -581,6 +584,7 @@ def config_of(values: Mapping[str, float]) -> Config:
             stall_ticks=ticks("limit.stall_s"),
             standstill_rad_s=values["limit.standstill_rad_s"],
             standstill_ticks=ticks("limit.standstill_s"),
+            parameters_damaged=damaged,
         ),
     )
 
@@ -590,29 +594,42 @@ def _checksum(values: Mapping[str, float]) -> str:
     return f"{zlib.crc32(text.encode()):08x}"
 
 
-def save(path: Path, values: Mapping[str, float]) -> None:
-    """Write a complete set of values as TOML with its checksum."""
+def written(values: Mapping[str, float]) -> str:
+    """A complete set of values as TOML with its checksum."""
     document: dict[str, Any] = {"checksum": _checksum(values)}
     for parameter in TABLE:
         block, _, name = parameter.name.partition(".")
         document.setdefault(block, {})[name] = values[parameter.name]
-    path.write_text(tomli_w.dumps(document))
+    return tomli_w.dumps(document)
+
+
+def read_back(text: str, source: str = "the parameter file") -> dict[str, float]:
+    """The values that `written` made `text` of; what is damaged or incomplete is refused."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ParameterError(f"{source} is no TOML ({error}); write it again with save()") from error
+    checksum = document.pop("checksum", None)
+    values = {name: checked(name, value) for name, value in flattened(document).items()}
+    missing = sorted(set(BY_NAME) - set(values))
+    if missing:
+        raise ParameterError(f"{source} lacks {', '.join(missing)}; write it again with save()")
+    if checksum != _checksum(values):
+        raise ParameterError(
+            f"{source} has checksum {checksum!r}, its values give {_checksum(values)!r}: it is damaged or "
+            "was edited by hand; write it again with save()"
+        )
+    return with_overrides(values)
+
+
+def save(path: Path, values: Mapping[str, float]) -> None:
+    """Write a complete set of values as TOML with its checksum."""
+    path.write_text(written(values))
 
 
 def load(path: Path) -> dict[str, float]:
     """Read what `save` wrote; a damaged or incomplete file is refused."""
     try:
-        document = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return read_back(path.read_text(), str(path))
+    except UnicodeDecodeError as error:
         raise ParameterError(f"{path} is no TOML ({error}); write it again with save()") from error
-    written = document.pop("checksum", None)
-    values = {name: checked(name, value) for name, value in flattened(document).items()}
-    missing = sorted(set(BY_NAME) - set(values))
-    if missing:
-        raise ParameterError(f"{path} lacks {', '.join(missing)}; write it again with save()")
-    if written != _checksum(values):
-        raise ParameterError(
-            f"{path} has checksum {written!r}, its values give {_checksum(values)!r}: it is damaged or was "
-            "edited by hand; write it again with save()"
-        )
-    return with_overrides(values)

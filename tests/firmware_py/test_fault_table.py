@@ -76,6 +76,11 @@ def held_crank(bench: Bench) -> None:
     bench.change = instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, 0.0))
 
 
+def damaged_parameters(bench: Bench) -> None:
+    monitors = bench.node.config.monitors._replace(parameters_damaged=True)
+    bench.node.config = bench.node.config._replace(monitors=monitors)
+
+
 def nothing(bench: Bench) -> None:
     """What is wrong was there from the beginning."""
 
@@ -97,6 +102,7 @@ CASES: dict[Fault, Case] = {
         change_to(instead(codec.ACCELEROMETER, Accelerometer(156.9016, 1967.0, 0.0)))
     ),
     Fault.STALL: Case(held_crank),
+    Fault.PARAMETERS_DAMAGED: Case(damaged_parameters),
     Fault.IMPULSE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.impulse_n_s": 0.3}),
     Fault.FORCE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.force_n": 60.0}),
     Fault.START_FAILED: Case(nothing, 0.0, {}, scene_with(stop={"position_m": 0.4})),

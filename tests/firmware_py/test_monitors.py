@@ -52,7 +52,9 @@ def test_nothing_is_remembered_at_power_up() -> None:
 
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
-    assert findings == Findings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=False)
+    assert findings == Findings(
+        Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=False, parameters_damaged=False
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ from firmware_py.interface.records import (
     SetInputTorque,
     SetLimits,
 )
-from firmware_py.shell.node import FirmwareNode
-from firmware_py.shell.parameters import BY_NAME, INDEX, config_from
+from firmware_py.shell.node import FirmwareNode, powered_up
+from firmware_py.shell.parameters import BY_NAME, DEFAULTS, INDEX, config_from, written
 
 G = 9.80665
 
@@ -321,3 +321,29 @@ def test_a_position_that_has_run_far_is_brought_back_by_whole_turns_at_rest(turn
         bench.run(0.001, keep=False)
         if bench.node.outputs.mode == Mode.SOFT_START and bench.node.state.crank.omega_rad_s > 1.0:
             assert not any(isinstance(codec.decode(f), SetAbsolutePosition) for f in bench.sent)
+
+
+def test_a_good_parameter_file_is_used() -> None:
+    one = powered_up(written(DEFAULTS | {"stop.restitution": 0.43}))
+    assert one.values["stop.restitution"] == 0.43
+    assert one.config == config_from({"stop.restitution": 0.43})
+
+
+def test_damaged_parameters_are_said_and_nothing_moves_whatever_is_asked_for() -> None:
+    broken = powered_up(written(DEFAULTS).replace("mass_kg = 0.8", "mass_kg = 0.9"))
+    bench = Bench()
+    bench.node = broken
+    bench.started()
+    sent = []
+    for request in (OperatorRequest.CLEAR_FAULTS, OperatorRequest.IDLE, OperatorRequest.RUN):
+        bench.request = request
+        for _ in range(400):
+            bench.run(0.001, keep=False)
+            sent += [codec.decode(frame) for frame in bench.sent]
+        # A parameter written makes one of them known, and the others no better.
+        index = INDEX["stop.restitution"]
+        bench.node.tick([codec.encode(ParameterRequest(index, 1, 0.4))], 1)
+    beats = [record for record in sent if isinstance(record, FirmwareHeartbeat)]
+    assert {(beat.mode, beat.fault) for beat in beats} == {(Mode.FAULT, Fault.PARAMETERS_DAMAGED)}
+    assert {record for record in sent if isinstance(record, SetInputTorque)} == {SetInputTorque(0.0)}
+    assert SetAxisState(AxisState.CLOSED_LOOP_CONTROL) not in sent

@@ -11,7 +11,9 @@ from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 
 MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
 LATCHED = (Mode.FAULT, Mode.E_STOP)
-CALM = Findings(Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=True)
+CALM = Findings(
+    Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=True, parameters_damaged=False
+)
 
 
 def all_conditions() -> list[Conditions]:
@@ -44,14 +46,14 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert c.inputs_fresh
             assert c.target_valid
             assert c.fault == Fault.NONE
-        # A fault ends all motion in the same tick.
-        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY):
+        # A fault ends all motion in the same tick, and keeps it from beginning.
+        if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT):
             assert after == Mode.FAULT
         # What is latched is left only for INIT, by a fresh, armed request to clear, with the cause gone.
         if mode in LATCHED:
             cleared = c.operator_fresh and c.request == OperatorRequest.CLEAR_FAULTS and c.clear_armed
             assert after == (Mode.INIT if cleared and c.fault == Fault.NONE else mode)
-        if mode == Mode.INIT:
+        if mode == Mode.INIT and c.fault == Fault.NONE:
             well = c.inputs_fresh and c.operator_fresh and c.drive_well
             assert after == (Mode.READY if well else Mode.INIT)
         if (
@@ -77,6 +79,7 @@ WATCHDOG = CALM._replace(watchdog=Fault.SENSOR_TIMEOUT)
 LIMIT = CALM._replace(limit=Fault.OVERSPEED)
 DRIVE = CALM._replace(drive=Fault.DRIVE_ERROR)
 ALONE = CALM._replace(operator_lost=True)
+DAMAGED = CALM._replace(parameters_damaged=True)
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,8 @@ ALONE = CALM._replace(operator_lost=True)
         (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERSPEED)),
         (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
         (ALONE, False, dict.fromkeys((Mode.SOFT_START, Mode.RUN), Fault.OPERATOR_TIMEOUT)),
+        (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
+        (WATCHDOG._replace(parameters_damaged=True), True, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (CALM, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
     ],
 )
