@@ -28,7 +28,7 @@ CAN_PERIOD_S = 1e-3
 
 
 class PlantRecord(NamedTuple):
-    """The truth at t_k, what was published of it, and the torque asked for from t_k on."""
+    """The truth at t_k (`Observation`), the torque asked for from then on, the drive, and what was published."""
 
     tick: int
     t_s: float
@@ -37,17 +37,18 @@ class PlantRecord(NamedTuple):
     accel_m_s2: float
     crank_rad: float
     omega_rad_s: float
-    phase: Phase
-    torque_command_n_m: float
     motor_torque_n_m: float
     current_a: float
     stop_force_n: float
+    felt_force_n: float
     drive_work_j: float
     stored_j: float
     friction_j: float
     impact_loss_j: float
     housing_work_j: float
     ankle_j: float
+    phase: Phase
+    torque_command_n_m: float
     axis_state: int
     axis_error: int
     striker_low_m_s2: float
@@ -105,7 +106,6 @@ class PlantNode:
         self._last_periodic_tick = -1
         self._next_periodic_tick = 0
         self._pacer: Pacer[PeriodicFrame] = Pacer()
-        self._state = self.plant.state
         self._reading: SensorReading
         self._periodic = [
             self._periodic_frame(codec.DRIVE_CURRENT, Drive.current),
@@ -158,20 +158,21 @@ class PlantNode:
         )
 
     def _telemetry(self) -> Telemetry:
-        plant = self.plant
-        return Telemetry(plant.current_a, plant.motor_torque_n_m, self._state.omega_rad_s)
+        now = self.plant.now
+        return Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""
         plant, drive = self.plant, self.drive
+        omega_rad_s = plant.now.omega_rad_s
         if self._faults is not None:
             frames = self._faults.heard(frames)
         drive.handle(frames, self._reading.encoder_position_rev)
-        torque_n_m = drive.torque_n_m(self._state.omega_rad_s)
+        torque_n_m = drive.torque_n_m(omega_rad_s)
         self.record = self._record_of(torque_n_m)
         armed_s = min(self.period_s, drive.watchdog_left_s)
         self._move(torque_n_m, armed_s)
-        drive.elapse(armed_s, self._state.omega_rad_s, plant.current_a)
+        drive.elapse(armed_s, plant.now.omega_rad_s, plant.now.current_a)
         if armed_s < self.period_s - TIME_RESOLUTION_S:
             self._move(0.0, self.period_s - armed_s)
         self.tick += 1
@@ -186,7 +187,7 @@ class PlantNode:
         drive.handle(frames, self._reading.encoder_position_rev)
         pause_s = ticks * self.period_s
         held_s = min(pause_s, drive.watchdog_left_s)
-        self._move(drive.torque_n_m(self._state.omega_rad_s), held_s)
+        self._move(drive.torque_n_m(self.plant.now.omega_rad_s), held_s)
         self._move(0.0, pause_s - held_s)
         self.tick += ticks
         self._counter += ticks  # the sensors went on sampling: what they count is time
@@ -194,39 +195,18 @@ class PlantNode:
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:
             if self._faults is not None:
-                torque_n_m = self._faults.given_n_m(torque_n_m, self._state.crank_rad)
+                torque_n_m = self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad)
             self.plant.advance(torque_n_m, dt_s)
-            self._state = self.plant.state
 
     def _record_of(self, torque_n_m: float) -> PlantRecord:
-        plant, reading = self.plant, self._reading
-        state, energy = self._state, plant.energy
         return PlantRecord(
             self.tick,
             self.tick * self.period_s,
-            state.x_m,
-            state.v_m_s,
-            plant.accel_m_s2,
-            state.crank_rad,
-            state.omega_rad_s,
-            state.phase,
+            *self.plant.now,
             torque_n_m,
-            plant.motor_torque_n_m,
-            plant.current_a,
-            plant.stop_force_n,
-            energy.drive_work_j,
-            energy.stored_change_j,
-            energy.friction_j,
-            energy.impact_loss_j,
-            energy.housing_work_j,
-            energy.ankle_j,
             self.drive.axis_state,
             self.drive.active_errors,
-            reading.striker_low_m_s2,
-            reading.striker_high_m_s2,
-            reading.housing_m_s2,
-            reading.encoder_position_rev,
-            reading.encoder_velocity_rev_s,
+            *self._reading,
         )
 
     def take_impacts(self) -> list[Impact]:

@@ -10,7 +10,7 @@ from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
-from plant_sim.result import EnergyLedger, MotionState, Phase
+from plant_sim.result import EnergyLedger, MotionState, Observation, Phase
 from plant_sim.scene import Scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
 from plant_sim.sensors import SensorReading, Sensors
@@ -25,23 +25,10 @@ from plant_sim.solvers.adaptive import (
     complaint,
     ledger,
     motion_state,
+    observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.memory import (
-    ACCELERATION,
-    ANGLE_NOW,
-    CURRENT,
-    ELAPSED,
-    IMPACTS,
-    IN_IMPACT,
-    MOTOR_TORQUE,
-    PHASE,
-    STOP_FORCE,
-    STORED,
-    UNSETTLED,
-    allocate,
-)
-from plant_sim.solvers.motion import felt_force_n
+from plant_sim.solvers.memory import ELAPSED, IMPACTS, IN_IMPACT, PHASE, STORED, UNSETTLED, allocate
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
@@ -87,6 +74,8 @@ class Plant:
         self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
         self._stored_before_j = float(self._memory.observed[STORED])
+        self.now: Observation = observation(self._memory, self._stored_before_j)
+        """What can be read off the module now."""
 
     def advance(self, torque_n_m: float, dt_s: float) -> None:
         """Move on by `dt_s` under a held motor torque command (an ideal drive takes no notice of it)."""
@@ -95,6 +84,7 @@ class Plant:
                 f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
             )
         self._call(torque_n_m, dt_s)
+        self.now = observation(self._memory, self._stored_before_j)
         self._torque_n_m = torque_n_m
         # Neumaier's sum: a day of ticks adds up to a day.
         t_s = self._t_s + dt_s
@@ -135,6 +125,7 @@ class Plant:
             memory.mode[IN_IMPACT] = 0
         self._call(self._torque_n_m, 0.0)
         self._stored_before_j += float(memory.observed[STORED]) - stored_j
+        self.now = observation(memory, self._stored_before_j)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
@@ -155,7 +146,7 @@ class Plant:
         """Sample every sensor now; each call draws new noise."""
         if self._sensors is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
-        return self._sensors.read(float(self._memory.observed[ANGLE_NOW]))
+        return self._sensors.read(self.now.crank_rad)
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: those already separated)."""
@@ -170,12 +161,7 @@ class Plant:
     @property
     def state(self) -> MotionState:
         """The true motion now."""
-        return motion_state(self.parts, self._memory, self.t_s)
-
-    @property
-    def accel_m_s2(self) -> float:
-        """The striker's true x'', m/s², as seen from the housing."""
-        return float(self._memory.observed[ACCELERATION])
+        return motion_state(self.now, self.t_s)
 
     @property
     def housing_m_s2(self) -> float:
@@ -183,34 +169,14 @@ class Plant:
         return housing_m_s2(self.parts.housing, self.t_s)
 
     @property
-    def felt_force_n(self) -> float:
-        """Force of ankle spring and damper on the wearer, N; 0 where nobody wears the module."""
-        return float(felt_force_n(self.parts.wearer, self.parts.drive, self._memory.y))
-
-    @property
     def peak_felt_force_n(self) -> float | None:
         """The largest of these so far, N; None where nobody wears the module."""
         return peak_felt_force_n(self.parts, self._memory)
 
     @property
-    def stop_force_n(self) -> float:
-        """A soft stop's force on the striker, N; a rigid one's is no number."""
-        return float(self._memory.observed[STOP_FORCE])
-
-    @property
-    def motor_torque_n_m(self) -> float:
-        """The motor's torque on the crank before its losses, N m."""
-        return float(self._memory.observed[MOTOR_TORQUE])
-
-    @property
-    def current_a(self) -> float:
-        """The motor's torque-producing current, A."""
-        return float(self._memory.observed[CURRENT])
-
-    @property
     def energy(self) -> EnergyLedger:
         """Where the energy went since the start."""
-        return ledger(self.parts, self._memory, self._stored_before_j)
+        return ledger(self.now)
 
 
 def warm(scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,33 @@ class MotionState:
     v_m_s: float
     crank_rad: float
     omega_rad_s: float
+    phase: Phase
+
+
+class Observation(NamedTuple):
+    """All that can be read off a module at one instant.
+
+    `accel_m_s2` is x'' as seen from the housing, `motor_torque_n_m` the motor's on the crank before its
+    losses, `current_a` its torque-producing current, `stop_force_n` a soft stop's on the striker,
+    `felt_force_n` that of ankle spring and damper on the wearer; 0 where there is none. From `drive_work_j`
+    on it is the ledger since the start.
+    """
+
+    x_m: float
+    v_m_s: float
+    accel_m_s2: float
+    crank_rad: float
+    omega_rad_s: float
+    motor_torque_n_m: float
+    current_a: float
+    stop_force_n: float
+    felt_force_n: float
+    drive_work_j: float
+    stored_j: float
+    friction_j: float
+    impact_loss_j: float
+    housing_work_j: float
+    ankle_j: float
     phase: Phase
 
 

@@ -45,6 +45,7 @@ class Sensing(NamedTuple):
     """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2).
 
     A tilted or moving housing has its own, the fourth, and `shaken` of shape (2, DEGREE + 1), else (0, …).
+    `readings` are what the filters give: accelerations, m/s², and the speed, rad/s; 0 where there is none.
     """
 
     poles: Complex
@@ -53,6 +54,7 @@ class Sensing(NamedTuple):
     pulses: Vector
     pulse_s: float
     shaken: Vector
+    readings: Vector
 
 
 Probe: TypeAlias = NoSensing | Sensing
@@ -70,33 +72,40 @@ def allocate_sensing(
         states.append(0.0j)
         for which in (LOW, HIGH, HOUSING):
             states[which] = -housing.along_m_s2 / poles[which]  # where z' = λ z + a stays
-    return Sensing(
+    sensing = Sensing(
         poles=np.array(poles),
         states=np.array(states),
         power=np.zeros(DEGREE + 1),
         pulses=np.zeros((PULSES, 2)),
         pulse_s=models.rigid_contact_s,
         shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
+        readings=np.zeros(HOUSING + 1),
     )
+    note_readings(sensing)
+    return sensing
 
 
 def _pole(model: AccelerometerModel) -> complex:
     return 2.0 * math.pi * model.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
 
 
-def filtered_acceleration_m_s2(sensing: Sensing, which: int) -> float:
-    """Low-passed acceleration of the striker, m/s²: 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
-    return float(2.0 * sensing.poles[which].imag * sensing.states[which].imag)
+@by_part
+def note_readings(probe: Probe) -> None:
+    """Read the filters: an accelerometer's is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
+    raise NotImplementedError
 
 
-def filtered_housing_m_s2(sensing: Sensing) -> float:
-    """Low-passed a_b, m/s²."""
-    return filtered_acceleration_m_s2(sensing, HOUSING) if sensing.poles.size > HOUSING else 0.0
+@law(note_readings, NoSensing)
+def _(probe: NoSensing) -> None:
+    return
 
 
-def filtered_speed_rad_s(sensing: Sensing) -> float:
-    """The encoder's speed estimate, rad/s."""
-    return float(sensing.states[SPEED_ESTIMATE].real)
+@law(note_readings, Sensing)
+def _(probe: Sensing) -> None:
+    poles, states, readings = probe.poles, probe.states, probe.readings
+    for which in range(poles.size):
+        readings[which] = 2.0 * poles[which].imag * states[which].imag
+    readings[SPEED_ESTIMATE] = states[SPEED_ESTIMATE].real
 
 
 @by_part

@@ -1,19 +1,17 @@
 """Readings: what the low-passes hold, then noise and bias, then clipped, then quantised."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.sensing import (
-    HIGH,
-    LOW,
-    Sensing,
-    filtered_acceleration_m_s2,
-    filtered_housing_m_s2,
-    filtered_speed_rad_s,
-)
+from plant_sim.sensing import Sensing
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
+
+TURN_RAD = 2.0 * math.pi
+DRAWN_AT_ONCE = 256
+"""Samples whose noise is drawn together; the stream is that of single draws."""
 
 
 class SensorReading(NamedTuple):
@@ -52,18 +50,24 @@ class Sensors:
         self._high = Accelerometer(models.striker_high)
         self._housing = Accelerometer(models.housing)
         self._encoder = models.encoder
-        self._sensing = sensing
-        self._noise = noise
+        self._readings = sensing.readings
+        self._noise = _four_by_four(noise)
 
     def read(self, crank_rad: float) -> SensorReading:
         """Read every sensor once, with new noise. The encoder is circular, [0, 1) revolutions."""
-        low, high, housing, speed = self._noise.standard_normal(4).tolist()
+        low, high, speed_rad_s, housing = self._readings.tolist()
+        low_noise, high_noise, housing_noise, speed_noise = next(self._noise)
         counts = self._encoder.counts
-        speed_rad_s = filtered_speed_rad_s(self._sensing) + self._encoder.noise_rad_s * speed
         return SensorReading(
-            self._low.read(filtered_acceleration_m_s2(self._sensing, LOW), low),
-            self._high.read(filtered_acceleration_m_s2(self._sensing, HIGH), high),
-            self._housing.read(filtered_housing_m_s2(self._sensing), housing),
-            math.floor(crank_rad / (2.0 * math.pi) * counts) % counts / counts,
-            speed_rad_s / (2.0 * math.pi),
+            self._low.read(low, low_noise),
+            self._high.read(high, high_noise),
+            self._housing.read(housing, housing_noise),
+            math.floor(crank_rad / TURN_RAD * counts) % counts / counts,
+            (speed_rad_s + self._encoder.noise_rad_s * speed_noise) / TURN_RAD,
         )
+
+
+def _four_by_four(noise: np.random.Generator) -> Iterator[list[float]]:
+    """Four standard normals a sample, for ever."""
+    while True:
+        yield from noise.standard_normal((DRAWN_AT_ONCE, 4)).tolist()

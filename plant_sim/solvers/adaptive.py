@@ -13,24 +13,30 @@ from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import is_level, smooth_for_s
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
+from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, is_worn
-from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
-from plant_sim.sensing import NoSensing, Probe, is_sensing, sense_step
+from plant_sim.result import EnergyLedger, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
+from plant_sim.sensing import NoSensing, Probe, is_sensing, note_readings, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
 from plant_sim.solvers.dop853 import attempt, extend
 from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, angle_at, first_event
 from plant_sim.solvers.memory import (
     ACCELERATION,
     ANGLE_NOW,
+    ANKLE_LOSS,
     APPROACH,
     CRANK_DIRECTION,
     CRANK_STUCK,
     CURRENT,
     DAMPING,
     DIRECTION,
+    DRIVE_WORK,
     ELAPSED,
+    FELT_FORCE,
+    FRICTION_LOSS,
+    HOUSING_WORK,
     IMPACT_ANGLE,
+    IMPACT_LOSS,
     IMPACT_TIME,
     IMPACTS,
     IMPULSE,
@@ -42,6 +48,7 @@ from plant_sim.solvers.memory import (
     PEAK_FORCE,
     PHASE,
     PHASE_NOW,
+    PLACE_NOW,
     REBOUND,
     SAMPLES,
     SPEED_NOW,
@@ -50,6 +57,7 @@ from plant_sim.solvers.memory import (
     STOP_FORCE,
     STORED,
     UNSETTLED,
+    VELOCITY_NOW,
     ZERO_CRANK,
     ZERO_DEPTH,
     ZERO_VELOCITY,
@@ -66,6 +74,7 @@ from plant_sim.solvers.motion import (
     ankle_place,
     closing_m_s,
     derivative,
+    felt_force_n,
     from_stop_m,
     held_force_n,
     housing_place,
@@ -135,6 +144,7 @@ def advance(
             status = ENDLESS_EVENTS
             break
     _observe(parts, memory, torque_n_m, start_s + held[ELAPSED])
+    note_readings(probe)
     return status
 
 
@@ -463,6 +473,8 @@ def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
     """What can be read off the module now."""
     y, observed = memory.y, memory.observed
     flow = _flow(parts, memory, torque_n_m, time_s)
+    observed[PLACE_NOW] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
+    observed[VELOCITY_NOW] = y[1]
     derivative(parts, flow, 0.0, y, memory.k[0])
     observed[ACCELERATION] = memory.k[0, 1]
     observed[STOP_FORCE] = 0.0
@@ -477,7 +489,17 @@ def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
     current = motor_current_a(parts.drive, torque_n_m, speed)
     observed[CURRENT] = current
     observed[MOTOR_TORQUE] = _torque_of(parts.drive, current)
+    observed[FELT_FORCE] = felt_force_n(parts.wearer, parts.drive, y)
+    work = work_place(parts)
+    observed[DRIVE_WORK] = y[work]
     observed[STORED] = stored_energy_j(parts, flow.phase, y, angle, speed)
+    observed[FRICTION_LOSS] = y[work + 1]
+    if is_soft(parts.stop) or is_rigid(parts.stop):
+        observed[IMPACT_LOSS] = y[work + 2]
+    if not is_level(parts.housing):
+        observed[HOUSING_WORK] = y[housing_place(parts)]
+    if is_worn(parts.wearer):
+        observed[ANKLE_LOSS] = y[ankle_place(parts)]
     observed[ANGLE_NOW] = angle
     observed[SPEED_NOW] = speed
     observed[PHASE_NOW] = flow.phase
@@ -534,6 +556,7 @@ def simulate(
         )
     columns = np.concatenate(rows).T
     origin = origin_m(parts.stop, parts.striker)
+    end = observation(memory, stored_before_j)
     return SimulationResult(
         impacts=Impacts(
             t_s=columns[IMPACT_TIME],
@@ -543,8 +566,8 @@ def simulate(
             peak_force_n=columns[PEAK_FORCE],
             crank_rad=columns[IMPACT_ANGLE],
         ),
-        final=motion_state(parts, memory, until_s),
-        energy=ledger(parts, memory, stored_before_j),
+        final=motion_state(end, until_s),
+        energy=ledger(end),
         method="adaptive",
         samples=None
         if samples_t_s is None
@@ -586,28 +609,30 @@ def complaint(status: int, parts: Parts, memory: Memory, start_s: float) -> str:
     return f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
 
 
-def motion_state(parts: Parts, memory: Memory, t_s: float) -> MotionState:
-    """The module as `memory` has it."""
-    return MotionState(
-        t_s=t_s,
-        x_m=float(from_stop_m(parts.wearer, parts.drive, memory.y)) + origin_m(parts.stop, parts.striker),
-        v_m_s=float(memory.y[1]),
-        crank_rad=float(memory.observed[ANGLE_NOW]),
-        omega_rad_s=float(memory.observed[SPEED_NOW]),
-        phase=Phase(int(memory.observed[PHASE_NOW])),
-    )
+_PHASES = tuple(Phase)
 
 
-def ledger(parts: Parts, memory: Memory, stored_before_j: float) -> EnergyLedger:
-    """Where the energy went since `stored_before_j` was stored."""
-    work = work_place(parts)
+def observation(memory: Memory, stored_before_j: float) -> Observation:
+    """The module as `memory` has it; the ledger counts from when `stored_before_j` was stored."""
+    *values, phase = memory.observed.tolist()
+    values[STORED] -= stored_before_j
+    return Observation._make((*values, _PHASES[int(phase)]))
+
+
+def motion_state(now: Observation, t_s: float) -> MotionState:
+    """The motion in `now`."""
+    return MotionState(t_s, now.x_m, now.v_m_s, now.crank_rad, now.omega_rad_s, now.phase)
+
+
+def ledger(now: Observation) -> EnergyLedger:
+    """The ledger in `now`."""
     return EnergyLedger(
-        drive_work_j=float(memory.y[work]),
-        stored_change_j=float(memory.observed[STORED]) - stored_before_j,
-        friction_j=float(memory.y[work + 1]),
-        impact_loss_j=0.0 if isinstance(parts.stop, NoStop) else float(memory.y[work + 2]),
-        housing_work_j=0.0 if is_level(parts.housing) else float(memory.y[housing_place(parts)]),
-        ankle_j=float(memory.y[ankle_place(parts)]) if is_worn(parts.wearer) else 0.0,
+        drive_work_j=now.drive_work_j,
+        stored_change_j=now.stored_j,
+        friction_j=now.friction_j,
+        impact_loss_j=now.impact_loss_j,
+        housing_work_j=now.housing_work_j,
+        ankle_j=now.ankle_j,
     )
 
 

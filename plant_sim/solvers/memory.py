@@ -44,8 +44,25 @@ TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, PEAK_FELT =
 # Columns of Memory.impacts.
 IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
 
-# Places in Memory.observed.
-ACCELERATION, STOP_FORCE, MOTOR_TORQUE, CURRENT, STORED, ANGLE_NOW, SPEED_NOW, PHASE_NOW = range(8)
+(
+    PLACE_NOW,
+    VELOCITY_NOW,
+    ACCELERATION,
+    ANGLE_NOW,
+    SPEED_NOW,
+    MOTOR_TORQUE,
+    CURRENT,
+    STOP_FORCE,
+    FELT_FORCE,
+    DRIVE_WORK,
+    STORED,
+    FRICTION_LOSS,
+    IMPACT_LOSS,
+    HOUSING_WORK,
+    ANKLE_LOSS,
+    PHASE_NOW,
+) = range(16)
+"""Places in Memory.observed: the fields of `Observation`, in its order."""
 
 SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
 """A forcing period takes some twenty steps, those of a contact included; each may err by this share of it.
@@ -104,7 +121,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         held=held,
         contact=np.zeros((7 if is_worn(parts.wearer) else 6) if is_soft(stop) else 0),
         impacts=np.zeros((impacts, 6)),
-        observed=np.zeros(8),
+        observed=np.zeros(PHASE_NOW + 1),
         scale=_scale(parts, accuracy),
         contact_scale=SHARE_OF_A_CONTACT * _scale(parts, accuracy)[: None if is_soft(stop) else 0],
         k=np.zeros((STAGES, size)),

@@ -34,7 +34,7 @@ def test_a_kick_changes_the_velocity_and_nothing_else() -> None:
     assert dataclasses.replace(after, v_m_s=before.v_m_s) == before
     felt_m_s = 0.0
     for _ in range(20):
-        reading = plant.sense().striker_high_m_s2 - plant.accel_m_s2
+        reading = plant.sense().striker_high_m_s2 - plant.now.accel_m_s2
         felt_m_s += reading * 1e-3
         plant.advance(0.06, 1e-3)
     assert felt_m_s == pytest.approx(0.25, abs=0.05)
@@ -71,7 +71,7 @@ def test_a_stop_that_moves_leaves_the_striker_where_it_is(by_m: float) -> None:
     last_x_m, touched_x_m = plant.state.x_m, []
     for _ in range(1000):
         plant.advance(0.06, 1e-3)
-        if plant.stop_force_n > 0.0 and not touched_x_m:
+        if plant.now.stop_force_n > 0.0 and not touched_x_m:
             touched_x_m = [last_x_m, plant.state.x_m]
         last_x_m = plant.state.x_m
     assert touched_x_m[0] <= stop.position_m + by_m <= touched_x_m[1]
@@ -81,7 +81,7 @@ def test_a_stop_that_moves_leaves_the_striker_where_it_is(by_m: float) -> None:
 def test_a_change_in_the_middle_of_a_contact_goes_on_with_it() -> None:
     plant = swinging(1)
     plant.kick(1.0)
-    while plant.stop_force_n == 0.0:
+    while plant.now.stop_force_n == 0.0:
         plant.advance(0.0, 1e-3)
     parts = plant.parts
     plant.replace_parts(parts._replace(striker=parts.striker._replace(spring_n_m=77.0)))

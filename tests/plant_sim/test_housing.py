@@ -199,7 +199,7 @@ def test_accelerometers_read_what_they_are_carried_along_with() -> None:
         readings.append(coarse.sense())
         for _ in range(50):
             fine.advance(0.06, 2e-5)
-            striker.append(fine.accel_m_s2 + fine.housing_m_s2)
+            striker.append(fine.now.accel_m_s2 + fine.housing_m_s2)
             housing.append(fine.housing_m_s2)
     times = 2e-5 * np.arange(len(housing))
     for corner_hz, truth, ours in (

@@ -73,29 +73,31 @@ def test_what_the_plant_shows_belongs_together() -> None:
         plant.advance(torque_at(tick), 1e-3)
         now = plant.state
         if now.phase == Phase.FLIGHT == before.phase:
-            assert plant.stop_force_n == 0.0
+            assert plant.now.stop_force_n == 0.0
         if now.phase == Phase.CONTACT:
-            assert plant.stop_force_n >= 0.0
+            assert plant.now.stop_force_n >= 0.0
             assert now.x_m >= 0.18 - 1e-12
-        assert plant.motor_torque_n_m == pytest.approx(torque_at(tick), rel=1e-12)
-        assert plant.current_a == pytest.approx(torque_at(tick) / 0.08, rel=1e-12)
+        assert plant.now.motor_torque_n_m == pytest.approx(torque_at(tick), rel=1e-12)
+        assert plant.now.current_a == pytest.approx(torque_at(tick) / 0.08, rel=1e-12)
         assert 0.0 <= now.crank_rad < 2.0 * math.pi
         before = now
     m, c, b, amplitude = 0.8, 505.0, 0.2, 0.012
-    force = c * (amplitude * math.sin(now.crank_rad) + 0.12 - now.x_m) - b * now.v_m_s - plant.stop_force_n
-    assert plant.accel_m_s2 == pytest.approx(force / m, rel=1e-12)
+    force = (
+        c * (amplitude * math.sin(now.crank_rad) + 0.12 - now.x_m) - b * now.v_m_s - plant.now.stop_force_n
+    )
+    assert plant.now.accel_m_s2 == pytest.approx(force / m, rel=1e-12)
 
 
 def test_current_and_supply_limit_the_torque() -> None:
     plant = Plant(MOTOR, seed=1)
     plant.advance(5.0, 1e-3)
-    assert plant.current_a == 10.0
+    assert plant.now.current_a == 10.0
     weak = Plant(load_scene(changed("gait-motor-soft", {"motor.supply_v": 2.0})), seed=1)
     for _ in range(2000):
         weak.advance(0.4, 1e-3)
     # At speed R i = V − K_t ω; 0.4 N m would need 2 V of it at rest.
-    assert weak.current_a == pytest.approx((2.0 - 0.08 * weak.state.omega_rad_s) / 0.4, rel=1e-12)
-    assert weak.current_a < 5.0
+    assert weak.now.current_a == pytest.approx((2.0 - 0.08 * weak.state.omega_rad_s) / 0.4, rel=1e-12)
+    assert weak.now.current_a < 5.0
 
 
 @pytest.mark.parametrize(("limit_n_m", "low", "high"), [(0.06, 1.0, 1.15), (0.15, 1.28, 1.32)])

@@ -40,7 +40,7 @@ def test_low_passes_follow_the_true_acceleration() -> None:
         readings.append(coarse.sense())
         for _ in range(50):
             fine.advance(0.06, 2e-5)
-            truth.append(fine.accel_m_s2)
+            truth.append(fine.now.accel_m_s2)
     assert len(fine.take_impacts()) > 1
     times = 2e-5 * np.arange(len(truth) + 1)
     values = np.concatenate(([0.0], truth))
