@@ -11,7 +11,7 @@ import signal
 
 from hil.clock import NS_PER_S, MonotonicClock
 from hil.loop import FixedRateLoop, LoopTiming
-from hil.processes import read_start_ns
+from hil.processes import read_start
 from hil.realtime import BASELINE, become_realtime, die_with_parent
 
 PERIOD_NS = NS_PER_S // 1000
@@ -26,7 +26,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     become_realtime(BASELINE)
     print("ready", flush=True)
-    loop = FixedRateLoop(MonotonicClock(), read_start_ns(), PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
+    loop = FixedRateLoop(MonotonicClock(), read_start().t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
     late_wakeups = 0
 

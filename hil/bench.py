@@ -47,6 +47,11 @@ REACTION_S = 0.5
 END_TIMEOUT_S = 5.0
 
 
+def again_name(process: str) -> str:
+    """What the process is called that takes the place of one that is restarted."""
+    return f"{process} again"
+
+
 class BenchError(RuntimeError):
     """A run that could not be started."""
 
@@ -167,8 +172,10 @@ class RealTimeRun:
             t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
             wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
-            for child in self.children.values():
-                child.tell(str(t0_ns))
+            later = {again_name(process) for _, process, _ in ProcessFaults(self.scenario.faults).restarts()}
+            for name, child in self.children.items():
+                if name not in later:
+                    child.tell(str(t0_ns))
             try:
                 self.attend(operator, tell_bus, t0_ns)
                 if not self.outcome.reasons:
@@ -193,9 +200,15 @@ class RealTimeRun:
         common += ["--seed", str(self.seed)]
         python = [sys.executable, "-m"]
         live = [*python, "hil.live", str(self.run_dir), "--to", str(self.viewer)]
+        restarts = ProcessFaults(self.scenario.faults).restarts()
+        again = {
+            again_name(process): [program(), process, scenario, *common, "--again"]
+            for _, process, _ in restarts
+        }
         return {
             "firmware": [program(), "firmware", scenario, *common],
             "plant": [program(), "plant", scenario, *common],
+            **again,
             "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
             "recorder": [*python, "hil.recorder", str(self.run_dir), "--bus", address],
             **({} if self.viewer is None else {LIVE: live}),
@@ -231,7 +244,7 @@ class RealTimeRun:
         periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
         last_period = periods
         scripted = ProcessFaults(self.scenario.faults)
-        signals = scripted.signals()
+        signals, restarts = scripted.signals(), scripted.restarts()
         dead = {name for name in self.watched if scripted.kills(name)}
         memory = MemoryWatch({name: child.pid for name, child in self.watched.items()})
 
@@ -241,6 +254,10 @@ class RealTimeRun:
             while signals and signals[0].at_s <= t_s:
                 self.children[signals[0].process].signal(signals[0].number)
                 del signals[0]
+            while restarts and restarts[0].at_s <= t_s:
+                first_tick = round(restarts[0].start_s / self.scenario.period_s)
+                self.children[again_name(restarts[0].process)].tell(f"{t0_ns} {first_tick}")
+                del restarts[0]
             tell_bus(t_s)
             operator.step(period)
             for name, child in self.watched.items():
@@ -266,7 +283,8 @@ class RealTimeRun:
     def await_ends(self) -> None:
         """The loops end by themselves within a tick or two of the script."""
         scripted = ProcessFaults(self.scenario.faults)
-        for name in ("firmware", "plant", "baseline"):
+        later = [again_name(process) for _, process, _ in scripted.restarts()]
+        for name in ("firmware", "plant", "baseline", *later):
             child = self.children[name]
             if scripted.kills(name):
                 continue

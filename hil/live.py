@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from hil.follower import TRACES, Follower
-from hil.processes import READY, read_start_ns, stop_requests
+from hil.processes import READY, read_start, stop_requests
 from hil.rerun_log import RunLog
 from hil.run_traces import RunTraces, read_json, read_scenario
 
@@ -41,7 +41,7 @@ def main() -> None:
     os.nice(NICENESS)
     stopping = stop_requests()
     print(READY, flush=True)
-    read_start_ns()
+    read_start()
     try:
         follow(arguments.run_dir, arguments.to, [stopping.fileno(), sys.stdin.fileno()])
     except RuntimeError as error:

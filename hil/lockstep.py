@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hil.can_log import CanLog
 from hil.clock import NS_PER_S
+from hil.faults.clocks import in_turns
 from hil.faults.line import with_faults
 from hil.faults.processes import ProcessFaults
 from hil.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, BusAtOnce, LockstepBus
@@ -36,8 +37,10 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
     plant_bus, tell_plant_bus = with_faults(bus.join(PLANT), PLANT, at_nodes, seed)
     firmware_bus, tell_firmware_bus = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
     operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
-    plant = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
-    firmware = FirmwareRunner(scenario.parameters, pace, firmware_bus, run_dir)
+    plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
+    plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
+    firmware_node = FirmwareRunner(scenario.parameters, pace, firmware_bus, run_dir, faults, seed)
+    firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
     operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
     processes = ProcessFaults(faults)
     plant_tick = firmware_tick = -1

@@ -43,10 +43,11 @@ class FixedRateLoop:
         ticks: int | None,
         step: Callable[[int, int], None],
         record: Callable[[int, LoopTiming], None],
+        first_tick: int = 0,
     ) -> None:
-        """Run ticks 0 … ticks − 1, or until `stop`."""
+        """Run ticks `first_tick` … ticks − 1, or until `stop`."""
         clock, period_ns = self.clock, self.period_ns
-        tick, last_tick = 0, -1
+        tick, last_tick = first_tick, first_tick - 1
         while not self.stopping and (ticks is None or tick < ticks):
             deadline_ns = self.first_deadline_ns + tick * period_ns
             clock.sleep_until(deadline_ns)

@@ -11,13 +11,15 @@ from pathlib import Path
 from firmware_py.interface import codec
 from firmware_py.shell.parameters import config_from
 from hil.bus import Bus, join, provide
-from hil.clock import NS_PER_S, MonotonicClock
+from hil.clock import NS_PER_S, Clock, MonotonicClock
+from hil.faults.clocks import ClockFaults, FaultyClock
 from hil.faults.line import with_faults
+from hil.faults.processes import FIRMWARE, PLANT
 from hil.faults.tables import Fault
 from hil.loop import FixedRateLoop
-from hil.nodes import FirmwareRunner, Pace, PlantRunner
+from hil.nodes import FirmwareRunner, Pace, PlantRunner, empty
 from hil.plant_node import ACCEPTED_IDS
-from hil.processes import READY, read_start_ns
+from hil.processes import READY, Start, read_start
 from hil.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 from hil.scenario import changed, load_scenario, refuse_other_periods
 from hil.trace import bring_home
@@ -38,6 +40,7 @@ def firmware_main(
     seed: int,
     sync: bool,
     until_s: float | None,
+    again: bool = False,
 ) -> None:
     """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
     if sync:
@@ -51,10 +54,14 @@ def firmware_main(
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_firmware(parameters)
+    start = await_start(sync) if again else Start(0)
     with joined(bus, FIRMWARE_IDS) as node_bus:
-        faulty_bus, tell_bus = with_faults(node_bus, "firmware", faults, seed)
-        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir)
-        run_loop(runner, pace, 0.5, node_bus, sync, tell_bus)
+        faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
+        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick)
+        clock_faults = ClockFaults(faults, FIRMWARE, seed)
+        run_loop(
+            runner, pace, 0.5, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
+        )
     if out_dir is not None and not sync:
         bring_home(out_dir)
 
@@ -67,6 +74,7 @@ def plant_main(
     seed: int,
     sync: bool,
     until_s: float | None,
+    again: bool = False,
 ) -> None:
     """`vibrohil plant`: the module of a scenario's scene on `bus`, with its drive and its sensors."""
     if sync:
@@ -75,10 +83,14 @@ def plant_main(
     pace = Pace(loaded.period_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_plant(loaded.scene)
+    start = await_start(sync) if again else Start(0)
     with joined(bus, ACCEPTED_IDS) as node_bus:
-        faulty_bus, tell_bus = with_faults(node_bus, "plant", loaded.faults, seed)
-        runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults)
-        run_loop(runner, pace, 0.0, node_bus, sync, tell_bus)
+        faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
+        runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
+        clock_faults = ClockFaults(loaded.faults, PLANT, seed)
+        run_loop(
+            runner, pace, 0.0, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
+        )
     if out_dir is not None and not sync:
         bring_home(out_dir)
 
@@ -105,36 +117,46 @@ def joined(spec: str, accept: Collection[int]) -> Iterator[Bus]:
             node_bus.close()
 
 
+def await_start(sync: bool) -> Start:
+    """Take what the machine allows, say so, and wait to be told when to begin."""
+    report = become_realtime(NODE)
+    if sync:
+        print(READY, json.dumps(report._asdict()), flush=True)
+        return read_start()
+    return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
+
+
 def run_loop(
     runner: FirmwareRunner | PlantRunner,
     pace: Pace,
     offset: float,
     node_bus: Bus,
-    sync: bool,
+    start: Start,
     tell_time: Callable[[float], None],
+    clock_faults: ClockFaults,
+    sync: bool,
 ) -> None:
-    """Start at the common time, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
-    clock = MonotonicClock()
+    """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
+    clock: Clock = MonotonicClock()
+    ticks = pace.ticks
+    if clock_faults.any:
+        clock = FaultyClock(clock, clock_faults, start.t0_ns)
+        if ticks is not None:
+            ticks += round(clock_faults.offset_s(ticks * pace.period_s) / pace.period_s)
     period_ns = round(pace.period_s * NS_PER_S)
-    report = become_realtime(NODE)
-    if sync:
-        print(READY, json.dumps(report._asdict()), flush=True)
-        t0_ns = read_start_ns()
-    else:
-        t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+    if not sync:
         print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
-    loop = FixedRateLoop(clock, t0_ns, period_ns, round(offset * period_ns))
+    loop = FixedRateLoop(clock, start.t0_ns, period_ns, round(offset * period_ns))
     for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: loop.stop())
-    while node_bus.receive():
-        """What was sent before the start is not of this run."""
+    empty(node_bus)
 
     def step(tick: int, elapsed_ticks: int) -> None:
         tell_time(tick * pace.period_s)
         runner.step(tick, elapsed_ticks)
 
     try:
-        loop.run(pace.ticks, step, runner.record)
+        loop.run(ticks, step, runner.record, start.first_tick)
     finally:
         leave_realtime()
         runner.close()

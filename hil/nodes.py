@@ -1,15 +1,16 @@
 """The bench's nodes between bus and trace: what a loop calls each tick, in lockstep and real time alike."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.node import Counters, FirmwareNode
-from firmware_py.shell.parameters import config_from
+from firmware_py.shell.node import Counters, powered_up
 from hil.alignment import Alignment
+from hil.faults.memory import ParameterMemory
 from hil.faults.tables import Fault
 from hil.loop import LoopTiming
 from hil.operator import Command, OperatorNode, OperatorRecord
@@ -56,6 +57,12 @@ class Pace(NamedTuple):
         return round(min(self.duration_s or 0.0, LONGEST_PREALLOCATED_S) / self.period_s)
 
 
+def empty(bus: NodeBus) -> None:
+    """Take away what was sent before a node began."""
+    while bus.receive():
+        """It is not for this node."""
+
+
 class PlantRunner:
     """The plant's node at t_k: publish, obey what has arrived, move on."""
 
@@ -67,14 +74,23 @@ class PlantRunner:
         bus: NodeBus,
         out_dir: Path | None,
         faults: Sequence[Fault] = (),
+        first_tick: int = 0,
     ) -> None:
-        self.node = PlantNode(scene, seed, pace.period_s, faults)
+        """`first_tick`: of a process that takes the place of another, whose traces go on."""
+        self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
+        self.node = self._make_node(first_tick)
         self.bus = bus
         self._trace = self._impacts = None
         if out_dir is not None:
             fields = [("", PlantRecord), ("", LoopTiming)]
-            self._trace = TraceWriter(out_dir / "plant.trace", fields, pace.expected_records)
-            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)])
+            again = first_tick > 0
+            self._trace = TraceWriter(out_dir / "plant.trace", fields, pace.expected_records, again)
+            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)], resume=again)
+
+    def restart(self, tick: int) -> None:
+        """Throw the node away and make it anew, for `tick` to be its first one."""
+        self.node = self._make_node(tick)
+        empty(self.bus)
 
     def step(self, _: int, elapsed_ticks: int) -> None:
         """One tick. Time that the loop has skipped passes for the plant first."""
@@ -103,14 +119,21 @@ class PlantRunner:
 class FirmwareRunner:
     """The firmware's node at t_k + T/2: take what has arrived, tick, send."""
 
-    def __init__(self, parameters: Mapping[str, Any], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
-        self.node = FirmwareNode(config_from(parameters), parameters)
+    def __init__(
+        self,
+        parameters: Mapping[str, Any],
+        pace: Pace,
+        bus: NodeBus,
+        out_dir: Path | None,
+        faults: Sequence[Fault] = (),
+        seed: int = 1,
+        first_tick: int = 0,
+    ) -> None:
+        """`first_tick`: of a process that takes the place of another, whose trace goes on."""
         self.bus = bus
+        self._file = ParameterMemory(parameters, faults, seed)
         self._period_s = pace.period_s
-        self._alignment = Alignment()
-        self._waking: Waking | None = None
-        self._last_frames: list[Frame] = []
-        self._last_tick = 0
+        self._power_up(first_tick)
         self._trace = None
         if out_dir is not None:
             fields = [
@@ -122,7 +145,20 @@ class FirmwareRunner:
                 ("counters", Counters),
                 ("", LoopTiming),
             ]
-            self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records)
+            again = first_tick > 0
+            self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records, again)
+
+    def _power_up(self, tick: int) -> None:
+        self.node = powered_up(self._file.read(tick * self._period_s))
+        self._alignment = Alignment()
+        self._waking: Waking | None = None
+        self._last_frames: list[Frame] = []
+        self._last_tick = tick
+
+    def restart(self, tick: int) -> None:
+        """Throw the node away and make it anew, for `tick` to be its first one."""
+        self._power_up(tick)
+        empty(self.bus)
 
     def step(self, tick: int, elapsed_ticks: int) -> None:
         """One tick; after a pause, first find out what time it is for the sensors."""

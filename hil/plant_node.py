@@ -28,7 +28,7 @@ CAN_PERIOD_S = 1e-3
 
 
 class PlantRecord(NamedTuple):
-    """The truth at t_k (`Observation`), the torque asked for from then on, the drive, and what was published."""
+    """The truth at t_k (`Observation`), the torque asked for from then on, the drive, what was published."""
 
     tick: int
     t_s: float
@@ -94,17 +94,24 @@ class PlantNode:
     """Publishes the state at t_k, then moves to t_{k+1} under the drive's torque."""
 
     def __init__(
-        self, scene: Scene, seed: int, period_s: float = CAN_PERIOD_S, faults: Sequence[Fault] = ()
+        self,
+        scene: Scene,
+        seed: int,
+        period_s: float = CAN_PERIOD_S,
+        faults: Sequence[Fault] = (),
+        first_tick: int = 0,
     ) -> None:
+        """`first_tick`: when it is switched on; the module is then as its scene begins."""
         self.plant = Plant(scene, seed=seed)
         self.drive = Drive(drive_config(scene))
         self._faults = PlantFaults(faults, seed, self.plant, self.drive.config) if faults else None
         self.period_s = period_s
-        self.tick = 0
+        self.tick = first_tick
         self.record: PlantRecord
+        self._began_s = first_tick * period_s
         self._counter = -1
-        self._last_periodic_tick = -1
-        self._next_periodic_tick = 0
+        self._last_periodic_tick = first_tick - 1
+        self._next_periodic_tick = first_tick
         self._pacer: Pacer[PeriodicFrame] = Pacer()
         self._reading: SensorReading
         self._periodic = [
@@ -130,15 +137,16 @@ class PlantNode:
         if self._faults is not None:
             reading = self._faults.published(self.tick * self.period_s, reading)
         self._reading = reading
+        estimates = self.drive.encoder_estimates(reading.encoder_position_rev, reading.encoder_velocity_rev_s)
+        if self._faults is not None:
+            estimates = self._faults.counted(estimates)
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
         frames = [
             codec.ACCELEROMETER.encode(
                 Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
                 self._counter,
             ),
-            codec.ENCODER_ESTIMATES.encode(
-                self.drive.encoder_estimates(reading.encoder_position_rev, reading.encoder_velocity_rev_s)
-            ),
+            codec.ENCODER_ESTIMATES.encode(estimates),
         ]
         if self.tick >= self._next_periodic_tick:
             self._queue_periodic_frames()
@@ -211,4 +219,7 @@ class PlantNode:
 
     def take_impacts(self) -> list[Impact]:
         """The impacts that have ended since the last call."""
-        return self.plant.take_impacts()
+        impacts = self.plant.take_impacts()
+        if self._began_s == 0.0:
+            return impacts
+        return [impact._replace(t_s=impact.t_s + self._began_s) for impact in impacts]

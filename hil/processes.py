@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 READY = "ready"
 """The first line a child prints once it is warmed up and on the bus; more words may follow it."""
@@ -28,12 +29,19 @@ def stop_requests() -> socket.socket:
     return readable
 
 
-def read_start_ns() -> int:
-    """In a child: the common start time from standard input; the process ends here if the parent has."""
+class Start(NamedTuple):
+    """When all begin, and the first tick of a process that comes later."""
+
+    t0_ns: int
+    first_tick: int = 0
+
+
+def read_start() -> Start:
+    """In a child: the start from standard input; the process ends here if the parent has."""
     line = sys.stdin.readline()
     if not line:
         sys.exit()
-    return int(line)
+    return Start(*map(int, line.split()))
 
 
 class ChildError(RuntimeError):

@@ -19,7 +19,7 @@ import numpy as np
 from hil.bus import Bus, join
 from hil.can_log import CanLog
 from hil.follower import TRACES, Follower
-from hil.processes import READY, read_start_ns, stop_requests
+from hil.processes import READY, read_start, stop_requests
 from hil.rerun_log import LOG_NAME, RunLog
 from hil.run_traces import BusLog, RunTraces, read_json, read_scenario
 
@@ -101,7 +101,7 @@ def main() -> None:
     gc.collect()
     gc.freeze()
     print(READY, flush=True)
-    read_start_ns()
+    read_start()
     recorder = Recorder(arguments.run_dir, bus)
     record(recorder, [stopping.fileno(), sys.stdin.fileno()])
     if bus is not None:

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from firmware_py.core.step import Config
 from firmware_py.shell.parameters import config_from
 from hil.checks import Check
-from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault
+from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
 from hil.operator import Command, Request
 from hil.parameter_file import merged, read_parameters
 from hil.settings import SettingError, apply_settings
@@ -92,6 +92,16 @@ class ScriptTable(Table):
                     f"the fault {fault.kind!r} at {fault.at_s} s comes after the end, script.duration_s = "
                     f"{self.duration_s}; let it begin earlier, or let the run last longer"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _a_process_ends_once(self) -> Self:
+        ended: set[str] = set()
+        for fault in self.faults:
+            if isinstance(fault, Killed | Restarted):
+                if fault.process in ended:
+                    raise ValueError(f"the {fault.process} ends twice; kill or restart a process once a run")
+                ended.add(fault.process)
         return self
 
 

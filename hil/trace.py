@@ -135,8 +135,13 @@ class TraceWriter:
     """
 
     def __init__(
-        self, path: Path, fields: Sequence[tuple[str, FieldType]], expected_records: int = 0
+        self,
+        path: Path,
+        fields: Sequence[tuple[str, FieldType]],
+        expected_records: int = 0,
+        resume: bool = False,
     ) -> None:
+        """`resume`: go on after the last record of a trace whose writer was killed, where there is one."""
         self.columns = [column for name, kind in fields for column in flatten(name, kind)]
         names = [column.name for column in self.columns]
         if len(set(names)) != len(names):
@@ -148,6 +153,19 @@ class TraceWriter:
         described = json.dumps([[column.name, column.code] for column in self.columns]).encode()
         page = mmap.ALLOCATIONGRANULARITY
         self._header_bytes = -(-(PREAMBLE.size + len(described)) // page) * page
+        if resume and path.exists():
+            self._resume(path.resolve(), described)
+        else:
+            self._create(path, described)
+        self._window: mmap.mmap | None = None
+        self._offset = 0
+        self._last_offset = -1
+        window = self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
+        if expected_records:  # not when the file grows: that is within a loop, and thousands of pages at once
+            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] |= 0  # fetches each page, writable
+
+    def _create(self, path: Path, described: bytes) -> None:
+        """Begin a file with its header."""
         # The file takes its name once its header is whole: a reader never meets half of one.
         home = MEMORY / f"vibrohil-{os.getpid()}-{path.name}" if is_user_mode_linux() else path
         unfinished = home.with_name(f"{home.name}.new")
@@ -160,12 +178,15 @@ class TraceWriter:
         if home != path:
             path.unlink(missing_ok=True)
             path.symlink_to(home)
-        self._window: mmap.mmap | None = None
-        self._offset = 0
-        self._last_offset = -1
-        window = self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
-        if expected_records:  # not when the file grows: that is within a loop, and thousands of pages at once
-            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] |= 0  # fetches each page, writable
+
+    def _resume(self, home: Path, described: bytes) -> None:
+        """Open a file that another process has begun."""
+        self._file = home.open("r+b")
+        self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
+        _, header_bytes, record_bytes, self.count = PREAMBLE.unpack_from(self._header)
+        known = self._header[PREAMBLE.size : PREAMBLE.size + len(described)]
+        if (header_bytes, record_bytes, known) != (self._header_bytes, self.record_bytes, described):
+            raise TraceError(f"{home} has other columns; only a trace of the same ones can go on")
 
     def _open_window(self, length: int) -> mmap.mmap:
         """Map the next `length` bytes after the records written so far, with disk space behind them."""

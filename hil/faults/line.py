@@ -20,6 +20,7 @@ from hil.faults.tables import (
     Flood,
     LineFault,
     Reordered,
+    Thinned,
     Unplugged,
 )
 from hil.nodes import NodeBus
@@ -67,10 +68,25 @@ def swapped(frames: Sequence[Frame], can_ids: frozenset[int], held: Held) -> tup
     return passed, tuple(Late(0.0, frame) for frame in waiting.values())
 
 
+def periods_begun(at_s: float, period_s: float, t_s: float, since_s: float) -> int:
+    """How many periods since `at_s` have begun after `since_s` and until `t_s`."""
+    begun = int((t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
+    before = int((since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if since_s >= at_s else 0
+    return begun - before
+
+
 def outgoing(  # noqa: PLR0911 - one case a fault
-    fault: LineFault, t_s: float, frames: Sequence[Frame], held: Held, noise: np.random.Generator
+    fault: LineFault,
+    t_s: float,
+    since_s: float,
+    frames: Sequence[Frame],
+    held: Held,
+    noise: np.random.Generator,
 ) -> tuple[list[Frame], Held]:
-    """What becomes of a node's frames of `t_s` under one fault, and what it holds back until later."""
+    """What becomes of a node's frames of `t_s` under one fault, and what it holds back until later.
+
+    `since_s`: the time of the node's turn before.
+    """
     if not fault.acts(t_s):
         return [*(late.frame for late in held), *frames], ()
     match fault:
@@ -81,6 +97,9 @@ def outgoing(  # noqa: PLR0911 - one case a fault
         case Corrupted(can_ids=can_ids, share=share):
             hit = [f.can_id in can_ids and noise.random() < share for f in frames]
             return [broken(f, noise) if is_hit else f for f, is_hit in zip(frames, hit, strict=True)], ()
+        case Thinned(can_ids=can_ids, period_s=period_s, at_s=at_s):
+            leave = periods_begun(at_s, period_s, t_s, since_s) > 0
+            return [f for f in frames if leave or f.can_id not in can_ids], ()
         case Reordered(can_ids=can_ids):
             return swapped(frames, can_ids, held)
         case Delayed(can_ids=can_ids, delay_s=delay_s):
@@ -98,9 +117,7 @@ def strange(fault: LineFault, t_s: float, since_s: float, noise: np.random.Gener
         return []
     match fault:
         case Babbling(can_id=can_id, data_hex=data_hex, period_s=period_s, at_s=at_s):
-            begun = int((t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
-            before = int((since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if since_s >= at_s else 0
-            return [Frame(can_id, bytes.fromhex(data_hex))] * (begun - before)
+            return [Frame(can_id, bytes.fromhex(data_hex))] * periods_begun(at_s, period_s, t_s, since_s)
         case Flood(frames_a_tick=frames_a_tick):
             return [
                 Frame(int(noise.integers(IDENTIFIERS)), noise.bytes(int(noise.integers(9))))
@@ -137,7 +154,9 @@ class FaultyBus:
         """Send what the faults let through."""
         passed = list(frames)
         for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
-            passed, self._held[number] = outgoing(fault, self._t_s, passed, self._held[number], noise)
+            passed, self._held[number] = outgoing(
+                fault, self._t_s, self._since_s, passed, self._held[number], noise
+            )
         if not self._is_unplugged:
             self._bus.send_all(passed)
 

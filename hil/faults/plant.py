@@ -4,16 +4,34 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import EncoderEstimates
 from hil.drive_node import Drive, DriveConfig
 from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
 from hil.faults.readings import SensorFaults
-from hil.faults.tables import BrownOut, Fault, Kick, OverTemperature, PhysicalFault
+from hil.faults.tables import BrownOut, EncoderWrap, Fault, Kick, OverTemperature, PhysicalFault
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
 from plant_sim.sensors import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
 """What falls silent with the drive's electronics."""
+
+
+class TurnCounter:
+    """A position that counts on from `count_rev`, and goes over to its negative at `wraps_at_rev`."""
+
+    def __init__(self, count_rev: int, wraps_at_rev: int) -> None:
+        self._turns_rev = count_rev
+        self._wraps_at_rev = wraps_at_rev
+        self._last_rev: float | None = None
+
+    def counted_rev(self, circular_rev: float) -> float:
+        """The count at a position of 0 … 1; it has moved by less than half a turn since the last one."""
+        if self._last_rev is not None:
+            self._turns_rev -= round(circular_rev - self._last_rev)
+        self._last_rev = circular_rev
+        wide_rev = 2 * self._wraps_at_rev
+        return (self._turns_rev + circular_rev + self._wraps_at_rev) % wide_rev - self._wraps_at_rev
 
 
 class PlantFaults:
@@ -28,6 +46,7 @@ class PlantFaults:
         motor = plant.parts.drive
         self._pole_pairs = motor.pole_pairs if isinstance(motor, MotorDrive) else 0
         self._acting: list[PhysicalFault] = []
+        self._counter: TurnCounter | None = None
 
     def act(self, t_s: float, drive: Drive) -> Drive:
         """Begin and end what is due by `t_s`; gives the drive, a new one where it has lost its supply."""
@@ -41,6 +60,10 @@ class PlantFaults:
             for fault in began:
                 if isinstance(fault, Kick):
                     self._plant.kick(fault.change_m_s)
+                if isinstance(fault, EncoderWrap):
+                    self._counter = TurnCounter(fault.count_rev, fault.wraps_at_rev)
+            if not any(isinstance(fault, EncoderWrap) for fault in acting):
+                self._counter = None
             drive.config = broken_config(self._config, acting)
         if self.is_dead:
             return Drive(drive.config)
@@ -52,6 +75,12 @@ class PlantFaults:
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
         """What the sensors give of a true reading."""
         return self._sensors.published(t_s, reading)
+
+    def counted(self, estimates: EncoderEstimates) -> EncoderEstimates:
+        """What the drive gives of its circular position."""
+        if self._counter is None:
+            return estimates
+        return estimates._replace(position_rev=self._counter.counted_rev(estimates.position_rev))
 
     @property
     def is_dead(self) -> bool:

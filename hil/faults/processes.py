@@ -4,7 +4,9 @@ import signal
 from collections.abc import Sequence
 from typing import NamedTuple, TypeGuard, get_args
 
-from hil.faults.tables import Fault, Killed, Paused, ProcessFault
+from hil.faults.tables import Fault, Killed, Paused, ProcessFault, Restarted
+
+PLANT, FIRMWARE = "plant", "firmware"
 
 
 def is_of_a_process(fault: Fault) -> TypeGuard[ProcessFault]:
@@ -18,6 +20,14 @@ class Signal(NamedTuple):
     at_s: float
     process: str
     number: signal.Signals
+
+
+class Restart(NamedTuple):
+    """A process that takes the place of one that has ended at `at_s`, and begins at `start_s`."""
+
+    at_s: float
+    process: str
+    start_s: float
 
 
 class ProcessFaults:
@@ -36,16 +46,26 @@ class ProcessFaults:
 
     def kills(self, process: str) -> bool:
         """Whether the scenario itself ends `process`."""
-        return any(isinstance(fault, Killed) and fault.process == process for fault in self._faults)
+        return any(
+            isinstance(fault, Killed | Restarted) and fault.process == process for fault in self._faults
+        )
 
     def signals(self) -> list[Signal]:
         """The signals that do the same to real processes, in order of time."""
         signals = []
         for fault in self._faults:
             match fault:
-                case Killed(process=process, at_s=at_s):
+                case Killed(process=process, at_s=at_s) | Restarted(process=process, at_s=at_s):
                     signals.append(Signal(at_s, process, signal.SIGKILL))
                 case Paused(process=process, at_s=at_s, end_s=end_s):
                     signals.append(Signal(at_s, process, signal.SIGSTOP))
                     signals.append(Signal(end_s, process, signal.SIGCONT))
         return sorted(signals)
+
+    def restarts(self) -> list[Restart]:
+        """Which processes start again, in order of time."""
+        return sorted(
+            Restart(fault.at_s, fault.process, fault.end_s)
+            for fault in self._faults
+            if isinstance(fault, Restarted)
+        )

@@ -14,6 +14,7 @@ from hil.faults.tables import (
     SensorClipped,
     SensorIntermittent,
     SensorNoisy,
+    SensorSlow,
     SensorStuck,
     SensorWrongSign,
 )
@@ -42,10 +43,30 @@ def shifted(reading: SensorReading, sensor: str, by: float) -> SensorReading:
     return reading._replace(**{name: getattr(reading, name) + by for name in FIELDS[sensor]})
 
 
+def lagging(reading: SensorReading, given: SensorReading, sensor: str, share: float) -> SensorReading:
+    """The reading given before, moved by `share` of the way to the new one; the angle goes the short way."""
+
+    def moved(name: str) -> float:
+        before, by = getattr(given, name), getattr(reading, name) - getattr(given, name)
+        if name == POSITION:
+            return float((before + share * ((by + 0.5) % 1.0 - 0.5)) % 1.0)
+        return float(before + share * by)
+
+    return reading._replace(**{name: moved(name) for name in FIELDS[sensor]})
+
+
 def disturbed(  # noqa: PLR0911 - one case a fault
-    fault: ReadingFault, reading: SensorReading, before: SensorReading, noise: np.random.Generator
+    fault: ReadingFault,
+    reading: SensorReading,
+    before: SensorReading,
+    given: SensorReading,
+    elapsed_s: float,
+    noise: np.random.Generator,
 ) -> SensorReading:
-    """The reading under one fault; `before` is the last one before it began."""
+    """The reading under one fault.
+
+    `before` is the last one before it began, `given` what was made of the last one, `elapsed_s` ago.
+    """
     match fault:
         case EncoderSlip(slip_rev=slip_rev):
             return shifted(reading, "encoder", slip_rev * TURN_RAD)
@@ -63,6 +84,8 @@ def disturbed(  # noqa: PLR0911 - one case a fault
                     if not name.startswith("encoder")
                 }
             )
+        case SensorSlow(sensor=sensor, lag_s=lag_s):
+            return lagging(reading, given, sensor, -math.expm1(-elapsed_s / lag_s))
         case SensorWrongSign(sensor=sensor):
             turned = reading._replace(**{name: -getattr(reading, name) for name in FIELDS[sensor]})
             return turned._replace(encoder_position_rev=turned.encoder_position_rev % 1.0)
@@ -79,13 +102,17 @@ class SensorFaults:
         self._faults = [fault for fault in faults if is_of_a_sensor(fault)]
         self._noise = [np.random.default_rng([seed, 1000 + number]) for number in range(len(self._faults))]
         self._before: dict[int, SensorReading] = {}
+        self._given: dict[int, SensorReading] = {}
         self._last: SensorReading | None = None
+        self._last_s = 0.0
 
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
         """What is published at `t_s` of a true reading."""
         for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
             if fault.acts(t_s):
                 before = self._before.setdefault(number, self._last or reading)
-                reading = disturbed(fault, reading, before, noise)
-        self._last = reading
+                given = self._given.get(number, before)
+                reading = disturbed(fault, reading, before, given, t_s - self._last_s, noise)
+                self._given[number] = reading
+        self._last, self._last_s = reading, t_s
         return reading

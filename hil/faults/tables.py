@@ -83,6 +83,15 @@ class Delayed(FramesFault):
     delay_s: float = Field(gt=0.0, description="how late frames come, in s")
 
 
+class Thinned(FramesFault):
+    """Frames at a lower rate: those in between never leave their sender."""
+
+    kind: Literal["thinned"]
+    period_s: float = Field(
+        gt=0.0, le=10.0, description="the time from one frame that leaves to the next, in s"
+    )
+
+
 class Reordered(FramesFault):
     """Of each two frames of an identifier the later one comes first."""
 
@@ -170,6 +179,13 @@ class SensorClipped(SensorFault):
     limit_m_s2: float = Field(gt=0.0, description="the largest reading, in m/s²")
 
 
+class SensorSlow(SensorFault):
+    """Readings that lag behind, as of a filter of first order."""
+
+    kind: Literal["sensor-slow"]
+    lag_s: float = Field(gt=0.0, le=1.0, description="the filter's time constant, in s")
+
+
 class SensorWrongSign(SensorFault):
     """A sensor mounted the wrong way round."""
 
@@ -191,6 +207,16 @@ class EncoderSlip(FaultTable):
 
     kind: Literal["encoder-slip"]
     slip_rev: float = Field(ge=-0.5, le=0.5, description="by how much, in revolutions")
+
+
+class EncoderWrap(FaultTable):
+    """The drive no longer counts in a circle but on and on, as a float32 of revolutions, and wraps round."""
+
+    kind: Literal["encoder-wrap"]
+    count_rev: int = Field(ge=0, lt=2**24, description="what it has counted when it begins, in revolutions")
+    wraps_at_rev: int = Field(
+        default=2**24, ge=1, le=2**24, description="where the count goes over to its negative, in revolutions"
+    )
 
 
 class MotorStall(FaultTable):
@@ -271,13 +297,45 @@ class Paused(FaultTable):
     duration_s: float = Field(gt=0.0, description="how long it stands still, in s")
 
 
-LineFault: TypeAlias = Dropped | Duplicated | Delayed | Reordered | Corrupted | Babbling | Flood | Unplugged
+class Restarted(FaultTable):
+    """A process ends without a word, and one like it starts from nothing."""
+
+    kind: Literal["restarted"]
+    process: Process = Field(description="the process: plant or firmware")
+    duration_s: float = Field(ge=0.1, description="how long it is away, in s")
+
+
+class ClockJumped(FaultTable):
+    """The controller's clock is set, once, while it runs."""
+
+    kind: Literal["clock-jumped"]
+    by_s: float = Field(ge=-10.0, le=10.0, description="by how much, in s, forwards positive")
+
+
+class ClockJitter(FaultTable):
+    """A clock that wakes its process late, each time by another time."""
+
+    kind: Literal["clock-jitter"]
+    process: Process = Field(description="the process: plant or firmware")
+    largest_s: float = Field(gt=0.0, le=0.1, description="each is drawn from 0 to this, in s")
+
+
+class ParametersDamaged(FaultTable):
+    """A digit of the firmware's parameter file is another, for a firmware that starts while it acts."""
+
+    kind: Literal["parameters-damaged"]
+
+
+LineFault: TypeAlias = (
+    Dropped | Duplicated | Delayed | Thinned | Reordered | Corrupted | Babbling | Flood | Unplugged
+)
 ModelledFault: TypeAlias = BusOff | Disturbed
 ReadingFault: TypeAlias = (
     SensorStuck
     | SensorNoisy
     | SensorBiased
     | SensorClipped
+    | SensorSlow
     | SensorWrongSign
     | SensorIntermittent
     | EncoderSlip
@@ -288,11 +346,15 @@ PhysicalFault: TypeAlias = (
     | OverTemperature
     | SupplySag
     | BrownOut
+    | EncoderWrap
     | StiffnessChanged
     | FrictionChanged
     | StopMoved
     | Kick
 )
-ProcessFault: TypeAlias = Killed | Paused
-Fault: TypeAlias = LineFault | ModelledFault | ReadingFault | PhysicalFault | ProcessFault
+ProcessFault: TypeAlias = Killed | Paused | Restarted
+ClockFault: TypeAlias = ClockJumped | ClockJitter
+Fault: TypeAlias = (
+    LineFault | ModelledFault | ReadingFault | PhysicalFault | ProcessFault | ClockFault | ParametersDamaged
+)
 AnyFault = Annotated[Fault, Field(discriminator="kind")]

@@ -13,13 +13,18 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
 from hil import trace
+from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.line import FaultyBus
+from hil.faults.memory import ParameterMemory
 from hil.faults.physics import torque_share
+from hil.faults.plant import TurnCounter
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.faults.tables import AnyFault, Fault, PhaseLoss
 from hil.lockstep import run_lockstep
+from hil.loop import FixedRateLoop, LoopTiming
 from hil.plant_node import PlantNode
 from hil.run_folder import create, note
 from hil.scenario import ScenarioError, changed, check_scenario, read_scenario, refuse_modelled_bus
@@ -97,6 +102,12 @@ def test_delayed_frames_come_late_each_by_as_much_and_all_at_the_end() -> None:
     during = [(made + 4, made) for made in range(5, 11)]
     at_the_end = [(15, made) for made in range(11, 16)]
     assert sent == [(t, t) for t in range(5)] + during + at_the_end + [(t, t) for t in range(16, 20)]
+
+
+def test_thinned_frames_leave_once_a_period_and_all_again_afterwards() -> None:
+    sent = samples(passed(fault("thinned", duration_s=0.01, period_s=0.004, **FRAMES)))
+    assert [tick for tick, _ in sent] == [*range(6), 9, 13, *range(15, 20)]
+    assert all(tick == made for tick, made in sent)
 
 
 def test_reordered_frames_come_in_pairs_the_later_one_first() -> None:
@@ -178,6 +189,29 @@ def test_a_stuck_sensor_repeats_its_last_reading_until_it_is_well() -> None:
     assert [one.striker_low_m_s2 for one in given] == [*range(5), *[4.0] * 10, *range(15, 20)]
 
 
+def test_a_slow_sensor_lags_by_its_time_constant() -> None:
+    sensors = SensorFaults([fault("sensor-slow", sensor="striker-low", lag_s=0.01)], seed=1)
+    for tick in range(5):
+        sensors.published(tick * 1e-3, READING._replace(striker_low_m_s2=0.0))
+    lows = [sensors.published(tick * 1e-3, READING).striker_low_m_s2 for tick in range(5, 60)]
+    assert lows[:20] == pytest.approx([10.0 * -math.expm1(-0.1 * (k + 1)) for k in range(20)])
+    assert lows[-1] == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_slow_encoder_lags_on_the_circle() -> None:
+    sensors = SensorFaults([fault("sensor-slow", sensor="encoder", lag_s=0.02)], seed=1)
+    turned = [
+        sensors.published(
+            k * 1e-3, READING._replace(encoder_position_rev=0.002 * k % 1.0, encoder_velocity_rev_s=2.0)
+        )
+        for k in range(2000)
+    ]
+    behind = [(0.002 * k - one.encoder_position_rev) % 1.0 for k, one in enumerate(turned)]
+    # 2 rev/s times 20 ms, less what half of a tick's hold gives back.
+    assert behind[300:] == pytest.approx([0.039] * 1700, abs=2e-4)
+    assert {round(one.encoder_velocity_rev_s, 9) for one in turned} == {2.0}
+
+
 def test_noise_has_its_spread() -> None:
     sensors = SensorFaults([fault("sensor-noisy", at_s=0.0, sensor="striker-low", std=2.0)], seed=1)
     lows = [sensors.published(k * 1e-3, READING).striker_low_m_s2 for k in range(4000)]
@@ -238,6 +272,23 @@ def test_a_drive_without_supply_is_silent_and_starts_anew_at_rest() -> None:
     assert node.record.motor_torque_n_m == 0.0
 
 
+def test_a_count_of_turns_runs_on_and_wraps_round() -> None:
+    counter = TurnCounter(count_rev=6, wraps_at_rev=8)
+    counted = [counter.counted_rev(0.25 * quarter % 1.0) for quarter in range(14)]
+    assert counted == [6.0, 6.25, 6.5, 6.75, 7.0, 7.25, 7.5, 7.75, -8.0, -7.75, -7.5, -7.25, -7.0, -6.75]
+    back = [counter.counted_rev(0.25 * quarter % 1.0) for quarter in range(12, 6, -1)]
+    assert back == [-7.0, -7.25, -7.5, -7.75, -8.0, 7.75]
+
+
+def test_a_drive_counts_on_for_as_long_as_it_does() -> None:
+    _, sent = driven(fault("encoder-wrap", at_s=0.05, duration_s=0.1, count_rev=1000), 300)
+    estimates = [codec.decode(frame) for frame in sent if frame.can_id == codec.ENCODER_ESTIMATES.can_id]
+    positions = [estimate.position_rev for estimate in estimates]
+    assert max(positions[:50] + positions[150:]) < 1.0
+    assert positions[50] >= 1000.0
+    assert positions[50:150] == sorted(positions[50:150])
+
+
 def test_processes_are_killed_and_paused_by_signals() -> None:
     killed = fault("killed", at_s=2.0, process="plant")
     paused = fault("paused", at_s=1.0, duration_s=0.5, process="firmware")
@@ -251,6 +302,126 @@ def test_processes_are_killed_and_paused_by_signals() -> None:
     assert [processes.runs("plant", t_s) for t_s in (1.999, 2.0, 9.0)] == [True, False, False]
     assert processes.kills("plant")
     assert not processes.kills("firmware")
+
+
+def test_a_restarted_process_is_away_for_a_while_and_ends_by_a_signal() -> None:
+    processes = ProcessFaults([fault("restarted", at_s=1.0, duration_s=0.5, process="plant")])
+    assert [processes.runs("plant", t_s) for t_s in (0.999, 1.0, 1.499, 1.5)] == [True, False, False, True]
+    assert processes.signals() == [(1.0, "plant", signal.SIGKILL)]
+    assert processes.restarts() == [(1.0, "plant", 1.5)]
+    assert processes.kills("plant")
+
+
+class Steps:
+    """A runner that notes what it is called with."""
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[int, int]] = []
+        self.records: list[int] = []
+        self.restarts: list[int] = []
+
+    def step(self, tick: int, elapsed_ticks: int) -> None:
+        self.steps.append((tick, elapsed_ticks))
+
+    def record(self, tick: int, _: object) -> None:
+        self.records.append(tick)
+
+    def restart(self, tick: int) -> None:
+        self.restarts.append(tick)
+
+    def close(self) -> None:
+        raise AssertionError
+
+
+def turned(slots: range, *faults: Fault) -> tuple[Steps, list[list[tuple[int, int]]]]:
+    """The firmware's turns in each slot of 1 ms."""
+    steps = Steps()
+    turns = in_turns(steps, "firmware", faults, 1e-3, 1)
+    a_slot = []
+    for slot in slots:
+        already = len(steps.steps)
+        turns.step(slot, 1)
+        turns.record(slot, LoopTiming(0, 0.0, 0.0, 0))
+        a_slot.append(steps.steps[already:])
+    assert steps.records == [tick for tick, _ in steps.steps]
+    return steps, a_slot
+
+
+def test_a_clock_that_leaps_ahead_skips_once_and_never_replays() -> None:
+    _, turns = turned(range(20), fault("clock-jumped", at_s=0.01, by_s=1.0))
+    assert turns[9:12] == [[(9, 1)], [(1010, 1001)], [(1011, 1)]]
+    assert all(len(slot) == 1 for slot in turns)
+
+
+def test_a_clock_that_falls_back_sleeps_until_its_time_has_come_again() -> None:
+    _, turns = turned(range(40), fault("clock-jumped", at_s=0.01, by_s=-0.02))
+    assert [slot for slot, steps in enumerate(turns) if not steps] == list(range(10, 30))
+    assert turns[29:32] == [[], [(10, 1)], [(11, 1)]]
+
+
+def test_jitter_delays_turns_and_skips_what_it_must_with_no_tick_twice() -> None:
+    steps, turns = turned(range(2000), fault("clock-jitter", at_s=0.0, process="firmware", largest_s=0.0025))
+    ticks = [tick for tick, _ in steps.steps]
+    assert ticks == sorted(set(ticks))
+    assert [tick - before for before, (tick, _) in zip([-1, *ticks], steps.steps, strict=False)] == [
+        elapsed for _, elapsed in steps.steps
+    ]
+    assert {0, 1, 2} == {len(slot) for slot in turns}
+    assert {elapsed for _, elapsed in steps.steps} == {1, 2, 3}
+    small, _ = turned(range(2000), fault("clock-jitter", at_s=0.0, process="firmware", largest_s=0.0004))
+    assert small.steps == [(tick, 1) for tick in range(2000)]
+
+
+def test_a_restarted_node_is_made_anew_and_begins_at_its_tick() -> None:
+    again = fault("restarted", at_s=0.005, duration_s=0.1, process="firmware")
+    steps, turns = turned(range(105, 110), again)
+    assert steps.restarts == [105]
+    assert turns[:2] == [[(105, 1)], [(106, 1)]]
+    assert in_turns(steps, "plant", [again], 1e-3, 1) is steps
+
+
+class TrueTime:
+    """A clock that sleeps at once, and notes until when."""
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        self.time_ns = max(self.time_ns, deadline_ns)
+
+
+@pytest.mark.parametrize(
+    ("faults", "slots"),
+    [
+        ([fault("clock-jumped", at_s=0.010, by_s=0.5)], 60),
+        ([fault("clock-jumped", at_s=0.010, by_s=-0.02)], 60),
+        ([fault("clock-jumped", at_s=0.010, by_s=-0.02), fault("clock-jumped", at_s=0.05, by_s=0.1)], 80),
+        ([fault("clock-jitter", at_s=0.010, duration_s=0.1, process="firmware", largest_s=0.003)], 200),
+    ],
+)
+def test_a_real_loop_on_such_a_clock_takes_the_same_turns(faults: list[Fault], slots: int) -> None:
+    expected, _ = turned(range(slots), *faults)
+    time = TrueTime()
+    clock_faults = ClockFaults(faults, "firmware", seed=1)
+    loop = FixedRateLoop(FaultyClock(time, clock_faults, 0), 0, 1_000_000)
+    steps = Steps()
+    ticks = slots + round(clock_faults.offset_s(slots * 1e-3) * 1e3)
+    loop.run(ticks, steps.step, steps.record)
+    assert steps.steps[:-3] == expected.steps[: len(steps.steps) - 3]
+    assert len(steps.steps) == pytest.approx(len(expected.steps), abs=3)
+
+
+def test_another_digit_is_damage_that_is_found() -> None:
+    for seed in range(200):
+        memory = ParameterMemory({}, [fault("parameters-damaged", at_s=1.0)], seed)
+        assert read_back(memory.read(0.5)) == DEFAULTS
+        damaged = memory.read(1.0)
+        assert sum(one != other for one, other in zip(damaged, written(DEFAULTS), strict=True)) == 1
+        with pytest.raises(ParameterError):
+            read_back(damaged)
 
 
 def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) -> Any:
@@ -270,11 +441,18 @@ def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) ->
         ({"kind": "kick", "at_s": 1.0}, "change_m_s is missing"),
         ({"kind": "paused", "at_s": 1.0, "process": "plant"}, "duration_s is missing"),
         ({"kind": "bus-off", "at_s": 1.0, "node": "plant"}, r"add the table \[bus\]"),
+        ({"kind": "restarted", "at_s": 1.0, "process": "plant"}, "duration_s is missing"),
     ],
 )
 def test_faults_that_make_no_sense_are_refused(table: dict[str, Any], complaint: str) -> None:
     with pytest.raises(ScenarioError, match=complaint):
         scenario_with(table)
+
+
+def test_a_process_ends_once() -> None:
+    away = {"kind": "restarted", "at_s": 1.0, "duration_s": 0.2, "process": "plant"}
+    with pytest.raises(ScenarioError, match="ends twice"):
+        scenario_with(away, away | {"at_s": 2.0})
 
 
 def test_a_modelled_bus_is_for_lockstep() -> None:

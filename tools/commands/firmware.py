@@ -25,9 +25,21 @@ def firmware(
     sync: Annotated[
         bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
     ] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="With --sync: join only once told, and go on with the trace.")
+    ] = False,
     until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
 ) -> None:
     """Run the controller as one CAN node at 1 kHz."""
     from hil.node_main import firmware_main
 
-    firmware_main(scenario, settings=change or [], bus=bus, out_dir=out, seed=seed, sync=sync, until_s=until)
+    firmware_main(
+        scenario,
+        settings=change or [],
+        bus=bus,
+        out_dir=out,
+        seed=seed,
+        sync=sync,
+        until_s=until,
+        again=again,
+    )

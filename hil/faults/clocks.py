@@ -1,0 +1,159 @@
+"""Clock faults: what time a process believes it is, and how late its clock wakes it.
+
+A clock that leaps ahead makes a loop skip the ticks in between, once; one that falls back lets it sleep until
+its time has come again. Jitter wakes it late. In real time that is a clock around the machine's own; in
+lockstep, `Turns` gives a node its steps as the same loop would on such a clock.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from hil.clock import NS_PER_S, Clock
+from hil.faults.processes import FIRMWARE
+from hil.faults.tables import ClockJitter, ClockJumped, Fault, Restarted
+from hil.loop import LoopTiming
+
+SEED_OF_CLOCKS = 2000
+"""Apart from the seeds of bus and sensor faults."""
+
+
+class ClockFaults:
+    """A scenario's faults of one process's clock. Times are true ones from the start."""
+
+    def __init__(self, faults: Sequence[Fault], process: str, seed: int) -> None:
+        jumps = [fault for fault in faults if isinstance(fault, ClockJumped) and process == FIRMWARE]
+        self._jumps = sorted(jumps, key=lambda jump: jump.at_s)
+        self._jitters = [
+            fault for fault in faults if isinstance(fault, ClockJitter) and fault.process == process
+        ]
+        self._noise = np.random.default_rng([seed, SEED_OF_CLOCKS])
+
+    @property
+    def any(self) -> bool:
+        """Whether there is something wrong with it at all."""
+        return bool(self._jumps or self._jitters)
+
+    def offset_s(self, t_s: float) -> float:
+        """By how much the clock is ahead."""
+        return math.fsum(jump.by_s for jump in self._jumps if jump.acts(t_s))
+
+    def true_s(self, own_s: float) -> float:
+        """When the clock first shows `own_s` or more."""
+        t_s = own_s
+        for jump in self._jumps:
+            if t_s >= jump.at_s:
+                t_s = max(t_s - jump.by_s, jump.at_s)
+        return t_s
+
+    def lateness_s(self, t_s: float) -> float:
+        """How late the next wake-up is; another one each time."""
+        largest_s = sum(jitter.largest_s for jitter in self._jitters if jitter.acts(t_s))
+        return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
+
+
+class FaultyClock:
+    """A real clock with a scenario's faults, for a loop; `t0_ns` is the start of the run."""
+
+    def __init__(self, clock: Clock, faults: ClockFaults, t0_ns: int) -> None:
+        self._clock = clock
+        self._faults = faults
+        self._t0_ns = t0_ns
+
+    def now_ns(self) -> int:
+        """The time it shows."""
+        true_ns = self._clock.now_ns()
+        return true_ns + round(self._faults.offset_s((true_ns - self._t0_ns) / NS_PER_S) * NS_PER_S)
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        """Return when it shows `deadline_ns`, or as much later as it jitters."""
+        true_s = self._faults.true_s((deadline_ns - self._t0_ns) / NS_PER_S)
+        true_s += self._faults.lateness_s(true_s)
+        self._clock.sleep_until(self._t0_ns + round(true_s * NS_PER_S))
+
+
+class Runner(Protocol):
+    """What a loop calls each tick."""
+
+    def step(self, tick: int, elapsed_ticks: int) -> None:
+        """One tick."""
+
+    def record(self, tick: int, timing: LoopTiming) -> None:
+        """Append the tick's record."""
+
+    def restart(self, tick: int) -> None:
+        """Throw the node away and make it anew, for `tick` to be its first one."""
+
+    def close(self) -> None:
+        """Close the traces."""
+
+
+class Turns:
+    """A runner's turns in lockstep, one a slot of the bench, when its clock or its process is at fault.
+
+    Slot k lasts from the node's own instant in tick k to the other node's next one, half a period later.
+    What wakes up after that has its turn in a later slot, before that one's own.
+    """
+
+    def __init__(
+        self, runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
+    ) -> None:
+        self._runner = runner
+        self._clock = ClockFaults(faults, process, seed)
+        self._starts_s = sorted(
+            fault.end_s for fault in faults if isinstance(fault, Restarted) and fault.process == process
+        )
+        self._period_s = period_s
+        self._next_tick = 0
+        self._last_tick = -1
+        self._late_ticks: float | None = None
+        self._unrecorded: int | None = None
+
+    def step(self, slot: int, _: int) -> None:
+        """The turns that are due in this slot of the bench."""
+        t_s = slot * self._period_s
+        own_tick = slot + round(self._clock.offset_s(t_s) / self._period_s)
+        if self._starts_s and t_s >= self._starts_s[0] - 1e-9:
+            del self._starts_s[0]
+            self._runner.restart(own_tick)
+            self._next_tick, self._last_tick, self._late_ticks = own_tick, own_tick - 1, None
+        while True:
+            if self._late_ticks is None:
+                due_s = self._clock.true_s(self._next_tick * self._period_s)
+                self._late_ticks = self._clock.lateness_s(due_s) / self._period_s
+            woken_ticks = self._next_tick + self._late_ticks
+            if woken_ticks >= own_tick + 0.5:
+                return
+            self._late_ticks = None
+            # What passed at one go, by a leap or while the process stood still, is skipped.
+            woken_ticks = woken_ticks if woken_ticks >= own_tick - 0.5 else own_tick
+            self._turn(self._next_tick + int(woken_ticks - self._next_tick))
+
+    def _turn(self, tick: int) -> None:
+        if self._unrecorded is not None:
+            self._runner.record(self._unrecorded, LoopTiming(0, 0.0, 0.0, 0))
+        self._runner.step(tick, tick - self._last_tick)
+        self._unrecorded = self._last_tick = tick
+        self._next_tick = tick + 1
+
+    def record(self, _: int, timing: LoopTiming) -> None:
+        """Append the record of this slot's last turn, if it had one."""
+        if self._unrecorded is not None:
+            self._runner.record(self._unrecorded, timing)
+            self._unrecorded = None
+
+    def close(self) -> None:
+        """Close the traces."""
+        self._runner.close()
+
+
+def in_turns(
+    runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
+) -> Runner | Turns:
+    """What lockstep calls for a runner: the runner itself where neither clock nor process is at fault."""
+    restarted = any(isinstance(fault, Restarted) and fault.process == process for fault in faults)
+    if restarted or ClockFaults(faults, process, seed).any:
+        return Turns(runner, process, faults, period_s, seed)
+    return runner
