@@ -4,6 +4,9 @@ A process started with `VIBROHIL_COMPILED=1` compiles every function of the core
 decorator hands the function back untouched. numba's cache notices an edited function but neither an edited
 callee nor a reordered record, so the folder of the cache is named by a hash of every source file of the
 firmware.
+
+The core builds by position, in the order of their fields, the records that it makes in every tick: their
+keywords cost the interpreter a tenth of the tick. All others name their fields.
 """
 
 import hashlib

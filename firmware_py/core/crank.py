@@ -99,12 +99,12 @@ def step(
         )
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
-        angle_rad=turned(angle_rad + config.gain_angle * innovation_rad),
-        omega_rad_s=limited(omega_rad_s + config.gain_speed * innovation_rad / T, FASTEST_RAD_S),
-        disturbance_rad_s2=limited(
+        turned(angle_rad + config.gain_angle * innovation_rad),
+        limited(omega_rad_s + config.gain_speed * innovation_rad / T, FASTEST_RAD_S),
+        limited(
             state.disturbance_rad_s2 + 2.0 * config.gain_acceleration * innovation_rad / (T * T),
             config.largest_disturbance_rad_s2,
         ),
-        innovation_rad=innovation_rad,
-        missed_ticks=0,
+        innovation_rad,
+        0,
     )

@@ -13,7 +13,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
-from firmware_py.core.estimator import Contact, EstimatorState
+from firmware_py.core.estimator import Contact, Prediction
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import ContactPhase
 
@@ -77,21 +77,21 @@ INITIAL = DetectorState(
 
 @compiled
 def step(
-    config: DetectorConfig, state: DetectorState, estimate: EstimatorState, elapsed_ticks: int
+    config: DetectorConfig, state: DetectorState, predicted: Prediction, elapsed_ticks: int
 ) -> tuple[DetectorState, Contact]:
-    """One tick on the propagated, not yet corrected estimate."""
-    fresh = estimate.sensor.missed_ticks == 0 and estimate.started
-    excess_m_s2 = -estimate.innovation_m_s2 if fresh else 0.0
+    """One tick on the prediction, which nothing has corrected yet."""
+    fresh = predicted.sensor.missed_ticks == 0 and predicted.started
+    excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
     if state.phase == ContactPhase.FREE:
-        return _free(config, state, estimate, excess_m_s2, fresh, elapsed_ticks)
-    return _contact(config, state, estimate, excess_m_s2, fresh, elapsed_ticks)
+        return _free(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
+    return _contact(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
 
 
 @compiled
 def _free(
     config: DetectorConfig,
     state: DetectorState,
-    estimate: EstimatorState,
+    predicted: Prediction,
     excess_m_s2: float,
     fresh: bool,
     elapsed_ticks: int,
@@ -99,29 +99,29 @@ def _free(
     # Without what the excess took in this tick (trapezoid, and τ times its change) it would still be coming.
     dt_s = elapsed_ticks * config.tick_s
     lost_m_s = excess_m_s2 * (0.5 * dt_s + config.delay_s) + state.excess_m_s2 * (0.5 * dt_s - config.delay_s)
-    coming_m_s = estimate.v_m_s + lost_m_s
+    coming_m_s = predicted.belief.v_m_s + lost_m_s
     # Where a dry guide reverses, the model is off by up to twice the friction.
     dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
-    limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * estimate.spread_m_s2
+    limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
-    reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p_xx, 0.0))
-    slack_m_s = 3.0 * math.sqrt(at_least(estimate.p_vv, 0.0))
-    near = estimate.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
+    reach_m = config.near_m + 3.0 * math.sqrt(at_least(predicted.belief.p.xx, 0.0))
+    slack_m_s = 3.0 * math.sqrt(at_least(predicted.belief.p.vv, 0.0))
+    near = predicted.belief.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
     sure_m_s2 = config.sure_factor * limit_m_s2
     sure = excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2
     if not (fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2 and (near or sure)):
         quiet = DetectorState(
-            phase=ContactPhase.FREE,
-            contact_ticks=0,
-            blind_ticks=blind_ticks,
-            excess_m_s2=excess_m_s2,
-            peak_m_s2=0.0,
-            approach_speed_m_s=state.approach_speed_m_s,
-            impulse_n_s=state.impulse_n_s,
-            area_m_s=0.0,
-            since_touch_down_s=state.since_touch_down_s,
-            measurable=True,
-            impacts=state.impacts,
+            ContactPhase.FREE,
+            0,
+            blind_ticks,
+            excess_m_s2,
+            0.0,
+            state.approach_speed_m_s,
+            state.impulse_n_s,
+            0.0,
+            state.since_touch_down_s,
+            True,
+            state.impacts,
         )
         return quiet, Contact(
             ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0
@@ -141,7 +141,7 @@ def _free(
         impulse_n_s=(1.0 + config.restitution) * config.mass_kg * speed_m_s,  # expected, until it is measured
         area_m_s=excess_m_s2 * config.tick_s,
         since_touch_down_s=age_s,
-        measurable=not estimate.sensor.clipped,
+        measurable=not predicted.sensor.clipped,
         impacts=state.impacts + 1,
     )
     return touched, Contact(ContactPhase.CONTACT, True, False, age_s, speed_m_s, measured=True, settled=False)
@@ -151,7 +151,7 @@ def _free(
 def _contact(
     config: DetectorConfig,
     state: DetectorState,
-    estimate: EstimatorState,
+    predicted: Prediction,
     excess_m_s2: float,
     fresh: bool,
     elapsed_ticks: int,
@@ -162,7 +162,7 @@ def _contact(
     # The stop's force is what lies below the model: J = m ∫excess dt, spring and friction taken off.
     area_m_s = state.area_m_s + excess_m_s2 * elapsed_ticks * config.tick_s
     # Ticks that were skipped are a hole in that integral.
-    measurable = state.measurable and fresh and elapsed_ticks == 1 and not estimate.sensor.clipped
+    measurable = state.measurable and fresh and elapsed_ticks == 1 and not predicted.sensor.clipped
     ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
     if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):
@@ -191,7 +191,7 @@ def _contact(
 
     before_m_s = state.approach_speed_m_s
     # A stop gives back at most what it got.
-    believable = -1.2 * before_m_s - 0.05 < estimate.v_m_s < 0.2 * before_m_s + 0.05
+    believable = -1.2 * before_m_s - 0.05 < predicted.belief.v_m_s < 0.2 * before_m_s + 0.05
     measured = measurable and believable
     freed = DetectorState(
         phase=ContactPhase.FREE,

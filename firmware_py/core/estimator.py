@@ -171,6 +171,22 @@ class EstimatorState(NamedTuple):
     started: bool
 
 
+class Prediction(NamedTuple):
+    """The estimate carried to the newest reading and compared with the model there; nothing is corrected.
+
+    The numbers of the innovation are those of `EstimatorState`.
+    """
+
+    belief: Belief
+    sensor: SensorState
+    innovation_m_s2: float
+    innovation_std_m_s2: float
+    spread_m_s2: float
+    nis: float
+    model_variance: float
+    started: bool
+
+
 class Contact(NamedTuple):
     """What the detector found in this tick. `settled`: the model may correct the estimate again."""
 
@@ -268,15 +284,15 @@ def sense(
     rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     return SensorState(
-        acceleration_m_s2=acceleration_m_s2,
-        before_m_s2=state.acceleration_m_s2,
-        second_m_s2=state.before_m_s2,
-        housing_m_s2=new.housing_m_s2 - housing_offset_m_s2,
-        housing_offset_m_s2=housing_offset_m_s2,
-        housing_readings=min(state.housing_readings + 1, NEVER_TICKS),
-        high_offset_m_s2=offset_m_s2,
-        clipped=clipped,
-        missed_ticks=0,
+        acceleration_m_s2,
+        state.acceleration_m_s2,
+        state.before_m_s2,
+        new.housing_m_s2 - housing_offset_m_s2,
+        housing_offset_m_s2,
+        min(state.housing_readings + 1, NEVER_TICKS),
+        offset_m_s2,
+        clipped,
+        0,
     )
 
 
@@ -344,7 +360,7 @@ def propagate(
     angle_rad: float,
     omega_rad_s: float,
     elapsed_ticks: int,
-) -> EstimatorState:
+) -> Prediction:
     """Carry the estimate to the newest reading and compare that with the model; nothing is corrected yet.
 
     `angle_rad` and `omega_rad_s` are the crank's at the same time.
@@ -386,7 +402,7 @@ def propagate(
         )
         own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
         variance = own_variance + model_variance + _dry_variance(config, belief)
-    return _state(
+    return Prediction(
         belief,
         sensor,
         innovation,
@@ -394,8 +410,6 @@ def propagate(
         math.sqrt(own_variance),
         innovation * innovation / variance,
         model_variance,
-        state.still_ticks,
-        state.touch_down,
         state.started or fresh,
     )
 
@@ -403,23 +417,24 @@ def propagate(
 @compiled
 def correct(
     config: EstimatorConfig,
-    propagated: EstimatorState,
+    state: EstimatorState,
+    predicted: Prediction,
     contact: Contact,
     coarse: CoarseInput,
     angle_rad: float,
     omega_rad_s: float,
     elapsed_ticks: int,
 ) -> EstimatorState:
-    """Correct what `propagate` gave: by the model in free flight, by the stop at touch-down and separation.
+    """Correct what `propagate` made of `state`: by the model in free flight, by the stop at its touch.
 
     A coarse position corrects it whenever one has come.
     """
-    belief = belief_of(propagated)
-    touch_down = propagated.touch_down
+    belief = predicted.belief
+    touch_down = state.touch_down
     striker = config.striker
-    by_model = contact.settled and propagated.started and propagated.sensor.missed_ticks == 0
-    model_variance = propagated.model_variance
-    still_ticks = _still_ticks(config, propagated, elapsed_ticks) if by_model else 0
+    by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
+    model_variance = predicted.model_variance
+    still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
     if contact.touch_down:
         # Since touch-down it has moved on by about v⁻ · age.
         z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
@@ -452,12 +467,12 @@ def correct(
             learnt = config.trust.readings_as_one * (model_variance + _dry_variance(config, belief))
             belief = kalman.update(
                 belief,
-                propagated.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
+                predicted.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
                 config.row,
                 learnt,
             )
-        own = propagated.spread_m_s2 * propagated.spread_m_s2
-        model_variance = _learnt(config.trust, model_variance, propagated.innovation_m_s2, own, elapsed_ticks)
+        own = predicted.spread_m_s2 * predicted.spread_m_s2
+        model_variance = _learnt(config.trust, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
     if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
         belief = kalman.update(belief, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
     spread = config.spread
@@ -469,30 +484,25 @@ def correct(
         and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
     ):
         return INITIAL
-    floored = Belief(
-        x_m=belief.x_m,
-        v_m_s=belief.v_m_s,
-        bias_m_s2=belief.bias_m_s2,
-        p=Covariance(
-            xx=at_least(p.xx, spread.floor_xx),
-            xv=p.xv,
-            xb=p.xb,
-            vv=at_least(p.vv, spread.floor_vv),
-            vb=p.vb,
-            bb=at_least(p.bb, spread.floor_bb),
-        ),
-    )
-    return _state(
-        floored,
-        propagated.sensor,
-        propagated.innovation_m_s2,
-        propagated.innovation_std_m_s2,
-        propagated.spread_m_s2,
-        propagated.nis if by_model else 0.0,
+    return EstimatorState(
+        belief.x_m,
+        belief.v_m_s,
+        belief.bias_m_s2,
+        at_least(p.xx, spread.floor_xx),
+        p.xv,
+        p.xb,
+        at_least(p.vv, spread.floor_vv),
+        p.vb,
+        at_least(p.bb, spread.floor_bb),
+        predicted.innovation_m_s2,
+        predicted.innovation_std_m_s2,
+        predicted.spread_m_s2,
+        predicted.nis if by_model else 0.0,
         model_variance,
         still_ticks,
+        predicted.sensor,
         touch_down,
-        propagated.started,
+        predicted.started,
     )
 
 
@@ -536,13 +546,14 @@ def _learnt(
 
 
 @compiled
-def _still_ticks(config: EstimatorConfig, state: EstimatorState, elapsed_ticks: int) -> int:
+def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
     """For how long a striker on a dry guide has neither moved nor been pulled: it sticks."""
     if config.striker.dry_m_s2 <= 0.0:
         return 0
-    pulled = abs(state.sensor.acceleration_m_s2 - state.bias_m_s2 - state.sensor.housing_m_s2)
-    still = pulled < config.trust.still_m_s2 and abs(state.v_m_s) < 0.05
-    return min(state.still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
+    belief, sensor = predicted.belief, predicted.sensor
+    pulled = abs(sensor.acceleration_m_s2 - belief.bias_m_s2 - sensor.housing_m_s2)
+    still = pulled < config.trust.still_m_s2 and abs(belief.v_m_s) < 0.05
+    return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 
 
 @compiled
@@ -573,40 +584,4 @@ def _newton(
         v_m_s=after_m_s + a_after * age_s,
         bias_m_s2=bias_m_s2,
         p=jumped.p,
-    )
-
-
-@compiled
-def _state(
-    belief: Belief,
-    sensor: SensorState,
-    innovation_m_s2: float,
-    innovation_std_m_s2: float,
-    spread_m_s2: float,
-    nis: float,
-    model_variance: float,
-    still_ticks: int,
-    touch_down: Belief,
-    started: bool,
-) -> EstimatorState:
-    p = belief.p
-    return EstimatorState(
-        x_m=belief.x_m,
-        v_m_s=belief.v_m_s,
-        bias_m_s2=belief.bias_m_s2,
-        p_xx=p.xx,
-        p_xv=p.xv,
-        p_xb=p.xb,
-        p_vv=p.vv,
-        p_vb=p.vb,
-        p_bb=p.bb,
-        innovation_m_s2=innovation_m_s2,
-        innovation_std_m_s2=innovation_std_m_s2,
-        spread_m_s2=spread_m_s2,
-        nis=nis,
-        model_variance=model_variance,
-        still_ticks=still_ticks,
-        sensor=sensor,
-        touch_down=touch_down,
-        started=started,
     )

@@ -160,11 +160,11 @@ def step(
     dt_s = elapsed_ticks * config.tick_s
     change = limited(wanted_trim - state.trim, config.rate_1_s * dt_s)
     return HoldState(
-        trim=state.trim + change,
-        trim_rate_1_s=change / dt_s,
-        wanted_trim=wanted_trim,
-        guarded=guarded,
-        bound_periods=bound_periods,
-        impulse_n_s=impulse_n_s,
-        refusal=refusal,
+        state.trim + change,
+        change / dt_s,
+        wanted_trim,
+        guarded,
+        bound_periods,
+        impulse_n_s,
+        refusal,
     )

@@ -196,26 +196,24 @@ def step(
     )
     stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
     new = MonitorState(
-        frozen_ticks=frozen_ticks,
-        overcurrent_ticks=_held(not abs(power.current_a) <= limits.current_a, state.overcurrent_ticks, n),
-        voltage_ticks=_held(
-            not limits.lowest_v <= power.voltage_v <= limits.highest_v, state.voltage_ticks, n
-        ),
-        estimate_ticks=_held(moving and invalid, state.estimate_ticks, n),
-        stall_ticks=_held(moving and closed and stalled, state.stall_ticks, n),
-        standstill_ticks=_held(abs(crank.omega_rad_s) < config.standstill_rad_s, state.standstill_ticks, n),
-        enable_ticks=_held(moving and not closed and not state.enabled, state.enable_ticks, n),
-        enabled=moving and (state.enabled or closed),
-        position_rev=encoder.position_rev,
+        frozen_ticks,
+        _held(not abs(power.current_a) <= limits.current_a, state.overcurrent_ticks, n),
+        _held(not limits.lowest_v <= power.voltage_v <= limits.highest_v, state.voltage_ticks, n),
+        _held(moving and invalid, state.estimate_ticks, n),
+        _held(moving and closed and stalled, state.stall_ticks, n),
+        _held(abs(crank.omega_rad_s) < config.standstill_rad_s, state.standstill_ticks, n),
+        _held(moving and not closed and not state.enabled, state.enable_ticks, n),
+        moving and (state.enabled or closed),
+        encoder.position_rev,
     )
     watchdog = watchdog_fault(config.watchdogs, inputs, crank, estimate)
     limit = limit_fault(config, new, inputs, crank, detector, separated)
     drive = drive_fault(config.watchdogs, new, inputs)
     return new, Findings(
-        watchdog=watchdog,
-        limit=limit,
-        drive=drive,
-        operator_lost=inputs.operator.age_ticks > config.watchdogs.operator_ticks,
-        standstill=new.standstill_ticks > config.standstill_ticks,
-        parameters_damaged=config.parameters_damaged,
+        watchdog,
+        limit,
+        drive,
+        inputs.operator.age_ticks > config.watchdogs.operator_ticks,
+        new.standstill_ticks > config.standstill_ticks,
+        config.parameters_damaged,
     )

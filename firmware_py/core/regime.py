@@ -113,10 +113,10 @@ def _touched(
 ) -> Period:
     if not touch_down:
         return Period(
-            impacts=running.impacts,
-            speed_m_s=running.speed_m_s,
-            phase_rad=running.phase_rad,
-            peak_m_s2=at_least(peak_m_s2, running.peak_m_s2),
+            running.impacts,
+            running.speed_m_s,
+            running.phase_rad,
+            at_least(peak_m_s2, running.peak_m_s2),
         )
     impacts = running.impacts + 1
     return Period(
@@ -164,17 +164,17 @@ def step(
     running = state.running
     if not turned:
         return RegimeState(
-            angle_rad=angle_rad,
-            running=_touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2)),
-            last=state.last,
-            second=state.second,
-            third=state.third,
-            fourth=state.fourth,
-            periods=state.periods,
-            candidate=state.candidate,
-            agreed=state.agreed,
-            regime=state.regime,
-            ended=False,
+            angle_rad,
+            _touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2)),
+            state.last,
+            state.second,
+            state.third,
+            state.fourth,
+            state.periods,
+            state.candidate,
+            state.agreed,
+            state.regime,
+            False,
         )
     running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
     fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))

@@ -148,10 +148,10 @@ def step(
             config.torque_limit_n_m,
         )
     return SpeedState(
-        integral_n_m=integral_n_m,
-        error_rad_s=error_rad_s,
-        feedforward_n_m=feedforward_n_m,
-        torque_n_m=limited(torque_n_m, config.torque_limit_n_m),
-        acting_n_m=state.torque_n_m,
-        acting_limit=acting_limit,
+        integral_n_m,
+        error_rad_s,
+        feedforward_n_m,
+        limited(torque_n_m, config.torque_limit_n_m),
+        state.torque_n_m,
+        acting_limit,
     )

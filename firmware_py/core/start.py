@@ -127,18 +127,18 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
     return StartState(
-        stage=state.stage,
-        from_rad_s=state.from_rad_s,
-        to_rad_s=state.to_rad_s,
-        duration_s=state.duration_s,
-        s=min(s, 1.0),
-        target_omega_rad_s=state.from_rad_s + span * height,
-        target_acceleration_rad_s2=span * slope / state.duration_s,
-        hits=state.hits,
-        misses=state.misses,
-        attempts=state.attempts,
-        captured=state.captured,
-        failed=state.failed,
+        state.stage,
+        state.from_rad_s,
+        state.to_rad_s,
+        state.duration_s,
+        min(s, 1.0),
+        state.from_rad_s + span * height,
+        span * slope / state.duration_s,
+        state.hits,
+        state.misses,
+        state.attempts,
+        state.captured,
+        state.failed,
     )
 
 
@@ -269,16 +269,16 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
         return _again(config, state)
     again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
     return StartState(
-        stage=Stage.HOLD,
-        from_rad_s=state.from_rad_s,
-        to_rad_s=state.to_rad_s,
-        duration_s=state.duration_s,
-        s=state.s,
-        target_omega_rad_s=state.to_rad_s + trim * config.natural_rad_s,
-        target_acceleration_rad_s2=trim_rate_1_s * config.natural_rad_s,
-        hits=state.hits,
-        misses=state.misses,
-        attempts=0 if again else state.attempts,
-        captured=state.captured,
-        failed=state.failed,
+        Stage.HOLD,
+        state.from_rad_s,
+        state.to_rad_s,
+        state.duration_s,
+        state.s,
+        state.to_rad_s + trim * config.natural_rad_s,
+        trim_rate_1_s * config.natural_rad_s,
+        state.hits,
+        state.misses,
+        0 if again else state.attempts,
+        state.captured,
+        state.failed,
     )

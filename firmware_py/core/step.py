@@ -131,7 +131,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         n,
         speed.known_acceleration(config.speed, state.speed, state.crank, state.estimator),
     )
-    propagated = estimator.propagate(
+    predicted = estimator.propagate(
         config.estimator,
         state.estimator,
         inputs.accelerometer,
@@ -140,10 +140,11 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         crank_now.omega_rad_s,
         n,
     )
-    detector_now, contact = detector.step(config.detector, state.detector, propagated, n)
+    detector_now, contact = detector.step(config.detector, state.detector, predicted, n)
     estimate = estimator.correct(
         config.estimator,
-        propagated,
+        state.estimator,
+        predicted,
         contact,
         inputs.coarse,
         crank_now.angle_rad,
@@ -158,7 +159,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         contact.touch_down,
         contact.age_s,
         contact.approach_speed_m_s,
-        propagated.sensor.acceleration_m_s2,
+        predicted.sensor.acceleration_m_s2,
     )
 
     # Supervise
@@ -237,38 +238,38 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
         refusal = hold_now.refusal if valid_ratio else Refusal.RATIO_OUT_OF_RANGE
     outputs = Outputs(
-        mode=mode,
-        fault=supervisor_now.fault,
-        disarm_reason=supervisor_now.disarm_reason,
-        refusal=refusal,
-        regime=regime_now.regime,
-        acting_limit=acting_limit,
-        torque_n_m=limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
-        target_omega_rad_s=start_now.target_omega_rad_s,
-        axis_request=axis_request,
-        clear_errors=clear_errors,
-        estop=mode == Mode.E_STOP,
-        impact=contact.touch_down,
-        separation=contact.separation,
-        impact_age_s=detector_now.since_touch_down_s,
-        impact_speed_m_s=detector_now.approach_speed_m_s,
-        impact_impulse_n_s=detector_now.impulse_n_s,
-        period_ended=regime_now.ended,
-        period_impacts=regime_now.last.impacts,
-        impact_phase_rad=regime_now.last.phase_rad,
-        peak_acceleration_m_s2=regime_now.last.peak_m_s2,
+        mode,
+        supervisor_now.fault,
+        supervisor_now.disarm_reason,
+        refusal,
+        regime_now.regime,
+        acting_limit,
+        limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
+        start_now.target_omega_rad_s,
+        axis_request,
+        clear_errors,
+        mode == Mode.E_STOP,
+        contact.touch_down,
+        contact.separation,
+        detector_now.since_touch_down_s,
+        detector_now.approach_speed_m_s,
+        detector_now.impulse_n_s,
+        regime_now.ended,
+        regime_now.last.impacts,
+        regime_now.last.phase_rad,
+        regime_now.last.peak_m_s2,
     )
     return (
         State(
-            crank=crank_now,
-            estimator=estimate,
-            detector=detector_now,
-            regime=regime_now,
-            start=start_now,
-            hold=hold_now,
-            speed=speed_now,
-            monitors=monitors_now,
-            supervisor=supervisor_now,
+            crank_now,
+            estimate,
+            detector_now,
+            regime_now,
+            start_now,
+            hold_now,
+            speed_now,
+            monitors_now,
+            supervisor_now,
         ),
         outputs,
     )

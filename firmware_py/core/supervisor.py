@@ -124,17 +124,17 @@ def step(
     operator_fresh = not findings.operator_lost
     fault = counting_fault(mode, findings, start_failed)
     conditions = Conditions(
-        estop=estop,
-        fault=fault,
-        inputs_fresh=findings.watchdog == Fault.NONE,
-        drive_well=findings.drive == Fault.NONE,
-        operator_fresh=operator_fresh,
-        request=request,
-        idle_seen=state.idle_seen,
-        clear_armed=state.clear_armed,
-        target_valid=target_valid,
-        captured=captured,
-        standstill=findings.standstill,
+        estop,
+        fault,
+        findings.watchdog == Fault.NONE,
+        findings.drive == Fault.NONE,
+        operator_fresh,
+        request,
+        state.idle_seen,
+        state.clear_armed,
+        target_valid,
+        captured,
+        findings.standstill,
     )
     new_mode = transition(mode, conditions)
 
@@ -151,10 +151,10 @@ def step(
     idle = operator_fresh and request == OperatorRequest.IDLE
     let_go = operator_fresh and request != OperatorRequest.CLEAR_FAULTS
     return SupervisorState(
-        mode=new_mode,
-        fault=reason,
-        disarm_reason=reason_of_drive,
-        idle_seen=new_mode == Mode.READY and stays and (state.idle_seen or idle),
-        clear_armed=latched and stays and (state.clear_armed or let_go),
-        ticks_in_mode=state.ticks_in_mode + elapsed_ticks if stays else 0,
+        new_mode,
+        reason,
+        reason_of_drive,
+        new_mode == Mode.READY and stays and (state.idle_seen or idle),
+        latched and stays and (state.clear_armed or let_go),
+        state.ticks_in_mode + elapsed_ticks if stays else 0,
     )

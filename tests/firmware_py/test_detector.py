@@ -2,26 +2,33 @@ import numpy as np
 import pytest
 
 from firmware_py.core import detector, estimator
-from firmware_py.core.estimator import Contact, EstimatorState
+from firmware_py.core.estimator import Contact, Prediction
+from firmware_py.core.kalman import Belief, Covariance
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).detector
-COMING = estimator.INITIAL._replace(
-    x_m=0.179,
-    v_m_s=0.9,
-    p_xx=1e-8,
-    p_vv=1e-6,
-    spread_m_s2=0.0,
-    started=True,
+COMING = Prediction(
+    belief=Belief(0.179, 0.9, 0.0, Covariance(xx=1e-8, xv=0.0, xb=0.0, vv=1e-6, vb=0.0, bb=0.0)),
     sensor=estimator.INITIAL.sensor._replace(missed_ticks=0),
+    innovation_m_s2=0.0,
+    innovation_std_m_s2=0.0,
+    spread_m_s2=0.0,
+    nis=0.0,
+    model_variance=0.0,
+    started=True,
 )
 
 
-def run(excesses: list[float], base: EstimatorState = COMING, **changes: float) -> list[Contact]:
+def coming(excess_m_s2: float, base: Prediction = COMING, **place: float) -> Prediction:
+    """The striker near the stop, pushed back by `excess_m_s2`; `place` says what of its belief differs."""
+    return base._replace(innovation_m_s2=-excess_m_s2, belief=base.belief._replace(**place))
+
+
+def run(excesses: list[float], base: Prediction = COMING, **place: float) -> list[Contact]:
     state, found = detector.INITIAL, []
     for excess in excesses:
-        state, contact = detector.step(CONFIG, state, base._replace(innovation_m_s2=-excess, **changes), 1)
+        state, contact = detector.step(CONFIG, state, coming(excess, base, **place), 1)
         found.append(contact)
     return found
 
@@ -37,8 +44,9 @@ def test_a_pull_is_no_touch_down() -> None:
 
 
 def test_the_threshold_follows_the_spread_of_the_innovation() -> None:
-    assert not any(c.touch_down for c in run([40.0], spread_m_s2=10.0))
-    assert run([100.0], spread_m_s2=10.0)[0].touch_down
+    unsure = COMING._replace(spread_m_s2=10.0)
+    assert not any(c.touch_down for c in run([40.0], unsure))
+    assert run([100.0], unsure)[0].touch_down
 
 
 @pytest.mark.parametrize("changes", [{"x_m": 0.10}, {"v_m_s": -0.5}])
@@ -70,8 +78,8 @@ def contact_run(
     state, found = detector.INITIAL, []
     for excess, speed in zip(excesses, speeds, strict=True):
         sensor = COMING.sensor._replace(clipped=clipped and excess > 100.0)
-        estimate = COMING._replace(innovation_m_s2=-excess, v_m_s=speed, sensor=sensor)
-        state, contact = detector.step(CONFIG, state, estimate, 1)
+        predicted = coming(excess, COMING._replace(sensor=sensor), v_m_s=speed)
+        state, contact = detector.step(CONFIG, state, predicted, 1)
         found.append(contact)
     return found, state
 
@@ -110,7 +118,7 @@ def test_after_a_separation_the_detector_is_blind_for_its_refractory_time() -> N
 
 
 def test_a_contact_without_readings_ends_after_its_nominal_time() -> None:
-    state, contact = detector.step(CONFIG, detector.INITIAL, COMING._replace(innovation_m_s2=-50.0), 1)
+    state, contact = detector.step(CONFIG, detector.INITIAL, coming(50.0), 1)
     silent = COMING._replace(sensor=COMING.sensor._replace(missed_ticks=1))
     ticks = 0
     while not contact.separation:
@@ -140,8 +148,7 @@ def test_an_impulse_with_skipped_ticks_in_it_is_not_called_measured(
     """The integral has a hole; Newton's law stands in for it."""
     state, approach_speed_m_s = detector.INITIAL, 0.0
     for excess, v_m_s, elapsed in ((60.0, 0.9, 1), (250.0, 0.2, elapsed_ticks), (0.0, -0.4, 1)):
-        moving = COMING._replace(innovation_m_s2=-excess, v_m_s=v_m_s)
-        state, contact = detector.step(CONFIG, state, moving, elapsed)
+        state, contact = detector.step(CONFIG, state, coming(excess, v_m_s=v_m_s), elapsed)
         approach_speed_m_s = approach_speed_m_s or contact.approach_speed_m_s
     assert contact.separation
     assert contact.measured == measured

@@ -27,8 +27,8 @@ def tick(
     elapsed: int = 1,
 ) -> EstimatorState:
     sample = AccelerometerInput(reading, reading if high is None else high, 0.0, age)
-    propagated = estimator.propagate(config, state, sample, contact.phase, angle_rad, 0.0, elapsed)
-    return estimator.correct(config, propagated, contact, UNHEARD, angle_rad, 0.0, elapsed)
+    predicted = estimator.propagate(config, state, sample, contact.phase, angle_rad, 0.0, elapsed)
+    return estimator.correct(config, state, predicted, contact, UNHEARD, angle_rad, 0.0, elapsed)
 
 
 @pytest.mark.parametrize(
@@ -218,8 +218,8 @@ def moving_housing(config: EstimatorConfig, seconds: float = 12.0) -> np.ndarray
     for k in range(round(1000 * seconds)):
         shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
         sample = AccelerometerInput(-87.5 * x - 0.25 * v + 0.1, 0.0, shake + 0.4, 0)
-        propagated = estimator.propagate(config, state, sample, FREE.phase, 0.0, 0.0, 1)
-        state = estimator.correct(config, propagated, FREE, UNHEARD, 0.0, 0.0, 1)
+        predicted = estimator.propagate(config, state, sample, FREE.phase, 0.0, 0.0, 1)
+        state = estimator.correct(config, state, predicted, FREE, UNHEARD, 0.0, 0.0, 1)
         errors.append(state.x_m - 0.12 - x)
         # The base's acceleration, held over the tick, moves the fixed point of the oscillator.
         middle = 1.5 * math.sin(2.0 * math.pi * 1e-3 * (k + 0.5))
@@ -244,10 +244,10 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
         for k in range(3000):
             heard = fitted and k % 20 == 0
             coarse = CoarseInput(0.105 + 2e-3 * rng.standard_normal(), 0 if heard else NEVER_TICKS)
-            propagated = estimator.propagate(
+            predicted = estimator.propagate(
                 config, state, AccelerometerInput(0.0, 0.0, 0.0, 0), FREE.phase, 0.0, 0.0, 1
             )
-            state = estimator.correct(config, propagated, FREE, coarse, 0.0, 0.0, 1)
+            state = estimator.correct(config, state, predicted, FREE, coarse, 0.0, 0.0, 1)
         states[fitted] = state
     assert states[True].x_m == pytest.approx(0.105, abs=1e-3)
     assert states[True].p_xx < 0.001**2
@@ -281,6 +281,6 @@ def test_a_blow_within_a_pause_is_taken_into_account() -> None:
     after = estimator.propagate(
         config, coming, AccelerometerInput(-5.0, -5.0, 0.0, 0), ContactPhase.FREE, 0.0, 0.0, 12
     )
-    assert -0.5 < after.v_m_s < -0.4
-    assert 0.17 < after.x_m < 0.18
-    assert after.p_vv > 100.0 * coming.p_vv
+    assert -0.5 < after.belief.v_m_s < -0.4
+    assert 0.17 < after.belief.x_m < 0.18
+    assert after.belief.p.vv > 100.0 * coming.p_vv
