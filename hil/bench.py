@@ -79,10 +79,12 @@ def run_scenario(
     seed: int,
     progress: Progress,
     viewer: str | None = None,
+    only_if_failed: bool = False,
 ) -> dict[str, Any]:
     """Run `scenario` and give its verdict; everything about the run is in its folder.
 
     An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
+    `only_if_failed`: a run that has passed leaves its verdict and nothing else.
     """
     if clock == "lockstep":
         run_dir, outcome = in_lockstep(scenario, out_dir, seed, progress)
@@ -95,7 +97,7 @@ def run_scenario(
         if provided.said:
             run_folder.note(run_dir, bus_said=json.loads(provided.said))
     progress(1.0, "writing log and verdict")
-    verdict = rundir.finish(run_dir)
+    verdict = rundir.finish(run_dir, only_if_failed)
     if viewer is not None and clock == "lockstep":
         show(run_dir, viewer)
     if INTERRUPTED in outcome.reasons:

@@ -31,8 +31,9 @@ def suite(verdict: Mapping[str, Any]) -> Element:
     for check in checks:
         case = SubElement(element, "testcase", classname=verdict["scenario"], name=check["name"])
         properties = SubElement(case, "properties")
-        for key in ("value", "unit", "limit"):
-            SubElement(properties, "property", name=key, value=str(check[key]))
+        for key in ("value", "unit", "limit", "seed", "passed_seeds"):
+            if key in check:
+                SubElement(properties, "property", name=key, value=str(check[key]))
         if not check["passed"]:
             SubElement(case, "failure", message=f"{check['name']} is {measured(check)}")
     return element

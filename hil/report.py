@@ -95,9 +95,12 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
 def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
     """One run's line on the page of a suite: where its own page is, and what went wrong."""
     failed = [check for check in verdict["checks"] if not check["passed"]]
+    page = Path(verdict["out"]) / "report.html"
     return {
+        "seeds": 1,
         **verdict,
-        "page": quote(os.path.relpath(Path(verdict["out"]) / "report.html", beside)),
+        "page": quote(os.path.relpath(page, beside)) if page.exists() else None,
+        "worst": [{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
         "wrong": [
             *verdict["reasons"],
             *(f"{check['name']} is {junit.measured(check)}" for check in failed),

@@ -32,6 +32,13 @@ def free_folder(name: str) -> Path:
     return folder
 
 
+def clear(run_dir: Path) -> None:
+    """Remove what a run has left in its folder."""
+    for pattern in MADE_BY_A_RUN:
+        for left_over in run_dir.glob(pattern):
+            left_over.unlink()
+
+
 def create(scenario: Scenario, out_dir: Path | None, clock: str, bus: Mapping[str, Any], seed: int) -> Path:
     """Make the run's folder with the scenario as run, and `run.json` but for the start.
 
@@ -39,9 +46,7 @@ def create(scenario: Scenario, out_dir: Path | None, clock: str, bus: Mapping[st
     """
     run_dir = free_folder(scenario.name) if out_dir is None else out_dir
     run_dir.mkdir(parents=True, exist_ok=True)
-    for pattern in MADE_BY_A_RUN:
-        for left_over in run_dir.glob(pattern):
-            left_over.unlink()
+    clear(run_dir)
     (run_dir / "scenario.toml").write_text(tomli_w.dumps(scenario.document))
     versions = {name: version(name) for name in REPORTED_PACKAGES}
     note(

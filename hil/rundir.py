@@ -19,6 +19,7 @@ from hil.figure_records import Figures
 from hil.figures import figures_from
 from hil.report import write_report
 from hil.rerun_log import LOG_NAME, write_log
+from hil.run_folder import clear
 from hil.run_traces import RunTraces, read_run
 
 IMPORTED = "imported"
@@ -56,12 +57,19 @@ def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any
     return verdict_of(content, results, reasons_of(traces), out), results
 
 
-def finish(run_dir: Path) -> dict[str, Any]:
-    """Judge the run in `run_dir`, also one that was cut short, and write its log, verdict and report."""
+def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
+    """Judge the run in `run_dir`, also one that was cut short, and write its log, verdict and report.
+
+    `only_if_failed`: of a run that has passed the verdict stays, and nothing else.
+    """
     traces = read_run(run_dir)
     figures = figures_from(traces)
     verdict, results = judge(traces, figures, run_dir)
+    if only_if_failed and verdict["passed"]:
+        clear(run_dir)
     (run_dir / "verdict.json").write_text(json.dumps(verdict, indent=2, allow_nan=False) + "\n")
+    if only_if_failed and verdict["passed"]:
+        return verdict
     (run_dir / "junit.xml").write_text(junit.document([verdict]))
     write_log(run_dir / LOG_NAME, traces, figures, results)
     write_report(run_dir / "report.html", traces, figures, verdict)

@@ -1,20 +1,33 @@
-"""Many scenarios, one verdict: in lockstep two at a time, in real time one after the other."""
+"""Many scenarios, one verdict, in one seed or many: in lockstep two at a time, in real time one by one."""
 
 import multiprocessing
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil import junit, run_folder, rundir
 from hil.bench import ClockName, Outcome, Progress, run_scenario
 from hil.report import write_suite_report
 from hil.scenario import Scenario, load_scenario, scenario_names
+from hil.seeds import merged
 
 PROCESSES = 2
 """Runs at once in lockstep; more gain little on two cores."""
+
+RESULT = "suite.json"
+"""What a suite leaves in its folder for another one to be compared with."""
+
+
+class Case(NamedTuple):
+    """One run of a suite; of one in many seeds only a failed run leaves more than its verdict."""
+
+    scenario: Scenario
+    seed: int
+    run_dir: Path
+    one_of_many: bool
 
 
 def scenarios_for(names: Sequence[str], clock: ClockName) -> tuple[list[Scenario], list[str]]:
@@ -24,14 +37,25 @@ def scenarios_for(names: Sequence[str], clock: ClockName) -> tuple[list[Scenario
     return [one for one in scenarios if one.name not in left_out], left_out
 
 
+def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) -> list[Case]:
+    """A run for each scenario and seed, each in a folder of its own."""
+    many = len(seeds) > 1
+    return [
+        Case(one, seed, folder / one.name / f"seed-{seed}" if many else folder / one.name, many)
+        for one in scenarios
+        for seed in seeds
+    ]
+
+
 def silent(_: float, __: str) -> None:
     """One run's own progress is not shown."""
 
 
-def judged(scenario: Scenario, clock: ClockName, bus: str, run_dir: Path, seed: int) -> dict[str, Any]:
+def judged(case: Case, clock: ClockName, bus: str) -> dict[str, Any]:
     """One run's verdict; a run that breaks off has failed, and says why."""
+    scenario, seed, run_dir, one_of_many = case
     try:
-        return run_scenario(scenario, clock, bus, run_dir, seed, silent)
+        return run_scenario(scenario, clock, bus, run_dir, seed, silent, only_if_failed=one_of_many)
     except Exception as error:
         traceback.print_exc()
         if not (run_dir / "run.json").exists():
@@ -42,21 +66,37 @@ def judged(scenario: Scenario, clock: ClockName, bus: str, run_dir: Path, seed: 
 
 
 def verdicts(
-    scenarios: Sequence[Scenario], clock: ClockName, bus: str, out_dir: Path, seed: int
-) -> Iterator[dict[str, Any]]:
+    cases: Sequence[Case], clock: ClockName, bus: str, processes: int = PROCESSES
+) -> Iterator[tuple[Case, dict[str, Any]]]:
     """The runs' verdicts as they come."""
-    if clock == "real":
-        for scenario in scenarios:
-            yield judged(scenario, clock, bus, out_dir / scenario.name, seed)
+    if clock == "real" or processes == 1:
+        for case in cases:
+            yield case, judged(case, clock, bus)
         return
     # Long ones first, so that no process is left with one at the end.
-    ordered = sorted(scenarios, key=lambda scenario: -scenario.duration_s)
-    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("spawn")) as pool:
-        runs: list[Future[dict[str, Any]]] = [
-            pool.submit(judged, scenario, clock, bus, out_dir / scenario.name, seed) for scenario in ordered
-        ]
+    ordered = sorted(cases, key=lambda case: -case.scenario.duration_s)
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        runs: dict[Future[dict[str, Any]], Case] = {
+            pool.submit(judged, case, clock, bus): case for case in ordered
+        }
         for run in as_completed(runs):
-            yield run.result()
+            yield runs[run], run.result()
+
+
+def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
+    """What a suite's result says of one scenario."""
+    return {
+        "name": verdict["scenario"],
+        "passed": verdict["passed"],
+        "seeds": verdict["seeds"],
+        "passed_seeds": verdict["passed_seeds"],
+        "failed_seeds": verdict["failed_seeds"],
+        "real_time": verdict["real_time"],
+        "reasons": verdict["reasons"],
+        "failed": [check for check in verdict["checks"] if not check["passed"]],
+        "checks": verdict["checks"],
+        "out": verdict["out"],
+    }
 
 
 def run_suite(
@@ -64,41 +104,41 @@ def run_suite(
     clock: ClockName,
     bus: str,
     out_dir: Path | None,
-    seed: int,
+    seeds: Sequence[int],
     progress: Progress,
+    processes: int = PROCESSES,
 ) -> dict[str, Any]:
-    """Run scenarios and write junit.xml and index.html beside their folders; gives what `--json` prints."""
+    """Run scenarios and write junit.xml, index.html and suite.json beside their folders.
+
+    Gives what `--json` prints, which is also what suite.json holds.
+    """
     scenarios, left_out = scenarios_for(names, clock)
     folder = run_folder.free_folder("suite") if out_dir is None else out_dir
+    cases = cases_of(scenarios, seeds, folder)
     started = time.perf_counter()
-    found: dict[str, dict[str, Any]] = {}
-    if scenarios:
+    found: dict[str, dict[int, dict[str, Any]]] = {scenario.name: {} for scenario in scenarios}
+    if cases:
         folder.mkdir(parents=True, exist_ok=True)
-        progress(0.0, f"running {len(scenarios)} scenarios")
-    for verdict in verdicts(scenarios, clock, bus, folder, seed):
-        found[verdict["scenario"]] = verdict
-        progress(len(found) / len(scenarios), f"{verdict['scenario']}")
-    ordered = [found[scenario.name] for scenario in scenarios]
+        progress(0.0, f"running {len(cases)} scenarios" if len(seeds) == 1 else f"running {len(cases)} runs")
+    for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes), 1):
+        found[case.scenario.name][case.seed] = verdict
+        seed = f", seed {case.seed}" if case.one_of_many else ""
+        progress(number / len(cases), f"{number}/{len(cases)} {case.scenario.name}{seed}")
+    ordered = [merged(scenario.checks, found[scenario.name]) for scenario in scenarios]
     page, xml = folder / "index.html", folder / "junit.xml"
-    if ordered:
-        xml.write_text(junit.document(ordered), encoding="utf-8")
-        write_suite_report(page, ordered)
-    return {
-        "scenarios": [
-            {
-                "name": verdict["scenario"],
-                "passed": verdict["passed"],
-                "real_time": verdict["real_time"],
-                "reasons": verdict["reasons"],
-                "failed": [check for check in verdict["checks"] if not check["passed"]],
-                "out": verdict["out"],
-            }
-            for verdict in ordered
-        ],
+    result: dict[str, Any] = {
+        "scenarios": [told(verdict) for verdict in ordered],
         "passed": bool(ordered) and all(verdict["passed"] for verdict in ordered),
         "clock": clock,
+        "bus": ordered[0]["bus"] if ordered else None,
+        "seeds": list(seeds),
         "left_out": left_out,
         "wall_s": time.perf_counter() - started,
         "junit": str(xml) if ordered else None,
         "report": str(page) if ordered else None,
     }
+    if ordered:
+        xml.write_text(junit.document(ordered), encoding="utf-8")
+        write_suite_report(page, ordered)
+        run_folder.write_json(folder / RESULT, result)
+    return result

@@ -2,15 +2,19 @@
 
 import json
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
 from hil import suite
+from hil.checks import Check, within
+from hil.same_verdicts import compare, read_suite
 from hil.scenario import load_scenario, scenario_names
-from hil.suite import judged, run_suite, scenarios_for
+from hil.seeds import merged
+from hil.suite import Case, judged, run_suite, scenarios_for
 from tools.cli import run
-from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
 
 MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
 
@@ -46,7 +50,7 @@ def test_a_modelled_bus_is_left_out_in_real_time(capsys: pytest.CaptureFixture[s
 
 def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> None:
     names = [short(tmp_path, "rests", 0.0), short(tmp_path, "strikes", 1.0)]
-    result = run_suite(names, "lockstep", "auto", tmp_path / "out", 1, silent)
+    result = run_suite(names, "lockstep", "auto", tmp_path / "out", [1], silent)
     assert [(one["name"], one["passed"]) for one in result["scenarios"]] == [
         ("rests", True),
         ("strikes", False),
@@ -62,10 +66,108 @@ def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> N
 def test_a_run_that_breaks_off_has_failed_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def breaks(*_: object) -> None:
+    def breaks(*_: object, **__: object) -> None:
         raise RuntimeError("no step is small enough")
 
     monkeypatch.setattr(suite, "run_scenario", breaks)
-    verdict = judged(load_scenario("operator-lost"), "lockstep", "auto", tmp_path / "run", 1)
+    verdict = judged(Case(load_scenario("operator-lost"), 1, tmp_path / "run", False), "lockstep", "auto")
     assert verdict["passed"] is False
     assert verdict["reasons"][0] == "broke off: RuntimeError: no step is small enough"
+
+
+def noisy(folder: Path, highest_m_s: float) -> str:
+    """A scenario that depends on its seed: one fault in ten thousand ticks would be too few."""
+    path = folder / "noisy.toml"
+    path.write_text(
+        'title = "It rests"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.3\n'
+        '[[script.faults]]\nkind = "parameters-damaged"\nat_s = 0.0\n'
+        f'[[checks]]\nname = "impact_count"\nhigh = {highest_m_s}\n'
+        '[[checks]]\nname = "fault"\nequals = "parameters-damaged"\n'
+    )
+    return str(path)
+
+
+def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Path) -> None:
+    result = run_suite([noisy(tmp_path, 0.0)], "lockstep", "auto", tmp_path / "out", range(3, 6), silent)
+    (one,) = result["scenarios"]
+    assert (one["passed"], one["seeds"], one["passed_seeds"], one["failed_seeds"]) == (True, 3, 3, [])
+    assert [check["passed_seeds"] for check in one["checks"]] == [3, 3]
+    assert result["seeds"] == [3, 4, 5]
+    left = sorted(path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*"))
+    assert left == [
+        "index.html",
+        "junit.xml",
+        *(f"noisy/seed-{seed}/verdict.json" for seed in (3, 4, 5)),
+        "suite.json",
+    ]
+    assert "3 of 3 seeds" in Path(result["report"]).read_text()
+
+
+def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:
+    result = run_suite([noisy(tmp_path, -1.0)], "lockstep", "auto", tmp_path / "out", [1, 2], silent)
+    assert result["scenarios"][0]["failed_seeds"] == [1, 2]
+    assert (tmp_path / "out" / "noisy" / "seed-2" / "run.rrd").exists()
+    xml = ElementTree.parse(result["junit"]).getroot()
+    properties = {one.get("name"): one.get("value") for one in xml.iter("property")}
+    assert properties["passed_seeds"] == "2"
+
+
+CHECKS = [
+    Check(name="peak_force_n", low=90.0, high=180.0, unit="N"),
+    Check(name="regime", equals="impact"),
+]
+
+
+def verdict(force_n: float | None, regime: str) -> dict[str, Any]:
+    values = {"peak_force_n": force_n, "regime": regime}
+    checks = [
+        {
+            "name": one.name,
+            "passed": within(one, values[one.name]),
+            "value": values[one.name],
+            "unit": "",
+            "limit": one.limit,
+        }
+        for one in CHECKS
+    ]
+    passed = all(one["passed"] for one in checks)
+    reasons = [] if regime != "none" else ["firmware left no trace"]
+    return {"scenario": "s", "checks": checks, "passed": passed, "reasons": reasons, "real_time": None}
+
+
+def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> None:
+    good = merged(
+        CHECKS, {1: verdict(120.0, "impact"), 2: verdict(178.0, "impact"), 3: verdict(93.0, "impact")}
+    )
+    assert (good["passed"], good["checks"][0]["value"], good["checks"][0]["seed"]) == (True, 178.0, 2)
+    bad = merged(CHECKS, {1: verdict(120.0, "lost"), 2: verdict(190.0, "impact"), 3: verdict(None, "none")})
+    assert (bad["passed"], bad["passed_seeds"], bad["failed_seeds"]) == (False, 0, [1, 2, 3])
+    assert [(one["value"], one["seed"], one["passed_seeds"]) for one in bad["checks"]] == [
+        (None, 3, 1),
+        ("lost", 1, 1),
+    ]
+    assert bad["reasons"] == ["seed 3: firmware left no trace"]
+
+
+def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rests, strikes = short(tmp_path, "rests", 0.0), short(tmp_path, "strikes", 1.0)
+    for name, names in (("a", [rests, strikes]), ("b", [rests]), ("c", [strikes])):
+        run_suite(names, "lockstep", "auto", tmp_path / name, [1], silent)
+    a, b, c = (str(tmp_path / name) for name in "abc")
+    assert run(["compare", a, b, "--must-be-equal", "--json"]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["strikes"], True)
+    assert run(["compare", b, c, "--json"]) == EXIT_NOTHING_RAN
+    changed = read_suite(tmp_path / "a")
+    changed["scenarios"][1]["passed"] = changed["scenarios"][1]["checks"][0]["passed"] = True
+    found = compare(read_suite(tmp_path / "a"), changed)
+    assert [(one["scenario"], one["check"], one["a"], one["b"]) for one in found["differences"]] == [
+        ("strikes", None, False, True),
+        ("strikes", "impact_count ≥ 1", False, True),
+    ]
+    (tmp_path / "c" / "suite.json").write_text(json.dumps(changed))
+    capsys.readouterr()
+    assert run(["compare", a, c]) == EXIT_PASSED
+    assert run(["compare", a, c, "--must-be-equal"]) == EXIT_CHECK_FAILED
+    assert "1 of 2 scenarios" in capsys.readouterr().out
+    assert run(["compare", a, str(tmp_path)]) == EXIT_BAD_INPUT

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from tools.output import EXIT_CHECK_FAILED, console, figure, print_json
+from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
 
 
 def register(app: typer.Typer) -> None:
@@ -15,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(help="A run folder or .rrd file.")],
+    a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
         Path | None, typer.Option(help="Write both runs, overlaid, to one .rrd file; open it with view.")
@@ -27,8 +27,14 @@ def compare(
 ) -> None:
     """Show the figures of two runs side by side and the first moment at which they differ.
 
-    Two runs may differ: unless --must-be-equal asks for a check, the exit status is 0 either way.
+    Of two suites: which scenarios and checks have another verdict. Two runs may differ: unless
+    --must-be-equal asks for a check, the exit status is 0 either way.
     """
+    from hil.same_verdicts import is_suite
+
+    if is_suite(a) or is_suite(b):
+        compare_suites(a, b, must_be_equal, as_json)
+        return
     from tools import comparison
     from tools.inspection import open_run
 
@@ -44,6 +50,44 @@ def compare(
         show(result)
     if must_be_equal and not result["equal"]:
         raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None:
+    """Show which verdicts differ; exits with 5 where the two have no scenario in common."""
+    from hil.same_verdicts import SuiteError, compare, read_suite
+
+    try:
+        result = compare(read_suite(a), read_suite(b))
+    except SuiteError as error:
+        raise BadInputError(str(error)) from error
+    if as_json:
+        print_json(result)
+    else:
+        show_verdicts(result)
+    if not result["compared"]:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+    if must_be_equal and not result["equal"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show_verdicts(result: dict[str, Any]) -> None:
+    """Print the verdicts that differ, then how many do not."""
+    words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
+    for one in result["differences"]:
+        what = "" if one["check"] is None else f"  {one['check']}"
+        values = "" if one["check"] is None else f"  ({one['value_a']} / {one['value_b']})"
+        console.print(
+            f"{one['scenario']}{what}: {words[one['a']]}, {words[one['b']]}{values}", soft_wrap=True
+        )
+    for side in ("a", "b"):
+        if result[f"only_in_{side}"]:
+            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", highlight=False)
+    scenarios = {one["scenario"] for one in result["differences"]}
+    console.print(
+        f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
+        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})",
+        highlight=False,
+    )
 
 
 def show(result: dict[str, Any]) -> None:

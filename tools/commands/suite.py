@@ -25,6 +25,10 @@ def suite(
         Path | None, typer.Option(help="The folder for all runs; by default a new one under runs/.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
+    seeds: Annotated[
+        int, typer.Option(help="Run each scenario in so many seeds, from --seed on; all have to pass.", min=1)
+    ] = 1,
+    jobs: Annotated[int, typer.Option(help="In lockstep: runs at once.", min=1)] = 2,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
@@ -42,7 +46,8 @@ def suite(
         def progress(fraction: float, doing: str) -> None:
             bar.update(task, completed=fraction, description=doing)
 
-        result = run_suite(names or [], clock, bus, out, seed, progress)
+        every_seed = range(seed, seed + seeds)
+        result = run_suite(names or [], clock, bus, out, every_seed, progress, jobs)
     if as_json:
         print_json(result)
     else:
@@ -55,20 +60,29 @@ def suite(
 
 def show(result: dict[str, Any]) -> None:
     """Print each scenario's verdict, what went wrong in it, and the whole's."""
+    many = len(result["seeds"]) > 1
     table = Table(box=None, pad_edge=False, show_header=False)
     for one in result["scenarios"]:
-        table.add_row("[green]passed[/]" if one["passed"] else "[bold red]failed[/]", one["name"])
+        seeds = [f"{one['passed_seeds']} of {one['seeds']}"] if many else []
+        table.add_row("[green]passed[/]" if one["passed"] else "[bold red]failed[/]", *seeds, one["name"])
+        blank = [""] * (1 + len(seeds))
         for reason in one["reasons"]:
-            table.add_row("", f"  [red]{reason}[/]")
-        for check in one["failed"]:
+            table.add_row(*blank, f"  [red]{reason}[/]")
+        for check in one["checks"] if many else one["failed"]:
             value = figure(check["value"], check["unit"])
-            table.add_row("", f"  [red]{check['name']} = {value}, wanted {check['limit']}[/]")
+            if check["passed"]:
+                table.add_row(*blank, f"  [dim]{check['name']}: worst {value}, wanted {check['limit']}[/]")
+                continue
+            seed = f" in seed {check['seed']}, {check['passed_seeds']} passed" if many else ""
+            table.add_row(*blank, f"  [red]{check['name']} = {value}, wanted {check['limit']}{seed}[/]")
     console.print(table)
     if result["left_out"]:
         console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", highlight=False)
     passed = sum(one["passed"] for one in result["scenarios"])
+    in_seeds = f" in each of {len(result['seeds'])} seeds" if many else ""
     console.print(
-        f"{passed} of {len(result['scenarios'])} passed in {result['wall_s']:.0f} s {result['report'] or ''}",
+        f"{passed} of {len(result['scenarios'])} passed{in_seeds} in {result['wall_s']:.0f} s "
+        f"{result['report'] or ''}",
         soft_wrap=True,
         highlight=False,
     )

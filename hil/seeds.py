@@ -1,0 +1,63 @@
+"""One scenario in many seeds: one verdict of all of them, with the worst figure of each check."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hil.checks import Check
+
+BEYOND = -math.inf
+
+
+def margin(check: Check, value: Any) -> float:
+    """How far inside its limit a figure lies, in its own unit; below 0 it fails, and what is missing most.
+
+    >>> margin(Check(name="peak_force_n", low=90.0, high=180.0), 175.0)
+    5.0
+    >>> margin(Check(name="regime", equals="impact"), "lost")
+    -inf
+    """
+    if check.equals is not None:
+        alike = isinstance(value, bool) == isinstance(check.equals, bool)
+        return 0.0 if alike and value == check.equals else BEYOND
+    if value is None or isinstance(value, bool | str) or not math.isfinite(value):
+        return BEYOND
+    sides = [math.inf if check.high is None else check.high - value]
+    sides.append(math.inf if check.low is None else value - check.low)
+    return float(min(sides))
+
+
+def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """One check's results by seed as one: the worst value, its seed, and in how many seeds it passed."""
+    seed = min(results, key=lambda one: (results[one]["passed"], margin(check, results[one]["value"])))
+    return {
+        **results[seed],
+        "seed": seed,
+        "passed_seeds": sum(bool(one["passed"]) for one in results.values()),
+    }
+
+
+def merged(checks: Sequence[Check], verdicts: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """The verdicts of one scenario by seed as one, on the first failed run or else the first run.
+
+    It has passed if all have. `checks` are the scenario's, in the order of the verdicts' results.
+    """
+    failed = [seed for seed, verdict in sorted(verdicts.items()) if not verdict["passed"]]
+    shown = verdicts[failed[0] if failed else min(verdicts)]
+    results = [
+        worst_of(check, {seed: verdict["checks"][number] for seed, verdict in verdicts.items()})
+        for number, check in enumerate(checks)
+    ]
+    reasons = [f"seed {seed}: {reason}" for seed in failed for reason in verdicts[seed]["reasons"]]
+    return {
+        **shown,
+        "checks": results,
+        "reasons": reasons,
+        "passed": not failed,
+        "real_time": None
+        if shown["real_time"] is None
+        else all(one["real_time"] for one in verdicts.values()),
+        "seeds": len(verdicts),
+        "passed_seeds": len(verdicts) - len(failed),
+        "failed_seeds": failed,
+    }
