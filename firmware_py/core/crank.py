@@ -18,10 +18,11 @@ FASTEST_RAD_S = 1000.0
 
 
 class CrankConfig(NamedTuple):
-    """`gain_…` are g, h and k of the tracker at one tick."""
+    """`gain_…` are g, h and k of the tracker at one tick, `bandwidth_rad_s` is what they were made of."""
 
     tick_s: float
     zero_rad: float
+    bandwidth_rad_s: float
     gain_angle: float
     gain_speed: float
     gain_acceleration: float
@@ -97,12 +98,20 @@ def step(
             innovation_rad=innovation_rad,
             missed_ticks=0,
         )
+    g, h, k = config.gain_angle, config.gain_speed, config.gain_acceleration
+    if state.missed_ticks > 0:
+        # A reading after missed ones speaks for the whole time since: the same bandwidth at a longer T.
+        T = (state.missed_ticks + 1) * T
+        pole = math.exp(-config.bandwidth_rad_s * T)
+        g = 1.0 - pole * pole * pole
+        h = 1.5 * (1.0 - pole) * (1.0 - pole) * (1.0 + pole)
+        k = 0.5 * (1.0 - pole) * (1.0 - pole) * (1.0 - pole)
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
-        turned(angle_rad + config.gain_angle * innovation_rad),
-        limited(omega_rad_s + config.gain_speed * innovation_rad / T, FASTEST_RAD_S),
+        turned(angle_rad + g * innovation_rad),
+        limited(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
         limited(
-            state.disturbance_rad_s2 + 2.0 * config.gain_acceleration * innovation_rad / (T * T),
+            state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T),
             config.largest_disturbance_rad_s2,
         ),
         innovation_rad,

@@ -401,6 +401,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
     crank_config = crank.CrankConfig(
         tick_s=tick_s,
         zero_rad=values["crank.zero_rad"],
+        bandwidth_rad_s=values["crank.bandwidth_rad_s"],
         gain_angle=gain_angle,
         gain_speed=gain_speed,
         gain_acceleration=gain_acceleration,

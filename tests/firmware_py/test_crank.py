@@ -65,6 +65,28 @@ def test_an_unknown_acceleration_becomes_the_disturbance() -> None:
     assert known.disturbance_rad_s2 == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.parametrize("every", [2, 10, 25])
+def test_few_readings_are_followed_as_fast_as_many(every: int) -> None:
+    t = np.arange(300) * 1e-3
+    state = crank.INITIAL
+    for tick, position in enumerate(0.5 * 40.0 * t * t / TAU):
+        age = tick % every
+        state = crank.step(CONFIG, state, EncoderInput(float(position), 0.0, age), 1, 0.0)
+    assert state.disturbance_rad_s2 == pytest.approx(40.0, rel=1e-3)
+    assert state.omega_rad_s == pytest.approx(40.0 * t[-1], rel=1e-3)
+
+
+def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
+    g, h, k = critically_damped_gains(CONFIG.bandwidth_rad_s, 3e-3)
+    state = crank.CrankState(0.1, 0.0, 0.0, 0.0, 2)
+    after = crank.step(CONFIG, state, EncoderInput(0.2 / TAU, 0.0, 0), 1, 0.0)
+    e = after.innovation_rad
+    assert e == pytest.approx(0.1)
+    assert after.angle_rad == pytest.approx(0.1 + g * e)
+    assert after.omega_rad_s == pytest.approx(h * e / 3e-3)
+    assert after.disturbance_rad_s2 == pytest.approx(2.0 * k * e / 9e-6)
+
+
 def test_the_tracker_has_a_triple_pole() -> None:
     T = 1e-3
     g, h, k = critically_damped_gains(200.0, T)
