@@ -160,7 +160,12 @@ else:
 
     Array = NDArray[np.float64]
 
-    # F, Q, H and R are the same in almost every tick; filterpy leaves its arguments as they are.
+    # It keeps nothing from call to call: each sets its x and P first. S is one by one.
+    _filter = filterpy.kalman.KalmanFilter(dim_x=3, dim_z=1)
+    _filter.inv = np.reciprocal
+    _STRAIGHT = np.eye(3)
+
+    # F, Q and H are the same in almost every tick; filterpy leaves its arguments as they are.
     @lru_cache(maxsize=16)
     def _transition(f: Transition) -> Array:
         return np.array([[f.x_x, f.x_v, f.x_b], [f.v_x, f.v_v, f.v_b], [0.0, 0.0, 1.0]])
@@ -173,27 +178,24 @@ else:
     def _row(row: Row) -> Array:
         return np.array([row])
 
-    def _one(value: float) -> Array:
-        return np.array([[value]])
+    def _set(belief: Belief) -> None:
+        (xx, xv, xb, vv, vb, bb) = belief.p
+        _filter.x = np.array(belief[:3])
+        _filter.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
-    def _arrays(belief: Belief) -> tuple[Array, Array]:
-        p = belief.p
-        mean = np.array((belief.x_m, belief.v_m_s, belief.bias_m_s2))
-        return mean, np.array(((p.xx, p.xv, p.xb), (p.xv, p.vv, p.vb), (p.xb, p.vb, p.bb)))
-
-    def _belief(mean: Array, covariance: Array) -> Belief:
-        x_m, v_m_s, bias_m_s2 = mean.tolist()
-        (xx, xv, xb), (_, vv, vb), (_, _, bb) = covariance.tolist()
+    def _got() -> Belief:
+        x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
+        (xx, xv, xb), (_, vv, vb), (_, _, bb) = _filter.P.tolist()
         return Belief(x_m, v_m_s, bias_m_s2, Covariance(xx, xv, xb, vv, vb, bb))
 
     def predict(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
-        """x = F x + u, P = F P Fᵀ + Q (`filterpy.kalman.predict`)."""
-        mean, covariance = _arrays(belief)
-        u = np.array((push.x_m, push.v_m_s, 0.0))
-        return _belief(*filterpy.kalman.predict(mean, covariance, _transition(f), _diagonal(q), u))
+        """x = F x + u, P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`)."""
+        _set(belief)
+        _filter.predict(np.array((push.x_m, push.v_m_s, 0.0)), _STRAIGHT, _transition(f), _diagonal(q))
+        return _got()
 
     def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
-        """x = x + K y, P in Joseph form (`filterpy.kalman.update`)."""
-        mean, covariance = _arrays(belief)
-        measured = np.array(((z,),))
-        return _belief(*filterpy.kalman.update(mean, covariance, measured, _one(variance), _row(row)))
+        """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
+        _set(belief)
+        _filter.update(z, np.array(((variance,),)), _row(row))
+        return _got()
