@@ -15,6 +15,9 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
 from firmware_py.interface.enums import AxisState, Fault, Mode
 
+TURNING_RAD_S = 5.0
+"""From here on the striker's acceleration changes by more than a count from one sample to the next."""
+
 
 class Watchdogs(NamedTuple):
     """The longest silence of each source, in ticks."""
@@ -69,6 +72,8 @@ class MonitorState(NamedTuple):
     enable_ticks: int
     enabled: bool
     position_rev: float
+    stuck_ticks: int
+    low_m_s2: float
 
 
 class Findings(NamedTuple):
@@ -92,6 +97,8 @@ INITIAL = MonitorState(
     enable_ticks=0,
     enabled=False,
     position_rev=0.0,
+    stuck_ticks=0,
+    low_m_s2=0.0,
 )
 
 
@@ -101,11 +108,14 @@ def _held(condition: bool, ticks: int, elapsed_ticks: int) -> int:
 
 
 @compiled
-def watchdog_fault(config: Watchdogs, inputs: Inputs, crank: CrankState, estimate: EstimatorState) -> Fault:
-    """The first source that has been silent, or sent no numbers, for too long."""
+def watchdog_fault(
+    config: Watchdogs, state: MonitorState, inputs: Inputs, crank: CrankState, estimate: EstimatorState
+) -> Fault:
+    """The first source that has been silent, sent no numbers, or but one again and again, for too long."""
     if (
         inputs.accelerometer.age_ticks > config.sensor_ticks
         or estimate.sensor.missed_ticks > config.sensor_ticks
+        or state.stuck_ticks > config.sensor_ticks
     ):
         return Fault.SENSOR_TIMEOUT
     if inputs.encoder.age_ticks > config.encoder_ticks or crank.missed_ticks > config.encoder_ticks:
@@ -188,6 +198,12 @@ def step(
     # Frozen: the drive goes on reporting a speed, but the position does not move with it.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
     frozen_ticks = _held(frozen, state.frozen_ticks, n) if encoder.age_ticks == 0 else state.frozen_ticks
+    # Stuck: no accelerometer reads the same to the last count while the crank shakes the striker.
+    low_m_s2 = inputs.accelerometer.low_m_s2
+    stuck = low_m_s2 == state.low_m_s2 and abs(crank.omega_rad_s) > TURNING_RAD_S
+    stuck_ticks = (
+        _held(stuck, state.stuck_ticks, n) if inputs.accelerometer.age_ticks == 0 else state.stuck_ticks
+    )
     invalid = not (
         estimate.started
         and abs(estimate.x_m) < 10.0
@@ -205,8 +221,10 @@ def step(
         _held(moving and not closed and not state.enabled, state.enable_ticks, n),
         moving and (state.enabled or closed),
         encoder.position_rev,
+        stuck_ticks,
+        low_m_s2,
     )
-    watchdog = watchdog_fault(config.watchdogs, inputs, crank, estimate)
+    watchdog = watchdog_fault(config.watchdogs, new, inputs, crank, estimate)
     limit = limit_fault(config, new, inputs, crank, detector, separated)
     drive = drive_fault(config.watchdogs, new, inputs)
     return new, Findings(

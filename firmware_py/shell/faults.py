@@ -34,7 +34,7 @@ ALWAYS = "from READY on"
 FAULTS: tuple[FaultLine, ...] = (
     FaultLine(
         Fault.SENSOR_TIMEOUT,
-        "no valid accelerometer frame for watchdog.sensor_s",
+        "no valid accelerometer frame, or none but one and the same reading, for watchdog.sensor_s",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,

@@ -28,14 +28,16 @@ def watch(
     separated: bool = False,
     target: float = 12.0,
     state: MonitorState = monitors.INITIAL,
+    stuck: bool = False,
 ) -> tuple[MonitorState, Findings]:
     findings = None
-    for _ in range(ticks):
+    for tick in range(ticks):
+        shaken = inputs.accelerometer._replace(low_m_s2=inputs.accelerometer.low_m_s2 + 0.01 * (tick % 2))
         state, findings = monitors.step(
             CONFIG,
             state,
             mode,
-            inputs,
+            inputs if stuck else inputs._replace(accelerometer=shaken),
             crank_state,
             estimate,
             detector.INITIAL._replace(impulse_n_s=impulse, peak_m_s2=peak),
@@ -47,7 +49,7 @@ def watch(
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0) == monitors.INITIAL
+    assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0) == monitors.INITIAL
 
 
 def test_a_healthy_module_has_no_faults() -> None:
@@ -129,6 +131,25 @@ def test_frozen_drive_data_is_found_out() -> None:
     frozen = replaced(CLOSED, "encoder.velocity_rev_s", 1.9)
     assert watch(frozen, 20)[1].limit == Fault.NONE
     assert watch(frozen, 22)[1].limit == Fault.DRIVE_FROZEN
+
+
+def test_an_accelerometer_that_repeats_itself_is_found_out() -> None:
+    assert watch(CLOSED, 30, stuck=True)[1].watchdog == Fault.NONE
+    state, findings = watch(CLOSED, 31, stuck=True)
+    assert findings.watchdog == Fault.SENSOR_TIMEOUT
+    # Silence in between says nothing about it; one other reading ends it.
+    silent = replaced(CLOSED, "accelerometer.age_ticks", 1)
+    assert watch(silent, 3, state=state, stuck=True)[0].stuck_ticks == state.stuck_ticks
+    other = replaced(CLOSED, "accelerometer.low_m_s2", 1.25)
+    assert watch(other, 1, state=state, stuck=True)[0].stuck_ticks == 0
+
+
+@pytest.mark.parametrize("omega_rad_s", [5.0, -5.0])
+def test_an_accelerometer_may_repeat_itself_while_the_crank_hardly_turns(omega_rad_s: float) -> None:
+    slow = CRANK._replace(omega_rad_s=omega_rad_s)
+    assert watch(CLOSED, 100, crank_state=slow, stuck=True)[1].watchdog == Fault.NONE
+    fast = CRANK._replace(omega_rad_s=1.01 * omega_rad_s)
+    assert watch(CLOSED, 100, crank_state=fast, stuck=True)[1].watchdog == Fault.SENSOR_TIMEOUT
 
 
 def test_a_standing_crank_is_not_frozen() -> None:
