@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.interface.enums import Fault, Mode, Regime
+from firmware_py.interface.enums import MOVING, Fault, Mode, Regime
 from hil import detection, true_regime
 from hil.bus_figures import mean_load
 from hil.figure_records import (
@@ -34,8 +34,6 @@ from hil.run_traces import Records, RunTraces, column, read_run
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-DRIVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
-"""The modes in which the firmware may ask for torque."""
 NO_TORQUE_N_M = 1e-3
 """Below this the motor is off: 1/5 of its dry friction, which then holds it."""
 SETTLE_S = 0.1
@@ -274,7 +272,7 @@ class DriveEnd(NamedTuple):
 def drive_end(plant: Records, firmware: Records) -> DriveEnd | None:
     """The last end of driving: by a node's death, a fault, an E-stop or a stop; None while still driving."""
     t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
-    driving = np.flatnonzero(np.isin(mode, DRIVING))
+    driving = np.flatnonzero(np.isin(mode, MOVING))
     if len(driving) == 0:
         return None
     plant_t_s = column(plant, "t_s")

@@ -22,7 +22,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODEC_BY_ID
-from firmware_py.interface.enums import ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.bus_figures import bits_on_the_bus, load_by_bin, load_over_time
 from hil.checks import CheckResult, checks_of, evaluate
 from hil.drawing import Drawing
@@ -227,7 +227,7 @@ class RunLog:
 
     def _firmware_events(self, records: Records) -> None:
         for t_s, value in self._changes("mode", records, "outputs.mode"):
-            alarming = value in (Mode.FAULT, Mode.E_STOP)
+            alarming = value in LATCHED
             self._events([t_s], [f"mode {state_name(Mode, value)}"], "ERROR" if alarming else "INFO")
         for t_s, value in self._changes("fault", records, "outputs.fault"):
             if value != Fault.NONE:

@@ -11,7 +11,16 @@ from firmware_py.core import crank, detector, estimator, hold, monitors, regime,
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import limited
-from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, OperatorRequest, Refusal, Regime
+from firmware_py.interface.enums import (
+    MOVING,
+    ActingLimit,
+    AxisState,
+    Fault,
+    Mode,
+    OperatorRequest,
+    Refusal,
+    Regime,
+)
 
 
 class DriveConfig(NamedTuple):
@@ -187,7 +196,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         n,
     )
     mode = supervisor_now.mode
-    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+    moving = mode in MOVING
 
     # Command
     hold_now = hold.step(

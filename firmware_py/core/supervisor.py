@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
 from firmware_py.core.monitors import Findings
-from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
 
 class Conditions(NamedTuple):
@@ -53,7 +53,7 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
     asks_run = conditions.operator_fresh and conditions.request == OperatorRequest.RUN
     asks_clear = conditions.operator_fresh and conditions.request == OperatorRequest.CLEAR_FAULTS
 
-    if mode in (Mode.FAULT, Mode.E_STOP):
+    if mode in LATCHED:
         if asks_clear and conditions.clear_armed and conditions.fault == Fault.NONE:
             return Mode.INIT
         return mode
@@ -86,8 +86,8 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
     where something moves; before, it keeps the firmware out of READY. In FAULT and E_STOP the answer says
     what still stands against clearing; a drive's error does not, as clearing is its cure.
     """
-    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
-    latched = mode in (Mode.FAULT, Mode.E_STOP)
+    moving = mode in MOVING
+    latched = mode in LATCHED
     if findings.parameters_damaged:
         return Fault.PARAMETERS_DAMAGED
     if mode == Mode.INIT:
@@ -138,7 +138,7 @@ def step(
     )
     new_mode = transition(mode, conditions)
 
-    latched = new_mode in (Mode.FAULT, Mode.E_STOP)
+    latched = new_mode in LATCHED
     reason = state.fault
     reason_of_drive = state.disarm_reason
     if new_mode == Mode.FAULT and mode != Mode.FAULT:

@@ -15,6 +15,12 @@ class Mode(IntEnum):
     E_STOP = 6
 
 
+MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+"""Modes in which the crank is driven."""
+LATCHED = (Mode.FAULT, Mode.E_STOP)
+"""Modes that only a deliberate act ends."""
+
+
 class OperatorRequest(IntEnum):
     """What the operator asks for. RUN starts only out of READY, and only after IDLE has been seen."""
 

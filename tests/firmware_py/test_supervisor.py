@@ -7,10 +7,8 @@ import pytest
 from firmware_py.core import supervisor
 from firmware_py.core.monitors import Findings
 from firmware_py.core.supervisor import Conditions, SupervisorState, counting_fault, transition
-from firmware_py.interface.enums import Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
-MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
-LATCHED = (Mode.FAULT, Mode.E_STOP)
 CALM = Findings(
     Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=True, parameters_damaged=False
 )
