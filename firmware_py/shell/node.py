@@ -108,12 +108,12 @@ class Counters(NamedTuple):
 
 
 class _Source:
-    """One identifier the node listens to: how old its newest frame is, and the counter to expect."""
+    """One identifier the node listens to: the tick that its newest frame came in, and that frame's counter."""
 
     def __init__(self, its_codec: FrameCodec[Any], take: Callable[[Any], None]) -> None:
         self.codec = its_codec
         self.take = take
-        self.age_ticks = NEVER_TICKS
+        self.heard_tick = -NEVER_TICKS
         self.counter = -1
 
 
@@ -173,7 +173,6 @@ class FirmwareNode:
             (codec.PARAMETER_REQUEST, self._take_request),
         )
         self._sources = {its_codec.can_id: _Source(its_codec, take) for its_codec, take in listens}
-        self._listened = tuple(self._sources.values())
         self._acceleration_source = self._sources[codec.ACCELEROMETER.can_id]
         self._coarse_source = self._sources[codec.COARSE_POSITION.can_id]
         self._position_source = self._sources[codec.ENCODER_ESTIMATES.can_id]
@@ -198,9 +197,6 @@ class FirmwareNode:
             )
         self._ticks += elapsed_ticks
         self._skipped_ticks += elapsed_ticks - 1
-        for source in self._listened:
-            age_ticks = source.age_ticks + elapsed_ticks
-            source.age_ticks = age_ticks if age_ticks < NEVER_TICKS else NEVER_TICKS
         for frame in frames_in:
             self._receive(frame)
         self.inputs = self._inputs(elapsed_ticks)
@@ -246,7 +242,7 @@ class FirmwareNode:
                 self._gaps += 1
             source.counter = counter
         self._frames += 1
-        source.age_ticks = 0
+        source.heard_tick = self._ticks
         source.take(record)
 
     def _take_acceleration(self, record: Accelerometer) -> None:
@@ -283,30 +279,32 @@ class FirmwareNode:
         self._requests.append(record)
 
     def _inputs(self, elapsed_ticks: int) -> Inputs:
-        heartbeat, temperature = self._heartbeat, self._temperature
+        heartbeat, temperature, command = self._heartbeat, self._temperature, self._command
+        current, warmth, supply = self._power_sources
+        tick, never = self._ticks, NEVER_TICKS
         return Inputs(
             elapsed_ticks,
-            AccelerometerInput(*self._acceleration, self._acceleration_source.age_ticks),
-            CoarseInput(self._coarse.striker_position_m, self._coarse_source.age_ticks),
-            EncoderInput(*self._position, self._position_source.age_ticks),
+            AccelerometerInput(*self._acceleration, min(tick - self._acceleration_source.heard_tick, never)),
+            CoarseInput(self._coarse.striker_position_m, min(tick - self._coarse_source.heard_tick, never)),
+            EncoderInput(*self._position, min(tick - self._position_source.heard_tick, never)),
             DriveInput(
                 _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
                 heartbeat.axis_error,
                 self._disarm_reason,
-                self._heartbeat_source.age_ticks,
+                min(tick - self._heartbeat_source.heard_tick, never),
             ),
             PowerInput(
                 self._current_a,
                 self._voltage_v,
                 temperature.inverter_degc,
                 temperature.motor_degc,
-                max([source.age_ticks for source in self._power_sources]),
+                min(tick - min(current.heard_tick, warmth.heard_tick, supply.heard_tick), never),
             ),
             OperatorInput(
-                _REQUESTS[self._command.request],
-                self._command.target_ratio,
-                self._command.target_impulse_n_s,
-                self._command_source.age_ticks,
+                _REQUESTS[command.request],
+                command.target_ratio,
+                command.target_impulse_n_s,
+                min(tick - self._command_source.heard_tick, never),
             ),
             self._estop,
         )
@@ -359,7 +357,7 @@ class FirmwareNode:
             turned_rev = position.position_rev - math.floor(position.position_rev)
             self._send(codec.SET_ABSOLUTE_POSITION, SetAbsolutePosition(turned_rev))
         state = self._heartbeat.axis_state
-        if state == outputs.axis_request.value or self._heartbeat_source.age_ticks >= NEVER_TICKS:
+        if state == outputs.axis_request.value or self._heartbeat_source.heard_tick < 0:
             return
         if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
             return
