@@ -26,6 +26,8 @@ Progress = Callable[[float, str], None]
 PROGRESS_TICKS = 500
 TIME_RESOLUTION_S = 1e-9
 NS_PER_US = 1000
+UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
+"""The plant takes no time in lockstep."""
 
 
 def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progress) -> None:
@@ -54,7 +56,7 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
             if processes.runs(PLANT, t_s):
                 tell_plant_bus(t_s)
                 plant.step(tick, tick - plant_tick)
-                plant.record(tick, LoopTiming(0, 0.0, 0.0, 0))
+                plant.record(tick, UNTIMED)
                 plant_tick = tick
             while operator_period * OPERATOR_PERIOD_S <= t_s + TIME_RESOLUTION_S:
                 tell_operator_bus(operator_period * OPERATOR_PERIOD_S)

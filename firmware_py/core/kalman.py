@@ -163,7 +163,6 @@ else:
     # It keeps nothing from call to call: each sets its x and P first. S is one by one.
     _filter = filterpy.kalman.KalmanFilter(dim_x=3, dim_z=1)
     _filter.inv = np.reciprocal
-    _STRAIGHT = np.eye(3)
 
     # F, Q and H are the same in almost every tick; filterpy leaves its arguments as they are.
     @lru_cache(maxsize=16)
@@ -183,19 +182,20 @@ else:
         _filter.x = np.array(belief[:3])
         _filter.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
-    def _got() -> Belief:
-        x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
+    def _covariance() -> Covariance:
         (xx, xv, xb), (_, vv, vb), (_, _, bb) = _filter.P.tolist()
-        return Belief(x_m, v_m_s, bias_m_s2, Covariance(xx, xv, xb, vv, vb, bb))
+        return Covariance(xx, xv, xb, vv, vb, bb)
 
     def predict(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
-        """x = F x + u, P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`)."""
+        """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
         _set(belief)
-        _filter.predict(np.array((push.x_m, push.v_m_s, 0.0)), _STRAIGHT, _transition(f), _diagonal(q))
-        return _got()
+        _filter.predict(F=_transition(f), Q=_diagonal(q))
+        x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
+        return Belief(x_m + push.x_m, v_m_s + push.v_m_s, bias_m_s2, _covariance())
 
     def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
         """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
         _set(belief)
         _filter.update(z, np.array(((variance,),)), _row(row))
-        return _got()
+        x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
+        return Belief(x_m, v_m_s, bias_m_s2, _covariance())

@@ -13,7 +13,7 @@ from firmware_py.core.detector import DetectorState
 from firmware_py.core.estimator import EstimatorState
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
-from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
 
 TURNING_RAD_S = 5.0
 """From here on the striker's acceleration changes by more than a count from one sample to the next."""
@@ -193,7 +193,7 @@ def step(
     limits = config.limits
     power = inputs.power
     encoder = inputs.encoder
-    moving = mode in (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
+    moving = mode in MOVING
     closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
     # Frozen: the drive goes on reporting a speed, but the position does not move with it.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5

@@ -108,7 +108,7 @@ class Counters(NamedTuple):
 
 
 class _Source:
-    """One identifier the node listens to: the tick that its newest frame came in, and that frame's counter."""
+    """One identifier the node listens to: the tick of its newest frame, and that frame's counter."""
 
     def __init__(self, its_codec: FrameCodec[Any], take: Callable[[Any], None]) -> None:
         self.codec = its_codec

@@ -38,7 +38,7 @@ class ProcessFaults:
 
     def runs(self, process: str, t_s: float) -> bool:
         """Whether `process` is there at `t_s` and goes on; the dead stay so."""
-        return not any(
+        return not self._faults or not any(
             fault.process == process
             and (t_s >= fault.at_s - 1e-9 if isinstance(fault, Killed) else fault.acts(t_s))
             for fault in self._faults
