@@ -49,7 +49,7 @@ END_TIMEOUT_S = 5.0
 
 def again_name(process: str) -> str:
     """What the process is called that takes the place of one that is restarted."""
-    return f"{process} again"
+    return f"{process}-again"
 
 
 class BenchError(RuntimeError):

@@ -186,6 +186,8 @@ class TraceWriter:
         _, header_bytes, record_bytes, self.count = PREAMBLE.unpack_from(self._header)
         known = self._header[PREAMBLE.size : PREAMBLE.size + len(described)]
         if (header_bytes, record_bytes, known) != (self._header_bytes, self.record_bytes, described):
+            self._header.close()
+            self._file.close()
             raise TraceError(f"{home} has other columns; only a trace of the same ones can go on")
 
     def _open_window(self, length: int) -> mmap.mmap:

@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 import pytest
 
+from firmware_py.interface.enums import Mode
 from hil import trace
 from hil.bench import run_scenario
 from hil.processes import Child, ChildError
@@ -105,6 +106,31 @@ def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
     assert np.max(np.abs(after["motor_torque_n_m"])) == 0.0
     assert set(after["axis_error"]) == {0x01000000}  # WATCHDOG_TIMER_EXPIRED
     assert (tmp_path / "run.rrd").exists()
+    assert none_left(tmp_path)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("process", ["firmware", "plant"])
+def test_restarted_node_goes_on_with_its_trace_and_moves_nothing(process: str, tmp_path: Path) -> None:
+    faults = f'script.faults=[{{kind="restarted",at_s=1.8,duration_s=0.3,process="{process}"}}]'
+    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], faults])
+    verdict = run_scenario(scenario, "real", "local", tmp_path, seed=1, progress=silent)
+    assert verdict["reasons"] == []
+    plant, firmware = trace.read(tmp_path / "plant.trace"), trace.read(tmp_path / "firmware.trace")
+    ticks = (firmware if process == "firmware" else plant)["tick"]
+    assert 1700 < ticks[np.argmax(np.diff(ticks))] <= 1850
+    begins = int(ticks[np.argmax(np.diff(ticks)) + 1])
+    assert 2100 <= begins < 2500
+    assert ticks[-1] == 2999
+    moving = plant[(plant["t_s"] > 1.0) & (plant["t_s"] < 1.7)]
+    after = plant[plant["t_s"] > 1.95]
+    assert np.max(np.abs(moving["motor_torque_n_m"])) > 0.01
+    assert np.max(np.abs(after["motor_torque_n_m"])) == 0.0
+    modes = {Mode(mode).name for mode in firmware["outputs.mode"][firmware["tick"] >= begins]}
+    # The drive's own error keeps a new controller in INIT; for a new plant, its silence was latched.
+    assert modes == ({"INIT"} if process == "firmware" else {"FAULT"})
+    described = json.loads((tmp_path / "run.json").read_text())
+    assert set(described["realtime"]) == {"firmware", "plant", f"{process}-again"}
     assert none_left(tmp_path)
 
 

@@ -112,3 +112,13 @@ def test_stop_ends_after_the_current_tick() -> None:
 
     loop.run(None, step, lambda *_: None)
     assert seen == [0, 1, 2, 3]
+
+
+def test_a_later_first_tick_has_its_own_deadline_and_skips_nothing() -> None:
+    clock = FakeClock()
+    probe = Probe(clock, {})
+    loop = FixedRateLoop(clock, 0, MS)
+    loop.run(8, probe.step, probe.record, first_tick=5)
+    assert probe.steps == [(5, 1), (6, 1), (7, 1)]
+    assert probe.started_ns == [5 * MS, 6 * MS, 7 * MS]
+    assert loop.overruns == 0

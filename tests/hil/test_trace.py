@@ -124,6 +124,34 @@ def test_killed_writer_leaves_every_record_it_counted(tmp_path: Path) -> None:
         np.testing.assert_array_equal(ticks["twice"], 2.0 * np.arange(len(ticks)))
 
 
+def test_another_writer_goes_on_where_a_killed_one_ended(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITE_FOREVER, str(path)], stdout=subprocess.PIPE, text=True
+    ) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "writing\n"
+        time.sleep(0.02)
+        os.kill(writer.pid, signal.SIGKILL)
+    written = len(trace.read(path))
+    fields = [("tick", int), ("twice", float)]
+    with trace.TraceWriter(path, fields, expected_records=10, resume=True) as other:
+        for tick in range(written, written + 5000):
+            other.append(tick, 2.0 * tick)
+    records = trace.read(path)
+    np.testing.assert_array_equal(records["tick"], np.arange(written + 5000))
+    np.testing.assert_array_equal(records["twice"], 2.0 * np.arange(written + 5000))
+
+
+def test_a_trace_of_other_columns_cannot_go_on_and_one_that_is_not_there_begins(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("x", float)], resume=True) as first:
+        first.append(1.0)
+    assert trace.read(path)["x"].tolist() == [1.0]
+    with pytest.raises(trace.TraceError, match="other columns"):
+        trace.TraceWriter(path, [("y", float)], resume=True)
+
+
 def test_record_of_a_hundred_columns_takes_five_microseconds_at_most(tmp_path: Path) -> None:
     block = NamedTuple("block", [(f"x{index}", float) for index in range(10)])
     state = NamedTuple("state", [(f"b{index}", block) for index in range(10)])

@@ -62,19 +62,16 @@ def show(result: dict[str, Any]) -> None:
     """Print each scenario's verdict, what went wrong in it, and the whole's."""
     many = len(result["seeds"]) > 1
     table = Table(box=None, pad_edge=False, show_header=False)
+    for _ in range(2):
+        table.add_column(overflow="fold")
     for one in result["scenarios"]:
-        seeds = [f"{one['passed_seeds']} of {one['seeds']}"] if many else []
-        table.add_row("[green]passed[/]" if one["passed"] else "[bold red]failed[/]", *seeds, one["name"])
-        blank = [""] * (1 + len(seeds))
+        word = "[green]passed[/]" if one["passed"] else "[bold red]failed[/]"
+        seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""
+        table.add_row(word, seeds + one["name"])
         for reason in one["reasons"]:
-            table.add_row(*blank, f"  [red]{reason}[/]")
+            table.add_row("", f"  [red]{reason}[/]")
         for check in one["checks"] if many else one["failed"]:
-            value = figure(check["value"], check["unit"])
-            if check["passed"]:
-                table.add_row(*blank, f"  [dim]{check['name']}: worst {value}, wanted {check['limit']}[/]")
-                continue
-            seed = f" in seed {check['seed']}, {check['passed_seeds']} passed" if many else ""
-            table.add_row(*blank, f"  [red]{check['name']} = {value}, wanted {check['limit']}{seed}[/]")
+            table.add_row("", f"  {line_of(check, many)}")
     console.print(table)
     if result["left_out"]:
         console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", highlight=False)
@@ -86,3 +83,13 @@ def show(result: dict[str, Any]) -> None:
         soft_wrap=True,
         highlight=False,
     )
+
+
+def line_of(check: dict[str, Any], many: bool) -> str:
+    """A check's figure beside its limit; of many seeds the worst one."""
+    value = figure(check["value"], check["unit"])
+    text = f"{check['name']} = {value}, wanted {check['limit']}"
+    if check["passed"]:
+        return f"[dim]{text}[/]"
+    seeds = f", in seed {check['seed']}; {check['passed_seeds']} passed" if many else ""
+    return f"[red]{text}{seeds}[/]"
