@@ -55,6 +55,19 @@ COMMAND_TYPES = (
 COMMANDS = {codec.CODECS[kind].can_id: codec.CODECS[kind] for kind in COMMAND_TYPES}
 """What the drive listens to, by identifier."""
 
+HALF_MEANT = {codec.SET_AXIS_STATE.can_id, codec.SET_INPUT_TORQUE.can_id, codec.SET_ABSOLUTE_POSITION.can_id}
+"""Commands whose second half means nothing: CANSimple's clients leave it out."""
+NOTHING_MEANT = {codec.CLEAR_ERRORS.can_id, codec.DRIVE_ESTOP.can_id}
+"""Commands whose data mean nothing to this drive: clients send none, or as much as they like."""
+
+
+def at_full_length(frame: Frame, length: int) -> bytes:
+    """A command's data, filled up or cut to `length` where that changes nothing that is meant."""
+    can_id, data = frame
+    if can_id in NOTHING_MEANT or (can_id in HALF_MEANT and len(data) == 4):
+        return data[:length].ljust(length, b"\0")
+    return data
+
 
 class DriveConfig(NamedTuple):
     """The drive's configuration, which no frame changes but `SetLimits` its two limits."""
@@ -124,7 +137,7 @@ class Drive:
             if command_codec is None:
                 continue
             try:
-                command = command_codec.decode(frame.data)
+                command = command_codec.decode(at_full_length(frame, command_codec.length))
             except FrameError:
                 self.rejected += 1
                 continue

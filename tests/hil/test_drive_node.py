@@ -58,6 +58,30 @@ def test_torque_acts_only_in_closed_loop() -> None:
     assert drive.torque_n_m(0.0) == 0.0
 
 
+def test_commands_may_leave_out_what_means_nothing() -> None:
+    """As ODrive's own examples in Python send them, and older clients."""
+    drive = Drive(CONFIG)
+    drive.disarm(AxisError.ESTOP_REQUESTED)
+    drive.handle([Frame(0x18, b"")], 0.0)
+    assert drive.active_errors == AxisError.NONE
+    drive.handle([Frame(0x07, struct.pack("<I", 8)), Frame(0x0E, struct.pack("<f", 0.25))], 0.0)
+    assert (drive.armed, drive.torque_n_m(0.0)) == (True, 0.25)
+    drive.handle([Frame(0x19, struct.pack("<f", 0.5))], 0.125)
+    assert drive.position_rev(0.125) == 0.5
+    drive.handle([Frame(0x02, bytes(8))], 0.0)
+    assert drive.active_errors == AxisError.ESTOP_REQUESTED
+    drive.handle([Frame(0x18, struct.pack("<I", 1))], 0.0)
+    assert (drive.active_errors, drive.rejected) == (AxisError.NONE, 0)
+    halves = [
+        Frame(0x0B, struct.pack("<I", 1)),
+        Frame(0x0D, bytes(4)),
+        Frame(0x0F, bytes(4)),
+        Frame(0x07, bytes(3)),
+    ]
+    drive.handle(halves, 0.0)
+    assert drive.rejected == len(halves)
+
+
 def test_torque_acts_only_in_torque_mode() -> None:
     drive = armed_drive(0.25)
     drive.handle([VELOCITY_MODE], 0.0)
