@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from firmware_py.interface import codec
+from firmware_py.interface.records import DriveEstop
 from firmware_py.shell.parameters import config_from
 from hil.bus import Bus, join, provide
 from hil.clock import NS_PER_S, Clock, MonotonicClock
@@ -18,6 +19,7 @@ from hil.faults.processes import FIRMWARE, PLANT
 from hil.faults.tables import Fault
 from hil.loop import FixedRateLoop
 from hil.nodes import FirmwareRunner, Pace, PlantRunner, empty
+from hil.operator import OPERATOR_PERIOD_S, OperatorNode
 from hil.plant_node import ACCEPTED_IDS
 from hil.processes import READY, Start, read_start
 from hil.realtime import NODE, become_realtime, die_with_parent, leave_realtime
@@ -93,6 +95,32 @@ def plant_main(
         )
     if out_dir is not None and not sync:
         bring_home(out_dir)
+
+
+def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
+    """`vibrohil operator`: a scenario's script on `bus`; whoever ends it early leaves an E-stop behind."""
+    loaded = load_scenario(scenario, settings)
+    node = OperatorNode(loaded.commands, loaded.period_s)
+    clock = MonotonicClock()
+    stopped = False
+    with joined(bus, ()) as node_bus:
+        t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+        loop = FixedRateLoop(clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
+
+        def stop(*_: object) -> None:
+            nonlocal stopped
+            stopped = True
+            loop.stop()
+
+        def say(period: int, _: int) -> None:
+            node_bus.send_all(node.publish(period))
+
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, stop)
+        print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
+        loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, lambda *_: None)
+        if stopped:
+            node_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
 
 
 def belong_to_parent() -> None:

@@ -34,6 +34,7 @@ COMMANDS = (
     "suite",
     "firmware",
     "plant",
+    "operator",
     "campaign",
     "simulate",
     "view",

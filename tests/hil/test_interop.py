@@ -1,0 +1,265 @@
+"""Other people's tools on the running bus: python-can's logger and player, cantools, a CANSimple client."""
+
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import can
+import pytest
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import Fault, Mode
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.node import FirmwareNode
+from hil import trace
+from hil.bench import in_lockstep, program, run_scenario
+from hil.bus import provide
+from hil.scenario import Scenario, load_scenario
+
+LOST = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'
+SHORT = [
+    "script.duration_s=3.0",
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1}]',
+    "firmware.start.rise_s=1.0",
+    LOST,
+]
+STOPPED = [*SHORT[:1], SHORT[1].replace("}]", '},{at_s=1.5,request="idle"}]'), SHORT[2]]
+DBC_PATH = Path(codec.__file__).with_name("vibro.dbc")
+SUFFIXES = ("log", "asc", "blf")
+PATIENCE_S = 20.0
+
+
+def scenario(settings: Sequence[str] = SHORT) -> Scenario:
+    return load_scenario("soft-start-multistable", settings)
+
+
+def silent(_: float, __: str) -> None:
+    """Nobody looks at the progress."""
+
+
+class Decision(NamedTuple):
+    """What the firmware made of what it had heard."""
+
+    mode: str
+    fault: str
+
+
+def decisions(firmware_trace: Path) -> list[Decision]:
+    """The modes with their faults in turn."""
+    records = trace.read(firmware_trace)
+    found: list[Decision] = []
+    for mode, fault in zip(records["outputs.mode"], records["outputs.fault"], strict=True):
+        decision = Decision(Mode(int(mode)).name, Fault(int(fault)).name)
+        if not found or found[-1] != decision:
+            found.append(decision)
+    return found
+
+
+def frames_of(path: Path) -> list[tuple[int, bytes]]:
+    with can.LogReader(path) as messages:
+        return [(message.arbitration_id, bytes(message.data)) for message in messages]
+
+
+@contextmanager
+def running(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that is asked to end as by Ctrl-C."""
+    with subprocess.Popen(command, **how) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE_S)
+
+
+def tool(name: str, channel: str, *more: str) -> list[str]:
+    return [sys.executable, "-m", name, "-i", "vibrohil", "-c", channel, *more]
+
+
+class Live(NamedTuple):
+    """A run in real time that others have listened to."""
+
+    folder: Path
+    shown: str
+    """What `cantools monitor` drew."""
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    folder = tmp_path_factory.mktemp("live")
+    with ExitStack() as stack:
+        address = stack.enter_context(provide("local")).address
+        channel = address.removeprefix("local:")
+        for suffix in SUFFIXES:
+            logger = tool("can.logger", channel, "-f", str(folder / f"live.{suffix}"))
+            stack.enter_context(running(logger, stdout=subprocess.DEVNULL))
+        screen, terminal = pty.openpty()
+        stack.callback(os.close, screen)
+        monitor = tool("cantools", channel, str(DBC_PATH))
+        monitor.insert(3, "monitor")
+        environment = os.environ | {"TERM": "xterm", "LINES": "150", "COLUMNS": "160"}
+        process = stack.enter_context(
+            running(monitor, stdin=terminal, stdout=terminal, stderr=terminal, env=environment)
+        )
+        os.close(terminal)
+        time.sleep(2.0)  # what they need to start
+        assert process.poll() is None
+        os.set_blocking(screen, False)
+        drawn = bytearray()
+
+        def look(_: float, __: str) -> None:
+            try:
+                drawn.extend(os.read(screen, 1 << 20))
+            except BlockingIOError:
+                """Nothing new is shown."""
+
+        run_scenario(scenario(), "real", address, folder / "run", seed=1, progress=look)
+        look(1.0, "")
+        process.kill()
+    return Live(folder, drawn.decode(errors="replace"))
+
+
+@pytest.mark.realtime
+def test_a_live_run_is_logged_whole_in_every_format(live: Live) -> None:
+    sent = frames_of(live.folder / "run" / "can.log")
+    assert len(sent) > 7000
+    for suffix in SUFFIXES:
+        assert frames_of(live.folder / f"live.{suffix}") == sent, suffix
+
+
+@pytest.mark.realtime
+def test_cantools_decodes_every_frame(live: Live) -> None:
+    log = live.folder / "live.log"
+    command = [sys.executable, "-m", "cantools", "decode", "--single-line", str(DBC_PATH)]
+    with log.open("rb") as lines:
+        decoded = subprocess.run(command, stdin=lines, capture_output=True, text=True, check=True).stdout
+    ended = [line.partition(":: ")[2] for line in decoded.splitlines()]
+    assert len(ended) == len(log.read_text().splitlines())
+    names = {message.partition("(")[0] for message in ended}
+    known = {record.__name__ for record in codec.CODECS}
+    assert names <= known, names - known
+    assert {"Accelerometer", "EncoderEstimates", "SetInputTorque", "FirmwareHeartbeat", "FaultEvent"} <= names
+
+
+@pytest.mark.realtime
+def test_cantools_monitor_shows_it(live: Live) -> None:
+    for shown in ("EncoderEstimates", "position_rev", "SetInputTorque", "striker_low_m_s2"):
+        assert shown in live.shown
+
+
+@pytest.mark.realtime
+def test_a_log_played_back_gives_the_firmware_the_same_decisions(live: Live, tmp_path: Path) -> None:
+    expected = decisions(live.folder / "run" / "firmware.trace")
+    assert expected[-1] == Decision("FAULT", "SENSOR_TIMEOUT")
+    with provide("local") as provided:
+        firmware = [program(), "firmware", str(live.folder / "run" / "scenario.toml")]
+        firmware += ["--bus", provided.address, "--out", str(tmp_path)]
+        with running(firmware, stderr=subprocess.PIPE) as process:
+            assert process.stderr is not None
+            assert process.stderr.readline().startswith(b"running")
+            time.sleep(0.5)  # its loop begins
+            channel = provided.address.removeprefix("local:")
+            player = tool("can.player", channel, str(live.folder / "live.log"))
+            subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
+    played = decisions(tmp_path / "firmware.trace")
+    assert played[: len(expected)] == expected
+
+
+@pytest.mark.parametrize("settings", [SHORT, STOPPED], ids=["fault", "stop"])
+def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str], tmp_path: Path) -> None:
+    run_dir, _ = in_lockstep(scenario(settings), tmp_path, 1, silent)
+    played = scenario(settings)
+    node = FirmwareNode(played.config, played.parameters)
+    heard: list[Frame] = []
+    said: list[Frame] = []
+    expected: list[Frame] = []
+    of_firmware = {one.can_id for one in codec.CODECS.values() if one.sender == "Firmware"}
+    with can.LogReader(run_dir / "can.log") as messages:
+        for message in messages:
+            frame = Frame(message.arbitration_id, bytes(message.data))
+            # An E-stop aside, an identifier has one sender; the firmware's turn begins with its torque.
+            if frame.can_id not in of_firmware:
+                heard.append(frame)
+                continue
+            if frame.can_id == codec.SET_INPUT_TORQUE.can_id:
+                said += node.tick(heard, 1)
+                heard = []
+            expected.append(frame)
+    assert said == expected
+    assert len({frame.can_id for frame in said}) > 6
+
+
+def told(bus: can.BusABC, can_id: int, until: Any) -> bytes:
+    """The first such message that is as wanted."""
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        message = bus.recv(1.0)
+        if message is not None and message.arbitration_id == can_id and until(bytes(message.data)):
+            return bytes(message.data)
+    raise AssertionError(f"no message {can_id:#x} as wanted")
+
+
+@pytest.mark.realtime
+def test_a_cansimple_client_reads_and_commands_the_plant_alone() -> None:
+    """Nothing but python-can and struct: what ODrive's own examples do, at node 0."""
+    with provide("local") as provided:
+        plant = [program(), "plant", "quick-start-below-the-band", "--bus", provided.address]
+        with (
+            running(plant, stderr=subprocess.DEVNULL),
+            can.Bus(provided.address.removeprefix("local:"), "vibrohil") as bus,
+        ):
+
+            def send(command: int, data: bytes = b"") -> None:
+                bus.send(can.Message(arbitration_id=0 << 5 | command, data=data, is_extended_id=False))
+
+            idle = told(bus, 0x01, lambda _: True)
+            assert struct.unpack("<IBBB", idle[:7]) == (0, 1, 0, 1)
+            send(0x0B, struct.pack("<II", 1, 1))  # Set_Controller_Mode: torque, passthrough
+            send(0x07, struct.pack("<I", 8))  # Set_Axis_State: closed loop
+            for _ in range(40):
+                send(0x0E, struct.pack("<f", 0.1))  # Set_Input_Torque
+                time.sleep(0.01)
+            assert told(bus, 0x01, lambda data: data[4] == 8)
+            turning = told(bus, 0x09, lambda data: struct.unpack("<ff", data)[1] > 0.3)
+            assert 0.0 <= struct.unpack("<ff", turning)[0] < 1.0
+            voltage_v, _ = struct.unpack("<ff", told(bus, 0x17, lambda _: True))
+            assert voltage_v == 24.0
+            # Nothing more is asked for: its watchdog lets go by itself.
+            error, state, result, _ = struct.unpack("<IBBB", told(bus, 0x01, lambda data: data[4] == 1)[:7])
+            assert (error, state, result) == (0x01000000, 1, 3)
+
+
+@pytest.mark.realtime
+def test_plant_firmware_and_operator_meet_from_three_processes(tmp_path: Path) -> None:
+    with provide("local") as provided, ExitStack() as stack:
+        more = ["soft-start-multistable", "--bus", provided.address]
+        change = [word for setting in SHORT[:3] for word in ("--set", setting)]
+        for node in ("plant", "firmware"):
+            command = [program(), node, *more, "--out", str(tmp_path), *change]
+            process = stack.enter_context(running(command, stderr=subprocess.PIPE))
+            assert process.stderr is not None
+            assert process.stderr.readline().startswith(b"running")
+        subprocess.run([program(), "operator", *more, *change], check=True, capture_output=True)
+        time.sleep(0.6)
+        left = [Decision("SOFT_START", "NONE"), Decision("FAULT", "OPERATOR_TIMEOUT")]
+        assert decisions(tmp_path / "firmware.trace")[-2:] == left
+        # One who leaves early leaves an E-stop behind.
+        early = subprocess.Popen([program(), "operator", *more, *change], stderr=subprocess.PIPE)
+        assert early.stderr is not None
+        assert early.stderr.readline().startswith(b"playing")
+        time.sleep(0.5)
+        early.send_signal(signal.SIGINT)
+        early.stderr.close()
+        assert early.wait(PATIENCE_S) == 0
+        time.sleep(0.3)
+        assert decisions(tmp_path / "firmware.trace")[-1].mode == "E_STOP"
+    plant = trace.read(tmp_path / "plant.trace")
+    assert abs(plant["motor_torque_n_m"]).max() > 0.01
+    assert plant["motor_torque_n_m"][-1] == 0.0
