@@ -16,8 +16,9 @@ from pydantic.fields import FieldInfo
 from firmware_py.interface import codec, enums
 from firmware_py.interface.layout import Signal, SignalKind
 from firmware_py.shell.parameters import TABLE
+from hil.faults import tables
 from hil.figure_records import CATALOGUE
-from hil.scenario import CommandTable, ScenarioTable, ScriptTable
+from hil.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario, scenario_names
 from plant_sim import scene_tables
 from tools.cli import app
 
@@ -174,6 +175,69 @@ def scenes() -> str:
     return page("Scenarios and scenes", *parts)
 
 
+FAULT_PLACES = (
+    ("On the bus", get_args(tables.LineFault) + get_args(tables.ModelledFault)),
+    ("At the sensors", get_args(tables.ReadingFault)),
+    ("In the drive and the module", get_args(tables.PhysicalFault)),
+    (
+        "In processes, clocks and memory",
+        (*get_args(tables.ProcessFault), *get_args(tables.ClockFault), tables.ParametersDamaged),
+    ),
+)
+DEADLINES = {
+    "after_fault.torque_zero_after_s": "the motor's torque is 0 within",
+    "safe_state.command_zero_after_s": "the torque asked for is 0 within",
+    "after_fault.impacts_again_after_s": "after it, the impacts are back within",
+}
+"""Figures that bound how long a reaction may take, and what that reaction is."""
+
+
+def reaction_of(scenario: Scenario) -> str:
+    """What must follow a scenario's fault, and how soon; its other checks go without saying."""
+    for name, what in DEADLINES.items():
+        for check in scenario.checks:
+            if check.name == name:
+                within_s = check.equals if check.high is None else check.high
+                return f"{what} {within_s:g} s"
+    return "its bounds on torque, speed and force hold"
+
+
+def faults() -> str:
+    """Every fault, its keys, and the scenarios that hold the firmware to a reaction."""
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    parts = [
+        "A fault is a table `[[script.faults]]` of a scenario. It acts where the thing breaks: on the bus, "
+        "at a sensor, in the drive or the module, on a process or its clock; none acts inside the firmware. "
+        "Each has `at_s`, when it begins, in s from the start, and `duration_s`, how long it lasts, to the "
+        "end of the run if it is left out. The reaction is measured on the truth. `vibrohil suite --seeds 20` "
+        "runs each in twenty seeds."
+    ]
+    for heading, kinds in FAULT_PLACES:
+        parts.append(f"## {heading}")
+        for kind in kinds:
+            name = kind.model_fields["kind"].annotation
+            keys = [
+                row(
+                    f"`{key}`",
+                    default_of(field),
+                    bounds_of(field) or "—",
+                    (field.description or "") + choices_of(field.annotation),
+                )
+                for key, field in kind.model_fields.items()
+                if key not in ("kind", "at_s") and (key != "duration_s" or field.is_required())
+            ]
+            parts.append(f"### {get_args(name)[0]}\n\n{first_sentences(kind)}")
+            if keys:
+                parts.append(table(["key", "default", "bounds", "meaning"], iter(keys)))
+            rows = [
+                row(f"`{one.name}`", reaction_of(one))
+                for one in scenarios
+                if any(isinstance(fault, kind) for fault in one.faults)
+            ]
+            parts.append(table(["scenario", "required"], iter(rows)))
+    return page("Faults", *parts)
+
+
 def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """All commands by their names, those of a group after it."""
     for name, command in group.commands.items():
@@ -210,6 +274,7 @@ PAGES = {
     "parameters.md": parameters,
     "figures.md": figures,
     "scenes.md": scenes,
+    "faults.md": faults,
     "command-line.md": commands,
 }
 

@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 from xml.etree import ElementTree
 
 import pytest
 
 from hil import suite
 from hil.checks import Check, within
+from hil.faults.tables import Fault
 from hil.same_verdicts import compare, read_suite
 from hil.scenario import load_scenario, scenario_names
 from hil.seeds import merged
@@ -38,6 +39,17 @@ def test_all_scenarios_load_and_are_named_as_their_files() -> None:
     assert len(scenarios) >= 40
     assert left_out == []
     assert all(one.checks for one in scenarios)
+
+
+def test_every_kind_of_fault_has_a_scenario_that_bounds_what_follows() -> None:
+    scenarios, _ = scenarios_for([], "lockstep")
+    kinds = {type(fault) for one in scenarios for fault in one.faults}
+    assert kinds == set(get_args(Fault))
+    for one in scenarios:
+        if one.faults:
+            bounded = {check.name for check in one.checks}
+            physical = {"after_fault.largest_torque_n_m", "safe_state.command_zero_after_s"}
+            assert bounded & physical, one.name
 
 
 def test_a_modelled_bus_is_left_out_in_real_time(capsys: pytest.CaptureFixture[str]) -> None:
