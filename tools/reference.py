@@ -209,8 +209,8 @@ def faults() -> str:
         "A fault is a table `[[script.faults]]` of a scenario. It acts where the thing breaks: on the bus, "
         "at a sensor, in the drive or the module, on a process or its clock; none acts inside the firmware. "
         "Each has `at_s`, when it begins, in s from the start, and `duration_s`, how long it lasts, to the "
-        "end of the run if it is left out. The reaction is measured on the truth. `vibrohil suite --seeds 20` "
-        "runs each in twenty seeds."
+        "end of the run if it is left out. The reaction is measured on the truth. "
+        "`vibrohil suite --seeds 20` runs each in twenty seeds."
     ]
     for heading, kinds in FAULT_PLACES:
         parts.append(f"## {heading}")
