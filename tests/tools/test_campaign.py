@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 from plant_sim.scene import load_scene, read_scene
 from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
 from tools.campaign.cells import cells_of
-from tools.campaign.draws import Mismatch, draw, mismatch_of
+from tools.campaign.draws import Disturbance, Mismatch, draw, mismatch_of
 from tools.campaign.outcome import Outcome
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
@@ -224,16 +224,28 @@ def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
     assert histogram([]) == ""
 
 
-@pytest.mark.parametrize(
-    ("table_name", "values"),
-    [
-        ("housing", {"tilt_rad": 0.1}),
-        ("wearer", {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}),
-    ],
-)
-def test_parts_that_campaigns_do_not_know_are_refused(table_name: str, values: dict[str, float]) -> None:
+def test_parts_that_campaigns_do_not_know_are_refused() -> None:
     from tools.campaign.run import supported
 
-    supported(load_scene("table1-motor-soft"))
-    with pytest.raises(BadInputError, match=rf"level housing that nobody wears.*\[{table_name}\]"):
-        supported(load_scene({**read_scene("table1-motor-soft"), table_name: values}))
+    worn = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
+    supported(load_scene({**read_scene("table1-motor-soft"), "housing": {"tilt_rad": 0.1}}))
+    with pytest.raises(BadInputError, match=r"nobody wears.*\[wearer\]"):
+        supported(load_scene({**read_scene("table1-motor-soft"), "wearer": worn}))
+
+
+def test_a_drawn_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:
+    cell = cells_of(table("shock"), [])[0][0]
+    moved = Disturbance(swing_m_s2=0.5, shock_g=8.0)
+    for trial in range(50):
+        level = draw(cell.scene, Mismatch(), 20_000, trial).scene
+        shaken = draw(cell.scene, Mismatch(), 20_000, trial, moved, until_s=24.0).scene
+        assert level.housing is None
+        assert shaken.housing is not None
+        assert shaken.striker == level.striker
+        swing, shock = shaken.housing.harmonic, shaken.housing.shock
+        assert swing is not None
+        assert shock is not None
+        assert 0.0 < swing.amplitude_m_s2 <= 0.5
+        assert abs(shock.peak_m_s2) == pytest.approx(8.0 * 9.80665)
+        assert 12.0 <= shock.start_s <= 23.0
+        assert 0.005 <= shock.duration_s <= 0.02

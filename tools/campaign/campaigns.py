@@ -63,7 +63,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             title="from random states into the impact regime, where one exists",
             trials=4800,
             conditions=((WET_AND_DRY, (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),),
-            numbers={"duration_s": 32.0, **MISMATCH},
+            numbers={"duration_s": 32.0, "swing_m_s2": 0.5, **MISMATCH},
             units={
                 "capture": "s",
                 "overshoot": "x steady",
@@ -92,6 +92,15 @@ CAMPAIGNS: dict[str, Campaign] = {
             ),
         ),
         Campaign(
+            name="estimate-coarse",
+            title="the same in dry friction, with a coarse position at 50 Hz",
+            trials=150,
+            conditions=((("coulomb-0.2",), (0.95,), NO_IMPULSE),),
+            numbers={"duration_s": 30.0, "coarse_s": 0.02, **MISMATCH},
+            units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
+            goals=(Goal("x_rmse", "p50", high=1.6),),
+        ),
+        Campaign(
             name="detect",
             title="touch-downs found, when, and the regime told",
             trials=440,
@@ -106,7 +115,20 @@ CAMPAIGNS: dict[str, Campaign] = {
                 Goal("latency", "p50", high=1.5),
                 Goal("latency", "p95", high=2.5),
                 Goal("regime_right", low=0.995),
+                Goal("regime_uncertain", high=0.01),
             ),
+        ),
+        Campaign(
+            name="shock",
+            title="touch-downs told from a knock on the housing, which the striker feels too",
+            trials=600,
+            conditions=(
+                (("viscous",), (1.1, 1.2, 1.3), NO_IMPULSE),
+                (("coulomb", "stribeck"), (1.1,), NO_IMPULSE),
+            ),
+            numbers={"duration_s": 24.0, "shock_g": 8.0, **MISMATCH},
+            units={"latency": "ms", "speed_error": "m/s"},
+            goals=(Goal("f1", low=0.998), Goal("latency", "p95", high=2.5)),
         ),
         Campaign(
             name="hold",

@@ -15,9 +15,15 @@ DETECTIONS, PERIODS, MODES, TURNS_SEEN, KICKED, FULL = range(6)
     TRACE_TORQUE,
     TRACE_REGIME,
     TRACE_TARGET,
+    TRACE_LOW,
+    TRACE_HIGH,
+    TRACE_HOUSING,
+    TRACE_POSITION,
+    TRACE_VELOCITY,
     TRACE_COLUMNS,
-) = range(12)
-"""Columns of Record.trace, a row a tick: the truth at t_k, and what the firmware made of it."""
+) = range(17)
+"""Columns of Record.trace, a row a tick: the truth at t_k, what the firmware made of it, and the frames' own
+readings (m/s², revolutions, revolutions by second), which are all that a log of the bus has."""
 
 (
     SUM_TICKS,

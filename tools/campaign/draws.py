@@ -35,6 +35,20 @@ class Mismatch:
 
 
 @dataclass(frozen=True)
+class Disturbance:
+    """What the housing does: it swings by up to `swing_m_s2`, and is knocked once by ±`shock_g`."""
+
+    swing_m_s2: float = 0.0
+    shock_g: float = 0.0
+
+    SWING_HZ = (0.5, 2.0)
+    SHOCK_S = (0.005, 0.02)
+    """Drawn from these ranges: strides, and heels that meet the ground."""
+    FIRST_SHOCK_S = 12.0
+    """Not before the start is over."""
+
+
+@dataclass(frozen=True)
 class Drawn:
     """One trial's truth, and generators for its sensors' noise and its script."""
 
@@ -50,8 +64,43 @@ def mismatch_of(table: Mapping[str, float]) -> Mismatch:
     )
 
 
-def draw(scene: Mapping[str, Any], mismatch: Mismatch, seed: int, trial: int) -> Drawn:
-    """The truth of a trial; x₀ in −0.1…0.06 m about l₀ but not beyond the stop, v₀ in ±0.8 m/s, any phase."""
+def disturbance_of(table: Mapping[str, Any]) -> Disturbance:
+    """What a campaign's numbers say of the housing."""
+    return Disturbance(table.get("swing_m_s2", 0.0), table.get("shock_g", 0.0))
+
+
+def _moving_housing(
+    disturbance: Disturbance, until_s: float, truth: np.random.Generator
+) -> dict[str, dict[str, float]]:
+    housing: dict[str, dict[str, float]] = {}
+    if disturbance.swing_m_s2 > 0.0:
+        housing["harmonic"] = {
+            "amplitude_m_s2": float(truth.uniform(0.0, disturbance.swing_m_s2)),
+            "frequency_hz": float(truth.uniform(*disturbance.SWING_HZ)),
+            "phase_rad": float(truth.uniform(0.0, 2.0 * np.pi)),
+        }
+    if disturbance.shock_g > 0.0:
+        sign = 1.0 if truth.uniform() < 0.5 else -1.0
+        housing["shock"] = {
+            "peak_m_s2": sign * disturbance.shock_g * STANDARD_GRAVITY_M_S2,
+            "start_s": float(truth.uniform(disturbance.FIRST_SHOCK_S, until_s - 1.0)),
+            "duration_s": float(truth.uniform(*disturbance.SHOCK_S)),
+        }
+    return housing
+
+
+def draw(
+    scene: Mapping[str, Any],
+    mismatch: Mismatch,
+    seed: int,
+    trial: int,
+    disturbance: Disturbance = Disturbance(),
+    until_s: float = 0.0,
+) -> Drawn:
+    """The truth of a trial; x₀ in −0.1…0.06 m about l₀ but not beyond the stop, v₀ in ±0.8 m/s, any phase.
+
+    A shock comes before `until_s`.
+    """
     noise, truth, more = (np.random.default_rng([seed, trial, stream]) for stream in range(3))
 
     def about(width: float) -> float:
@@ -78,4 +127,7 @@ def draw(scene: Mapping[str, Any], mismatch: Mismatch, seed: int, trial: int) ->
         "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
         "v_m_s": about(0.8),
     }
+    housing = _moving_housing(disturbance, until_s, truth)
+    if housing:
+        drawn["housing"] = housing
     return Drawn(load_scene(drawn), noise, more)

@@ -26,7 +26,7 @@ from hil.drive_node import DriveConfig
 from plant_sim.parts.drive import motor_current_a
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
-from plant_sim.sensing import HIGH, LOW, SPEED_ESTIMATE
+from plant_sim.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
 from plant_sim.solvers.memory import IMPACTS, PHASE
 from plant_sim.solvers.motion import FLIGHT
 from tools.campaign.columns import (
@@ -46,14 +46,19 @@ from tools.campaign.columns import (
     SUMS,
     TRACE_ANGLE,
     TRACE_COLUMNS,
+    TRACE_HIGH,
+    TRACE_HOUSING,
     TRACE_IMPACT,
+    TRACE_LOW,
     TRACE_MODE,
     TRACE_OMEGA,
+    TRACE_POSITION,
     TRACE_REGIME,
     TRACE_TARGET,
     TRACE_TORQUE,
     TRACE_V,
     TRACE_V_BELIEVED,
+    TRACE_VELOCITY,
     TRACE_X,
     TRACE_X_BELIEVED,
     TURNS_SEEN,
@@ -71,6 +76,8 @@ Vector = NDArray[np.float64]
 OPERATOR_TICKS = 10
 COMMAND_TICKS = 100
 TURN = 6.283185307179586
+COARSE_NOISE_M = 2e-3
+"""A Hall or string sensor's, rms."""
 
 
 class Senses(NamedTuple):
@@ -81,6 +88,7 @@ class Senses(NamedTuple):
     housing: Range
     encoder_counts: float
     encoder_noise_rad_s: float
+    coarse: Counts
     ratio: Counts
     impulse: Counts
 
@@ -98,13 +106,15 @@ class Plan(NamedTuple):
     """A kick that adds to the striker's velocity in the first tick of flight from `kick_tick` on; −1: none.
 
     `judged_tick`: from where on the sums are taken. `endless`: the covariance is watched, and what the
-    record has no room for is forgotten instead of ending the run.
+    record has no room for is forgotten instead of ending the run. `coarse_ticks`: how often a coarse position
+    comes; 0: none is fitted.
     """
 
     kick_tick: int
     kick_m_s: float
     judged_tick: int
     endless: bool
+    coarse_ticks: int
 
 
 class Record(NamedTuple):
@@ -183,12 +193,13 @@ def run(
         accelerometer = AccelerometerInput(
             reading(senses.low, _felt(filters, LOW), noise.standard_normal()),
             reading(senses.high, _felt(filters, HIGH), noise.standard_normal()),
-            reading(senses.housing, 0.0, noise.standard_normal()),
+            reading(senses.housing, _felt_by_housing(filters), noise.standard_normal()),
             0,
         )
         encoder = _encoder(senses, filters, y[2], noise.standard_normal())
         heard = heard_at(heard, axis, drive_config, tick, motor_current_a(parts.drive, held_n_m, y[3]))
         x_m, v_m_s, omega_rad_s = y[0] + stop_m, y[1], y[3]
+        coarse = _coarse(plan, senses, x_m, tick, noise)
         if y[2] < angle_rad and omega_rad_s > 0.0:
             record.turns[record.counts[TURNS_SEEN]] = tick
             record.counts[TURNS_SEEN] += 1
@@ -212,7 +223,7 @@ def run(
                 heard = told(heard, speech.request, speech.target_ratio, speech.target_impulse_n_s)
 
         # Firmware at t_k + T/2
-        state, outputs = step(config, state, _inputs(accelerometer, encoder, heard))
+        state, outputs = step(config, state, _inputs(accelerometer, coarse, encoder, heard))
         if outputs.mode != line.mode:
             _book_mode(record, tick, outputs)
         line, wishes = sent(line, outputs, heard, tick)
@@ -225,7 +236,11 @@ def run(
         if plan.endless and estimate.started:
             _book_covariance(record.sums, estimate, tick)
         if record.trace.shape[0] > tick:
-            _book_trace(record.trace[tick], estimate, outputs, x_m, v_m_s, omega_rad_s, angle_rad)
+            row = record.trace[tick]
+            _book_trace(row, estimate, outputs, x_m, v_m_s, omega_rad_s, angle_rad)
+            row[TRACE_LOW], row[TRACE_HIGH] = accelerometer.low_m_s2, accelerometer.high_m_s2
+            row[TRACE_HOUSING] = accelerometer.housing_m_s2
+            row[TRACE_POSITION], row[TRACE_VELOCITY] = encoder.position_rev, encoder.velocity_rev_s
         if _is_full(record, module):
             if not plan.endless:
                 record.counts[FULL] = 1
@@ -240,6 +255,14 @@ def _encoder(senses: Senses, filters: Filters, angle_rad: float, noise: float) -
     speed_rad_s = filters.states[SPEED_ESTIMATE].real + senses.encoder_noise_rad_s * noise
     position_rev = (np.floor(angle_rad / TURN * counts) % counts) / counts
     return EncoderInput(single(position_rev), single(speed_rad_s / TURN), 0)
+
+
+@subroutine
+def _coarse(plan: Plan, senses: Senses, x_m: float, tick: int, noise: np.random.Generator) -> CoarseInput:
+    """A slow absolute sensor's reading where one is fitted and due."""
+    if plan.coarse_ticks == 0 or tick % plan.coarse_ticks != 0:
+        return CoarseInput(0.0, NEVER_TICKS)
+    return CoarseInput(framed(senses.coarse, x_m + COARSE_NOISE_M * noise.standard_normal()), 0)
 
 
 @subroutine
@@ -387,7 +410,15 @@ def _felt(filters: Filters, which: int) -> float:
 
 
 @subroutine
-def _inputs(accelerometer: AccelerometerInput, encoder: EncoderInput, heard: Heard) -> Inputs:
+def _felt_by_housing(filters: Filters) -> float:
+    """The same of the housing's, which only one that is tilted or moves has."""
+    return _felt(filters, HOUSING) if filters.states.size > HOUSING else 0.0
+
+
+@subroutine
+def _inputs(
+    accelerometer: AccelerometerInput, coarse: CoarseInput, encoder: EncoderInput, heard: Heard
+) -> Inputs:
     """What the firmware's shell hands to the core in an ordinary tick."""
     request = OperatorRequest.IDLE
     if heard.request == OperatorRequest.RUN.value:
@@ -397,7 +428,7 @@ def _inputs(accelerometer: AccelerometerInput, encoder: EncoderInput, heard: Hea
     return Inputs(
         elapsed_ticks=1,
         accelerometer=accelerometer,
-        coarse=CoarseInput(0.0, NEVER_TICKS),
+        coarse=coarse,
         encoder=encoder,
         drive=DriveInput(heard.axis_state, heard.axis_error, heard.disarm_reason, heard.heartbeat_age),
         power=PowerInput(

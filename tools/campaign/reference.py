@@ -60,9 +60,9 @@ def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s:
     return bool(np.max(np.diff(edges)) <= gap_s)
 
 
-def _filters(scene: Scene) -> Filters:
+def _filters(scene: Scene, parts: Parts) -> Filters:
     assert scene.sensors is not None
-    return filters(allocate_sensing(scene.sensors.models(), 0.0), TICK_S)
+    return filters(allocate_sensing(scene.sensors.models(), 0.0, parts.housing), TICK_S)
 
 
 def alone(
@@ -73,7 +73,7 @@ def alone(
     moving = module(parts, start, 64 + round(40.0 * duration_s))
     loop.run_alone(
         parts,
-        _filters(scene),
+        _filters(scene, parts),
         moving,
         from_rad_s,
         to_rad_s,

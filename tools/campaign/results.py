@@ -23,6 +23,7 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "regime_uncertain": (("periods_uncertain",), ("periods",)),
     "instant_start_captures": (("instant",), ("eligible",)),
     "fault_before_start": (("fault_before_start",), ("eligible",)),
+    "shocks_taken_for_blows": (("shocks_taken_for_blows",), ("shocks",)),
     "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
 }
 """Shares of added-up counts: numerator, denominator.

@@ -25,7 +25,7 @@ from tools.output import BadInputError
 
 FloatArray = NDArray[np.float64]
 
-UNDISTURBED = Plan(kick_tick=-1, kick_m_s=0.0, judged_tick=0, endless=False)
+UNDISTURBED = Plan(kick_tick=-1, kick_m_s=0.0, judged_tick=0, endless=False, coarse_ticks=0)
 IMPACTS_A_SECOND = 40
 """Room for impacts; a run that needs more chatters and is cut short, which it says."""
 
@@ -61,9 +61,9 @@ def supported(scene: Scene) -> Parts:
     parts = scene.parts()
     if scene.sensors is None or not is_supported(parts):
         raise BadInputError(
-            f"campaigns run a motor, sensors and a Hunt–Crossley stop in a level housing that nobody wears; "
+            f"campaigns run a motor, sensors and a Hunt–Crossley stop that nobody wears; "
             f"the scene has drive.model = {scene.drive.model!r}, stop.law = {scene.stop.law!r}"
-            f"{', [housing]' if scene.housing else ''}{', [wearer]' if scene.wearer else ''}"
+            f"{', [wearer]' if scene.wearer else ''}"
         )
     return parts
 
@@ -84,7 +84,7 @@ def run(
     assert scene.sensors is not None
     models, initial = scene.sensors.models(), initial_state(scene)
     tick_s = config.tick_s
-    sensing = allocate_sensing(models, initial.omega_rad_s)
+    sensing = allocate_sensing(models, initial.omega_rad_s, parts.housing)
     moving = module(parts, initial, 64 + round(IMPACTS_A_SECOND * room_s))
     senses = Senses(
         low=accelerometer(models.striker_low, "striker_low_m_s2"),
@@ -92,6 +92,7 @@ def run(
         housing=accelerometer(models.housing, "housing_m_s2"),
         encoder_counts=float(models.encoder.counts),
         encoder_noise_rad_s=models.encoder.noise_rad_s,
+        coarse=signal_counts("CoarsePosition", "striker_position_m"),
         ratio=signal_counts("OperatorCommand", "target_ratio"),
         impulse=signal_counts("OperatorCommand", "target_impulse_n_s"),
     )

@@ -16,8 +16,7 @@ from plant_sim.scene import Scene
 from plant_sim.solvers.memory import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
 from tools.campaign import columns
 from tools.campaign.cells import Cell
-from tools.campaign.draws import Drawn, draw, mismatch_of
-from tools.campaign.loop import Plan
+from tools.campaign.draws import Drawn, disturbance_of, draw, mismatch_of
 from tools.campaign.outcome import Outcome
 from tools.campaign.reference import LONGEST_GAP, goes_on, instant_start_captures, reference, would_be_lost
 from tools.campaign.run import UNDISTURBED, Run, first_in, rms, run
@@ -33,6 +32,8 @@ SETTLE_S = 5.0
 KICK_FAULT_S = 1.0
 """A blow so soon after a kick is the kick's."""
 GRAZING_M_S = 0.05
+AFTER_SHOCK_S = 0.1
+"""Until then a false alarm is the shock's."""
 LATE_IMPACTS = 10
 """Impacts whose mean is the steady v⁻."""
 LATE_TURNS = 10
@@ -123,7 +124,10 @@ def _first_run(cell: Cell, config: Config, drawn: Drawn, duration_s: float) -> t
 def estimate(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
     """Errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
     duration_s = float(numbers["duration_s"])
-    judged = UNDISTURBED._replace(judged_tick=round((RUN_S + 8.0 + SETTLE_S) / config.tick_s))
+    judged = UNDISTURBED._replace(
+        judged_tick=round((RUN_S + 8.0 + SETTLE_S) / config.tick_s),
+        coarse_ticks=round(numbers["coarse_s"] / config.tick_s) if "coarse_s" in numbers else 0,
+    )
     done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, judged)
     outcome.simulated_s = duration_s
     if done.sums[columns.SUM_TICKS] < 0.5 / config.tick_s * 10.0:
@@ -160,6 +164,11 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
         "soft_hits": int(np.count_nonzero(found & ~hard & due)),
         "soft": int(np.count_nonzero(~hard & due)),
     }
+    shock = drawn.scene.housing.shock if drawn.scene.housing else None
+    if shock is not None:
+        since_s = done.detected_s[alarms] - shock.start_s
+        outcome.counts["shocks"] = 1
+        outcome.counts["shocks_taken_for_blows"] = int(np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S)))
     if of_hard.any():
         outcome.samples["latency"] = latency_ms[of_hard].tolist()
         told_m_s = done.detections[pairs.detection, 2]
@@ -248,7 +257,7 @@ def recover(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any]
     size = float(drawn.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
     sign = 1.0 if drawn.more.uniform() < 0.5 else -1.0
     kick_s = RUN_S + 15.0 + float(drawn.more.uniform(0.0, 1.0))
-    plan = Plan(round(kick_s / config.tick_s), sign * size, 0, endless=False)
+    plan = UNDISTURBED._replace(kick_tick=round(kick_s / config.tick_s), kick_m_s=sign * size)
     done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, plan)
     outcome.simulated_s = duration_s
     times = done.impacts[:, IMPACT_TIME]
@@ -289,10 +298,18 @@ def _back_s(done: Run, omega_rad_s: float) -> float:
 TRIALS: dict[str, Callable[[Cell, Config, Drawn, Mapping[str, Any], Outcome], None]] = {
     "start-up": start_up,
     "estimate": estimate,
+    "estimate-coarse": estimate,
     "detect": detect,
+    "shock": detect,
     "hold": hold,
     "recover": recover,
 }
+
+
+def drawn_for(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> Drawn:
+    """What a trial of this cell draws."""
+    until_s = float(numbers.get("duration_s", 0.0))
+    return draw(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
 
 
 def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Outcome:
@@ -301,7 +318,7 @@ def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed
     cell = cells[number]
     outcome = Outcome(trial, number)
     started_s = time.process_time()
-    drawn = draw(cell.scene, mismatch_of(numbers), seed, trial)
+    drawn = drawn_for(cell, numbers, seed, trial)
     TRIALS[campaign](cell, config_from(cell.firmware), drawn, numbers, outcome)
     outcome.compute_s = time.process_time() - started_s
     return outcome
@@ -309,4 +326,4 @@ def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed
 
 def scene_of_trial(cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Scene:
     """The truth that a trial has drawn."""
-    return draw(cells[trial % len(cells)].scene, mismatch_of(numbers), seed, trial).scene
+    return drawn_for(cells[trial % len(cells)], numbers, seed, trial).scene

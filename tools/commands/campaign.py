@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def campaign(
     name: Annotated[
-        Literal["start-up", "estimate", "detect", "hold", "recover", "endurance"],
+        Literal["start-up", "estimate", "estimate-coarse", "detect", "shock", "hold", "recover", "endurance"],
         typer.Argument(help="What is put to the test; endurance: the covariance over many ticks."),
     ],
     trials: Annotated[
