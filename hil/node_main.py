@@ -56,7 +56,7 @@ def firmware_main(
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_firmware(parameters)
-    start = await_start(sync) if again else Start(0)
+    start = await_restart() if again else Start(0)
     with joined(bus, FIRMWARE_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
         runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick)
@@ -85,7 +85,7 @@ def plant_main(
     pace = Pace(loaded.period_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_plant(loaded.scene)
-    start = await_start(sync) if again else Start(0)
+    start = await_restart() if again else Start(0)
     with joined(bus, ACCEPTED_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
         runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
@@ -154,6 +154,14 @@ def await_start(sync: bool) -> Start:
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
 
 
+def await_restart() -> Start:
+    """As `await_start`, for a node that prepares itself while others' loops run: at ordinary priority."""
+    report = become_realtime(NODE)
+    leave_realtime()
+    print(READY, json.dumps(report._asdict()), flush=True)
+    return read_start()
+
+
 def run_loop(
     runner: FirmwareRunner | PlantRunner,
     pace: Pace,
@@ -165,6 +173,8 @@ def run_loop(
     sync: bool,
 ) -> None:
     """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
+    if start.first_tick > 0:
+        become_realtime(NODE)
     clock: Clock = MonotonicClock()
     ticks = pace.ticks
     if clock_faults.any:

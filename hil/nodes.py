@@ -84,7 +84,8 @@ class PlantRunner:
         if out_dir is not None:
             fields = [("", PlantRecord), ("", LoopTiming)]
             again = first_tick > 0
-            self._trace = TraceWriter(out_dir / "plant.trace", fields, pace.expected_records, again)
+            expected = 0 if again else pace.expected_records
+            self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again)
             self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)], resume=again)
 
     def restart(self, tick: int) -> None:
@@ -146,7 +147,8 @@ class FirmwareRunner:
                 ("", LoopTiming),
             ]
             again = first_tick > 0
-            self._trace = TraceWriter(out_dir / "firmware.trace", fields, pace.expected_records, again)
+            expected = 0 if again else pace.expected_records
+            self._trace = TraceWriter(out_dir / "firmware.trace", fields, expected, again)
 
     def _power_up(self, tick: int) -> None:
         self.node = powered_up(self._file.read(tick * self._period_s))
