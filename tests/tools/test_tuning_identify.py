@@ -16,7 +16,8 @@ from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
 from tools.tuning.blows import contact_time_s, fit_blow, pulse, seen
 from tools.tuning.flights import contacts_of, flights_of, integrals
-from tools.tuning.identify import Law, bench_of, identify, tune_identify
+from tools.tuning.identify import bench_of, identify, tune_identify
+from tools.tuning.laws import Law
 from tools.tuning.readings import Readings, read
 from tools.tuning.result import Tuning
 
@@ -145,7 +146,25 @@ def test_both_laws_at_once_are_told(tmp_path: Path) -> None:
     tuning, found, _ = tune_identify(run)
     assert found.law == Law.BOTH
     assert tuning.values["friction.mu"] == pytest.approx(0.05, rel=0.02)
-    assert tuning.values["friction.b_n_s_m"] == pytest.approx(0.1, rel=0.15)
+    assert tuning.values["friction.b_n_s_m"] == pytest.approx(0.1, rel=0.05)
+    assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
+
+
+def test_a_rise_towards_rest_is_told_and_measured(tmp_path: Path) -> None:
+    run = record(
+        tmp_path / "stribeck",
+        {"law": "stribeck", "mu": 0.12, "mu_s": 0.18, "v_s_m_s": 0.07, "delta": 1.0},
+        {"friction": {"b_n_s_m": 0.0, "mu": 0.12}, "drive": {"amplitude_m": 0.03}},
+        0.0305,
+        1.1,
+        30.0,
+    )
+    tuning, found, _ = tune_identify(run)
+    assert found.law == Law.STRIBECK
+    assert tuning.values["friction.mu"] == pytest.approx(0.12, rel=0.02)
+    assert tuning.figures_of_merit["stribeck_mu_s"].value == pytest.approx(0.18, rel=0.02)
+    assert tuning.figures_of_merit["stribeck_v_s"].value == pytest.approx(0.07, rel=0.1)
+    assert tuning.figures_of_merit["stribeck_delta"].value == 1.0
     assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
 
 

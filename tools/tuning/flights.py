@@ -40,11 +40,11 @@ SHORTEST_FLIGHT_S = 0.1
 STILL_M_S2 = 0.15
 STILL_S = 0.04
 """A striker whose reading varies by less for so long stands still: nothing to be learnt but the offset."""
-SLOW_M_S = 0.03
+SLOW_M_S = 0.015
 """Slower than this the sign of v is not sure enough for dry friction."""
 
-COLUMNS = ("X", "sin θ", "V", "sign v", "t²")
-STIFFNESS, CRANK, DAMPING, DRY, CURVE = range(5)
+STIFFNESS, CRANK, DAMPING, DRY, CURVE, RISE = range(6)
+"""Columns of the regressors: X, sin θ, V, sign v, t², and what `laws` adds for Stribeck's rise."""
 
 
 class Contact(NamedTuple):
@@ -56,7 +56,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class Flight:
-    """Rows `begin` to `end` (behind the last); `regressors` of shape (n, 5) with the sign still 0."""
+    """Rows `begin` to `end` (behind the last); `regressors` of shape (n, 6); sign and rise are still 0."""
 
     begin: int
     end: int
@@ -124,7 +124,8 @@ def _flight(readings: Readings, begin: int, end: int, contact: Contact | None, d
     velocity, way = integrals(z, T)
     angle = readings.angle_rad[begin:end]
     delayed = angle - delay_s * np.gradient(angle, T)
-    columns = np.column_stack([way, np.sin(delayed), velocity, np.zeros(len(z)), t * t])
+    nothing = np.zeros(len(z))
+    columns = np.column_stack([way, np.sin(delayed), velocity, nothing, t * t, nothing])
     return Flight(begin, end, t, z, columns, contact)
 
 

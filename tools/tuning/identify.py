@@ -1,10 +1,10 @@
 """The striker's parameters from one recorded log: stiffness by mass, friction law, crank radius, stop, k.
 
 Only what went over CAN is used: the accelerometer and the encoder. `flights` says how a free flight is linear
-in the parameters; here all flights are put together (least squares), the friction law is chosen by the
-Bayesian information criterion (Schwarz 1978), and flights are drawn again with replacement for the bounds
-(bootstrap, Efron 1979), since errors within a flight hang together. Where and how fast the striker touches
-down follows from the flight before, and `blows` says when, how stiffly and with which restitution.
+in the parameters and `laws` how all flights are put together and the friction law is chosen; here flights
+are drawn again with replacement for the bounds (bootstrap, Efron 1979), since errors within a flight hang
+together. Where and how fast the striker touches down follows from the flight before, and `blows` says when,
+how stiffly and with which restitution.
 
 Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the believed mass,
 places for the believed l0.
@@ -12,14 +12,12 @@ places for the believed l0.
 
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
 from scipy.ndimage import uniform_filter1d
 
 from firmware_py.interface.records import OperatorCommand
@@ -32,17 +30,28 @@ from tools.output import BadInputError
 from tools.tuning.blows import contact_time_s, fit_blow
 from tools.tuning.flights import (
     CRANK,
-    CURVE,
     DAMPING,
-    DRY,
-    SLOW_M_S,
     STIFFNESS,
     Contact,
     Flight,
     contacts_of,
     flights_of,
     integrals,
-    standing_still,
+)
+from tools.tuning.laws import (
+    READING,
+    Fit,
+    Law,
+    Normals,
+    Striker,
+    begun,
+    candidates,
+    fitting,
+    normals,
+    prepared,
+    solved,
+    speed_m_s,
+    with_signs,
 )
 from tools.tuning.readings import Readings, can_log_of, read
 from tools.tuning.result import Merit, Tuning, Value, tuned
@@ -53,17 +62,11 @@ FloatArray = NDArray[np.float64]
 RESAMPLES = 500
 SIGN_PASSES = 8
 """How often the sign of v is taken anew from the last fit; it settles after four."""
-OUTLYING = 4.0
-"""Times the median of the flights' mean squared residuals: left out."""
 FEWEST_FLIGHTS = 8
-FEWEST_SAMPLES = 50
-"""Of a flight; fewer say nothing beyond its own offset and slope."""
 WIDE_SHARE = 0.1
 """Bounds wider than this share of the value: the log cannot tell."""
 CONDITION_LIMIT = 1e5
 """Of the normalised normal matrix; beyond, regressors are each other's shadow."""
-MERGED_SAMPLES = 10
-"""So many neighbouring samples count as one where laws are compared: their errors hang together."""
 AFTER_ROWS = 3
 """Of a contact that still belong to the blow."""
 FEWEST_BLOWS = 5
@@ -72,43 +75,6 @@ UNEXPLAINED = 3.0
 """Times the sensor's noise."""
 GRAZING_M_S = 0.1
 """Slower blows place the stop badly."""
-
-
-class Law(StrEnum):
-    """Friction laws that are told apart."""
-
-    VISCOUS = "viscous"
-    COULOMB = "coulomb"
-    BOTH = "coulomb and viscous"
-
-
-USED = {
-    Law.VISCOUS: (STIFFNESS, CRANK, DAMPING, CURVE),
-    Law.COULOMB: (STIFFNESS, CRANK, DRY, CURVE),
-    Law.BOTH: (STIFFNESS, CRANK, DAMPING, DRY, CURVE),
-}
-
-
-class Striker(NamedTuple):
-    """By unit of mass: κ = c/m, d = b/m, f = μ g; A and the accelerometer's offset β."""
-
-    stiffness_1_s2: float
-    amplitude_m: float
-    damping_1_s: float
-    dry_m_s2: float
-    offset_m_s2: float
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A law fitted: the striker, the root of the mean squared residual, samples and their criterion."""
-
-    law: Law
-    striker: Striker
-    residual_m_s2: float
-    samples: int
-    criterion: float
-    condition: float
 
 
 class Blow(NamedTuple):
@@ -152,128 +118,41 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
             "record some seconds with the crank turning"
         )
     swing = _swing_m_s(readings)
-    signed, chosen = _with_signs(
-        flights, [swing[flight.begin : flight.end] for flight in flights], readings.period_s
-    )
-    matrices = _normals(signed, chosen)
+    signed = with_signs(flights, [swing[one.begin : one.end] for one in flights], readings.period_s)
+    as_they_are = [None] * len(flights)
+    matrices = normals(signed.flights, signed.chosen, as_they_are)
     for _ in range(SIGN_PASSES):
-        striker = _solved(matrices, Law.BOTH)
-        speeds = [_speed(flight, mask, striker) for flight, mask in zip(signed, chosen, strict=True)]
-        signed, chosen = _with_signs(flights, speeds, readings.period_s)
-        matrices = _fitting(_normals(signed, chosen), chosen)
-    fits = {law: _fit(matrices, chosen, law) for law in Law}
-    law = min(fits.values(), key=lambda fit: fit.criterion).law
+        striker = solved(matrices, Law.BOTH)
+        speeds = [
+            speed_m_s(flight, mask, striker)
+            for flight, mask in zip(signed.flights, signed.chosen, strict=True)
+        ]
+        signed = with_signs(flights, speeds, readings.period_s)
+        matrices = fitting(normals(signed.flights, signed.chosen, as_they_are), signed.chosen)
+    fitted = candidates(prepared(signed, matrices))
+    law = min(fitted, key=lambda one: fitted[one].fit.criterion)
+    chosen = fitted[law]
     blows = tuple(
         blow
-        for flight in signed
+        for flight in chosen.flights
         if flight.contact is not None
-        and (blow := _blow(readings, flight, flight.contact, fits[law].striker, bandwidth_hz)) is not None
+        and (blow := _blow(readings, flight, flight.contact, chosen.fit, bandwidth_hz)) is not None
     )
     noise = np.random.default_rng(seed)
+    says = chosen.matrices.own[:, READING, READING] > 0.0
     return Identified(
-        fits=fits,
+        fits={law: one.fit for law, one in fitted.items()},
         law=law,
-        bounds=_bounds(matrices, law, noise) | _bounds_of_blows(blows, noise),
+        bounds=_bounds(chosen.matrices, law, noise) | _bounds_of_blows(blows, noise),
         blows=blows,
         flights=len(flights),
-        used=tuple(flight for flight, matrix in zip(signed, matrices, strict=True) if matrix[5, 5] > 0.0),
-        left_out=int(np.count_nonzero(matrices[:, 5, 5] == 0.0)),
-        seconds=fits[law].samples * readings.period_s,
+        used=tuple(flight for flight, one in zip(chosen.flights, says, strict=True) if one),
+        left_out=int(np.count_nonzero(~says)),
+        seconds=chosen.fit.samples * readings.period_s,
     )
 
 
 # --- flights ------------------------------------------------------------------------------------------
-
-
-def _normals(flights: list[Flight], chosen: list[NDArray[np.bool_]]) -> FloatArray:
-    """Each flight's normal matrix of regressors and reading, its own line projected out: (n, 6, 6)."""
-    matrices = np.zeros((len(flights), 6, 6))
-    for number, (flight, mask) in enumerate(zip(flights, chosen, strict=True)):
-        if mask.sum() < FEWEST_SAMPLES:
-            continue
-        rows = np.column_stack([flight.regressors, flight.z_m_s2])[mask]
-        own = np.column_stack([np.ones(mask.sum()), flight.t_s[mask]])
-        rows = rows - own @ lstsq(own, rows)[0]
-        matrices[number] = rows.T @ rows
-    return matrices
-
-
-def _fitting(matrices: FloatArray, chosen: list[NDArray[np.bool_]]) -> FloatArray:
-    """The normal matrices without those of flights that no law fits: a wrong sign of v, a stick, a knock.
-
-    Each flight's residual is taken against what all of them say, and held against the flights' median.
-    """
-    found = _coefficients(matrices.sum(axis=0), Law.BOTH)
-    with_reading = np.append(-found, 1.0)
-    squares = np.einsum("i,nij,j->n", with_reading, matrices, with_reading)
-    counts = np.array([mask.sum() for mask in chosen])
-    says = matrices[:, 5, 5] > 0.0
-    mean = squares / np.maximum(counts, 1)
-    kept = says & (mean <= OUTLYING * np.median(mean[says]))
-    return np.where(kept[:, None, None], matrices, 0.0)
-
-
-def _coefficients(total: FloatArray, law: Law) -> FloatArray:
-    """Least squares from a normal matrix, its columns scaled to be alike; 0 for what is unused."""
-    used = np.array(USED[law])
-    normal = total[np.ix_(used, used)]
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    found = np.zeros(5)
-    found[used] = lstsq(normal / np.outer(scale, scale), total[used, 5] / scale)[0] / scale
-    return found
-
-
-def _striker(coefficients: FloatArray) -> Striker:
-    # (−κ, κ A, −d, −f, κ β/2)
-    k = -coefficients[STIFFNESS]
-    return Striker(
-        stiffness_1_s2=float(k),
-        amplitude_m=float(coefficients[CRANK] / k),
-        damping_1_s=float(-coefficients[DAMPING]),
-        dry_m_s2=float(-coefficients[DRY]),
-        offset_m_s2=float(2.0 * coefficients[CURVE] / k),
-    )
-
-
-def _solved(matrices: FloatArray, law: Law) -> Striker:
-    return _striker(_coefficients(matrices.sum(axis=0), law))
-
-
-def _fit(matrices: FloatArray, chosen: list[NDArray[np.bool_]], law: Law) -> Fit:
-    total = matrices.sum(axis=0)
-    found = _coefficients(total, law)
-    samples = sum(int(mask.sum()) for mask, one in zip(chosen, matrices, strict=True) if one[5, 5] > 0.0)
-    squares = float(total[5, 5] - 2.0 * found @ total[:5, 5] + found @ total[:5, :5] @ found)
-    used = np.array(USED[law])
-    normal = total[np.ix_(used, used)]
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    merged = samples / MERGED_SAMPLES
-    return Fit(
-        law=law,
-        striker=_striker(found),
-        residual_m_s2=float(np.sqrt(max(squares, 0.0) / samples)),
-        samples=samples,
-        criterion=float(merged * np.log(max(squares, 1e-300) / samples) + len(used) * np.log(merged)),
-        condition=float(np.linalg.cond(normal / np.outer(scale, scale))),
-    )
-
-
-def _start(flight: Flight, mask: NDArray[np.bool_], striker: Striker) -> tuple[float, float]:
-    """Where a flight began past l0, and how fast: x0 − l0 and v0, from its own offset and slope."""
-    k, amplitude, d, f, offset = striker
-    shared = np.array([-k, k * amplitude, -d, -f, 0.5 * k * offset])
-    own = np.column_stack([np.ones(mask.sum()), flight.t_s[mask]])
-    p0, p1 = lstsq(own, flight.z_m_s2[mask] - flight.regressors[mask] @ shared)[0]
-    v0 = (d * offset - p1) / k
-    return float((offset - d * v0 - p0) / k), float(v0)
-
-
-def _speed(flight: Flight, mask: NDArray[np.bool_], striker: Striker) -> FloatArray:
-    """v over a flight; 0 where the striker never moves."""
-    if mask.sum() < FEWEST_SAMPLES:
-        return np.zeros(len(flight.t_s))
-    _, v0 = _start(flight, mask, striker)
-    return v0 + flight.regressors[:, DAMPING] - striker.offset_m_s2 * flight.t_s
 
 
 def _swing_m_s(readings: Readings) -> FloatArray:
@@ -288,30 +167,17 @@ def _swing_m_s(readings: Readings) -> FloatArray:
     return v
 
 
-def _with_signs(
-    flights: list[Flight], speeds_m_s: list[FloatArray], period_s: float
-) -> tuple[list[Flight], list[NDArray[np.bool_]]]:
-    """The flights with the sign of v, and which samples to use: those that move."""
-    signed, chosen = [], []
-    for flight, v in zip(flights, speeds_m_s, strict=True):
-        columns = flight.regressors.copy()
-        columns[:, DRY] = np.sign(v)
-        signed.append(replace(flight, regressors=columns))
-        chosen.append(~standing_still(flight, period_s) & (np.abs(v) > SLOW_M_S))
-    return signed, chosen
-
-
 def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
-    """v, and d v + f sign v: what is left of the reading once spring and crank are taken off."""
-    k, amplitude, _, _, offset = found.fit.striker
+    """v, and what is left of the reading once spring and crank are taken off: friction by unit of mass."""
+    striker = found.fit.striker
+    k, offset = striker.stiffness_1_s2, striker.offset_m_s2
     speeds, left = [], []
     for flight in found.used:
-        moving = np.ones(len(flight.t_s), bool)
-        x0, v0 = _start(flight, moving, found.fit.striker)
+        x0, v0 = begun(flight, np.ones(len(flight.t_s), bool), striker)
         t = flight.t_s
         x = x0 + v0 * t + flight.regressors[:, STIFFNESS] - 0.5 * offset * t * t
         speeds.append(v0 + flight.regressors[:, DAMPING] - offset * t)
-        left.append(offset - k * (x - amplitude * flight.regressors[:, CRANK]) - flight.z_m_s2)
+        left.append(offset - k * (x - striker.amplitude_m * flight.regressors[:, CRANK]) - flight.z_m_s2)
     return np.concatenate(speeds), np.concatenate(left)
 
 
@@ -319,12 +185,13 @@ def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
 
 
 def _blow(
-    readings: Readings, flight: Flight, contact: Contact, striker: Striker, bandwidth_hz: float
+    readings: Readings, flight: Flight, contact: Contact, fitted_law: Fit, bandwidth_hz: float
 ) -> Blow | None:
     """Where and how fast the striker touched down, and what the stop made of it; None for a weak blow."""
     T = readings.period_s
-    k, amplitude, d, f, offset = striker
-    x0, v0 = _start(flight, np.ones(len(flight.t_s), bool), striker)
+    striker = fitted_law.striker
+    k, amplitude, d, f, _, offset = striker
+    x0, v0 = begun(flight, np.ones(len(flight.t_s), bool), striker)
     last = contact.before - flight.begin
     end = min(contact.after + AFTER_ROWS, len(readings.acceleration_m_s2))
     z = readings.acceleration_m_s2[flight.begin : end]
@@ -371,10 +238,13 @@ def _quantiles(values: FloatArray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _bounds(matrices: FloatArray, law: Law, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
+def _bounds(matrices: Normals, law: Law, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
     """Of the striker's quantities, over flights drawn with replacement."""
-    n = len(matrices)
-    drawn = [_solved(matrices[noise.integers(n, size=n)], law) for _ in range(RESAMPLES)]
+    n = len(matrices.own)
+    drawn = [
+        solved(Normals(matrices.own[rows], matrices.crossed[rows]), law)
+        for rows in (noise.integers(n, size=n) for _ in range(RESAMPLES))
+    ]
     return {name: _quantiles(np.array([getattr(one, name) for one in drawn])) for name in Striker._fields}
 
 
@@ -450,6 +320,10 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
         "blows": Merit(float(len(found.blows)), "1"),
         "fitted": Merit(found.seconds, "s"),
     }
+    if found.law == Law.STRIBECK:
+        merits["stribeck_mu_s"] = Merit((striker.dry_m_s2 + striker.rise_m_s2) / STANDARD_GRAVITY_M_S2, "1")
+        merits["stribeck_v_s"] = Merit(found.fit.rise.v_s_m_s, "m/s")
+        merits["stribeck_delta"] = Merit(found.fit.rise.delta, "1")
     if found.blows:
         merits["blows_misfit"] = Merit(float(np.median([blow.misfit for blow in found.blows])), "1")
     tuning = Tuning(

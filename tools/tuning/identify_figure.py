@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from tools.tuning.identify import Identified, Law, friction_points
+from tools.tuning.identify import Identified, friction_points
+from tools.tuning.laws import Law
 from tools.tuning.readings import Readings
 
-COLOURS = {Law.VISCOUS: "tab:blue", Law.COULOMB: "tab:orange", Law.BOTH: "tab:green"}
+COLOURS = {Law.VISCOUS: "tab:blue", Law.COULOMB: "tab:orange", Law.BOTH: "tab:green", Law.STRIBECK: "tab:red"}
 
 
 def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
@@ -38,9 +39,10 @@ def _friction(axes: Any, found: Identified) -> None:
     axes.plot(v, left, ",", color="gray", alpha=0.5, rasterized=True)
     grid = np.linspace(np.min(v), np.max(v), 400)
     for law, fit in found.fits.items():
-        d, f = fit.striker.damping_1_s, fit.striker.dry_m_s2
+        d, f, h = fit.striker.damping_1_s, fit.striker.dry_m_s2, fit.striker.rise_m_s2
         width = 2.5 if law == found.law else 1.0
-        axes.plot(grid, d * grid + f * np.sign(grid), color=COLOURS[law], lw=width, label=law.value)
+        dry = f + h * np.exp(-((np.abs(grid) / fit.rise.v_s_m_s) ** fit.rise.delta))
+        axes.plot(grid, d * grid + dry * np.sign(grid), color=COLOURS[law], lw=width, label=law.value)
     axes.set(xlabel="v [m/s]", ylabel="friction by mass [m/s²]", title="what slows the striker")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3)

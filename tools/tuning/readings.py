@@ -32,6 +32,17 @@ class Readings(NamedTuple):
     pieces: tuple[tuple[int, int], ...]
 
 
+class Ticks(NamedTuple):
+    """The sensors' frames, a row a tick, shape (n,); NaN where none came."""
+
+    period_s: float
+    low_m_s2: FloatArray
+    high_m_s2: FloatArray
+    housing_m_s2: FloatArray
+    position_rev: FloatArray
+    velocity_rev_s: FloatArray
+
+
 def can_log_of(source: Path) -> Path:
     """The CAN log of a run folder, or the log itself."""
     path = source / "can.log" if source.is_dir() else source
@@ -42,13 +53,17 @@ def can_log_of(source: Path) -> Path:
 
 def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_S) -> Readings:
     """The readings of a run folder or of a candump log."""
+    return of_ticks(read_ticks(source, period_s), low_full_scale_m_s2)
+
+
+def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
+    """The sensors' frames of a run folder or of a candump log."""
     path = can_log_of(source)
-    bus = parse_candump(path.read_bytes())
-    return of_bus(bus, low_full_scale_m_s2, period_s, str(path))
+    return ticks_of(parse_candump(path.read_bytes()), period_s, str(path))
 
 
-def of_bus(bus: BusLog, low_full_scale_m_s2: float, period_s: float, name: str = "the log") -> Readings:
-    """Both sensors on one row of ticks; a tick that lacks one of them ends a piece."""
+def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
+    """Both sensors' frames on one row of ticks."""
     felt, turned = heard(bus, Accelerometer), heard(bus, EncoderEstimates)
     if len(felt.t_s) < 2 or len(turned.t_s) < 2:
         raise BadInputError(
@@ -58,10 +73,16 @@ def of_bus(bus: BusLog, low_full_scale_m_s2: float, period_s: float, name: str =
     of_felt, of_turned = tick_numbers(felt.t_s, period_s), tick_numbers(turned.t_s, period_s)
     first = min(int(of_felt[0]), int(of_turned[0]))
     count = max(int(of_felt[-1]), int(of_turned[-1])) - first + 1
-    low, high, housing, angle = (np.full(count, np.nan) for _ in range(4))
-    low[of_felt - first], high[of_felt - first] = felt.signals[:, 0], felt.signals[:, 1]
-    housing[of_felt - first] = felt.signals[:, 2]
-    angle[of_turned - first] = 2.0 * np.pi * turned.signals[:, 0]
+    columns = np.full((5, count), np.nan)
+    columns[:3, of_felt - first] = felt.signals[:, :3].T
+    columns[3:, of_turned - first] = turned.signals[:, :2].T
+    return Ticks(period_s, *columns)
+
+
+def of_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
+    """One reading of both ranges, the angle without its turns; a tick that lacks a sensor ends a piece."""
+    period_s, low, high, housing, position_rev, _ = ticks
+    angle = 2.0 * np.pi * position_rev
     quiet = np.abs(low) < QUIET_SHARE * low_full_scale_m_s2
     offset_m_s2 = float(np.median((high - low)[quiet])) if quiet.any() else 0.0
     clipped = np.abs(low) >= CLIPPED_SHARE * low_full_scale_m_s2
