@@ -31,7 +31,7 @@ def suite(verdict: Mapping[str, Any]) -> Element:
     for check in checks:
         case = SubElement(element, "testcase", classname=verdict["scenario"], name=check["name"])
         properties = SubElement(case, "properties")
-        for key in ("value", "unit", "limit", "seed", "passed_seeds"):
+        for key in ("value", "unit", "limit", "seed", "passed_seeds", "lowest", "highest"):
             if key in check:
                 SubElement(properties, "property", name=key, value=str(check[key]))
         if not check["passed"]:

@@ -100,7 +100,14 @@ def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
         "seeds": 1,
         **verdict,
         "page": quote(os.path.relpath(page, beside)) if page.exists() else None,
-        "worst": [{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
+        "worst": [
+            {
+                **check,
+                "shown": shown(check["value"], check["unit"]),
+                "range": [shown(check.get(side), check["unit"]) for side in ("lowest", "highest")],
+            }
+            for check in verdict["checks"]
+        ],
         "wrong": [
             *verdict["reasons"],
             *(f"{check['name']} is {junit.measured(check)}" for check in failed),

@@ -28,12 +28,18 @@ def margin(check: Check, value: Any) -> float:
 
 
 def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """One check's results by seed as one: the worst value, its seed, and in how many seeds it passed."""
+    """One check's results by seed as one: the value nearest to or furthest beyond its limit, and its seed;
+    the lowest and the highest value, where they are numbers; in how many seeds it passed.
+    """
     seed = min(results, key=lambda one: (results[one]["passed"], margin(check, results[one]["value"])))
+    values = [one["value"] for one in results.values()]
+    numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
     return {
         **results[seed],
         "seed": seed,
         "passed_seeds": sum(bool(one["passed"]) for one in results.values()),
+        "lowest": min(numbers, default=None),
+        "highest": max(numbers, default=None),
     }
 
 

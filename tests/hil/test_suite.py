@@ -152,6 +152,8 @@ def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> 
         CHECKS, {1: verdict(120.0, "impact"), 2: verdict(178.0, "impact"), 3: verdict(93.0, "impact")}
     )
     assert (good["passed"], good["checks"][0]["value"], good["checks"][0]["seed"]) == (True, 178.0, 2)
+    assert [good["checks"][0][side] for side in ("lowest", "highest")] == [93.0, 178.0]
+    assert [good["checks"][1][side] for side in ("lowest", "highest")] == [None, None]
     bad = merged(CHECKS, {1: verdict(120.0, "lost"), 2: verdict(190.0, "impact"), 3: verdict(None, "none")})
     assert (bad["passed"], bad["passed_seeds"], bad["failed_seeds"]) == (False, 0, [1, 2, 3])
     assert [(one["value"], one["seed"], one["passed_seeds"]) for one in bad["checks"]] == [

@@ -86,10 +86,13 @@ def show(result: dict[str, Any]) -> None:
 
 
 def line_of(check: dict[str, Any], many: bool) -> str:
-    """A check's figure beside its limit; of many seeds the worst one."""
+    """A check's figure beside its limit; of many seeds their range, and the seed that came nearest to it."""
     value = figure(check["value"], check["unit"])
+    if not many:
+        return f"[red]{check['name']} = {value}, wanted {check['limit']}[/]"
+    if check["lowest"] is not None and check["lowest"] < check["highest"]:
+        value = f"{figure(check['lowest'], '')} … {figure(check['highest'], check['unit'])}"
     text = f"{check['name']} = {value}, wanted {check['limit']}"
     if check["passed"]:
         return f"[dim]{text}[/]"
-    seeds = f", in seed {check['seed']}; {check['passed_seeds']} passed" if many else ""
-    return f"[red]{text}{seeds}[/]"
+    return f"[red]{text}, not met in seed {check['seed']}; met in {check['passed_seeds']} seeds[/]"
