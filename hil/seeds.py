@@ -1,12 +1,45 @@
-"""One scenario in many seeds: one verdict of all of them, with the worst figure of each check."""
+"""One scenario in many seeds: noise and the moment of its fault drawn anew; one verdict of all of them.
 
+The verdict has the worst figure of each check.
+"""
+
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from hil.checks import Check
+from hil.scenario import Scenario, check_scenario
 
 BEYOND = -math.inf
+
+AS_WRITTEN = 1
+"""The seed in which faults come when the scenario says."""
+DRIVE_PERIOD_S = 0.61
+"""At r = 1.1, where faults are provoked: so much later a fault comes at the same phase again."""
+SEED_OF_MOMENTS = 4000
+"""Apart from the seeds of all faults."""
+
+
+def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
+    """The scenario with all from its first fault on later, by up to a drive period, as the seed draws it.
+
+    What is wrong from the start stays so.
+    """
+    first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
+    if seed == AS_WRITTEN or first_s == 0.0:
+        return scenario
+    ticks = DRIVE_PERIOD_S / scenario.period_s
+    by_ticks = int(np.random.default_rng([seed, SEED_OF_MOMENTS]).integers(1, int(ticks)))
+    document = copy.deepcopy(dict(scenario.document))
+    script = document["script"]
+    for line in [script, *script.get("commands", []), *script["faults"]]:
+        key = "duration_s" if line is script else "at_s"
+        if line is script or line[key] >= first_s:
+            line[key] = round(line[key] + by_ticks * scenario.period_s, 6)
+    return check_scenario(document, scenario.name)
 
 
 def margin(check: Check, value: Any) -> float:

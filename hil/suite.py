@@ -12,7 +12,7 @@ from hil import junit, run_folder, rundir
 from hil.bench import ClockName, Outcome, Progress, run_scenario
 from hil.report import write_suite_report
 from hil.scenario import Scenario, load_scenario, scenario_names
-from hil.seeds import merged
+from hil.seeds import at_another_moment, merged
 
 PROCESSES = 2
 """Runs at once in lockstep; more gain little on two cores."""
@@ -39,9 +39,10 @@ def scenarios_for(names: Sequence[str], clock: ClockName) -> tuple[list[Scenario
 
 def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) -> list[Case]:
     """A run for each scenario and seed, each in a folder of its own."""
-    many = len(seeds) > 1
+    if len(seeds) == 1:
+        return [Case(one, seeds[0], folder / one.name, False) for one in scenarios]
     return [
-        Case(one, seed, folder / one.name / f"seed-{seed}" if many else folder / one.name, many)
+        Case(at_another_moment(one, seed), seed, folder / one.name / f"seed-{seed}", True)
         for one in scenarios
         for seed in seeds
     ]
