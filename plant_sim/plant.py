@@ -10,7 +10,7 @@ from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
-from plant_sim.result import EnergyLedger, MotionState, Observation, Phase
+from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.scene import Scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
 from plant_sim.sensors import SensorReading, Sensors
@@ -23,6 +23,7 @@ from plant_sim.solvers.adaptive import (
     SolverError,
     advance,
     complaint,
+    electrical_ledger,
     ledger,
     motion_state,
     observation,
@@ -58,7 +59,7 @@ class Plant:
     def __init__(self, scene: Scene, seed: int) -> None:
         self.scene = scene
         self.parts = scene.parts()
-        initial = initial_state(scene)
+        initial = initial_state(scene, self.parts)
         self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
         self._sensors: Sensors | None = None
         self._probe: Probe = NoSensing()
@@ -177,6 +178,11 @@ class Plant:
     def energy(self) -> EnergyLedger:
         """Where the energy went since the start."""
         return ledger(self.now)
+
+    @property
+    def electrical(self) -> ElectricalLedger | None:
+        """Where that at the motor's terminals went; None where its windings are not modelled."""
+        return electrical_ledger(self.parts, self._memory)
 
 
 def warm(scene: Scene) -> None:

@@ -86,6 +86,27 @@ class EnergyLedger:
 
 
 @dataclass(frozen=True, slots=True)
+class ElectricalLedger:
+    """work = shaft + copper + magnetic, all in joules since the start.
+
+    `work_j` is that at the motor's terminals, `shaft_j` the `drive_work_j` of the other ledger, `magnetic_j`
+    what the currents' own fields hold.
+    """
+
+    work_j: float
+    shaft_j: float
+    copper_j: float
+    magnetic_j: float
+
+    @property
+    def residual(self) -> float:
+        """What does not balance, as a fraction of the energy exchanged; 0 where none was."""
+        error = self.work_j - self.shaft_j - self.copper_j - self.magnetic_j
+        exchanged_j = abs(self.work_j) + abs(self.shaft_j) + self.copper_j + self.magnetic_j
+        return abs(error) / exchanged_j if exchanged_j > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Impacts:
     """One entry an impact: touch-down time, approach velocity v⁻ > 0, velocity after it, impulse, peak force.
 
@@ -123,3 +144,5 @@ class SimulationResult:
     notes: tuple[str, ...] = field(default=())
     peak_felt_force_n: float | None = None
     """Largest force of ankle spring and damper on the wearer; None where nobody wears the module."""
+    electrical: ElectricalLedger | None = None
+    """None where the motor's windings are not modelled."""

@@ -6,7 +6,7 @@ is not there.
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -28,9 +28,11 @@ from plant_sim.parts.restitution import (
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import Ankle, NoWearer
+from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
     CoulombTable,
+    DqMotorDriveTable,
     HuntCrossleyTable,
     IdealDriveTable,
     InitialTable,
@@ -46,8 +48,10 @@ from plant_sim.scene_tables import (
     StribeckTable,
     StrikerTable,
     Table,
+    TorqueDriveTable,
     ViscousTable,
     WearerTable,
+    WindingTable,
 )
 
 SCENES = Path(__file__).parent / "scenes"
@@ -63,8 +67,8 @@ class Scene(Table):
     striker: StrikerTable = Field(
         description="the table [striker] with mass_kg, spring_n_m and rest_length_m"
     )
-    drive: Annotated[IdealDriveTable | MotorDriveTable, Field(discriminator="model")] = Field(
-        description="the table [drive] with model and amplitude_m"
+    drive: Annotated[IdealDriveTable | MotorDriveTable | DqMotorDriveTable, Field(discriminator="model")] = (
+        Field(description="the table [drive] with model and amplitude_m")
     )
     friction: Annotated[
         NoFrictionTable | ViscousTable | CoulombTable | StribeckTable, Field(discriminator="law")
@@ -75,16 +79,22 @@ class Scene(Table):
     initial: InitialTable = InitialTable()
     solver: SolverTable = SolverTable()
     motor: MotorTable | None = Field(default=None, description="the table [motor]")
+    winding: WindingTable | None = Field(default=None, description="the table [winding]")
     sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
     housing: MotionTable | None = Field(default=None, description="the table [housing]")
     wearer: WearerTable | None = Field(default=None, description="the table [wearer]")
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Self:
-        if self.motor is not None and self.drive.model != "motor":
+        if self.motor is not None and self.drive.model == "ideal":
             raise ValueError(
                 f"motor is given while drive.model = {self.drive.model!r}; "
                 "delete the table [motor], or set drive.model = 'motor'"
+            )
+        if self.winding is not None and self.drive.model != "dq-motor":
+            raise ValueError(
+                f"winding is given while drive.model = {self.drive.model!r}; "
+                "delete the table [winding], or set drive.model = 'dq-motor'"
             )
         if isinstance(self.stop, RigidStopTable) and self.initial_x_m > self.stop.position_m:
             key = "initial.x_m" if self.initial.x_m is not None else "striker.rest_length_m"
@@ -165,6 +175,7 @@ class Scene(Table):
             Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
             self._housing(),
             NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values()),
+            self._winding(),
         )
 
     def _striker(self) -> Striker:
@@ -193,7 +204,7 @@ class Scene(Table):
 
     def _drive(self) -> Drive:
         drive = self.drive
-        if isinstance(drive, MotorDriveTable):
+        if isinstance(drive, TorqueDriveTable):
             motor = self.motor or MotorTable()
             return MotorDrive(drive.amplitude_m, drive.phase_rad, **motor.model_dump())
         units = (
@@ -203,6 +214,18 @@ class Scene(Table):
         )
         speed = sum(value * unit for value, unit in units if value is not None)  # exactly one is given
         return IdealDrive(drive.amplitude_m, speed, drive.phase_rad)
+
+    def _winding(self) -> Winding:
+        if not isinstance(self.drive, DqMotorDriveTable):
+            return Settled()
+        winding, inductance_h = self.winding or WindingTable(), (self.motor or MotorTable()).inductance_h
+        return DqWinding(
+            winding.d_inductance_h or inductance_h,
+            winding.q_inductance_h or inductance_h,
+            winding.bandwidth_rad_s,
+            _unevenness((wave.order, wave.amplitude_n_m, wave.phase_rad) for wave in winding.cogging),
+            _unevenness((wave.order, wave.share, wave.phase_rad) for wave in winding.ripple),
+        )
 
     def _friction(self) -> Friction:
         friction = self.friction
@@ -229,6 +252,12 @@ class Scene(Table):
             dissipation = hunt_crossley_dissipation(stop.restitution)
             return HuntCrossley(stop.position_m, stiffness, HERTZ_EXPONENT, dissipation)
         return NoStop()
+
+
+def _unevenness(waves: Iterable[tuple[int, float, float]]) -> Unevenness:
+    """Waves of an order, an amplitude and a phase."""
+    found = tuple(Wave(float(order), amplitude, phase_rad) for order, amplitude, phase_rad in waves)
+    return Waves(found) if found else Smooth()
 
 
 def scene_names() -> list[str]:

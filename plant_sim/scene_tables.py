@@ -82,10 +82,9 @@ class IdealDriveTable(CrankTable):
 _SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
 
 
-class MotorDriveTable(CrankTable):
+class TorqueDriveTable(CrankTable):
     """The crank on a motor that is commanded a torque."""
 
-    model: Literal["motor"]
     phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
 
     @model_validator(mode="before")
@@ -98,6 +97,18 @@ class MotorDriveTable(CrankTable):
                     "own speed; delete it, or set drive.model = 'ideal'"
                 )
         return data
+
+
+class MotorDriveTable(TorqueDriveTable):
+    """A motor whose current follows at once what is asked of it, as far as limit and supply allow."""
+
+    model: Literal["motor"]
+
+
+class DqMotorDriveTable(TorqueDriveTable):
+    """A motor with its windings in the rotor's frame, current loop, bus voltage, cogging and ripple."""
+
+    model: Literal["dq-motor"]
 
 
 class NoFrictionTable(Table):
@@ -295,6 +306,39 @@ class MotorTable(Table):
     dry_n_m: float = Field(default=5e-3, ge=0.0, description="the dry loss in N m")
     # Three times the crank's speed at r = 1.3 of table1, 1.6 times gait's at r = 1.
     speed_limit_rad_s: float = Field(default=40.0, gt=0.0, description="the drive's speed limit in rad/s")
+
+
+class CoggingTable(Table):
+    """[[winding.cogging]]: a wave of the magnets' torque on the slots."""
+
+    order: int = Field(ge=1, description="the number of periods in a turn of the crank")
+    amplitude_n_m: float = Field(ge=0.0, description="the amplitude in N m")
+    phase_rad: float = Field(default=0.0, description="the phase at θ = 0 in rad, of a sine")
+
+
+class RippleTable(Table):
+    """[[winding.ripple]]: a wave of the magnets' flux, and with it of torque and back-EMF."""
+
+    order: int = Field(ge=1, description="the number of periods in an electrical turn, p θ")
+    share: float = Field(ge=0.0, lt=1.0, description="the amplitude as a share of the mean flux, below 1")
+    phase_rad: float = Field(default=0.0, description="the phase at θ = 0 in rad, of a sine")
+
+
+class WindingTable(Table):
+    """[winding]: what a dq-motor has beside [motor], whose R and L are a phase's and K_t per peak ampere."""
+
+    d_inductance_h: float | None = Field(
+        default=None, gt=0.0, description="the inductance along the magnets in H (default: the motor's)"
+    )
+    q_inductance_h: float | None = Field(
+        default=None, gt=0.0, description="the inductance across them in H (default: the motor's)"
+    )
+    # An ODrive's own default. With the 1 ms tick of the torque command a faster loop shows little.
+    bandwidth_rad_s: float = Field(
+        default=1000.0, gt=0.0, description="the bandwidth of the current loop in rad/s"
+    )
+    cogging: list[CoggingTable] = Field(default=[], description="the tables [[winding.cogging]]")
+    ripple: list[RippleTable] = Field(default=[], description="the tables [[winding.ripple]]")
 
 
 class AccelerometerTable(Table):

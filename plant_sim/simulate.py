@@ -7,6 +7,7 @@ import numpy as np
 
 from plant_sim.methods import choose
 from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene
 from plant_sim.solvers import adaptive, exact, stepping
@@ -30,11 +31,12 @@ def simulate(
         raise SimulationError(f"torque_n_m = {torque_n_m}: wanted a finite motor torque, in N m")
     if samples_s is not None and not (math.isfinite(samples_s) and samples_s > 0.0):
         raise SimulationError(f"samples_s = {samples_s}: wanted a positive, finite spacing, in s")
-    parts, initial = scene.parts(), initial_state(scene)
+    parts = scene.parts()
+    initial = initial_state(scene, parts)
     if torque_n_m != 0.0 and isinstance(parts.drive, IdealDrive):
         raise SimulationError(
             f"torque_n_m = {torque_n_m} is given for an ideal drive, which takes none; "
-            "leave it out, or set drive.model = 'motor'"
+            "leave it out, or set drive.model = 'motor' or 'dq-motor'"
         )
     grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
     level = levelled(parts)
@@ -50,9 +52,9 @@ def simulate(
     return result if choice.note is None else replace(result, notes=(*result.notes, choice.note))
 
 
-def initial_state(scene: Scene) -> MotionState:
-    """The module at t = 0; its phase is for the solver to find."""
-    drive = scene.parts().drive
+def initial_state(scene: Scene, parts: Parts | None = None) -> MotionState:
+    """The module at t = 0; its phase is for the solver to find. `parts` are the scene's, if at hand."""
+    drive = (parts or scene.parts()).drive
     return MotionState(
         t_s=0.0,
         x_m=scene.initial_x_m,

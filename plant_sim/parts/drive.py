@@ -57,3 +57,19 @@ def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
     current_a = min(max(current_a, -drive.current_limit_a), drive.current_limit_a)
     current_a = min(current_a, (drive.supply_v - back_emf_v) / drive.resistance_ohm)
     return max(current_a, (-drive.supply_v - back_emf_v) / drive.resistance_ohm)
+
+
+@by_part
+def motor_torque_n_m(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
+    """Torque on the crank, N m, of the current that flows for a commanded one."""
+    raise NotImplementedError
+
+
+@law(motor_torque_n_m, IdealDrive)
+def _(drive: IdealDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    return 0.0
+
+
+@law(motor_torque_n_m, MotorDrive)
+def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
+    return drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, omega_rad_s)

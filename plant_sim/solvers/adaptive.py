@@ -9,15 +9,31 @@ import math
 import numpy as np
 
 from plant_sim.kernels import by_part, jit, law, subroutine, unowned
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import is_level, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, is_worn
-from plant_sim.result import EnergyLedger, Impacts, MotionState, Observation, Phase, Samples, SimulationResult
+from plant_sim.parts.winding import DqWinding, Settled, Winding
+from plant_sim.result import (
+    ElectricalLedger,
+    EnergyLedger,
+    Impacts,
+    MotionState,
+    Observation,
+    Phase,
+    Samples,
+    SimulationResult,
+)
 from plant_sim.sensing import NoSensing, Probe, is_sensing, note_readings, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
+from plant_sim.solvers.currents import (
+    magnetic_energy_j,
+    turning_current_a,
+    turning_torque_n_m,
+    voltage_may_end,
+)
 from plant_sim.solvers.dop853 import attempt, extend
 from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, angle_at, first_event
 from plant_sim.solvers.memory import (
@@ -68,11 +84,13 @@ from plant_sim.solvers.motion import (
     CONTACT,
     FLIGHT,
     REST,
+    SPEED,
     STICK,
     Flow,
     Vector,
     ankle_place,
     closing_m_s,
+    current_place,
     derivative,
     felt_force_n,
     from_stop_m,
@@ -82,9 +100,20 @@ from plant_sim.solvers.motion import (
     plate_place,
     state_size,
     stored_energy_j,
+    terminal_place,
     work_place,
 )
-from plant_sim.solvers.transitions import apply, crank_angle, crank_speed, settle, settle_crank, turn_crank
+from plant_sim.solvers.transitions import (
+    apply,
+    crank_angle,
+    crank_speed,
+    is_voltage_limited,
+    settle,
+    settle_crank,
+    settle_voltage,
+    turn_crank,
+    voltage_zeros,
+)
 
 DONE, BUFFER_FULL, STEP_TOO_SMALL, ENDLESS_EVENTS = range(4)
 """What `advance` returns."""
@@ -126,6 +155,7 @@ def advance(
         settle(parts, memory, torque_n_m, start_s)
     elif mode[CRANK_STUCK] == 1:
         settle_crank(parts.drive, parts, memory, torque_n_m)
+    settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
     timeless = 0
     status = DONE
     while True:
@@ -164,7 +194,9 @@ def _borrowed(memory: Memory) -> Memory:
         unowned(memory.trial),
         unowned(memory.new),
         unowned(memory.dense),
-        Scratch(unowned(scratch.poly), unowned(scratch.press), unowned(scratch.stack)),
+        Scratch(
+            unowned(scratch.poly), unowned(scratch.press), unowned(scratch.stack), unowned(scratch.inner)
+        ),
     )
 
 
@@ -202,7 +234,9 @@ def _step(
             return -1.0
     _choose_next(held, place, h, error)
 
-    zeros = Zeros(mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK])
+    zeros = Zeros(
+        mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK], voltage_zeros(parts.winding, memory)
+    )
     used: float = h
     event = NONE
     has_sample = mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + h
@@ -266,6 +300,7 @@ def _flow(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> Flo
         float(mode[CRANK_DIRECTION]),
         mode[CRANK_STUCK] == 1,
         time_s,
+        is_voltage_limited(parts.winding, memory),
     )
 
 
@@ -302,7 +337,39 @@ def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Ve
     has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
     if has_stop and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
         return True
-    return _crank_may_halt(parts.drive, flow, h_s, y, new, k)
+    return _crank_may_halt(parts.drive, flow, h_s, y, new, k) or _voltage_may_end(
+        parts.winding, parts.drive, parts, flow, h_s, y, new, k
+    )
+
+
+@by_part
+def _voltage_may_end(
+    winding: Winding, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
+) -> bool:
+    raise NotImplementedError
+
+
+@law(_voltage_may_end, Settled)
+def _(
+    winding: Settled, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
+) -> bool:
+    return False
+
+
+@law(_voltage_may_end, DqWinding)
+def _(
+    winding: DqWinding,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    new: Vector,
+    k: Vector,
+) -> bool:
+    return flow.voltage_limited or voltage_may_end(
+        winding, drive, flow.torque_n_m, h_s, y, new, k, SPEED, current_place(parts)
+    )
 
 
 @by_part
@@ -486,9 +553,9 @@ def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
             flow.damping_s_m,
         )
     angle, speed = crank_angle(parts.drive, memory), crank_speed(parts.drive, memory)
-    current = motor_current_a(parts.drive, torque_n_m, speed)
-    observed[CURRENT] = current
-    observed[MOTOR_TORQUE] = _torque_of(parts.drive, current)
+    winding, place = parts.winding, current_place(parts)
+    observed[CURRENT] = turning_current_a(winding, parts.drive, torque_n_m, speed, y, place)
+    observed[MOTOR_TORQUE] = turning_torque_n_m(winding, parts.drive, torque_n_m, angle, speed, y, place)
     observed[FELT_FORCE] = felt_force_n(parts.wearer, parts.drive, y)
     work = work_place(parts)
     observed[DRIVE_WORK] = y[work]
@@ -506,21 +573,6 @@ def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
     limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
     if flow.phase == REST and held_force_n(parts, angle, y, time_s) < limit:
         observed[PHASE_NOW] = STICK  # friction holds it there, the stop does not have to
-
-
-@by_part
-def _torque_of(drive: Drive, current_a: float) -> float:
-    raise NotImplementedError
-
-
-@law(_torque_of, IdealDrive)
-def _(drive: IdealDrive, current_a: float) -> float:
-    return 0.0
-
-
-@law(_torque_of, MotorDrive)
-def _(drive: MotorDrive, current_a: float) -> float:
-    return drive.torque_constant_n_m_a * current_a
 
 
 class SolverError(RuntimeError):
@@ -575,6 +627,7 @@ def simulate(
             t_s=grid, x_m=samples[:, 0] + origin, v_m_s=samples[:, 1].copy(), crank_rad=samples[:, 2] % TURN
         ),
         peak_felt_force_n=peak_felt_force_n(parts, memory),
+        electrical=electrical_ledger(parts, memory),
     )
 
 
@@ -639,3 +692,17 @@ def ledger(now: Observation) -> EnergyLedger:
 def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
     """Largest force on the wearer so far, N; None where nobody wears the module."""
     return float(memory.contact[PEAK_FELT]) if is_worn(parts.wearer) else None
+
+
+def electrical_ledger(parts: Parts, memory: Memory) -> ElectricalLedger | None:
+    """Where the energy at the motor's terminals went so far; None where its windings are not modelled."""
+    if not isinstance(parts.winding, DqWinding):
+        return None
+    terminal, currents = terminal_place(parts), current_place(parts)
+    i_d, i_q = memory.y[currents : currents + 2].tolist()
+    return ElectricalLedger(
+        work_j=float(memory.y[terminal]),
+        shaft_j=float(memory.y[work_place(parts)]),
+        copper_j=float(memory.y[terminal + 1]),
+        magnetic_j=magnetic_energy_j(parts.winding, i_d, i_q),
+    )

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from plant_sim.kernels import by_part, law, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import sine_at
@@ -24,6 +24,7 @@ from plant_sim.parts.stop import (
     origin_m,
 )
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
+from plant_sim.parts.winding import DqWinding, Settled, Winding
 from plant_sim.solvers.bernstein import (
     DEGREE,
     NO_ROOT,
@@ -33,6 +34,7 @@ from plant_sim.solvers.bernstein import (
     interpolate,
     without_root_at_start,
 )
+from plant_sim.solvers.currents import voltage_excess
 from plant_sim.solvers.motion import (
     CONTACT,
     DEPTH,
@@ -45,12 +47,15 @@ from plant_sim.solvers.motion import (
     Vector,
     closing_m_s,
     crank_load_n_m,
+    crank_net_n_m,
+    current_place,
     from_stop_m,
     held_force_n,
 )
 
-NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK = range(9)
-"""Reach the stop; leave it; clear one that let go early, or press into it again; halt; slide; the crank's."""
+NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
+"""Reach the stop; leave it; clear one that let go early, or press into it again; halt; slide; the crank's;
+the bus limits a current loop, or no longer does."""
 
 TURN = 2.0 * math.pi
 
@@ -67,6 +72,7 @@ class Zeros(NamedTuple):
     depth: int
     velocity: int
     crank: int
+    voltage: int
 
 
 class Found(NamedTuple):
@@ -77,11 +83,15 @@ class Found(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Arrays that only root finding writes: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3)."""
+    """Arrays that only root finding writes: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3).
+
+    `inner` is the motion within a step, which only windings ask for.
+    """
 
     poly: Vector
     press: Vector
     stack: Vector
+    inner: Vector
 
 
 @subroutine
@@ -206,14 +216,117 @@ def _(
         return earlier(
             found, CRANK_HALT, root(dense[SPEED], -flow.crank_direction, 0.0, zeros.crank, scratch)
         )
-    # At rest the net torque is linear in the striker's place: net(0) + slope (place − place(0)).
+    return earlier(found, CRANK_BREAK, break_event(parts.winding, drive, parts, flow, y, dense, scratch))
+
+
+@by_part
+def break_event(
+    winding: Winding,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    """First s at which the torque on a resting crank passes its dry loss."""
+    raise NotImplementedError
+
+
+@law(break_event, Settled)
+def _(
+    winding: Settled,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    """At rest the net torque is linear in the striker's place: net(0) + slope (place − place(0))."""
     place = _place(parts.wearer, drive, dense, scratch)
     slope = crank_load_n_m(parts, y[2], 0.0) - crank_load_n_m(parts, y[2], 1.0)
-    torque = drive.torque_constant_n_m_a * motor_current_a(drive, flow.torque_n_m, 0.0)
-    net = torque - crank_load_n_m(parts, y[2], 0.0)
+    net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[2], 0.0)
     upward = root(place, slope, net - drive.dry_n_m, 0, scratch)
-    downward = root(place, -slope, -net - drive.dry_n_m, 0, scratch)
-    return earlier(earlier(found, CRANK_BREAK, upward), CRANK_BREAK, downward)
+    return min(upward, root(place, -slope, -net - drive.dry_n_m, 0, scratch))
+
+
+@law(break_event, DqWinding)
+def _(
+    winding: DqWinding,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    y: Vector,
+    dense: Vector,
+    scratch: Scratch,
+) -> float:
+    values, net = scratch.poly, scratch.press
+    for i in range(DEGREE + 1):
+        look_within(dense, NODES[i], scratch)
+        values[i] = crank_net_n_m(parts, flow.torque_n_m, y[2], scratch.inner)
+    interpolate(values, net)
+    upward = root(net, 1.0, -drive.dry_n_m, 0, scratch)
+    return min(upward, root(net, -1.0, -drive.dry_n_m, 0, scratch))
+
+
+@subroutine
+def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
+    """The motion within a step, into `scratch.inner`."""
+    for i in range(dense.shape[0]):
+        scratch.inner[i] = evaluate(dense[i], DEGREE, s)
+
+
+@by_part
+def voltage_events(
+    winding: Winding,
+    drive: Drive,
+    parts: Parts,
+    flow: Flow,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    """The earlier of `found` and the bus's beginning, or ending, to limit the current loop."""
+    raise NotImplementedError
+
+
+@law(voltage_events, Settled)
+def _(
+    winding: Settled,
+    drive: Drive,
+    parts: Parts,
+    flow: Flow,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    return found
+
+
+@law(voltage_events, DqWinding)
+def _(
+    winding: DqWinding,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    zeros: Zeros,
+    dense: Vector,
+    scratch: Scratch,
+    found: Found,
+) -> Found:
+    values, excess = scratch.poly, scratch.press
+    place = current_place(parts)
+    for i in range(DEGREE + 1):
+        look_within(dense, NODES[i], scratch)
+        omega = scratch.inner[SPEED]
+        values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
+    interpolate(values, excess)
+    if flow.voltage_limited:
+        return earlier(found, UNLIMIT, root(excess, -1.0, 0.0, zeros.voltage, scratch))
+    return earlier(found, LIMIT, root(excess, 1.0, 0.0, zeros.voltage, scratch))
 
 
 @by_part
@@ -401,6 +514,7 @@ def first_event(
     found = Found(NONE, NO_ROOT)
     limit = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
     found = crank_events(parts.drive, parts, flow, y, zeros, dense, scratch, found)
+    found = voltage_events(parts.winding, parts.drive, parts, flow, zeros, dense, scratch, found)
     if flow.phase in (STICK, REST):
         s = release_event(parts.housing, parts, flow, h_s, y, angle_rad, dense, scratch)
         return earlier(found, RELEASE, s)

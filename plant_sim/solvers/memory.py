@@ -11,6 +11,7 @@ from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_soft, origin_m
 from plant_sim.parts.wearer import is_worn
+from plant_sim.parts.winding import DqWinding
 from plant_sim.result import MotionState
 from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE
 from plant_sim.solvers.dop853 import STAGES
@@ -30,7 +31,10 @@ from plant_sim.solvers.motion import Vector, housing_place, integrals, state_siz
     IN_IMPACT,
     IMPACTS,
     SAMPLES,
-) = range(11)
+    VOLTAGE_LIMITED,
+    ZERO_VOLTAGE,
+) = range(13)
+"""The last two with windings only."""
 
 UNSETTLED = -1
 """Phase of a module whose first phase the solver has yet to find."""
@@ -108,7 +112,8 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
     angle = initial.crank_rad % TURN
     if has_motor:
         y[2], y[3] = angle, initial.omega_rad_s
-    mode = np.zeros(11, dtype=np.int64)
+    has_winding = isinstance(parts.winding, DqWinding)
+    mode = np.zeros(13 if has_winding else 11, dtype=np.int64)
     mode[PHASE] = UNSETTLED
     held = np.zeros(6 if has_motor else 7)
     held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / natural
@@ -132,6 +137,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
             poly=np.zeros(DEGREE + 1),
             press=np.zeros(DEGREE + 1),
             stack=np.zeros((DEEPEST_HALVING + 2, DEGREE + 3)),
+            inner=np.zeros(motion if has_winding else 0),
         ),
     )
 
@@ -148,6 +154,12 @@ def _scale(parts: Parts, accuracy: float) -> Vector:
         motion += [1.0 / length, natural / length]
     if is_worn(parts.wearer):
         motion += [1.0, natural]
+    if isinstance(drive, MotorDrive) and isinstance(parts.winding, DqWinding):
+        # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
+        winding, alpha = parts.winding, parts.winding.bandwidth_rad_s
+        current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural / length
+        motion += [current, current, alpha * winding.d_inductance_h * current]
+        motion += [alpha * winding.q_inductance_h * current]
     force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
     ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
     ledger += [force] * (state_size(parts) - housing_place(parts))

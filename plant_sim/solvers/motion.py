@@ -4,9 +4,10 @@ m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop;  J θ'' = T − T_viscous
 m_f (p'' + a_b) = F_stop − k_a p − d_a p'.
 
 The state holds only what the parts have: depth and velocity; the crank's angle and speed with a motor; the
-foot plate's place and velocity with a wearer; then the ledger's integrals: work of the drive, friction, with
-a stop its loss, with a soft one its impulse, with a tilted or moving housing its work, with a wearer the
-ankle's loss. Depth is x − x_stop − p, so that it keeps its digits at the stop.
+foot plate's place and velocity with a wearer; with windings their currents and the current loop's integrals;
+then the ledger's integrals: work of the drive, friction, with a stop its loss, with a soft one its impulse,
+with a tilted or moving housing its work, with a wearer the ankle's loss, with windings the work at their
+terminals and the copper's loss. Depth is x − x_stop − p, so that it keeps its digits at the stop.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, shared, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import friction_force_n
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
@@ -33,7 +34,14 @@ from plant_sim.parts.stop import (
     stop_force_n,
 )
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
+from plant_sim.parts.winding import cogging_energy_j, cogging_n_m
 from plant_sim.result import Phase
+from plant_sim.solvers.currents import (
+    turning_torque_n_m,
+    winding_derivative,
+    winding_integrals,
+    winding_size,
+)
 
 Vector = NDArray[np.float64]
 
@@ -60,6 +68,8 @@ class Flow(NamedTuple):
     crank_stuck: bool
     time_s: float
     """At the step's start."""
+    voltage_limited: bool
+    """Whether the bus limits a current loop."""
 
 
 @by_part
@@ -95,9 +105,15 @@ def _(wearer: Ankle) -> int:
 
 
 @shared
+def current_place(parts: Parts) -> int:
+    """Place of the windings' currents in the state, where it has them."""
+    return plate_place(parts.drive) + plate_size(parts.wearer)
+
+
+@shared
 def work_place(parts: Parts) -> int:
     """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
-    return plate_place(parts.drive) + plate_size(parts.wearer)
+    return current_place(parts) + winding_size(parts.winding)
 
 
 @by_part
@@ -166,9 +182,15 @@ def ankle_place(parts: Parts) -> int:
 
 
 @shared
+def terminal_place(parts: Parts) -> int:
+    """Place of the work at a motor's terminals in the state, where it has windings."""
+    return ankle_place(parts) + wearer_integrals(parts.wearer)
+
+
+@shared
 def state_size(parts: Parts) -> int:
     """Length of the integrated state."""
-    return ankle_place(parts) + wearer_integrals(parts.wearer)
+    return terminal_place(parts) + winding_integrals(parts.winding)
 
 
 @by_part
@@ -315,26 +337,41 @@ def _(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> tuple[float, fl
 
 @by_part
 def crank_derivative(
-    drive: Drive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector
+    drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, omega_rad_s: float, work: int, out: Vector
 ) -> float:
     """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
     raise NotImplementedError
 
 
 @law(crank_derivative, IdealDrive)
-def _(drive: IdealDrive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector) -> float:
+def _(
+    drive: IdealDrive,
+    flow: Flow,
+    torque_n_m: float,
+    load_n_m: float,
+    omega_rad_s: float,
+    work: int,
+    out: Vector,
+) -> float:
     out[work] = load_n_m * omega_rad_s
     return 0.0
 
 
 @law(crank_derivative, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, load_n_m: float, omega_rad_s: float, work: int, out: Vector) -> float:
+def _(
+    drive: MotorDrive,
+    flow: Flow,
+    torque_n_m: float,
+    load_n_m: float,
+    omega_rad_s: float,
+    work: int,
+    out: Vector,
+) -> float:
     if flow.crank_stuck:
         out[2] = 0.0
         out[3] = 0.0
         out[work] = 0.0
         return 0.0
-    torque_n_m = drive.torque_constant_n_m_a * motor_current_a(drive, flow.torque_n_m, omega_rad_s)
     loss_n_m = drive.viscous_n_m_s * omega_rad_s + drive.dry_n_m * flow.crank_direction
     out[2] = omega_rad_s
     out[3] = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
@@ -353,11 +390,14 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     spring = striker.spring_n_m * (piston + reach - from_stop_m(parts.wearer, drive, y))
     load = crank_torque_n_m(parts.linkage, spring, drive.amplitude_m, theta)
     work = work_place(parts)
-    crank_loss = crank_derivative(drive, flow, load, omega, work, out)
+    place = current_place(parts)
+    torque = turning_torque_n_m(parts.winding, drive, flow.torque_n_m, theta, omega, y, place)
+    held_back = load - cogging_n_m(parts.winding, theta)
+    crank_loss = crank_derivative(drive, flow, torque, held_back, omega, work, out)
     closing = closing_m_s(parts.wearer, drive, y)
     a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
-    for place in range(work + 2, work + integrals(stop)):
-        out[place] = 0.0
+    for account in range(work + 2, work + integrals(stop)):
+        out[account] = 0.0
     elastic = 0.0
     push = 0.0
     if is_soft(stop) and in_touch(flow.phase, depth):
@@ -376,6 +416,18 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
         out[work + 1] = crank_loss
     _plate_derivative(parts.wearer, parts, push, a_b, y, out)
     _housing_derivative(parts.housing, parts, a_b, y, out)
+    winding_derivative(
+        parts.winding,
+        drive,
+        flow.torque_n_m,
+        flow.voltage_limited,
+        theta,
+        omega,
+        y,
+        place,
+        terminal_place(parts),
+        out,
+    )
 
 
 @subroutine
@@ -407,6 +459,15 @@ def crank_load_n_m(parts: Parts, theta_rad: float, place_m: float) -> float:
     return crank_torque_n_m(parts.linkage, spring, amplitude_m, theta_rad)
 
 
+@subroutine
+def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+    """Torque, N m, on a crank at rest at `angle_rad`, apart from its dry loss."""
+    place = current_place(parts)
+    torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, angle_rad, 0.0, y, place)
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    return torque + cogging_n_m(parts.winding, angle_rad) - load
+
+
 @by_part
 def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
     """Kinetic energy, J, of what the motor turns; an ideal drive's is its own affair."""
@@ -425,7 +486,7 @@ def _(drive: MotorDrive, omega_rad_s: float) -> float:
 
 @subroutine
 def stored_energy_j(parts: Parts, phase: int, y: Vector, theta_rad: float, omega_rad_s: float) -> float:
-    """Energy, J, in striker, coupling spring, stop's spring, rotor, foot plate and ankle."""
+    """Energy, J, in striker, coupling spring, stop's spring, rotor, cogging, foot plate and ankle."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     depth_m, v_m_s = y[0], y[1]
     piston = piston_m(parts.linkage, drive.amplitude_m, theta_rad)
@@ -435,4 +496,5 @@ def stored_energy_j(parts: Parts, phase: int, y: Vector, theta_rad: float, omega
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
     energy += plate_energy_j(parts.wearer, drive, y)
+    energy += cogging_energy_j(parts.winding, theta_rad)
     return energy + rotor_energy_j(drive, omega_rad_s)

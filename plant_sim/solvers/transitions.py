@@ -9,7 +9,7 @@ STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 import math
 
 from plant_sim.kernels import by_part, law, subroutine
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_current_a
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2, housing_m_s3
 from plant_sim.parts.linkage import crank_torque_n_m
@@ -30,18 +30,22 @@ from plant_sim.parts.stop import (
     stop_force_n,
 )
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
+from plant_sim.parts.winding import DqWinding, Settled, Winding
 from plant_sim.sensing import Probe, sense_jump
+from plant_sim.solvers.currents import voltage_excess
 from plant_sim.solvers.events import (
     CLEAR,
     CRANK_BREAK,
     CRANK_HALT,
     HALT,
     LEAVE,
+    LIMIT,
     NEAR_RAD,
     PRESS,
     RELEASE,
     TOUCH,
     TURN,
+    UNLIMIT,
 )
 from plant_sim.solvers.memory import (
     APPROACH,
@@ -65,9 +69,11 @@ from plant_sim.solvers.memory import (
     TOUCH_SPEED,
     TOUCH_TIME,
     TURNS,
+    VOLTAGE_LIMITED,
     ZERO_CRANK,
     ZERO_DEPTH,
     ZERO_VELOCITY,
+    ZERO_VOLTAGE,
     Memory,
 )
 from plant_sim.solvers.motion import (
@@ -76,8 +82,8 @@ from plant_sim.solvers.motion import (
     REST,
     STICK,
     closing_m_s,
-    crank_load_n_m,
-    from_stop_m,
+    crank_net_n_m,
+    current_place,
     held_force_n,
     work_place,
 )
@@ -194,8 +200,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
     if y[3] != 0.0:
         mode[CRANK_DIRECTION] = 1 if y[3] > 0.0 else -1
         return
-    torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
-    net = torque - crank_load_n_m(parts, y[2], from_stop_m(parts.wearer, drive, y))
+    net = crank_net_n_m(parts, torque_n_m, y[2], y)
     mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
     mode[ZERO_CRANK] = 1
     if abs(net) <= drive.dry_n_m:
@@ -224,6 +229,78 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
         _halt_crank(parts.drive, parts, memory, torque_n_m)
     elif event == CRANK_BREAK:
         _break_crank(parts.drive, parts, memory, torque_n_m)
+    elif event in (LIMIT, UNLIMIT):
+        _limit_voltage(parts.winding, memory, event)
+
+
+@by_part
+def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Whether the bus limits the current loop from now on, the torque asked for being this."""
+    raise NotImplementedError
+
+
+@law(settle_voltage, Settled)
+def _(winding: Settled, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    return
+
+
+@law(settle_voltage, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    place, omega = current_place(parts), crank_speed(drive, memory)
+    excess = voltage_excess(winding, drive, torque_n_m, omega, memory.y, place)
+    memory.mode[VOLTAGE_LIMITED] = 1 if excess > 0.0 else 0
+    memory.mode[ZERO_VOLTAGE] = 0
+
+
+@by_part
+def _limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
+    raise NotImplementedError
+
+
+@law(_limit_voltage, Settled)
+def _(winding: Settled, memory: Memory, event: int) -> None:
+    return
+
+
+@law(_limit_voltage, DqWinding)
+def _(winding: DqWinding, memory: Memory, event: int) -> None:
+    memory.mode[VOLTAGE_LIMITED] = 1 if event == LIMIT else 0
+    memory.mode[ZERO_VOLTAGE] = 1
+
+
+@by_part
+def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
+    """Whether the bus limits a current loop now."""
+    raise NotImplementedError
+
+
+@law(is_voltage_limited, Settled)
+def _(winding: Settled, memory: Memory) -> bool:
+    return False
+
+
+@law(is_voltage_limited, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> bool:
+    limited: bool = memory.mode[VOLTAGE_LIMITED] == 1
+    return limited
+
+
+@by_part
+def voltage_zeros(winding: Winding, memory: Memory) -> int:
+    """How many derivatives of the voltage's excess are zero at the step's start; forgets them."""
+    raise NotImplementedError
+
+
+@law(voltage_zeros, Settled)
+def _(winding: Settled, memory: Memory) -> int:
+    return 0
+
+
+@law(voltage_zeros, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> int:
+    zeros: int = memory.mode[ZERO_VOLTAGE]
+    memory.mode[ZERO_VOLTAGE] = 0
+    return zeros
 
 
 @by_part
@@ -254,8 +331,7 @@ def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
 
 @law(_break_crank, MotorDrive)
 def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    torque = drive.torque_constant_n_m_a * motor_current_a(drive, torque_n_m, 0.0)
-    net = torque - crank_load_n_m(parts, memory.y[2], from_stop_m(parts.wearer, drive, memory.y))
+    net = crank_net_n_m(parts, torque_n_m, memory.y[2], memory.y)
     memory.mode[CRANK_STUCK] = 0
     memory.mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
     memory.mode[ZERO_CRANK] = 2

@@ -139,7 +139,7 @@ def test_equal_parts_give_equal_types_however_numbers_are_written() -> None:
         (
             "table1-viscous",
             {"drive.model": "ideel"},
-            "drive.model = 'ideel' is none of ideal, motor; did you mean ideal?",
+            "drive.model = 'ideel' is none of ideal, motor, dq-motor; did you mean ideal?",
         ),
         (
             "table1-viscous",

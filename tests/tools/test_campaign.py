@@ -231,6 +231,8 @@ def test_parts_that_campaigns_do_not_know_are_refused() -> None:
     supported(load_scene({**read_scene("table1-motor-soft"), "housing": {"tilt_rad": 0.1}}))
     with pytest.raises(BadInputError, match=r"nobody wears.*\[wearer\]"):
         supported(load_scene({**read_scene("table1-motor-soft"), "wearer": worn}))
+    with pytest.raises(BadInputError, match="dq-motor"):
+        supported(load_scene("table1-dq-motor"))
 
 
 def test_a_drawn_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:

@@ -21,6 +21,7 @@ from plant_sim.parts.housing import housing_m_s2, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley
 from plant_sim.parts.wearer import NoWearer
+from plant_sim.parts.winding import Settled
 from plant_sim.result import MotionState
 from plant_sim.sensing import HOUSING, SPEED_ESTIMATE, NoSensing, Sensing, driven
 from plant_sim.solvers.events import CRANK_HALT, HALT, LEAVE, NONE, RELEASE, TOUCH
@@ -134,6 +135,7 @@ def advance(
             float(mode[CRANK_DIRECTION]),
             mode[CRANK_STUCK] == 1,
             now_s,
+            False,
         )
         derivative(parts, flow, 0.0, y, module.k1)
         _step(parts, flow, module, h_s)
@@ -299,6 +301,6 @@ def _parabola(a0: float, a1: float, mean: float) -> tuple[float, float]:
 
 
 def is_supported(parts: Parts) -> bool:
-    """Whether the campaign's plant knows these parts: a motor, a soft stop that nobody wears."""
-    is_worn = not isinstance(parts.wearer, NoWearer)
-    return not is_worn and isinstance(parts.drive, MotorDrive) and isinstance(parts.stop, HuntCrossley)
+    """Whether the campaign's plant knows these parts: a torque-mode motor, a soft stop that nobody wears."""
+    is_plain = isinstance(parts.wearer, NoWearer) and isinstance(parts.winding, Settled)
+    return is_plain and isinstance(parts.drive, MotorDrive) and isinstance(parts.stop, HuntCrossley)
