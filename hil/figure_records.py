@@ -147,7 +147,8 @@ class FaultFigures:
         float | None, Quantity("rad/s", "largest crank speed from the fault's begin on, either way round")
     ]
     peak_force_n: Annotated[
-        float | None, Quantity("N", "largest force on the stop of blows from the fault's begin on")
+        float | None,
+        Quantity("N", "largest force on the stop of blows from the fault's begin on; 0 without any"),
     ]
     impacts_again_after_s: Annotated[
         float | None,
@@ -156,6 +157,18 @@ class FaultFigures:
     turning_at_end_rad_s: Annotated[
         float | None, Quantity("rad/s", "mean crank speed over the run's last half second")
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class FeltFigures:
+    """The force of ankle spring and damper on the wearer, at the ticks; none where there is no wearer."""
+
+    peak_n: Annotated[float | None, Quantity("N", "largest force on the wearer, pushed or pulled")]
+    settled_low_n: Annotated[
+        float | None,
+        Quantity("N", "smallest of the peaks of each turn of the crank over the second half of the hold"),
+    ]
+    settled_high_n: Annotated[float | None, Quantity("N", "largest of them")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +214,7 @@ class Figures:
         float | None, Quantity("m/s", "median approach speed over the second half of the hold")
     ]
     peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
+    felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]
     estimate: Annotated[EstimateFigures, Quantity("", "the firmware's estimate against the truth")]
     detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
     speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]

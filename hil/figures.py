@@ -18,6 +18,7 @@ from hil.figure_records import (
     DetectorFigures,
     EstimateFigures,
     FaultFigures,
+    FeltFigures,
     Figures,
     Latency,
     Loops,
@@ -128,6 +129,25 @@ def peak_force(plant: Records, impacts: Records) -> float | None:
     sampled = column(plant, "stop_force_n")
     forces = np.concatenate([located[np.isfinite(located)], sampled[np.isfinite(sampled)]])
     return float(forces.max()) if len(forces) else None
+
+
+def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
+    """Peaks of the force on the wearer: of the run, and from turn to turn of the crank once settled."""
+    plant = traces.plant
+    if not traces.is_worn or len(plant) == 0:
+        return FeltFigures(None, None, None)
+    force_n = np.abs(column(plant, "felt_force_n"))
+    peak_n = float(force_n.max())
+    if hold is None:
+        return FeltFigures(peak_n, None, None)
+    late = hold.second_half().holds(column(plant, "t_s"))
+    turns = np.floor(np.unwrap(column(plant, "crank_rad")[late]) / (2.0 * np.pi))
+    starts = np.flatnonzero(np.diff(turns) > 0.0) + 1
+    if len(starts) < 2:
+        return FeltFigures(peak_n, None, None)
+    whole = force_n[late][: starts[-1]]
+    peaks_n = np.maximum.reduceat(whole, starts[:-1])
+    return FeltFigures(peak_n, float(peaks_n.min()), float(peaks_n.max()))
 
 
 def energy_residual(plant: Records) -> float | None:
@@ -331,7 +351,8 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
     strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
     strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
     zero_s = zero_after(t_s, torque_n_m, fault.start_s)
-    hit = forces[(strong_t_s >= fault.start_s) & np.isfinite(forces)]
+    forces_n = forces[strong_t_s >= fault.start_s]
+    hit = forces_n[np.isfinite(forces_n)]
     again_s = None
     if hold is not None and hold.end_s > fault.end_s:
         turning = np.abs(speed[hold.holds(t_s)])
@@ -346,7 +367,7 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
         else int(np.count_nonzero(strong_t_s > fault.start_s + zero_s)),
         largest_torque_n_m=float(np.max(np.abs(torque_n_m[since]))),
         largest_speed_rad_s=float(np.max(np.abs(speed[since]))),
-        peak_force_n=float(hit.max()) if len(hit) else None,
+        peak_force_n=float(hit.max()) if len(hit) else 0.0 if len(forces_n) == 0 else None,
         impacts_again_after_s=again_s,
         turning_at_end_rad_s=float(speed[t_s > t_s[-1] - 0.5].mean()),
     )
@@ -437,6 +458,7 @@ def figures_from(traces: RunTraces) -> Figures:
         largest_v_on_the_way_m_s=float(before.max()) if len(before) else None,
         impact_v_m_s=motion.impact_v_m_s,
         peak_force_n=peak_force(plant, impacts),
+        felt=felt_figures(traces, hold),
         estimate=estimate_figures(plant, firmware, hold),
         detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),

@@ -21,7 +21,7 @@ DARK_TRUTH, DARK_BELIEF = 0x2E6DA8FF, 0xA8691EFF
 
 class Moments(NamedTuple):
     """What to open on, in simulated seconds: the run-up, and a few drive periods close up; the fastest blow,
-    the innovation's usual σ in flight, and whether a check failed.
+    the innovation's usual σ in flight, whether a check failed, and whether somebody wears the module.
     """
 
     run_up_s: tuple[float, float]
@@ -29,6 +29,7 @@ class Moments(NamedTuple):
     largest_v_m_s: float
     innovation_std_m_s2: float
     marked: bool
+    worn: bool
 
 
 class Mark(NamedTuple):
@@ -243,8 +244,11 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
     )
 
 
-def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None) -> Any:
-    """The blows: how fast, how hard, and what they cost."""
+def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, worn: bool) -> Any:
+    """The blows: how fast, how hard, what the wearer feels of them, and what they cost."""
+    forces = [Line("/plant", "stop_force_n", "on the stop", "N", ALARM)]
+    if worn:
+        forces.append(Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER))
     return rrb.Vertical(
         rrb.Horizontal(
             plot("Approach speed", *BLOWS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
@@ -260,8 +264,8 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
             ),
         ),
         plot(
-            "Force on the stop, close up [N]",
-            Line("/plant", "stop_force_n", "force", "N", ALARM),
+            "Force, close up [N]",
+            *forces,
             span_s=detail_s,
         ),
         plot(
@@ -327,7 +331,7 @@ def layout(moments: Moments | None) -> rrb.Blueprint:
             overview(detail_s, speeds_m_s, marked=moments is not None and moments.marked),
             start_up(run_up_s, speeds_m_s),
             estimator(detail_s, (-widest_m_s2, widest_m_s2) if moments else None),
-            impacts(detail_s, speeds_m_s),
+            impacts(detail_s, speeds_m_s, worn=moments is not None and moments.worn),
             bus_and_timing(),
             about(),
         ),

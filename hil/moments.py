@@ -56,6 +56,7 @@ def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
         "detector.precision": first_false_alarm(traces),
         "fault": first(traces.firmware, "outputs.fault"),
         "peak_force_n": largest(traces.impacts, "peak_force_n"),
+        "felt": largest(traces.plant, "felt_force_n") if traces.is_worn else None,
         "largest_v_m_s": largest(traces.impacts, "v_m_s"),
         "safe_state": figures.safe_state.at_s,
         "motor_torque_after_stop_n_m": figures.safe_state.at_s,
@@ -107,6 +108,7 @@ def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Mome
         largest_v_m_s=figures.largest_v_m_s or 1.0,
         innovation_std_m_s2=usual_innovation(traces),
         marked=bool(failed),
+        worn=traces.is_worn,
         run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),
         detail_s=(left_s, left_s + CLOSE_UP_S),
     )

@@ -45,6 +45,11 @@ class RunTraces:
     outcome: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_worn(self) -> bool:
+        """Whether somebody wears the module."""
+        return "wearer" in self.scenario.get("scene", {})
+
 
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 

@@ -119,6 +119,24 @@ def test_late_wake_ups_and_long_work_are_counted_apart(made_up, tmp_path):
     assert figures.overruns == 0
 
 
+def test_what_a_wearer_feels_is_the_peak_of_the_run_and_of_each_settled_turn(made_up, tmp_path):
+    """A pull of 90 N on the way up, then a peak in each turn that is 40 N first and 60 N from 3/4 on."""
+    t_s, crank_rad = made_up.plant["t_s"], made_up.plant["crank_rad"]
+    late = t_s > HOLD_S + 0.75 * (STOP_S - HOLD_S)
+    force_n = np.where(late, 60.0, 40.0) * np.maximum(np.sin(crank_rad), 0.0)
+    force_n[np.searchsorted(t_s, HOLD_S - 0.1)] = -90.0
+    force_n[t_s > STOP_S] = 0.0
+    made_up.plant["felt_force_n"] = force_n
+    bare = figures_of(write_run(made_up, tmp_path / "bare")).felt
+    assert (bare.peak_n, bare.settled_low_n, bare.settled_high_n) == (None, None, None)
+
+    made_up.scenario["scene"]["wearer"] = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
+    felt = figures_of(write_run(made_up, tmp_path / "worn")).felt
+    assert felt.peak_n == 90.0
+    assert felt.settled_low_n == pytest.approx(40.0, rel=1e-3)
+    assert felt.settled_high_n == pytest.approx(60.0, rel=1e-3)
+
+
 def test_a_rigid_stop_has_no_peak_force(made_up, tmp_path):
     made_up.impacts["peak_force_n"][:] = np.nan
     assert figures_of(write_run(made_up, tmp_path)).peak_force_n is None

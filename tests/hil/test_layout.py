@@ -47,13 +47,14 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True))
+    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True, worn=True))
 
     fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
     fields += [
         (item.entity, item.variance) for item in plotted if isinstance(item, layout.Line) and item.variance
     ]
     assert len(fields) > 40
+    assert ("/plant", "felt_force_n") in fields
     for entity, field in fields:
         if field is not None:
             assert field in WRITTEN[entity], f"{entity} has no {field}"

@@ -116,6 +116,7 @@ def show(verdict: dict[str, Any]) -> None:
         ("impacts", len(speeds), ""),
         ("last approach speed", speeds[-1] if speeds else None, "m/s"),
         ("peak stop force", verdict["peak_force_n"], "N"),
+        ("peak felt force", verdict["felt"]["peak_n"], "N"),
         ("position RMSE", None if estimate["x_rmse_m"] is None else 1e3 * estimate["x_rmse_m"], "mm"),
         ("velocity RMSE", estimate["v_rmse_m_s"], "m/s"),
         ("detector precision", detector["precision"], ""),
