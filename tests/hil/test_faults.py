@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+from run_folder import make_run, write_run
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
@@ -23,9 +24,10 @@ from hil.faults.plant import TurnCounter
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.faults.tables import AnyFault, Fault, PhaseLoss
+from hil.figures import figures_of
 from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
-from hil.plant_node import PlantNode
+from hil.plant_node import ImpactRecord, PlantNode
 from hil.run_folder import create, note
 from hil.scenario import ScenarioError, changed, check_scenario, read_scenario, refuse_modelled_bus
 from plant_sim.scene import load_scene
@@ -422,6 +424,23 @@ def test_another_digit_is_damage_that_is_found() -> None:
         assert sum(one != other for one, other in zip(damaged, written(DEFAULTS), strict=True)) == 1
         with pytest.raises(ParameterError):
             read_back(damaged)
+
+
+@pytest.mark.parametrize(
+    ("peaks_n", "expected_n"), [([90.0, 140.0], 140.0), ([90.0], 0.0), ([90.0, math.nan], None)]
+)
+def test_the_force_after_a_fault_is_that_of_blows_after_it(
+    tmp_path: Path, peaks_n: list[float], expected_n: float | None
+) -> None:
+    made_up = make_run()
+    made_up.scenario.setdefault("script", {})["faults"] = [{"kind": "kick", "at_s": 3.0}]
+    at_s = np.array([2.5, 3.5])[: len(peaks_n)]
+    made_up.impacts.clear()
+    made_up.impacts.update(
+        {name: np.ones(len(at_s)) for name in ImpactRecord._fields}
+        | {"t_s": at_s, "peak_force_n": np.array(peaks_n)}
+    )
+    assert figures_of(write_run(made_up, tmp_path)).after_fault.peak_force_n == expected_n
 
 
 def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) -> Any:
