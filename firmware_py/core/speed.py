@@ -18,7 +18,7 @@ from firmware_py.interface.enums import ActingLimit
 
 
 class LoadBelief(NamedTuple):
-    """What turns with the crank, and the spring that it drives."""
+    """What turns with the crank, and the spring that it drives and that no striker stretches beyond its longest."""
 
     inertia_kg_m2: float
     viscous_n_m_s: float
@@ -26,6 +26,7 @@ class LoadBelief(NamedTuple):
     spring_n_m: float
     amplitude_m: float
     rest_length_m: float
+    longest_stretch_m: float
 
 
 class SpeedConfig(NamedTuple):
@@ -69,6 +70,8 @@ def crank_load(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ah
     angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
     x_m = estimate.x_m + estimate.v_m_s * ahead_s
     stretch_m = load.amplitude_m * math.sin(angle_rad) + load.rest_length_m - x_m
+    if not abs(stretch_m) <= load.longest_stretch_m:
+        return 0.0  # the estimate is lost
     return load.spring_n_m * stretch_m * load.amplitude_m * math.cos(angle_rad)
 
 

@@ -5,9 +5,11 @@ non-impact motion for every crank phase. Followed from below it can, so the spee
 
     ω(s) = ω₀ + (ω₁ − ω₀) (3 s² − 2 s³),  s = t / T
 
-with no jump in acceleration's integral anywhere and zero acceleration at both ends. Impacts in consecutive
-periods confirm the capture. Where it fails, or is lost later, the speed dips to where the impact regime alone
-exists and rises again; a bounded number of attempts, then it is said to have failed.
+with no jump in acceleration's integral anywhere and zero acceleration at both ends. A first one leads quickly
+to below resonance, where nothing strikes yet; the second is slow, so that what the striker still swings of
+its own does not add to what resonance gives it. Impacts in consecutive periods confirm the capture. Where it
+fails, or is lost later, the speed dips to where the impact regime alone exists and rises again; a bounded
+number of attempts, then it is said to have failed.
 """
 
 from enum import IntEnum
@@ -29,6 +31,7 @@ class Stage(IntEnum):
     DIP = 4
     DWELL = 5
     STOP = 6
+    APPROACH = 7
 
 
 class StartConfig(NamedTuple):
@@ -41,6 +44,8 @@ class StartConfig(NamedTuple):
     free_ratio: float
     capture_ratio: float
     dip_ratio: float
+    approach_ratio: float
+    approach_s: float
     rise_s: float
     dip_s: float
     again_s: float
@@ -201,7 +206,30 @@ def _again(config: StartConfig, state: StartState) -> StartState:
 
 
 @compiled
-def step(  # noqa: PLR0911 - stages, read top to bottom
+def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
+    """The first S-curve, from a crank that may still turn; a rise quicker than the approach needs none."""
+    turning = StartState(
+        stage=Stage.REST,
+        from_rad_s=omega_rad_s,
+        to_rad_s=omega_rad_s,
+        duration_s=1.0,
+        s=1.0,
+        target_omega_rad_s=omega_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=0,
+        captured=False,
+        failed=False,
+    )
+    approach_rad_s = config.approach_ratio * config.natural_rad_s
+    if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
+        return _curve(turning, Stage.APPROACH, approach_rad_s, config.approach_s, 0)
+    return _curve(turning, Stage.RISE, goal_rad_s, config.rise_s, 0)
+
+
+@compiled
+def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     config: StartConfig,
     state: StartState,
     mode: Mode,
@@ -229,25 +257,12 @@ def step(  # noqa: PLR0911 - stages, read top to bottom
     goal_rad_s = min(target_ratio, config.free_ratio) * config.natural_rad_s
     needs_impacts = target_ratio >= config.capture_ratio
     if state.stage in (Stage.REST, Stage.STOP):
-        # The crank may still turn.
-        turning = StartState(
-            stage=Stage.REST,
-            from_rad_s=omega_rad_s,
-            to_rad_s=omega_rad_s,
-            duration_s=1.0,
-            s=1.0,
-            target_omega_rad_s=omega_rad_s,
-            target_acceleration_rad_s2=0.0,
-            hits=0,
-            misses=0,
-            attempts=0,
-            captured=False,
-            failed=False,
-        )
-        return _curve(turning, Stage.RISE, goal_rad_s, config.rise_s, 0)
+        return _begin(config, omega_rad_s, goal_rad_s)
 
     state = _advanced(config, _counted(state, regime), elapsed_ticks)
     arrived = state.s >= 1.0
+    if state.stage == Stage.APPROACH:
+        return _curve(state, Stage.RISE, goal_rad_s, config.rise_s, 0) if arrived else state
     if state.stage == Stage.DIP:
         return _at(state, Stage.DWELL, 0, captured=False, failed=False) if arrived else state
     if state.stage == Stage.DWELL:

@@ -259,6 +259,18 @@ TABLE: tuple[Parameter, ...] = (
         "at the end of the region before it is said",
         whole=True,
     ),
+    Parameter(
+        "start.approach_ratio",
+        "1",
+        0.0,
+        1.0,
+        0.8,
+        "quickly up to here, where the striker does not strike yet",
+    ),
+    Parameter("start.approach_s", "s", 0.1, 100.0, 0.6, "quickly: for a rise that is longer than this"),
+    Parameter(
+        "limit.stretch_m", "m", 0.01, 10.0, 0.2, "an estimate beyond is lost: it does not feed the speed loop"
+    ),
 )
 """All parameters, in the order of their indices."""
 
@@ -510,6 +522,8 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             free_ratio=values["start.free_ratio"],
             capture_ratio=values["start.capture_ratio"],
             dip_ratio=values["start.dip_ratio"],
+            approach_ratio=values["start.approach_ratio"],
+            approach_s=values["start.approach_s"],
             rise_s=values["start.rise_s"],
             dip_s=values["start.dip_s"],
             again_s=values["start.again_s"],
@@ -551,6 +565,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
                 spring_n_m=values["striker.spring_n_m"],
                 amplitude_m=values["drive.amplitude_m"],
                 rest_length_m=values["striker.rest_length_m"],
+                longest_stretch_m=values["limit.stretch_m"],
             ),
             load_share=values["speed.load_share"],
             torque_limit_n_m=values["speed.torque_limit_n_m"],

@@ -33,6 +33,14 @@ def test_the_load_is_the_work_gradient_of_the_spring() -> None:
         assert load == pytest.approx(slope, abs=1e-8)
 
 
+@pytest.mark.parametrize("x_m", [-6.0, 5.0, math.nan, math.inf])
+def test_nothing_is_fed_forward_from_an_estimate_that_is_lost(x_m: float) -> None:
+    lost = ESTIMATE._replace(x_m=x_m)
+    assert speed.crank_load(CONFIG.load, CRANK, lost, 0.0) == 0.0
+    near = ESTIMATE._replace(x_m=0.12 - 0.99 * CONFIG.load.longest_stretch_m)
+    assert speed.crank_load(CONFIG.load, CRANK, near, 0.0) > 0.2
+
+
 def test_torque_never_leaves_its_limits_and_is_always_a_number() -> None:
     bad = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 15.0)
     for target, omega, x in itertools.product(bad, (0.0, 15.0, 1e3, -1e3, math.nan), bad):

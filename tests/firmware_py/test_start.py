@@ -44,13 +44,30 @@ def test_the_s_curve_starts_and_ends_flat_and_never_turns_back() -> None:
 
 
 def test_the_rise_reaches_the_target_in_its_time_without_overshoot() -> None:
-    state, targets = until(start.INITIAL, 5.2, hits=False)
-    goal = 1.3 * CONFIG.natural_rad_s
+    state, targets = until(start.INITIAL, 5.8, hits=False)
+    goal, near = 1.3 * CONFIG.natural_rad_s, CONFIG.approach_ratio * CONFIG.natural_rad_s
     assert targets[-1] == pytest.approx(goal, rel=1e-12)
     assert np.all(np.diff(targets) >= 0.0)
-    assert np.searchsorted(targets, goal * (1 - 1e-9)) == pytest.approx(5000, abs=5)
-    assert np.abs(np.diff(targets)).max() * 1000.0 == pytest.approx(1.5 * goal / CONFIG.rise_s, rel=1e-2)
+    assert np.searchsorted(targets, near * (1 - 1e-9)) == pytest.approx(1e3 * CONFIG.approach_s, abs=5)
+    whole_s = CONFIG.approach_s + CONFIG.rise_s
+    assert np.searchsorted(targets, goal * (1 - 1e-9)) == pytest.approx(1e3 * whole_s, abs=5)
+    steepest = 1e3 * np.diff(targets)[round(1e3 * CONFIG.approach_s) + 5 :].max()
+    assert steepest == pytest.approx(1.5 * (goal - near) / CONFIG.rise_s, rel=1e-2)
     assert state.stage == Stage.CONFIRM
+
+
+def test_a_whirling_crank_is_first_brought_below_resonance() -> None:
+    whirling = 1.2 * CONFIG.natural_rad_s
+    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, whirling, QUIET, 0.0, 0.0, 1)
+    assert state.stage == Stage.APPROACH
+    assert state.target_omega_rad_s == whirling
+    _, targets = until(state, CONFIG.approach_s, hits=False)
+    assert targets[-1] == pytest.approx(CONFIG.approach_ratio * CONFIG.natural_rad_s, rel=1e-3)
+
+
+def test_a_rise_that_is_quicker_than_the_approach_goes_straight_to_its_target() -> None:
+    quick = config_from({"start.rise_s": 0.1}).start
+    assert start._begin(quick, 0.0, 12.0).stage == Stage.RISE
 
 
 def test_impacts_in_consecutive_periods_capture() -> None:
