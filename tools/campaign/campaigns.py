@@ -66,6 +66,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             numbers={"duration_s": 32.0, "swing_m_s2": 0.5, **MISMATCH},
             units={
                 "capture": "s",
+                "energy": "J",
                 "overshoot": "x steady",
                 "overshoot_low": "x path",
                 "steady_v": "m/s",

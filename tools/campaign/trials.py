@@ -77,12 +77,19 @@ def steady_speed(done: Run) -> float:
     return float(np.mean(done.impacts[-LATE_IMPACTS:, APPROACH])) if len(done.impacts) else float("nan")
 
 
+def energy_j(done: Run, until_s: float) -> float:
+    """What the crank took from the command to run on: ∫ T ω dt where positive, as nothing is stored."""
+    rows = done.trace[round(RUN_S / done.tick_s) : round(until_s / done.tick_s)]
+    power_w = rows[:, columns.TRACE_TORQUE] * rows[:, columns.TRACE_OMEGA]
+    return float(np.sum(np.maximum(power_w, 0.0)) * done.tick_s)
+
+
 def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
     """Into the impact regime; the largest blow on the way beside the steady one or those of a slow way up."""
     duration_s = float(numbers["duration_s"])
     omega_rad_s = cell.ratio * config.start.natural_rad_s
     attractor = reference(drawn.scene, omega_rad_s, drawn.more)
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise)
+    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, traced=True)
     outcome.simulated_s = duration_s
     outcome.counts["drawn"] = 1
     if not attractor.exists:
@@ -103,6 +110,7 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
     if captured is None:
         return
     outcome.metrics["capture"] = captured.t_s - RUN_S
+    outcome.metrics["energy"] = energy_j(done, captured.t_s)
     times, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):

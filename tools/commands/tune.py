@@ -1,9 +1,9 @@
 """`vibrohil tune`: the firmware's parameters designed, fitted to a log, or chosen on draws; and compared."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -22,6 +22,9 @@ from tools.output import (
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
     from tools.tuning.safety import Bench, SafetyResult
+    from tools.tuning.views import Told
+
+Found = TypeVar("Found")
 
 tune = typer.Typer(
     name="tune",
@@ -34,6 +37,9 @@ Force = Annotated[
     bool, typer.Option("--force", help="Write the file although a safety scenario fails; it then says so.")
 ]
 Plot = Annotated[Path | None, typer.Option(help="Draw what explains the result into this SVG or PNG.")]
+Rrd = Annotated[
+    Path | None, typer.Option(help="Write the result as a Rerun recording, too; open it with view.")
+]
 Seed = Annotated[int | None, typer.Option(help="Of the draws to choose on, below 10000.", min=0)]
 FreshSeed = Annotated[int | None, typer.Option(help="Of the draws to judge on, from 10000 on.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
@@ -56,10 +62,53 @@ def progress_bar() -> Progress:
     )
 
 
-def refuse_other_pictures(plot: Path | None) -> None:
+class Outputs(NamedTuple):
+    """Where a command's result goes."""
+
+    out: Path
+    plot: Path | None
+    rrd: Path | None
+    force: bool
+    as_json: bool
+
+
+def refuse_other_files(outputs: Outputs) -> None:
     """Before anything is computed."""
+    plot, rrd = outputs.plot, outputs.rrd
     if plot is not None and plot.suffix not in (".svg", ".png"):
         raise BadInputError(f"--plot is {plot}: wanted a file ending in .svg or .png, e.g. tune.svg")
+    if rrd is not None and rrd.suffix != ".rrd":
+        raise BadInputError(f"--rrd is {rrd}: wanted a file ending in .rrd, e.g. tune.rrd")
+
+
+def conclude(
+    outputs: Outputs,
+    work: "Callable[[Callable[[str, float | None], None]], tuple[Tuning, Found]]",
+    draw: "Callable[[Tuning, Found, Path], None]",
+    told: "Callable[[Found], Told]",
+    more: Callable[[Found], dict[str, Any]],
+    bench: "Bench | None" = None,
+) -> None:
+    """Run a tuning, draw and record what it found, judge it, write its file, print it."""
+    from tools.tuning.recording import record_tuning
+
+    refuse_other_files(outputs)
+    with progress_bar() as bar:
+        task = bar.add_task("at work", total=None)
+
+        def progress(doing: str, share: float | None) -> None:
+            bar.update(task, description=doing, total=None if share is None else 1.0, completed=share or 0.0)
+
+        tuning, found = work(progress)
+        also = more(found)
+        if outputs.plot is not None:
+            draw(tuning, found, outputs.plot)
+            also["plot"] = str(outputs.plot)
+        if outputs.rrd is not None:
+            record_tuning(outputs.rrd, tuning, *told(found))
+            also["rrd"] = str(outputs.rrd)
+        payload, _ = finish(tuning, outputs.out, outputs.force, bar, also, bench)
+    report(payload, outputs.as_json)
 
 
 def finish(
@@ -151,63 +200,142 @@ def speed(
     ] = True,
     out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("speed.toml"),
     plot: Plot = None,
+    rrd: Rrd = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """PI gains of the crank's speed loop for a bandwidth and a phase margin, measured on the bench."""
     from hil.parameter_file import nested
-    from tools.tuning.speed import BANDWIDTH_HZ, PHASE_MARGIN_DEG, Belief, tune_speed
+    from tools.tuning import views
+    from tools.tuning.speed import BANDWIDTH_HZ, PHASE_MARGIN_DEG, Belief, SpeedDesign, tune_speed
     from tools.tuning.speed_figure import draw_speed
-    from tools.tuning.speed_measurement import compared, measure_loop
+    from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
 
-    refuse_other_pictures(plot)
     given = {"inertia_kg_m2": inertia_kg_m2, "tracker_rad_s": tracker_rad_s}
     belief = Belief(**{name: value for name, value in given.items() if value is not None})
-    tuning, design = tune_speed(belief, bandwidth_hz or BANDWIDTH_HZ, phase_margin_deg or PHASE_MARGIN_DEG)
-    more: dict[str, Any] = {}
-    with progress_bar() as bar:
-        measured = None
-        if measure:
-            task = bar.add_task("measuring the loop", total=1.0)
-            measured = measure_loop(
-                nested(tuning.values), progress=lambda share, _: bar.update(task, completed=share)
-            )
-            tuning, more["measured"] = compared(tuning, belief, measured)
-        if plot is not None:
-            draw_speed(belief, design, measured, plot)
-            more["plot"] = str(plot)
-        payload, _ = finish(tuning, out, force, bar, more)
-    report(payload, as_json)
+    points: dict[str, Any] = {}
+    Loop = tuple[SpeedDesign, MeasuredLoop | None]
+
+    def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Loop]":
+        tuning, design = tune_speed(
+            belief, bandwidth_hz or BANDWIDTH_HZ, phase_margin_deg or PHASE_MARGIN_DEG
+        )
+        if not measure:
+            return tuning, (design, None)
+        measured = measure_loop(
+            nested(tuning.values), progress=lambda share, _: progress("measuring the loop", share)
+        )
+        tuning, points["measured"] = compared(tuning, belief, measured)
+        return tuning, (design, measured)
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        work,
+        lambda _, loop, path: draw_speed(belief, *loop, path),
+        lambda loop: views.of_speed(belief, *loop),
+        lambda _: points,
+    )
 
 
 @tune.command()
 def identify(
-    source: Annotated[Path, typer.Argument(help="A run folder, or a candump log of a real bench.")],
+    source: Annotated[
+        Path | None, typer.Argument(help="A run folder, or a candump log of a real bench.")
+    ] = None,
     scene: Annotated[
         str | None,
         typer.Option(help="The plant of the safety scenarios; by default the run's own, else theirs."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the resampling that gives the bounds.", min=0)] = 1,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            help="Instead of a log: so many drawn modules of all friction laws, and how often they are told.",
+            min=1,
+        ),
+    ] = None,
+    trials_out: Annotated[
+        Path, typer.Option(help="What trials came to, a line each; trials that are in it are not run again.")
+    ] = Path("identify-trials.jsonl"),
+    workers: Workers = None,
     out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("identified.toml"),
     plot: Plot = None,
+    rrd: Rrd = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Spring, friction, crank radius and stop from one log; only what went over CAN is used."""
+    """Spring, friction, crank radius and stop from one log; only what went over CAN is used.
+
+    With --trials the identification itself is judged: shares with Wilson's bounds, errors against the truth.
+    """
+    from tools.tuning import views
     from tools.tuning.identify import bench_of, tune_identify
     from tools.tuning.identify_figure import draw_identified
 
-    refuse_other_pictures(plot)
-    bench = bench_of(source, scene)
+    if trials is not None:
+        if source is not None:
+            raise BadInputError(f"--trials draws its own modules; leave out {source}, or leave out --trials")
+        judge_identification(trials, trials_out, workers, as_json)
+        return
+    if source is None:
+        raise BadInputError("no log: give a run folder or a candump log, or --trials 300")
+    log = source
+
+    def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Any]":
+        progress("fitting", None)
+        tuning, identified, readings = tune_identify(log, seed)
+        return tuning, (identified, readings)
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        work,
+        lambda _, both, path: draw_identified(both[0], both[1], path),
+        lambda both: views.of_identify(both[0], both[1]),
+        lambda both: {"law": both[0].law.value},
+        bench_of(log, scene),
+    )
+
+
+def judge_identification(trials: int, path: Path, workers: int | None, as_json: bool) -> None:
+    """Run trials and print their rates; missed goals are a failed check."""
+    from tools.tuning.trials import run_trials, summary
+
     with progress_bar() as bar:
-        bar.add_task("fitting", total=None)
-        tuning, identified, readings = tune_identify(source, seed)
-        more: dict[str, Any] = {"law": identified.law.value}
-        if plot is not None:
-            draw_identified(identified, readings, plot)
-            more["plot"] = str(plot)
-        payload, _ = finish(tuning, out, force, bar, more, bench)
-    report(payload, as_json)
+        task = bar.add_task("trials", total=trials)
+        outcomes = run_trials(
+            trials, path, progress=lambda done, _: bar.update(task, completed=done), workers=workers
+        )
+    payload = {"command": "identify", **summary(outcomes), "out": str(path)}
+    if as_json:
+        print_json(payload)
+    else:
+        show_trials(payload)
+    if not payload["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show_trials(payload: Mapping[str, Any]) -> None:
+    """Rates with bounds, then errors with limits, then what was named wrongly."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("", "right", "95 % bounds", "limit", "median", "worst"):
+        table.add_column(name, justify="left" if name == "" else "right", no_wrap=True)
+
+    def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
+        bounds = f"{100.0 * share['low']:.1f}–{100.0 * share['high']:.1f} %"
+        table.add_row(name, f"{share['hits']} of {share['n']}", bounds, *errors)
+
+    row("[bold]law named[/]", payload["named_right"])
+    for law, share in payload["named_by_law"].items():
+        row(f"  {law}", share)
+    for name, share in payload["within"].items():
+        errors = (f"{share[key]:.2g}" for key in ("p50", "worst"))
+        row(name, share, f"{share['limit']:g} {share['unit']}", *errors)
+    console.print(table)
+    for one in payload["wrong"]:
+        named = one["named"] or one["why"]
+        console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}", highlight=False)
+    mark = "[green]goals met[/]" if payload["passed"] else "[bold red]a goal is missed[/]"
+    console.print(f"{mark}; outcomes in {payload['out']}", highlight=False, soft_wrap=True)
 
 
 @tune.command()
@@ -220,72 +348,183 @@ def detector(
     workers: Workers = None,
     out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("detector.toml"),
     plot: Plot = None,
+    rrd: Rrd = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """The floor of the blow detector from what misses and false alarms cost, on drawn modules."""
+    from tools.tuning import views
     from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
     from tools.tuning.detector import TRIALS, tune_detector
     from tools.tuning.detector_figure import draw_detector
 
-    refuse_other_pictures(plot)
-    with progress_bar() as bar:
-        task = bar.add_task("compiling", total=None)
-        tuning, points = tune_detector(
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
             trials=trials or TRIALS,
             seed=TUNING_SEED if seed is None else seed,
             fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
-            progress=lambda done, total: bar.update(task, completed=done, total=total, description="draws"),
+            progress=lambda done, total: progress("draws", done / total),
             workers=workers,
-        )
-        more: dict[str, Any] = {
+        ),
+        draw_detector,
+        views.of_detector,
+        lambda points: {
             "characteristic": [
                 {**asdict(point), "false_alarms_1_h": point.false_alarms_1_h} for point in points
             ]
-        }
-        if plot is not None:
-            draw_detector(tuning, points, plot)
-            more["plot"] = str(plot)
-        payload, _ = finish(tuning, out, force, bar, more)
-    report(payload, as_json)
+        },
+    )
+
+
+@tune.command()
+def estimator(
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Run folders or candump logs; without any, logs of drawn modules are made."),
+    ] = None,
+    modules: Annotated[int | None, typer.Option(help="Drawn modules.", min=2)] = None,
+    fresh_trials: Annotated[
+        int | None,
+        typer.Option(help="Draws to judge the result on, beside default and naive; 0: none.", min=0),
+    ] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("estimator.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Q and R of the estimator from logs, by the likelihood of what touch-downs say; no truth is used."""
+    from tools.tuning import views
+    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
+    from tools.tuning.estimator import FRESH_TRIALS, MODULES, tune_estimator
+    from tools.tuning.estimator_figure import draw_estimator
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_estimator(
+            logs or (),
+            modules=modules or MODULES,
+            seed=TUNING_SEED if seed is None else seed,
+            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
+            fresh_trials=FRESH_TRIALS if fresh_trials is None else fresh_trials,
+            progress=lambda done, total: progress("logs", done / total),
+            workers=workers,
+        ),
+        draw_estimator,
+        views.of_estimator,
+        lambda points: {"tried": [asdict(point) for point in points]},
+    )
 
 
 @tune.command()
 def start(
-    trials: Annotated[int | None, typer.Option(help="Draws for each ramp.", min=12)] = None,
-    fresh_trials: Annotated[int | None, typer.Option(help="Draws to judge the winner on.", min=12)] = None,
+    candidates: Annotated[int | None, typer.Option(help="How many are tried in all.", min=2)] = None,
+    trials: Annotated[int | None, typer.Option(help="Draws for each candidate.", min=12)] = None,
+    fresh_trials: Annotated[int | None, typer.Option(help="Draws to judge the best on.", min=12)] = None,
+    journal: Annotated[
+        Path | None,
+        typer.Option(help="What was tried; the same command goes on with it. By default beside the file."),
+    ] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
     workers: Workers = None,
     out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("start.toml"),
     plot: Plot = None,
+    rrd: Rrd = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """The soft start's ramp that fails least, then overshoots little, then is quick, on drawn starts."""
+    """Ramp, capture speed and hold loop for starts that fail least, then overshoot, time and energy."""
+    from tools.tuning import views
     from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
-    from tools.tuning.start import FRESH_TRIALS, TRIALS, tune_start
+    from tools.tuning.start import CANDIDATES, FRESH_TRIALS, TRIALS, tune_start
     from tools.tuning.start_figure import draw_start
 
-    refuse_other_pictures(plot)
-    with progress_bar() as bar:
-        task = bar.add_task("compiling", total=None)
-        tuning, tried = tune_start(
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_start(
+            journal or out.with_suffix(".journal"),
+            candidates=candidates or CANDIDATES,
             trials=trials or TRIALS,
             fresh_trials=fresh_trials or FRESH_TRIALS,
             seed=TUNING_SEED if seed is None else seed,
             fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
-            progress=lambda done, total: bar.update(task, completed=done, total=total, description="draws"),
+            progress=lambda done, total: progress("draws", done / total),
             workers=workers,
+        ),
+        draw_start,
+        views.of_start,
+        lambda tried: {"tried": [asdict(one) for one in tried]},
+    )
+
+
+@tune.command()
+def check(
+    quick: Annotated[bool, typer.Option("--quick", help="Few draws: whether all runs and agrees.")] = False,
+    workers: Workers = None,
+    out: Annotated[Path, typer.Option(help="Folder of what is tuned; a killed search goes on there.")] = Path(
+        "tuned"
+    ),
+    as_json: Json = False,
+) -> None:
+    """Whether the defaults are what all tunings come to, within tolerances; and what they are better than."""
+    from tools.tuning.check import QUICK, Effort, check_defaults
+    from tools.tuning.parameter_file import write
+    from tools.tuning.safety import judge_safety
+
+    with progress_bar() as bar:
+        task = bar.add_task("at work", total=1.0)
+
+        def progress(doing: str, share: float) -> None:
+            bar.update(task, description=doing, completed=share)
+
+        payload, tunings = check_defaults(out, QUICK if quick else Effort(), progress, workers)
+        together = {name: value for tuning in tunings for name, value in tuning.values.items()}
+        safety = judge_safety(together, lambda share, doing: progress(f"safety: {doing}", share))
+        for tuning in tunings:
+            write(out / f"{tuning.command}.toml", tuning, safety, force=True)
+    payload = {
+        **payload,
+        "safety": [result.as_json() for result in safety],
+        "passed": payload["passed"] and all(result.passed for result in safety),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        show_check(payload)
+    if not payload["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show_check(payload: Mapping[str, Any]) -> None:
+    """Defaults beside tuned values, defaults beside naive ones, and what was said."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("parameter", "tune", "default", "tuned", "unit", "tolerance", ""):
+        table.add_column(name, justify="right" if name in ("default", "tuned") else "left")
+    for row in payload["parameters"]:
+        mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"
+        numbers = (f"{row[key]:.4g}" for key in ("default", "tuned"))
+        table.add_row(row["parameter"], row["command"], *numbers, row["unit"], row["tolerance"], mark)
+    console.print(table)
+    margins = Table(box=None, pad_edge=False)
+    for name in ("on fresh draws", "default", "naive", "unit", "naive is"):
+        margins.add_column(name, justify="right" if name in ("default", "naive") else "left")
+    for one in payload["margins"]:
+        margins.add_row(
+            one["what"], figure(one["default"]), figure(one["naive"]), one["unit"], one["naive_is"]
         )
-        more: dict[str, Any] = {"tried": [asdict(one) for one in tried]}
-        if plot is not None:
-            draw_start(tuning, tried, plot)
-            more["plot"] = str(plot)
-        payload, _ = finish(tuning, out, force, bar, more)
-    report(payload, as_json)
+    console.print(margins)
+    for warning in payload["warnings"]:
+        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
+    show_safety(payload["safety"])
+    mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
+    console.print(f"{mark}; files in {payload['out']}", highlight=False, soft_wrap=True)
 
 
 @tune.command()

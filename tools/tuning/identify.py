@@ -78,13 +78,14 @@ GRAZING_M_S = 0.1
 
 
 class Blow(NamedTuple):
-    """A touch-down: where it was past l0, the speed before it, and what `blows` makes of the readings."""
+    """A touch-down: where past l0 and when, the speed before it, and what `blows` makes of the readings."""
 
     stop_m: float
     speed_m_s: float
     restitution: float
     contact_s: float
     misfit: float
+    at_s: float
 
 
 @dataclass(frozen=True)
@@ -222,6 +223,7 @@ def _blow(
         restitution=fitted.restitution,
         contact_s=contact_time_s(fitted.scale_s, speed),
         misfit=fitted.misfit,
+        at_s=(contact.before + at_s / T) * T,
     )
 
 
@@ -300,7 +302,7 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
         "friction.mu": (abs(striker.dry_m_s2), "dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
     }
     if len(found.blows) >= FEWEST_BLOWS:
-        stop_m, _, restitution, contact_s, _ = np.median(np.array(found.blows), axis=0).tolist()
+        stop_m, _, restitution, contact_s, _, _ = np.median(np.array(found.blows), axis=0).tolist()
         places |= {
             "stop.position_m": (stop_m, "stop_m", 1.0, rest),
             "stop.restitution": (restitution, "restitution", 1.0, 0.0),

@@ -1,10 +1,11 @@
-"""Ramps that were tried: failures and capture time against the rise, a line for each second try."""
+"""Starts that were tried: each aim against time to capture, the Pareto front marked; what was chosen."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
+from firmware_py.shell.parameters import DEFAULTS
 from tools.tuning.result import Tuning
-from tools.tuning.start import AGAIN, OVERSHOOT, RISE, Ramp
+from tools.tuning.start import OVERSHOOT, RISE, SPACE, Ramp
 
 
 def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
@@ -14,22 +15,39 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (failures, blows, capture) = plt.subplots(1, 3, figsize=(14.0, 4.4), layout="constrained")
-    for again_s in sorted({one.parameters[AGAIN] for one in tried}):
-        mine = [one for one in tried if one.parameters[AGAIN] == again_s]
-        rises = [one.parameters[RISE] for one in mine]
-        label = f"second try {again_s:g} s"
-        failures.plot(rises, [100.0 * one.failures / max(one.eligible, 1) for one in mine], "o-", label=label)
-        blows.plot(rises, [one.overshoot for one in mine], "o-", label=label)
-        capture.plot(rises, [one.capture_p95_s for one in mine], "o-", label=label)
-    blows.axhline(OVERSHOOT, color="black", lw=0.8, ls="--")
-    failures.set(ylabel="starts that fail [%]", title="reliability")
-    blows.set(ylabel="largest blow on the way, of the steady one", title="overshoot")
-    capture.set(ylabel="95 % are captured within [s]", title="time")
-    for axes in (failures, blows, capture):
-        axes.axvline(tuning.parameters[RISE].value, color="tab:green", alpha=0.5)
-        axes.set_xlabel("rise [s]")
+    figure, panels = plt.subplots(1, 3, figsize=(14.0, 4.4), layout="constrained")
+    chosen = {name: value.value for name, value in tuning.parameters.items()}
+    default = {name: DEFAULTS[name] for name in SPACE}
+    rises = [one.parameters[RISE] for one in tried]
+    aims = (
+        ([100.0 * one.failures / max(one.eligible, 1) for one in tried], "starts that fail [%]"),
+        ([one.overshoot for one in tried], "largest blow on the way, of the steady one"),
+        ([one.energy_p50_j for one in tried], "energy until captured, median [J]"),
+    )
+    times = [one.capture_p95_s for one in tried]
+    marks = (
+        ("o", 110, "tab:red", "Pareto front", [one.on_front for one in tried]),
+        ("s", 220, "tab:green", "chosen", [one.parameters == chosen for one in tried]),
+        ("D", 190, "tab:blue", "default", [one.parameters == default for one in tried]),
+    )
+    for axes, (values, name) in zip(panels, aims, strict=True):
+        dots = axes.scatter(times, values, c=rises, cmap="viridis", s=28, zorder=2)
+        for mark, size, colour, label, is_one in marks:
+            rows = [row for row, one in enumerate(is_one) if one]
+            axes.scatter(
+                [times[row] for row in rows],
+                [values[row] for row in rows],
+                marker=mark,
+                s=size,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=1.4,
+                label=label,
+            )
+        axes.set(xlabel="95 % are captured within [s]", ylabel=name)
         axes.grid(alpha=0.3)
-    failures.legend(fontsize=8)
+    panels[1].axhline(OVERSHOOT, color="black", lw=0.8, ls="--")
+    panels[0].legend(fontsize=8)
+    figure.colorbar(dots, ax=panels, label="rise [s]")
     figure.savefig(path, dpi=110)
     plt.close(figure)

@@ -1,0 +1,280 @@
+"""Whether the firmware's defaults are what the tuning commands come to, and what they are better than.
+
+Every tuning runs as its command does by default. A default passes where it lies within a stated tolerance of
+the tuned value, or, where several values cannot be told from each other by what the tuning looks at, among
+those. Naive values stand beside the defaults on drawn modules that had no part in any choice.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from firmware_py.shell.parameters import DEFAULTS
+from hil.bench import in_lockstep
+from hil.scenario import load_scenario
+from tools.campaign.results import counts_of, values_of
+from tools.tuning import detector, estimator, start
+from tools.tuning.candidates import FRESH_SEED, run_candidates
+from tools.tuning.identify import tune_identify
+from tools.tuning.result import Tuning
+from tools.tuning.speed import tune_speed
+
+RECORDED = "soft-start-multistable"
+"""The scenario whose module is what the defaults believe."""
+RECORDED_SEED = 20_261
+HOLD_RATIO = (("viscous",), (1.3,), (0.0,))
+NO_FEED_FORWARD = {"speed.load_share": 0.0}
+TIMID_FLOOR = {detector.PARAMETER: 0.1}
+"""Seven times the sensor's noise: what a threshold is often set to."""
+
+Progress = Callable[[str, float], None]
+
+
+class Tolerance(NamedTuple):
+    """How far a default may lie from the tuned value: by a factor, by a difference; or within its range."""
+
+    factor: float = 1.0
+    difference: float = 0.0
+    in_range: bool = False
+
+    def holds(self, default: float, value: float, low: float, high: float) -> bool:
+        """Whether it does; roundings of a millionth are nothing."""
+        slack = 1e-6 * abs(value)
+        near = (
+            min(value / self.factor, value - self.difference) - slack
+            <= default
+            <= max(value * self.factor, value + self.difference) + slack
+        )
+        return near or (self.in_range and low - slack <= default <= high + slack)
+
+    def __str__(self) -> str:
+        said = []
+        if self.factor > 1.02:
+            said.append(f"× or ÷ {self.factor:g}")
+        elif self.factor > 1.0:
+            said.append(f"± {100.0 * (self.factor - 1.0):.2g} %")
+        if self.difference:
+            said.append(f"± {self.difference:g}")
+        if self.in_range:
+            said.append("or as good")
+        return " ".join(said)
+
+
+EXACT = Tolerance(1.005)
+GRID_STEP = Tolerance(3.4)
+TOLERANCES: dict[str, Tolerance] = {
+    "speed.gain_p_n_m_s": EXACT,
+    "speed.gain_i_n_m": EXACT,
+    "crank.bandwidth_rad_s": EXACT,
+    "striker.spring_n_m": EXACT,
+    "drive.amplitude_m": EXACT,
+    "friction.b_n_s_m": Tolerance(1.05),
+    "friction.mu": Tolerance(difference=1e-3),
+    "stop.position_m": Tolerance(difference=1e-4),
+    "stop.restitution": Tolerance(difference=0.01),
+    "stop.contact_s": Tolerance(1.03),
+    detector.PARAMETER: Tolerance(2.0, in_range=True),
+    estimator.NOISE: GRID_STEP,
+    estimator.MEMORY: GRID_STEP,
+    estimator.STOP: GRID_STEP,
+    estimator.FLOOR: Tolerance(1.15),
+    **{name: Tolerance(in_range=True) for name in start.SPACE},
+}
+"""Goals of identification; one step of the estimator's grid and of the detector's list."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter: its default beside what a command has tuned it to."""
+
+    parameter: str
+    command: str
+    unit: str
+    default: float
+    tuned: float
+    low: float
+    high: float
+    tolerance: str
+    passed: bool
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A figure with the default and with a naive value, on fresh draws; the less the better."""
+
+    what: str
+    unit: str
+    default: float
+    naive: float
+    naive_is: str
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much each tuning looks at; by default as much as its command."""
+
+    detector_trials: int = detector.TRIALS
+    floors_m_s2: tuple[float, ...] = detector.FLOORS_M_S2
+    start_candidates: int = start.CANDIDATES
+    start_trials: int = start.TRIALS
+    start_fresh_trials: int = start.FRESH_TRIALS
+    modules: int = estimator.MODULES
+    seconds: float = estimator.SECONDS
+    fresh_trials: int = estimator.FRESH_TRIALS
+    hold_trials: int = 24
+
+
+QUICK = Effort(
+    detector_trials=11,
+    floors_m_s2=(0.4, 0.8, 1.5, 3.0, 6.0),
+    start_candidates=3,
+    start_trials=12,
+    start_fresh_trials=12,
+    modules=8,
+    seconds=30.0,
+    fresh_trials=4,
+    hold_trials=2,
+)
+"""Says whether everything still runs and agrees, and less about by how much."""
+
+
+def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | None = None) -> list[Tuning]:
+    """All commands, one after the other."""
+
+    def share(name: str) -> Callable[[int, int], None]:
+        return lambda done, total: progress(name, done / max(total, 1))
+
+    progress("speed", 0.0)
+    speed = tune_speed()[0]
+    run_dir, _ = in_lockstep(
+        load_scenario(RECORDED),
+        _emptied(folder / "recorded"),
+        RECORDED_SEED,
+        lambda one, _: progress("recording", one),
+    )
+    progress("identify", 0.0)
+    identified = tune_identify(run_dir)[0]
+    estimated = estimator.tune_estimator(
+        modules=effort.modules,
+        seconds=effort.seconds,
+        fresh_trials=effort.fresh_trials,
+        progress=share("estimator"),
+        workers=workers,
+    )[0]
+    detected = detector.tune_detector(
+        trials=effort.detector_trials,
+        floors_m_s2=effort.floors_m_s2,
+        progress=share("detector"),
+        workers=workers,
+    )[0]
+    started = start.tune_start(
+        folder / "start.journal",
+        candidates=effort.start_candidates,
+        trials=effort.start_trials,
+        fresh_trials=effort.start_fresh_trials,
+        progress=share("start"),
+        workers=workers,
+    )[0]
+    return [speed, identified, estimated, detected, started]
+
+
+def _emptied(folder: Path) -> Path:
+    """A run folder is made anew."""
+    import shutil
+
+    shutil.rmtree(folder, ignore_errors=True)
+    return folder
+
+
+def rows_of(found: Sequence[Tuning]) -> list[Row]:
+    """Every tuned parameter beside its default."""
+    return [
+        Row(
+            parameter=name,
+            command=tuning.command,
+            unit=value.unit,
+            default=DEFAULTS[name],
+            tuned=value.value,
+            low=value.low,
+            high=value.high,
+            tolerance=str(TOLERANCES[name]),
+            passed=TOLERANCES[name].holds(DEFAULTS[name], value.value, value.low, value.high),
+        )
+        for tuning in found
+        for name, value in tuning.parameters.items()
+    ]
+
+
+def margins_of(
+    found: Sequence[Tuning], effort: Effort, progress: Progress, workers: int | None = None
+) -> list[Margin]:
+    """What the defaults are better than, on fresh draws."""
+    merits = {tuning.command: tuning.figures_of_merit for tuning in found}
+    of_start, of_estimator = merits["start"], merits["estimator"]
+
+    def failing(prefix: str) -> float:
+        return 100.0 * of_start[f"{prefix}failures"].value / max(of_start[f"{prefix}eligible"].value, 1.0)
+
+    held = run_candidates(
+        "hold",
+        [{}, NO_FEED_FORWARD],
+        FRESH_SEED,
+        effort.hold_trials,
+        lambda done, total: progress("margin of speed", done / total),
+        workers,
+        (HOLD_RATIO,),
+    )
+    ripples = [float(np.median(values_of(outcomes).get("ripple", [np.nan]))) for outcomes in held]
+    detected = run_candidates(
+        "detect",
+        [{}, TIMID_FLOOR],
+        FRESH_SEED,
+        effort.detector_trials,
+        lambda done, total: progress("margin of detector", done / total),
+        workers,
+    )
+    costs = []
+    for outcomes in detected:
+        counts = counts_of(outcomes)
+        hours = sum(outcome.simulated_s for outcome in outcomes) / 3600.0
+        costs.append((counts["misses"] + counts["false_alarms"]) / hours)
+    shown = [
+        Margin("crank's speed ripple in the hold", "%", ripples[0], ripples[1], "no load fed forward"),
+        Margin("misses and false alarms", "1/h", costs[0], costs[1], "a floor of seven times the noise"),
+        Margin("starts that fail", "%", failing("default_"), failing("naive_"), "up to speed in 0.5 s"),
+    ]
+    if "fresh_x_rmse" in of_estimator:
+        shown += [
+            Margin(
+                f"error of {name}, RMS",
+                unit,
+                of_estimator[f"fresh_default_{name}_rmse"].value,
+                of_estimator[f"fresh_naive_{name}_rmse"].value,
+                "R is the sensor's noise",
+            )
+            for name, unit in (("x", "mm"), ("v", "m/s"))
+        ]
+    return shown
+
+
+def check_defaults(
+    folder: Path,
+    effort: Effort = Effort(),
+    progress: Progress = lambda *_: None,
+    workers: int | None = None,
+) -> tuple[dict[str, Any], list[Tuning]]:
+    """The JSON object of `tune check`, and the tunings."""
+    found = tunings(folder, effort, progress, workers)
+    rows = rows_of(found)
+    margins = margins_of(found, effort, progress, workers)
+    return {
+        "command": "check",
+        "parameters": [asdict(row) for row in rows],
+        "margins": [asdict(margin) for margin in margins],
+        "warnings": [f"{tuning.command}: {said}" for tuning in found for said in tuning.warnings],
+        "passed": all(row.passed for row in rows),
+        "out": str(folder),
+    }, found

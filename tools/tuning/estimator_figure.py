@@ -1,0 +1,79 @@
+"""Q and R in one picture: the likelihood, the errors, and NIS over the parameters that were tried."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_py.shell.parameters import DEFAULTS
+from tools.tuning.estimator import LARGEST_NIS, MEMORY, NOISE, STOP, Combination
+from tools.tuning.result import Tuning
+
+
+def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) -> None:
+    """Draw into an SVG or PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, grid = plt.subplots(1, 4, figsize=(17.0, 4.4), layout="constrained")
+    chosen = {name: value.value for name, value in tuning.parameters.items()}
+    stop_m = chosen.get(STOP, DEFAULTS[STOP])
+    shown = [one for one in points if one.parameters[STOP] == stop_m]
+    best = max(one.likelihood for one in points)
+    _surface(figure, grid[0], shown, lambda one: one.likelihood - best, "log-likelihood below the best")
+    _surface(figure, grid[1], shown, lambda one: one.x_to_smoother_mm, "x, RMSE to the smoother [mm]")
+    known = bool(np.isfinite([one.x_to_truth_mm for one in shown]).all())
+    if known:
+        _surface(figure, grid[2], shown, lambda one: one.x_to_truth_mm, "x, RMSE to the truth [mm]")
+    else:
+        _surface(figure, grid[2], shown, lambda one: one.nis_flight, "NIS in flight")
+    for axes in grid[:3]:
+        axes.plot(
+            chosen.get(MEMORY, DEFAULTS[MEMORY]), chosen.get(NOISE, DEFAULTS[NOISE]), "s", mfc="none", ms=15
+        )
+        axes.plot(DEFAULTS[MEMORY], DEFAULTS[NOISE], "D", mfc="none", mec="tab:red", ms=10)
+    for memory_s in sorted({one.parameters[MEMORY] for one in points}):
+        line = [
+            one
+            for one in points
+            if one.parameters[MEMORY] == memory_s
+            and one.parameters[NOISE] == chosen.get(NOISE, DEFAULTS[NOISE])
+        ]
+        line.sort(key=lambda one: one.parameters[STOP])
+        grid[3].loglog(
+            [1e3 * one.parameters[STOP] for one in line],
+            [one.nis_stop for one in line],
+            "o-",
+            label=f"{memory_s:g} s",
+        )
+    grid[3].axhline(1.0, color="black", lw=0.8)
+    grid[3].axhline(LARGEST_NIS, color="black", lw=0.8, ls="--")
+    grid[3].set(xlabel="the stop is known to [mm]", title="NIS at the stop, by the model's memory")
+    grid[3].legend(fontsize=8)
+    grid[3].grid(alpha=0.3, which="both")
+    figure.suptitle("square: chosen, diamond: default; the stop known to " + f"{1e3 * stop_m:g} mm")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _surface(
+    figure: Any, axes: Any, points: Sequence[Combination], what: Callable[[Combination], float], title: str
+) -> None:
+    """A quantity over the model's memory and the velocity's noise, its numbers written in."""
+    memories = sorted({one.parameters[MEMORY] for one in points})
+    noises = sorted({one.parameters[NOISE] for one in points})
+    found = {(one.parameters[NOISE], one.parameters[MEMORY]): what(one) for one in points}
+    table = np.array([[found[noise, memory] for memory in memories] for noise in noises])
+    mesh = axes.pcolormesh(memories, noises, table, shading="nearest", cmap="viridis")
+    for (noise, memory), value in found.items():
+        axes.text(
+            memory, noise, f"{value:.3g}", ha="center", va="center", fontsize=7, color="white", weight="bold"
+        )
+    axes.set(
+        xscale="log", yscale="log", xlabel="memory of the model's error [s]", ylabel="Q of v by tick [m/s]"
+    )
+    axes.set_title(title, fontsize=10)
+    figure.colorbar(mesh, ax=axes)

@@ -1,0 +1,69 @@
+"""What innovations say of a filter: their likelihood, whether they are as large as said, and whether white.
+
+Innovations of a wrong model hang together: a thousand in a row are no thousand witnesses. Their likelihood is
+therefore counted for as many as they are worth (Varin, Reid & Firth 2011, 4.1), which their autocorrelation
+about 0 tells; a constant one is a single witness.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+FloatArray = NDArray[np.float64]
+
+HIGHEST_NIS = 25.0
+"""Counted as 5 sigma at most, so that one blow that was not recognised decides nothing."""
+LEAST_CORRELATION = 0.05
+LAGS = 10
+
+
+class Said(NamedTuple):
+    """Of some innovations: how many, their mean log-likelihood, and their mean normalised square."""
+
+    number: int
+    likelihood: float
+    nis: float
+
+
+def said(innovation: FloatArray, variance: FloatArray) -> Said:
+    """ln p = −½ (ln 2πS + ν²/S)."""
+    if len(innovation) == 0:
+        return Said(0, 0.0, float("nan"))
+    squares = innovation**2 / variance
+    likelihood = -0.5 * (np.log(2.0 * np.pi * variance) + np.minimum(squares, HIGHEST_NIS))
+    return Said(len(innovation), float(np.mean(likelihood)), float(np.mean(squares)))
+
+
+def correlation(series: FloatArray, lags: int) -> FloatArray:
+    """The autocorrelation about 0 at lags 1 … lags.
+
+    >>> correlation(np.array([1.0, 1.0, 1.0, 1.0]), 2).tolist()
+    [0.75, 0.5]
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * len(series))))
+    spectrum = np.abs(np.fft.rfft(series, size)) ** 2
+    whole = np.fft.irfft(spectrum, size)
+    return np.asarray(whole[1 : lags + 1] / whole[0], np.float64)
+
+
+def worth(series: FloatArray) -> float:
+    """How many independent ones they are worth: n / (1 + 2 Σρ), as far as they hang together at all."""
+    n = len(series)
+    if n < 3 or not np.any(series):
+        return float(min(n, 1))
+    rho = correlation(series, n - 1)
+    ends = np.flatnonzero(rho < LEAST_CORRELATION)
+    last = int(ends[0]) if len(ends) else len(rho)
+    return float(n / (1.0 + 2.0 * np.sum(rho[:last])))
+
+
+def whiteness(series: FloatArray, lags: int = LAGS) -> float:
+    """The p-value of Ljung & Box (1978): small where they are not white. NaN where there are too few."""
+    n = len(series)
+    if n < 3 * lags:
+        return float("nan")
+    rho = correlation(series - np.mean(series), lags)
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return float(chi2.sf(q, lags))

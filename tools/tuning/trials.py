@@ -1,0 +1,231 @@
+"""How often identification is right: modules of every friction law, drawn, recorded and identified.
+
+A trial draws its module as campaigns do, a little wider, records a minute by the campaigns' compiled loop
+(`recorded` says what such a log lacks) and goes through the same identification as a file. Places are told
+from l0 on, which no log can tell, so that the stop is judged past the true l0.
+
+Each trial's outcome is a line of a JSON file that is appended to: a run that was killed goes on, unless what
+it is made of has changed.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_py.shell.parameters import STANDARD_GRAVITY_M_S2, with_overrides
+from tools.campaign.cells import LAWS, Cell, scene_of
+from tools.campaign.draws import Mismatch, draw
+from tools.campaign.processes import pool, prepare
+from tools.campaign.statistics import wilson
+
+SECONDS = 60.0
+TRIALS = 300
+SEED = 30_000
+MISMATCH = Mismatch(spring=0.05, amplitude=0.03)
+BOTH = {
+    "friction": {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
+    "amplitude_m": 0.025,
+    "beliefs": {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
+}
+MODULES: dict[str, dict[str, Any]] = {
+    "viscous": LAWS["viscous"],
+    "coulomb": LAWS["coulomb"],
+    "stribeck": LAWS["stribeck"],
+    "coulomb and viscous": BOTH,
+}
+"""By the law's name as identification has it."""
+RATIOS = {"viscous": (1.1, 1.2, 1.3)}
+DRY_RATIOS = (1.0, 1.1, 1.2)
+LIMITS = {
+    "spring": (0.005, "of c"),
+    "restitution": (0.01, "of k"),
+    "stop": (1e-4, "m"),
+    "damping": (0.05, "of b"),
+    "dry": (0.05, "of mu"),
+}
+"""The goals; that for μ is as wide as that for b."""
+GOAL = 0.99
+"""Of the trials have to be within each limit, and of the laws named rightly."""
+PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
+MODULES_OF_A_TRIAL = ("blows", "flights", "identify", "laws", "readings", "recorded", "trials")
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What was named and by how much each quantity is off; None where there was nothing to be right about."""
+
+    trial: int
+    law: str
+    named: str
+    why: str
+    errors: dict[str, float | None]
+
+
+def module_of(trial: int) -> tuple[str, float]:
+    """The friction law and ratio of a trial: all laws in turn, then all ratios."""
+    names = tuple(MODULES)
+    law = names[trial % len(names)]
+    ratios = RATIOS.get(law, DRY_RATIOS)
+    return law, ratios[trial // len(names) % len(ratios)]
+
+
+def run_trial(seed: int, trial: int, seconds: float) -> Trial:
+    """Draw, record, identify, compare; in a process that compiles the firmware."""
+    prepare()
+    from firmware_py.shell.parameters import config_from
+    from tools.campaign.trials import script
+    from tools.output import BadInputError
+    from tools.tuning.identify import identify
+    from tools.tuning.readings import of_ticks
+    from tools.tuning.recorded import record
+
+    law, ratio = module_of(trial)
+    known = MODULES[law]
+    scene = scene_of("viscous")
+    scene["friction"] = dict(known["friction"])
+    scene["drive"]["amplitude_m"] = known["amplitude_m"]
+    cell = Cell(law, ratio, 0.0, scene, deepcopy(known["beliefs"]))
+    drawn = draw(scene, MISMATCH, seed, trial)
+    beliefs = with_overrides(known["beliefs"])
+    ticks, _ = record(drawn.scene, config_from(cell.firmware), script(cell), seconds, drawn.noise)
+    try:
+        found = identify(
+            of_ticks(ticks, beliefs["sensor.low_full_scale_m_s2"]), beliefs["sensor.bandwidth_hz"]
+        )
+    except BadInputError as error:
+        return Trial(trial, law, "", str(error), {})
+    striker, stop = drawn.scene.striker, drawn.scene.stop
+    b, mu = (float(getattr(drawn.scene.friction, name, 0.0)) for name in ("b_n_s_m", "mu"))
+    fitted = found.fit.striker
+    mass_kg = float(striker.mass_kg)
+    errors: dict[str, float | None] = {
+        "spring": fitted.stiffness_1_s2 * mass_kg / striker.spring_n_m - 1.0,
+        "damping": fitted.damping_1_s * mass_kg / b - 1.0 if b > 0.0 else None,
+        "dry": fitted.dry_m_s2 / STANDARD_GRAVITY_M_S2 / mu - 1.0 if mu > 0.0 else None,
+    }
+    if found.blows:
+        blows = np.median(np.array(found.blows), axis=0)
+        errors["stop"] = float(blows[0]) - (
+            float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)
+        )
+        errors["restitution"] = float(blows[2]) - float(getattr(stop, "restitution", np.nan))
+    return Trial(trial, law, found.law.value, "", errors)
+
+
+def sources() -> str:
+    """A digest of all that a trial's outcome depends on."""
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    packages = (path for name in PACKAGES for path in sorted((root / name).rglob("*.py")))
+    for path in (*packages, *(root / "tools" / "tuning" / f"{name}.py" for name in MODULES_OF_A_TRIAL)):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def known_trials(path: Path, key: str) -> dict[int, Trial]:
+    """What an earlier run of the same key has left; a line cut short by a kill is left out."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if entry.pop("key") == key:
+            found[entry["trial"]] = Trial(**entry)
+    return found
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Processes that are started within leave each other's cores alone."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def run_trials(
+    trials: int,
+    path: Path,
+    seed: int = SEED,
+    seconds: float = SECONDS,
+    progress: Progress = lambda *_: None,
+    workers: int | None = None,
+) -> list[Trial]:
+    """All trials; those that `path` has are not run again."""
+    key = f"{seed} {seconds:g} {sources()}"
+    done = {number: one for number, one in known_trials(path, key).items() if number < trials}
+    missing = [number for number in range(trials) if number not in done]
+    progress(len(done), trials)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with one_thread_each(), path.open("a", encoding="utf-8") as file:
+        if missing:
+            with pool(min(workers or os.cpu_count() or 1, len(missing))) as executor:
+                # The first has everything compiled; the others find it in the cache.
+                for some in (missing[:1], missing[1:]):
+                    futures = [executor.submit(run_trial, seed, number, seconds) for number in some]
+                    try:
+                        for future in as_completed(futures):
+                            one = future.result()
+                            done[one.trial] = one
+                            file.write(json.dumps({"key": key, **asdict(one)}) + "\n")
+                            file.flush()
+                            progress(len(done), trials)
+                    finally:
+                        for future in futures:
+                            future.cancel()
+    return [done[number] for number in sorted(done)]
+
+
+def summary(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Rates with Wilson's bounds, quantiles of the errors, and what went wrong."""
+
+    def share(hits: int, count: int) -> dict[str, float]:
+        return {**wilson(hits, count)._asdict(), "hits": hits, "n": count}
+
+    named = {
+        law: share(sum(one.named == law for one in mine), len(mine))
+        for law in MODULES
+        if (mine := [one for one in trials if one.law == law])
+    }
+    within: dict[str, dict[str, Any]] = {}
+    for name, (limit, unit) in LIMITS.items():
+        errors = np.abs(
+            [error for one in trials if (error := one.errors.get(name)) is not None and one.named == one.law]
+        )
+        if len(errors):
+            within[name] = {
+                **share(int(np.count_nonzero(errors <= limit)), len(errors)),
+                "limit": limit,
+                "unit": unit,
+                "p50": float(np.median(errors)),
+                "p95": float(np.percentile(errors, 95)),
+                "worst": float(np.max(errors)),
+            }
+    right = sum(one.named == one.law for one in trials)
+    return {
+        "trials": len(trials),
+        "named_right": share(right, len(trials)),
+        "named_by_law": named,
+        "within": within,
+        "wrong": [asdict(one) for one in trials if one.named != one.law],
+        "passed": right >= GOAL * len(trials) and all(one["value"] >= GOAL for one in within.values()),
+    }
