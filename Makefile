@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup hil view test check lock clean
+.PHONY: help setup hil view test check tune lock clean
 MAKEFLAGS += --no-print-directory
 
 # A person's own pip settings must not send packages elsewhere or add unhashed ones.
@@ -36,6 +36,10 @@ test: setup $(INSTALLED_DEV) ## all tests: first on all cores, then, one by one,
 	@$(BIN)/python -m pytest -n auto -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
 	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
 	@$(BIN)/python -m pytest -m "realtime or uml"
+
+tune: setup ## every tuning command: the defaults are what they come to, within tolerances
+	@echo "tune: speed, identify, estimator, detector, start; half an hour on two cores, goes on where it was stopped"
+	@$(BIN)/vibrohil tune check --out runs/tuned
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
 	@echo "check: format"

@@ -153,14 +153,15 @@ def test_speed_is_written_and_compared(tmp_path: Path, monkeypatch, capsys) -> N
     slower = ["tune", "speed", "--no-measure", "--bandwidth-hz", "15", "--out", "slower.toml"]
     assert cli.run(slower) == EXIT_PASSED
     assert "written" in capsys.readouterr().out
-    assert cli.run(["tune", "diff", "speed.toml", "slower.toml", "--json"]) == EXIT_PASSED
+    assert cli.run(["tune", "diff", "speed.toml", "slower.toml", "--no-suite", "--json"]) == EXIT_PASSED
     changes = json.loads(capsys.readouterr().out)
     assert [change["name"] for change in changes["changed"]] == ["speed.gain_i_n_m", "speed.gain_p_n_m_s"]
     # The slower loop needs less gain; its spare phase goes into the integral.
     assert changes["changed"][1]["relative"] < -0.2
     assert changes["changed"][1]["a"] == 0.05
     assert changes["same"] == ["crank.bandwidth_rad_s"]
-    assert cli.run(["tune", "diff", "speed.toml", "slower.toml"]) == EXIT_PASSED
+    assert changes["suite"] == []
+    assert cli.run(["tune", "diff", "speed.toml", "slower.toml", "--no-suite"]) == EXIT_PASSED
     assert "speed.gain_p_n_m_s" in capsys.readouterr().out
     assert cli.run(["tune", "diff", "speed.toml", "nowhere.toml"]) == EXIT_BAD_INPUT
 
@@ -190,3 +191,20 @@ def test_a_parameter_that_one_file_lacks_has_its_default(tmp_path: Path) -> None
     ]
     assert found["same"] == ["stop.restitution"]  # 0.5 is its default
     assert not found["equal"]
+
+
+def test_a_difference_says_what_it_does_on_the_suite(tmp_path: Path, monkeypatch, capsys) -> None:
+    """An impulse limit below that of the blows: what passed before does not any more, and diff says so."""
+    monkeypatch.chdir(tmp_path)
+    write(Path("mine.toml"), tuning(limit__impulse_n_s=1.6), SAFE, force=False)
+    write(Path("low.toml"), tuning(limit__impulse_n_s=0.2), SAFE, force=False)
+    command = ["tune", "diff", "mine.toml", "low.toml", "--scenario", "quick-start-below-the-band"]
+    assert cli.run([*command, "--json"]) == EXIT_CHECK_FAILED
+    (found,) = json.loads(capsys.readouterr().out)["suite"]
+    assert found["passed"] == {"a": True, "b": False}
+    assert "fault" in found["failed"]["b"]
+    assert found["failed"]["a"] == []
+    assert cli.run(["tune", "diff", "mine.toml", "mine.toml", *command[4:]]) == EXIT_PASSED
+    said = capsys.readouterr().out
+    assert "no parameter differs" in said
+    assert "no figure differs" in said

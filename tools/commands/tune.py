@@ -531,15 +531,39 @@ def show_check(payload: Mapping[str, Any]) -> None:
 def diff(
     a: Annotated[Path, typer.Argument(help="A parameter file.")],
     b: Annotated[Path, typer.Argument(help="Another one.")],
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(help="What both are run on, by a scenario's name; repeatable. By default three."),
+    ] = None,
+    suite: Annotated[bool, typer.Option(help="Run both on scenarios of the suite, in lockstep.")] = True,
     as_json: Json = False,
 ) -> None:
-    """What changed between two parameter files; one that lacks a parameter has its default."""
-    from tools.tuning.difference import difference
+    """What changed between two parameter files, and what it does on scenarios of the suite.
 
-    payload = difference(a, b)
+    A parameter that a file lacks has its default. A scenario that only the second fails is a failed check.
+    """
+    from tools.tuning.difference import SCENARIOS, difference, effects
+
+    payload = {**difference(a, b), "suite": []}
+    if suite:
+        with progress_bar() as bar:
+            task = bar.add_task("scenarios", total=1.0)
+            payload["suite"] = effects(
+                a,
+                b,
+                scenario or SCENARIOS,
+                lambda doing, share: bar.update(task, description=doing, completed=share),
+            )
     if as_json:
         print_json(payload)
-        return
+    else:
+        show_difference(payload, a, b)
+    if any(one["passed"]["a"] and not one["passed"]["b"] for one in payload["suite"]):
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
+    """Parameters, figures of merit, verdicts and figures of the scenarios."""
     table = Table(box=None, pad_edge=False)
     for name in ("parameter", a.name, b.name, "change", "unit"):
         table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
@@ -554,12 +578,29 @@ def diff(
         console.print(table)
     else:
         console.print("no parameter differs")
-    merits = Table(box=None, pad_edge=False)
-    for name in ("figure of merit", a.name, b.name, "unit"):
-        merits.add_column(name, justify="left" if name in ("figure of merit", "unit") else "right")
-    for name, merit in payload["figures_of_merit"].items():
-        merits.add_row(name.replace("_", " "), figure(merit["a"]), figure(merit["b"]), merit["unit"])
-    console.print(merits)
+    if payload["figures_of_merit"]:
+        console.print(_side_by_side("figure of merit", payload["figures_of_merit"], a, b))
+    for one in payload["suite"]:
+        verdicts = (
+            "[green]passed[/]"
+            if one["passed"][side]
+            else f"[red]failed ({', '.join(one['failed'][side])})[/]"
+            for side in ("a", "b")
+        )
+        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts), highlight=False)
+        if one["figures"]:
+            console.print(_side_by_side("figure", one["figures"], a, b))
+        else:
+            console.print("  no figure differs by more than half a per cent")
     for side, path in (("a", a), ("b", b)):
         if payload["safe"][side] is False:
             console.print(f"[bold red]{path} was written by force[/]: a safety scenario fails with it")
+
+
+def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for name in (title, a.name, b.name, "unit"):
+        table.add_column(name, justify="left" if name in (title, "unit") else "right")
+    for name, one in figures.items():
+        table.add_row(name.replace("_", " "), figure(one["a"]), figure(one["b"]), one["unit"])
+    return table

@@ -1,11 +1,32 @@
-"""What changed between two parameter files."""
+"""What changed between two parameter files, and what that does on scenarios of the suite."""
 
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
+from hil.bench import in_lockstep
+from hil.figure_records import CATALOGUE, value_of
+from hil.figures import figures_from
 from hil.parameter_file import read_document, values_of
+from hil.run_traces import read_run
+from hil.rundir import judge
+from hil.scenario import load_scenario
+
+SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")
+"""A start into the multistable band and its hold, a quick start, an emergency: what tuning may spoil."""
+SEED = 1
+OF_THE_MACHINE = (
+    *("realtime_factor", "tick_us", "wake_us", "work_us", "loops.", "overruns", "baseline", "memory"),
+    *("ticks", "late_wakeups", "long_work", "energy_residual", "real_time"),
+)
+"""Figures of how the bench ran: no parameter changes them."""
+LEAST_CHANGE = 0.005
+"""Figures that differ by a smaller share are not worth a line."""
+
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -63,3 +84,59 @@ def difference(a: Path, b: Path) -> dict[str, Any]:
             "b": documents[1].get("tuning", {}).get("safe"),
         },
     }
+
+
+# --- on the suite -------------------------------------------------------------------------------------
+
+
+def effects(
+    a: Path, b: Path, scenarios: Sequence[str] = SCENARIOS, progress: Progress = lambda *_: None
+) -> list[dict[str, Any]]:
+    """Each scenario run in lockstep with either file: verdicts, checks whose verdict differs, figures."""
+    found = []
+    for number, name in enumerate(scenarios):
+        sides = []
+        for place, path in enumerate((a, b)):
+            before = (number + 0.5 * place) / len(scenarios)
+
+            def told(share: float, _: str, name: str = name, before: float = before) -> None:
+                progress(name, before + 0.5 * share / len(scenarios))
+
+            sides.append(_ran(name, path, told))
+        one, other = sides
+        found.append(
+            {
+                "scenario": name,
+                "passed": {"a": one["passed"], "b": other["passed"]},
+                "failed": {"a": one["failed"], "b": other["failed"]},
+                "figures": _differing(one["figures"], other["figures"]),
+            }
+        )
+    return found
+
+
+def _ran(name: str, path: Path, progress: Callable[[float, str], None]) -> dict[str, Any]:
+    """A scenario with a parameter file: its verdict, failed checks and plain figures."""
+    scenario = load_scenario(name, (), [path])
+    with tempfile.TemporaryDirectory(prefix="vibrohil-diff-") as folder:
+        run_dir, _ = in_lockstep(scenario, Path(folder), SEED, progress)
+        traces = read_run(run_dir)
+        figures = figures_from(traces)
+        verdict, results = judge(traces, figures, run_dir)
+        content = figures.as_json()
+    return {
+        "passed": bool(verdict["passed"]),
+        "failed": [one.name for one in results if not one.passed],
+        "figures": {key: value_of(content, key) for key in CATALOGUE if not key.startswith(OF_THE_MACHINE)},
+    }
+
+
+def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Numbers that are there on both sides and differ."""
+    found = {}
+    for name in a:
+        one, other = a[name], b[name]
+        numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in (one, other))
+        if numbers and abs(other - one) > LEAST_CHANGE * max(abs(one), abs(other)):
+            found[name] = {"unit": CATALOGUE[name].unit, "a": one, "b": other}
+    return found

@@ -7,8 +7,8 @@ touch-down: there the stop says where the striker is, which nothing has told the
 Its log-likelihood is added up over logs, counted for as many as the touch-downs are worth (`innovations`).
 The innovation in free flight is no judge: the same reading that it corrects by has carried the state there,
 and its likelihood is the greater, the more the filter follows the model's errors. On drawn modules it would
-choose what makes the velocity three times as wrong; the touch-downs choose, without knowing it, the least
-error of position. Of what cannot be told from the best, NIS decides: innovations must be as large as said.
+choose what makes the velocity three times as wrong; the touch-downs choose, without knowing it, what comes
+within 5 % of the least error of position. NIS has a say, too: innovations must be about as large as said.
 
 The sensor's own noise, floor of the σ² that the filter learns, is read off the second differences of the
 readings. Beside the likelihood stand NIS, a whiteness test, and errors against filterpy's smoother. Where a
