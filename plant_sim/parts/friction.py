@@ -80,7 +80,7 @@ def _(friction: Coulomb, normal_n: float, v_m_s: float, direction: float) -> flo
 
 @law(friction_force_n, Stribeck)
 def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> float:
-    speed = v_m_s * direction / friction.v_s_m_s
+    speed = v_m_s * (direction / friction.v_s_m_s)
     # Where a stage slides backwards the law is continued smoothly, as far as a solver may look ahead.
     if friction.delta == 1.0:
         power = max(speed, -2.0)
@@ -88,5 +88,7 @@ def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> fl
         power = speed * speed
     else:
         power = abs(speed) ** friction.delta
-    mu = friction.mu + (friction.mu_s - friction.mu) * math.exp(-power)
-    return -mu * normal_n * direction - friction.b_n_s_m * v_m_s
+    # What does not wait for the exponential comes first: a solver's stages hang on one another by it.
+    weight_n = normal_n * direction
+    sliding_n = -(friction.mu * weight_n) - friction.b_n_s_m * v_m_s
+    return sliding_n - (friction.mu_s - friction.mu) * weight_n * math.exp(-power)

@@ -29,6 +29,7 @@ from plant_sim.result import (
 from plant_sim.sensing import NoSensing, Probe, is_sensing, note_readings, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
 from plant_sim.solvers.currents import (
+    current_s,
     magnetic_energy_j,
     turning_current_a,
     turning_torque_n_m,
@@ -223,6 +224,7 @@ def _step(
         math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg), abs(crank_speed(parts.drive, memory))
     )
     longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
+    longest = min(longest, current_s(parts.winding, parts.drive))
     derivative(parts, flow, 0.0, y, k[0])
     while True:
         h = min(held[place], longest, remaining)

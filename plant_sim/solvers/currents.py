@@ -25,6 +25,10 @@ from plant_sim.parts.winding import (
 Vector = NDArray[np.float64]
 
 
+STABLE = 4.5
+"""h |λ| at which DOP853 damps a real pole well; its stability ends at about 6."""
+
+
 class Voltages(NamedTuple):
     """In the rotor's frame, V."""
 
@@ -263,6 +267,49 @@ def voltage_may_end(
     limit = voltage_limit_v(drive)
     reached: bool = d * d + q * q >= limit * limit
     return reached
+
+
+@by_part
+def current_s(winding: Winding, drive: Drive) -> float:
+    """How long a step may be for the windings' sake, s: the method is stable to h λ = −6 or so."""
+    raise NotImplementedError
+
+
+@law(current_s, Settled)
+def _(winding: Settled, drive: Drive) -> float:
+    return math.inf
+
+
+@law(current_s, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive) -> float:
+    """The loop's poles are −α and, where the integral cancels them, −R/L_d and −R/L_q."""
+    cancelled = drive.resistance_ohm / min(winding.d_inductance_h, winding.q_inductance_h)
+    return STABLE / max(winding.bandwidth_rad_s, cancelled)
+
+
+@subroutine
+def stays_within_voltage(
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, dense: Vector, speed: int, place: int
+) -> bool:
+    """Whether a step's Bernstein coefficients, in whose hull it lies, prove that the bus never limits it."""
+    i_d, i_q = _largest(dense[place]), _largest(dense[place + 1])
+    u_d, u_q = _largest(dense[place + 2]), _largest(dense[place + 3])
+    electrical = drive.pole_pairs * _largest(dense[speed])
+    L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
+    d = u_d + alpha * L_d * i_d + electrical * L_q * i_q
+    q = u_q + alpha * L_q * (abs(asked_current_a(drive, torque_n_m)) + i_q)
+    q += electrical * (L_d * i_d + mean_flux_wb(drive))
+    limit = voltage_limit_v(drive)
+    within: bool = d * d + q * q < limit * limit
+    return within
+
+
+@subroutine
+def _largest(b: Vector) -> float:
+    largest = 0.0
+    for i in range(b.size):
+        largest = max(largest, abs(b[i]))
+    return largest
 
 
 def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:

@@ -34,7 +34,7 @@ from plant_sim.solvers.bernstein import (
     interpolate,
     without_root_at_start,
 )
-from plant_sim.solvers.currents import voltage_excess
+from plant_sim.solvers.currents import stays_within_voltage, voltage_excess
 from plant_sim.solvers.motion import (
     CONTACT,
     DEPTH,
@@ -319,6 +319,10 @@ def _(
 ) -> Found:
     values, excess = scratch.poly, scratch.press
     place = current_place(parts)
+    if not flow.voltage_limited and stays_within_voltage(
+        winding, drive, flow.torque_n_m, dense, SPEED, place
+    ):
+        return found
     for i in range(DEGREE + 1):
         look_within(dense, NODES[i], scratch)
         omega = scratch.inner[SPEED]

@@ -408,7 +408,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     if flow.phase in (FLIGHT, CONTACT):
         drag = friction_force_n(friction, striker.mass_kg * striker.gravity_m_s2, v, flow.direction)
         out[0] = closing
-        out[1] = (spring + drag - push) / striker.mass_kg - a_b
+        out[1] = (spring - push + drag) * (1.0 / striker.mass_kg) - a_b  # a division would be waited for
         out[work + 1] = crank_loss - drag * v
     else:
         out[0] = 0.0

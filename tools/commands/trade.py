@@ -91,7 +91,7 @@ def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
         return
     table = _table(
         f"parts: table1 on its impact orbit at r = {parts.RATIO}, one part changed at a time",
-        ("part", "µs/s", "×", "N s", "peak N", "felt N", "J", "fold"),
+        ("part", "µs/s", "×", "N s", "peak N", "felt N", "J", "at terminals J", "fold"),
     )
     for row in rows:
         table.add_row(
@@ -102,14 +102,15 @@ def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
             figure_of(row["peak_force_n"], 0),
             figure_of(row["peak_felt_force_n"], 0),
             f"{row['energy_per_cycle_j']:.3f}",
+            figure_of(row["terminal_energy_per_cycle_j"], 3),
             f"{row['fold_r']:.2f}",
         )
     console.print(table)
     console.print(
         "×: cost over the first part's; N s: a blow's impulse, — where the blows have ended; J: the drive's "
-        "work a cycle; fold: the largest r at which blows go on "
-        "as the crank is made faster in steps of 0.01. All by the adaptive solver. Processor time of a "
-        f"thread, least of {repeats} interleaved repeats.",
+        "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
+        "which blows go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
+        f"Processor time of a thread, least of {repeats} interleaved repeats.",
         highlight=False,
     )
 
