@@ -27,7 +27,7 @@ from hil.scenario import LARGEST_RATIO
 from hil.seen_on_bus import heard
 from plant_sim.scene import read_scene
 from tools.output import BadInputError
-from tools.tuning.blows import contact_time_s, fit_blow
+from tools.tuning.blows import Friction, contact_time_s, fit_blow
 from tools.tuning.flights import (
     CRANK,
     DAMPING,
@@ -49,6 +49,7 @@ from tools.tuning.laws import (
     fitting,
     normals,
     prepared,
+    simplest,
     solved,
     speed_m_s,
     with_signs,
@@ -131,7 +132,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
         signed = with_signs(flights, speeds, readings.period_s)
         matrices = fitting(normals(signed.flights, signed.chosen, as_they_are), signed.chosen)
     fitted = candidates(prepared(signed, matrices))
-    law = min(fitted, key=lambda one: fitted[one].fit.criterion)
+    law = simplest(fitted)
     chosen = fitted[law]
     blows = tuple(
         blow
@@ -202,18 +203,18 @@ def _blow(
     v = v0 + velocity[-1] - offset * t
     if v < GRAZING_M_S or not np.all(np.isfinite(z)):
         return None
-    # What spring, crank and friction would give over the blow; the striker stays where it is, within 3 mm.
+    # What spring and crank would give over the blow; the striker stays where it is, within 3 mm.
     rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
     angle = readings.angle_rad[contact.before : end]
-    # Once it is thrown back, friction has turned round.
-    back = np.where(np.arange(len(rows)) > np.argmin(z[last:]), -1.0, 1.0)
-    free = -k * (x - amplitude * np.sin(angle)) - back * (d * v + f)
+    spring = -k * (x - amplitude * np.sin(angle))
+    friction = Friction(d, f)
     delay_s = low_pass_delay_s(bandwidth_hz)
     coming = float(z[last]) - offset
     at_s, speed = T, v
     for _ in range(2):
         speed = v + coming * (at_s + delay_s)
-        fitted = fit_blow(rows, free + offset - z[last:], speed, -float(np.mean(free)), bandwidth_hz)
+        pull = -float(np.mean(spring))
+        fitted = fit_blow(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, friction)
         at_s = fitted.touch_down_s
     # All of the flight lags behind by the low-pass's delay.
     since = at_s + delay_s

@@ -9,11 +9,12 @@ flight run again by the model that was fitted, which has no noise in it, and the
 *its* regressors.
 
 Friction laws, by unit of mass: d v, f sign v, and for Stribeck's rise h exp(−(|v|/v_s)^δ) sign v on top. v_s
-is no linear parameter: it is sought. The law is chosen by the Bayesian information criterion (Schwarz 1978).
+is no linear parameter: it is sought. The simplest law is chosen from which the Bayesian
+information criterion (Schwarz 1978) does not clearly tell a better one.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -48,6 +49,8 @@ OUTLYING = 4.0
 """Times the median of the flights' mean squared residuals: left out."""
 AVERAGED = 5
 """Readings are taken so many at a time: nothing that moves here is as fast."""
+HARDLY = 10.0
+"""Beyond, the evidence is very strong (Kass & Raftery 1995)."""
 INSTRUMENT_PASSES = 2
 RISES = ((0.05, 1.0), (0.05, 2.0))
 """Stribeck's shapes (v_s, δ) to set out from; v_s is sought, δ is 1 or 2 (Armstrong-Hélouvry et al. 1994)."""
@@ -303,6 +306,13 @@ def candidates(samples: Samples) -> dict[Law, Candidate]:
     }
     risen = [_by_instruments(*_with_best_rise(samples, Rise(*rise))) for rise in RISES]
     return {**found, Law.STRIBECK: min(risen, key=lambda one: one.fit.criterion)}
+
+
+def simplest(fitted: Mapping[Law, Candidate]) -> Law:
+    """The law with the fewest parameters of those that the criterion hardly tells from the best."""
+    best = min(one.fit.criterion for one in fitted.values())
+    near = [law for law, one in fitted.items() if one.fit.criterion < best + HARDLY]
+    return min(near, key=lambda law: (len(USED[law]) + 2 * (law == Law.STRIBECK), fitted[law].fit.criterion))
 
 
 def _by_instruments(samples: Samples, rise: Rise, law: Law = Law.STRIBECK) -> Candidate:
