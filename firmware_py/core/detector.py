@@ -193,6 +193,11 @@ def _contact(
     # A stop gives back at most what it got.
     believable = -1.2 * before_m_s - 0.05 < predicted.belief.v_m_s < 0.2 * before_m_s + 0.05
     measured = measurable and believable
+    expected_m_s = (1.0 + config.restitution) * before_m_s
+    change_m_s = area_m_s if measured else expected_m_s
+    if measurable and not believable:
+        # Estimate and readings contradict each other: for the limit on a blow, the worse of the two counts.
+        change_m_s = at_least(area_m_s, expected_m_s)
     freed = DetectorState(
         phase=ContactPhase.FREE,
         contact_ticks=0,
@@ -200,7 +205,7 @@ def _contact(
         excess_m_s2=excess_m_s2,
         peak_m_s2=peak_m_s2,
         approach_speed_m_s=before_m_s,
-        impulse_n_s=config.mass_kg * (area_m_s if measured else (1.0 + config.restitution) * before_m_s),
+        impulse_n_s=config.mass_kg * change_m_s,
         area_m_s=area_m_s,
         since_touch_down_s=since_touch_down_s,
         measurable=True,

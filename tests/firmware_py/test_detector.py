@@ -109,6 +109,18 @@ def test_a_rebound_that_no_stop_can_give_is_not_measured(leaving: float) -> None
     assert not found[2].measured
 
 
+@pytest.mark.parametrize(("largest", "from_readings"), [(1400.0, True), (50.0, False)])
+def test_where_estimate_and_readings_contradict_each_other_the_harder_blow_counts(
+    largest: float, from_readings: bool
+) -> None:
+    excesses = [10.0, largest, 0.7 * largest, 0.4 * largest, 0.5]
+    found, state = contact_run(excesses, [1.1, 0.5, -0.5, -1.5, -2.1])
+    assert found[4].separation
+    assert not found[4].measured
+    expected = 1.5 * 0.8 * found[0].approach_speed_m_s
+    assert state.impulse_n_s == pytest.approx(0.8e-3 * sum(excesses) if from_readings else expected)
+
+
 def test_after_a_separation_the_detector_is_blind_for_its_refractory_time() -> None:
     excesses = [10.0, 300.0, 0.0] + [50.0] * 10
     found, state = contact_run(excesses, [0.9, 0.2, -0.45] + [0.3] * 10)
