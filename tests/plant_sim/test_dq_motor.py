@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from motulator_drive import motulator_motion
+from test_plant import arithmetic, constant, kernel_code
 from test_scene import DELETE, changed
 
 from plant_sim.parts.drive import MotorDrive
@@ -17,6 +18,7 @@ from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensing import NoSensing
 from plant_sim.simulate import initial_state, simulate
 from plant_sim.solvers.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.bernstein import NODES
 from plant_sim.solvers.memory import VOLTAGE_LIMITED, Memory, allocate
 from plant_sim.solvers.motion import current_place
 
@@ -225,6 +227,17 @@ def test_the_state_has_what_the_scene_names() -> None:
     assert len(waving.cogging.waves) == 2
 
 
+def test_the_kernel_holds_only_what_the_scene_names() -> None:
+    """Only windings have a voltage to look for at a step's inner points."""
+    hertz = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    motor = {"model": "motor", "amplitude_m": 0.02}
+    plain = kernel_code({"stop": hertz, "drive": motor})
+    smooth = kernel_code({"stop": hertz, "drive": {**motor, "model": "dq-motor"}})
+    assert constant(NODES[1]) not in plain
+    assert constant(NODES[1]) in smooth
+    assert arithmetic(plain) < arithmetic(smooth)
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "said"),
     [
@@ -264,3 +277,35 @@ def test_what_makes_no_sense_is_refused(name: str, changes: dict[str, Any], said
     with pytest.raises(SceneError) as refusal:
         load_scene(changed(name, changes))
     assert str(refusal.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("changes", "supply_v"),
+    [
+        ({"motor.inertia_kg_m2": 1e-9}, 24.0),
+        ({"motor.inertia_kg_m2": 1e6}, 24.0),
+        ({"motor.inductance_h": 1e-7}, 24.0),
+        ({"motor.inductance_h": 0.1}, 24.0),
+        ({"motor.resistance_ohm": 1e-6}, 24.0),
+        ({"winding": {"bandwidth_rad_s": 1e5}}, 24.0),
+        ({"winding": {"bandwidth_rad_s": 1.0}}, 24.0),
+        ({"motor.current_limit_a": 0.5}, 24.0),
+        # The bus sags under a turning motor, to next to nothing.
+        ({}, 1.0),
+        ({}, 1e-9),
+    ],
+)
+def test_extremes_balance(changes: dict[str, Any], supply_v: float) -> None:
+    """Next to no inertia, inductance, resistance, bandwidth or bus, and next to endless ones; back-driven."""
+    plant = Plant(scene(changes), seed=1)
+    for tick in range(100):
+        if tick == 50:
+            drive = plant.parts.drive
+            assert isinstance(drive, MotorDrive)
+            plant.replace_parts(plant.parts._replace(drive=drive._replace(supply_v=supply_v)))
+        plant.advance(0.3 if tick < 75 else -0.3, 1e-3)
+    assert math.isfinite(plant.now.omega_rad_s)
+    assert abs(plant.now.current_a) <= plant.parts.drive.current_limit_a * (1.0 + 1e-6)
+    assert plant.energy.residual < 1e-9
+    assert plant.electrical is not None
+    assert plant.electrical.residual < 1e-9
