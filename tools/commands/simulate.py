@@ -1,6 +1,7 @@
 """`vibrohil simulate SCENE`: the plant alone."""
 
 import time
+from dataclasses import asdict
 from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,18 +31,27 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
-    from hil.settings import apply_settings
+    from hil.settings import SettingError, apply_settings
     from plant_sim.scene import load_scene, read_scene
+    from plant_sim.simulate import SimulationError
     from plant_sim.simulate import simulate as simulate_plant
 
     if not 0.0 < until < float("inf"):
         raise BadInputError(
             f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10"
         )
-    loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
+    try:
+        tables = apply_settings({"scene": read_scene(scene)}, change or [])["scene"]
+    except SettingError as error:
+        raise BadInputError(str(error)) from error
+    loaded = load_scene(tables)
     started = time.perf_counter()
-    result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
+    try:
+        result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
+    except SimulationError as error:
+        raise BadInputError(str(error)) from error
     wall_s = time.perf_counter() - started
+    electrical = result.electrical
     payload = {
         "scene": scene,
         "impacts_t_s": result.impacts.t_s,
@@ -65,6 +75,7 @@ def simulate(
             "ankle_j": result.energy.ankle_j,
         },
         "energy_residual": result.energy.residual,
+        "electrical": None if electrical is None else {**asdict(electrical), "residual": electrical.residual},
         "peak_felt_force_n": result.peak_felt_force_n,
         "method": result.method,
         "notes": list(result.notes),
@@ -81,6 +92,16 @@ def simulate(
         show(payload)
 
 
+def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
+    """What a motor with windings took, and what of it heated the copper."""
+    if electrical is None:
+        return []
+    return [
+        ("work at the terminals", electrical["work_j"], "J"),
+        ("copper loss", electrical["copper_j"], "J"),
+    ]
+
+
 def show(payload: dict[str, Any]) -> None:
     """Print the run for people: what happened, then the last impacts."""
     times, speeds = payload["impacts_t_s"], payload["impacts_v_m_s"]
@@ -93,6 +114,7 @@ def show(payload: dict[str, Any]) -> None:
         ("final phase", payload["final"]["phase"], ""),
         ("energy residual", payload["energy_residual"], "of the energy exchanged"),
         ("peak felt force", payload["peak_felt_force_n"], "N"),
+        *electrical_rows(payload["electrical"]),
         ("method", payload["method"], ""),
         ("computing", payload["wall_s"], "s"),
     ]
