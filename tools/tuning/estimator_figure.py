@@ -19,28 +19,22 @@ def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) ->
     import matplotlib.pyplot as plt
 
     figure, grid = plt.subplots(1, 4, figsize=(17.0, 4.4), layout="constrained")
-    chosen = {name: value.value for name, value in tuning.parameters.items()}
-    stop_m = chosen.get(STOP, DEFAULTS[STOP])
+    chosen = {**DEFAULTS, **tuning.values}
+    stop_m = chosen[STOP]
     shown = [one for one in points if one.parameters[STOP] == stop_m]
     best = max(one.likelihood for one in points)
-    _surface(figure, grid[0], shown, lambda one: one.likelihood - best, "log-likelihood below the best")
-    _surface(figure, grid[1], shown, lambda one: one.x_to_smoother_mm, "x, RMSE to the smoother [mm]")
+    _surface(grid[0], shown, chosen, lambda one: one.likelihood - best, "log-likelihood below the best")
+    _surface(grid[1], shown, chosen, lambda one: one.x_to_smoother_mm, "x, RMSE to the smoother [mm]")
     known = bool(np.isfinite([one.x_to_truth_mm for one in shown]).all())
     if known:
-        _surface(figure, grid[2], shown, lambda one: one.x_to_truth_mm, "x, RMSE to the truth [mm]")
+        _surface(grid[2], shown, chosen, lambda one: one.x_to_truth_mm, "x, RMSE to the truth [mm]")
     else:
-        _surface(figure, grid[2], shown, lambda one: one.nis_flight, "NIS in flight")
-    for axes in grid[:3]:
-        axes.plot(
-            chosen.get(MEMORY, DEFAULTS[MEMORY]), chosen.get(NOISE, DEFAULTS[NOISE]), "s", mfc="none", ms=15
-        )
-        axes.plot(DEFAULTS[MEMORY], DEFAULTS[NOISE], "D", mfc="none", mec="tab:red", ms=10)
+        _surface(grid[2], shown, chosen, lambda one: one.nis_flight, "NIS in flight")
     for memory_s in sorted({one.parameters[MEMORY] for one in points}):
         line = [
             one
             for one in points
-            if one.parameters[MEMORY] == memory_s
-            and one.parameters[NOISE] == chosen.get(NOISE, DEFAULTS[NOISE])
+            if one.parameters[MEMORY] == memory_s and one.parameters[NOISE] == chosen[NOISE]
         ]
         line.sort(key=lambda one: one.parameters[STOP])
         grid[3].loglog(
@@ -51,7 +45,7 @@ def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) ->
         )
     grid[3].axhline(1.0, color="black", lw=0.8)
     grid[3].axhline(LARGEST_NIS, color="black", lw=0.8, ls="--")
-    grid[3].set(xlabel="the stop is known to [mm]", title="NIS at the stop, by the model's memory")
+    grid[3].set(xlabel="the stop is known to [mm]", title="NIS at the stop, by memory")
     grid[3].legend(fontsize=8)
     grid[3].grid(alpha=0.3, which="both")
     figure.suptitle("square: chosen, diamond: default; the stop known to " + f"{1e3 * stop_m:g} mm")
@@ -60,20 +54,36 @@ def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) ->
 
 
 def _surface(
-    figure: Any, axes: Any, points: Sequence[Combination], what: Callable[[Combination], float], title: str
+    axes: Any,
+    points: Sequence[Combination],
+    chosen: dict[str, float],
+    what: Callable[[Combination], float],
+    title: str,
 ) -> None:
     """A quantity over the model's memory and the velocity's noise, its numbers written in."""
     memories = sorted({one.parameters[MEMORY] for one in points})
     noises = sorted({one.parameters[NOISE] for one in points})
     found = {(one.parameters[NOISE], one.parameters[MEMORY]): what(one) for one in points}
     table = np.array([[found[noise, memory] for memory in memories] for noise in noises])
-    mesh = axes.pcolormesh(memories, noises, table, shading="nearest", cmap="viridis")
+    mesh = axes.imshow(table, origin="lower", aspect="auto", cmap="viridis")
     for (noise, memory), value in found.items():
         axes.text(
-            memory, noise, f"{value:.3g}", ha="center", va="center", fontsize=7, color="white", weight="bold"
+            memories.index(memory),
+            noises.index(noise),
+            f"{value:.3g}",
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="white",
+            weight="bold",
         )
-    axes.set(
-        xscale="log", yscale="log", xlabel="memory of the model's error [s]", ylabel="Q of v by tick [m/s]"
-    )
+    axes.set(xlabel="memory of the model's error [s]", ylabel="Q of v by tick [m/s]")
+    axes.set_xticks(range(len(memories)), [f"{one:g}" for one in memories])
+    axes.set_yticks(range(len(noises)), [f"{one:g}" for one in noises])
+    for place, marker, colour in ((chosen, "s", "white"), (DEFAULTS, "D", "tab:red")):
+        # Between the values that were tried where it is none of them.
+        x = np.interp(np.log(place[MEMORY]), np.log(memories), range(len(memories)))
+        y = np.interp(np.log(place[NOISE]), np.log(noises), range(len(noises)))
+        axes.plot(x, y, marker, mfc="none", mec=colour, ms=34 if marker == "s" else 26, mew=1.5)
     axes.set_title(title, fontsize=10)
-    figure.colorbar(mesh, ax=axes)
+    axes.figure.colorbar(mesh, ax=axes)

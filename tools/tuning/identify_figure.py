@@ -49,7 +49,7 @@ def _friction(axes: Any, found: Identified) -> None:
 
 
 def _laws(axes: Any, found: Identified) -> None:
-    names = [law.value for law in found.fits]
+    names = [law.value.replace(" and ", "\nand ") for law in found.fits]
     residuals = [1e3 * fit.residual_m_s2 for fit in found.fits.values()]
     axes.bar(names, residuals, color=[COLOURS[law] for law in found.fits])
     axes.set(yscale="log", ylabel="residual [mm/s²]", title=f"residual by law; chosen: {found.law.value}")

@@ -263,7 +263,7 @@ def fit(matrices: Normals, chosen: Sequence[BoolArray], law: Law, rise: Rise) ->
         law=law,
         striker=striker_of(found),
         rise=rise,
-        residual_m_s2=float(np.sqrt(AVERAGED * squares / rows)),
+        residual_m_s2=float(np.sqrt(squares / rows)),
         samples=AVERAGED * rows,
         criterion=float(rows * np.log(squares / rows) + (len(used) + shapes) * np.log(rows)),
         condition=float(np.linalg.cond(normal / np.outer(scale, scale))),

@@ -56,13 +56,14 @@ def record_tuning(path: Path, tuning: Tuning, timeline: str, views: Views) -> No
                 name=name,
                 plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
                 # The whole of the curve, wherever the time stands.
+                axis_x=rrb.archetypes.TimeAxis(view_range=_whole(curves)),
                 time_ranges=rrb.VisibleTimeRange(
                     timeline,
                     start=rrb.TimeRangeBoundary.infinite(),
                     end=rrb.TimeRangeBoundary.infinite(),
                 ),
             )
-            for name in names
+            for name, curves in views.items()
         ),
         grid_columns=2 if len(names) > 1 else 1,
     )
@@ -98,6 +99,16 @@ def _log_curve(
     if len(one.steps):
         steps = [rr.TimeColumn(timeline, sequence=one.steps)]
         recording.send_columns(entity, steps, [*rr.Scalars.columns(scalars=one.values)])
+
+
+def _whole(curves: Mapping[str, Curve]) -> rr.TimeRange:
+    """From the first step to the last one of all curves of a view."""
+    steps = np.concatenate([one.steps for one in curves.values()])
+    first, last = (int(steps.min()), int(steps.max())) if len(steps) else (0, 1)
+    return rr.TimeRange(
+        start=rr.TimeRangeBoundary.absolute(seq=first),
+        end=rr.TimeRangeBoundary.absolute(seq=max(last, first + 1)),
+    )
 
 
 def _entity(name: str) -> str:
