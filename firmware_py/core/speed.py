@@ -18,7 +18,7 @@ from firmware_py.interface.enums import ActingLimit
 
 
 class LoadBelief(NamedTuple):
-    """What turns with the crank, and the spring that it drives and that no striker stretches beyond its longest."""
+    """What turns with the crank, and its spring, which no striker stretches beyond the longest stretch."""
 
     inertia_kg_m2: float
     viscous_n_m_s: float

@@ -237,7 +237,7 @@ TABLE: tuple[Parameter, ...] = (
     ),
     Parameter("estimator.still_s", "s", 0.001, 10.0, 0.03, "for so long; a reversal lasts less"),
     Parameter("estimator.coarse_std_m", "m", 1e-5, 0.1, 2e-3, "a Hall or string sensor's noise"),
-    Parameter("start.free_ratio", "1", 0.1, 10.0, 1.3, "the S-curve ends here; beyond, the hold creeps on"),
+    Parameter("start.free_ratio", "1", 0.1, 10.0, 1.32, "the S-curve ends here; beyond, the hold creeps on"),
     Parameter("hold.lowest_ratio", "1", 0.1, 10.0, 1.0, "below, the impulse no longer falls with the speed"),
     Parameter("hold.highest_phase_deg", "deg", 5.0, 80.0, 65.0, "20 degrees before the fold, at 85 to 91"),
     Parameter("hold.phase_slope_rad", "rad", 0.01, 100.0, 1.4, "by unit of r at 0 deg: 0.8 deg per 0.01"),

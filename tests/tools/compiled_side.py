@@ -22,6 +22,17 @@ def closed_loop(scenario: str, settings: list[str], seed: int) -> dict[str, Any]
     return {"impacts": done.impacts, "trace": done.trace}
 
 
+def kicked(kick_m_s: float) -> Any:
+    """A run's rows, of a module at rest whose striker is kicked at 0.2 s."""
+    from firmware_py.shell.parameters import config_from
+    from plant_sim.scene import load_scene
+    from tools.campaign.run import UNDISTURBED, run
+
+    plan = UNDISTURBED._replace(kick_tick=200, kick_m_s=kick_m_s)
+    scene = load_scene("table1-motor-soft")
+    return run(scene, config_from({}), [], 0.3, np.random.default_rng(1), plan, traced=True).trace
+
+
 def dry_motion(settings: list[str], omega_rad_s: float, duration_s: float) -> tuple[Any, Any]:
     """Impacts of a led crank with dry friction by the campaign's plant, and by the adaptive solver."""
     from plant_sim.scene import load_scene

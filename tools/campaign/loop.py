@@ -76,6 +76,8 @@ Vector = NDArray[np.float64]
 OPERATOR_TICKS = 10
 COMMAND_TICKS = 100
 TURN = 6.283185307179586
+KICK_TICKS = 10
+"""A kick is a steady push of so long; the striker's accelerometers feel it."""
 COARSE_NOISE_M = 2e-3
 """A Hall or string sensor's, rms."""
 
@@ -103,7 +105,7 @@ class Script(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A kick that adds to the striker's velocity in the first tick of flight from `kick_tick` on; −1: none.
+    """A kick that adds to the striker's velocity, from the first tick of flight since `kick_tick`; −1: none.
 
     `judged_tick`: from where on the sums are taken. `endless`: the covariance is watched, and what the
     record has no room for is forgotten instead of ending the run. `coarse_ticks`: how often a coarse position
@@ -188,6 +190,7 @@ def run(
     speech = Speech(False, 0, 0, 0, 0.0, 0.0)
     held_n_m = 0.0
     angle_rad = y[2]
+    pushes = 0
     for tick in range(ticks):
         # Sensors and drive at t_k
         accelerometer = AccelerometerInput(
@@ -210,9 +213,7 @@ def run(
             axis, wishes, drive_config, config.drive.speed_limit_rad_s, config.drive.current_limit_a
         )
         held_n_m = torque_of(axis, drive_config, omega_rad_s)
-        if plan.kick_tick >= 0 and tick >= plan.kick_tick and record.counts[KICKED] == 0:
-            _kick(plan, module, record, tick)
-        advance(parts, filters, module, held_n_m, tick * tick_s, tick_s)
+        pushes = _moved(plan, parts, filters, module, record, held_n_m, pushes, tick, tick_s)
         current_a = motor_current_a(parts.drive, held_n_m, y[3])
         axis = elapsed(axis, drive_config, tick_s, y[3], current_a)
 
@@ -266,15 +267,37 @@ def _coarse(plan: Plan, senses: Senses, x_m: float, tick: int, noise: np.random.
 
 
 @subroutine
-def _kick(plan: Plan, module: Module, record: Record, tick: int) -> None:
-    """Kick a striker in flight; one in contact is left for a later tick."""
-    if module.memory.mode[PHASE] != FLIGHT:
-        return
+def _moved(
+    plan: Plan,
+    parts: Parts,
+    filters: Filters,
+    module: Module,
+    record: Record,
+    held_n_m: float,
+    pushes: int,
+    tick: int,
+    tick_s: float,
+) -> int:
+    """Move on by a tick, with its part of the kick, which begins in flight; how many parts there have been.
+
+    The state after the last part is kept.
+    """
     y = module.memory.y
-    y[1] += plan.kick_m_s
-    record.counts[KICKED] = tick
-    for i in range(record.kicked.size):
-        record.kicked[i] = y[i]
+    is_due = plan.kick_tick >= 0 and tick >= plan.kick_tick and pushes < KICK_TICKS
+    is_pushed = is_due and (pushes > 0 or module.memory.mode[PHASE] == FLIGHT)
+    part_m_s = plan.kick_m_s / KICK_TICKS
+    if is_pushed:
+        y[1] += part_m_s
+    advance(parts, filters, module, held_n_m, tick * tick_s, tick_s)
+    if not is_pushed:
+        return pushes
+    for which in (LOW, HIGH):
+        filters.states[which] += filters.steps[0, which, 1] * (part_m_s / tick_s)
+    if pushes + 1 == KICK_TICKS:
+        record.counts[KICKED] = tick + 1
+        for i in range(record.kicked.size):
+            record.kicked[i] = y[i]
+    return pushes + 1
 
 
 @subroutine
