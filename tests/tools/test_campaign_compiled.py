@@ -102,13 +102,13 @@ def test_on_a_shaken_housing_the_compiled_loop_senses_what_the_bench_does(
 
 
 def test_a_kick_is_a_push_that_the_accelerometers_feel(worker: ProcessPoolExecutor) -> None:
-    trace = worker.submit(compiled_side.kicked, -0.5).result()
+    trace = worker.submit(compiled_side.kicked, 0.5).result()
     velocity, felt, believed = (
         trace[:, column] for column in (columns.TRACE_V, columns.TRACE_HIGH, columns.TRACE_V_BELIEVED)
     )
     assert abs(velocity[199]) < 1e-3
-    assert velocity[210] == pytest.approx(-0.5, abs=0.02)
-    assert felt[204:210] == pytest.approx(np.full(6, -50.0), abs=4.0)
+    assert velocity[210] == pytest.approx(0.5, abs=0.02)
+    assert felt[204:210] == pytest.approx(np.full(6, 50.0), abs=4.0)
     assert abs(felt[215:]).max() < 10.0
     assert believed[220] == pytest.approx(velocity[220], abs=0.03)
 
