@@ -103,6 +103,8 @@ class ModelTrust(NamedTuple):
     readings_as_one: float
     still_m_s2: float
     still_ticks: int
+    strange_sigmas: float
+    strange_ticks: int
 
 
 class EstimatorConfig(NamedTuple):
@@ -148,7 +150,8 @@ class EstimatorState(NamedTuple):
 
     `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
     the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
-    of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker.
+    of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker,
+    `strange_ticks` for how long the innovation has been none that the model can have.
     """
 
     x_m: float
@@ -166,6 +169,7 @@ class EstimatorState(NamedTuple):
     nis: float
     model_variance: float
     still_ticks: int
+    strange_ticks: int
     sensor: SensorState
     touch_down: Belief
     started: bool
@@ -217,6 +221,7 @@ INITIAL = EstimatorState(
     nis=0.0,
     model_variance=0.0,
     still_ticks=0,
+    strange_ticks=0,
     sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_BELIEF,
     started=False,
@@ -435,6 +440,7 @@ def correct(
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
     still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
+    strange_ticks = _strange_ticks(config.trust, state.strange_ticks, predicted, elapsed_ticks)
     if contact.touch_down:
         # Since touch-down it has moved on by about v⁻ · age.
         z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
@@ -458,7 +464,7 @@ def correct(
             )
         else:
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
-    elif by_model:
+    elif by_model and not 0 < strange_ticks <= config.trust.strange_ticks:
         stuck = still_ticks > config.trust.still_ticks
         if stuck:
             belief = kalman.update(belief, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
@@ -500,6 +506,7 @@ def correct(
         predicted.nis if by_model else 0.0,
         model_variance,
         still_ticks,
+        strange_ticks,
         predicted.sensor,
         touch_down,
         predicted.started,
@@ -554,6 +561,18 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
     pulled = abs(sensor.acceleration_m_s2 - belief.bias_m_s2 - sensor.housing_m_s2)
     still = pulled < config.trust.still_m_s2 and abs(belief.v_m_s) < 0.05
     return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
+
+
+@compiled
+def _strange_ticks(trust: ModelTrust, strange_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
+    """For how long the innovation has been beyond what the model may be off by.
+
+    Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
+    again where that lasts, as the estimate is lost then.
+    """
+    if abs(predicted.innovation_m_s2) <= trust.strange_sigmas * predicted.innovation_std_m_s2:
+        return 0
+    return min(strange_ticks + elapsed_ticks, NEVER_TICKS)
 
 
 @compiled

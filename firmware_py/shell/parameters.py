@@ -269,6 +269,15 @@ TABLE: tuple[Parameter, ...] = (
     ),
     Parameter("start.approach_s", "s", 0.1, 100.0, 0.6, "quickly: for a rise that is longer than this"),
     Parameter(
+        "estimator.strange_sigmas",
+        "1",
+        2.0,
+        1000.0,
+        6.0,
+        "beyond, something else pushes than the model knows",
+    ),
+    Parameter("estimator.strange_s", "s", 0.0, 1.0, 0.025, "a push; what lasts longer is a lost estimate"),
+    Parameter(
         "limit.stretch_m", "m", 0.01, 10.0, 0.2, "an estimate beyond is lost: it does not feed the speed loop"
     ),
 )
@@ -471,6 +480,8 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             readings_as_one=max(values["estimator.model_memory_s"] / tick_s, 1.0),
             still_m_s2=values["estimator.still_m_s2"],
             still_ticks=ticks("estimator.still_s"),
+            strange_sigmas=values["estimator.strange_sigmas"],
+            strange_ticks=ticks("estimator.strange_s"),
         ),
         stop_variance=square("estimator.stop_std_m"),
         coarse_variance=square("estimator.coarse_std_m"),
