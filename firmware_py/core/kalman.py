@@ -160,9 +160,10 @@ else:
 
     Array = NDArray[np.float64]
 
-    # It keeps nothing from call to call: each sets its x and P first. S is one by one.
+    # It keeps nothing from call to call: each sets its x and P first, an update R too. S is one by one.
     _filter = filterpy.kalman.KalmanFilter(dim_x=3, dim_z=1)
     _filter.inv = np.reciprocal
+    _R = np.zeros((1, 1))
 
     # F, Q and H are the same in almost every tick; filterpy leaves its arguments as they are.
     @lru_cache(maxsize=16)
@@ -196,6 +197,7 @@ else:
     def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
         """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
         _set(belief)
-        _filter.update(z, np.array(((variance,),)), _row(row))
+        _R[0, 0] = variance
+        _filter.update(z, _R, _row(row))
         x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
         return Belief(x_m, v_m_s, bias_m_s2, _covariance())

@@ -103,11 +103,6 @@ INITIAL = MonitorState(
 
 
 @compiled
-def _held(condition: bool, ticks: int, elapsed_ticks: int) -> int:
-    return ticks + elapsed_ticks if condition else 0
-
-
-@compiled
 def watchdog_fault(
     config: Watchdogs, state: MonitorState, inputs: Inputs, crank: CrankState, estimate: EstimatorState
 ) -> Fault:
@@ -197,13 +192,15 @@ def step(
     closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
     # Frozen: the drive goes on reporting a speed, but the position does not move with it.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
-    frozen_ticks = _held(frozen, state.frozen_ticks, n) if encoder.age_ticks == 0 else state.frozen_ticks
+    frozen_ticks = state.frozen_ticks
+    if encoder.age_ticks == 0:
+        frozen_ticks = frozen_ticks + n if frozen else 0
     # Stuck: no accelerometer reads the same to the last count while the crank shakes the striker.
     low_m_s2 = inputs.accelerometer.low_m_s2
     stuck = low_m_s2 == state.low_m_s2 and abs(crank.omega_rad_s) > TURNING_RAD_S
-    stuck_ticks = (
-        _held(stuck, state.stuck_ticks, n) if inputs.accelerometer.age_ticks == 0 else state.stuck_ticks
-    )
+    stuck_ticks = state.stuck_ticks
+    if inputs.accelerometer.age_ticks == 0:
+        stuck_ticks = stuck_ticks + n if stuck else 0
     invalid = not (
         estimate.started
         and abs(estimate.x_m) < 10.0
@@ -211,14 +208,18 @@ def step(
         and 0.0 < estimate.p_xx <= limits.position_std_m * limits.position_std_m
     )
     stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
+    strong = not abs(power.current_a) <= limits.current_a
+    odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
+    standing = abs(crank.omega_rad_s) < config.standstill_rad_s
+    refused = moving and not closed and not state.enabled
     new = MonitorState(
         frozen_ticks,
-        _held(not abs(power.current_a) <= limits.current_a, state.overcurrent_ticks, n),
-        _held(not limits.lowest_v <= power.voltage_v <= limits.highest_v, state.voltage_ticks, n),
-        _held(moving and invalid, state.estimate_ticks, n),
-        _held(moving and closed and stalled, state.stall_ticks, n),
-        _held(abs(crank.omega_rad_s) < config.standstill_rad_s, state.standstill_ticks, n),
-        _held(moving and not closed and not state.enabled, state.enable_ticks, n),
+        state.overcurrent_ticks + n if strong else 0,
+        state.voltage_ticks + n if odd_voltage else 0,
+        state.estimate_ticks + n if moving and invalid else 0,
+        state.stall_ticks + n if moving and closed and stalled else 0,
+        state.standstill_ticks + n if standing else 0,
+        state.enable_ticks + n if refused else 0,
         moving and (state.enabled or closed),
         encoder.position_rev,
         stuck_ticks,
