@@ -31,13 +31,15 @@ from tools.tuning.result import Merit, Tuning, tuned
 if TYPE_CHECKING:
     import optuna
 
-RISE, AGAIN, CAPTURE, FREE = "start.rise_s", "start.again_s", "start.capture_ratio", "start.free_ratio"
+RISE, AGAIN, APPROACH = "start.rise_s", "start.again_s", "start.approach_ratio"
+CAPTURE, FREE = "start.capture_ratio", "start.free_ratio"
 HOLD_GAIN, HOLD_RATE = "hold.gain_phase", "hold.rate_1_s"
 SPACE: dict[str, tuple[float, float, float]] = {
     RISE: (1.0, 8.0, 0.5),
     AGAIN: (0.5, 4.0, 0.5),
+    APPROACH: (0.6, 0.9, 0.1),
     CAPTURE: (0.75, 0.95, 0.05),
-    FREE: (1.2, 1.35, 0.05),
+    FREE: (1.2, 1.36, 0.04),
     HOLD_GAIN: (0.05, 0.45, 0.1),
     HOLD_RATE: (0.01, 0.06, 0.01),
 }
