@@ -70,13 +70,19 @@ def frames_of(path: Path) -> list[tuple[int, bytes]]:
 
 @contextmanager
 def running(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that is asked to end as by Ctrl-C."""
-    with subprocess.Popen(command, **how) as process:
+    """A process that is asked to end as by Ctrl-C, which what a shell starts in the background is deaf to."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    process = subprocess.Popen(command, **how)
+    signal.signal(signal.SIGINT, previous)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
         try:
-            yield process
-        finally:
-            process.send_signal(signal.SIGINT)
             process.wait(PATIENCE_S)
+        finally:
+            process.kill()
+            process.wait()
 
 
 def tool(name: str, channel: str, *more: str) -> list[str]:
