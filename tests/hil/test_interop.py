@@ -70,10 +70,8 @@ def frames_of(path: Path) -> list[tuple[int, bytes]]:
 
 @contextmanager
 def running(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that is asked to end as by Ctrl-C, which what a shell starts in the background is deaf to."""
-    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """A process that is asked to end as by Ctrl-C."""
     process = subprocess.Popen(command, **how)
-    signal.signal(signal.SIGINT, previous)
     try:
         yield process
     finally:
