@@ -71,16 +71,13 @@ def frames_of(path: Path) -> list[tuple[int, bytes]]:
 @contextmanager
 def running(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
     """A process that is asked to end as by Ctrl-C."""
-    process = subprocess.Popen(command, **how)
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
+    with subprocess.Popen(command, **how) as process:
         try:
+            yield process
+            process.send_signal(signal.SIGINT)
             process.wait(PATIENCE_S)
         finally:
             process.kill()
-            process.wait()
 
 
 def tool(name: str, channel: str, *more: str) -> list[str]:
