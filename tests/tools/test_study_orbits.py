@@ -119,8 +119,8 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
         assert abs(found[0] - found[1]) < BORDER_BOUND_M
 
 
-def test_a_small_basin_is_the_other_solvers() -> None:
-    y_m, v_m_s = axes(VISCOUS, "state", 12)
+def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
+    y_m, v_m_s = axes(VISCOUS, "state", 100)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
     early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
     parts = VISCOUS.parts(1.3)
