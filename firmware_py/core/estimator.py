@@ -572,6 +572,8 @@ def _strange_ticks(trust: ModelTrust, strange_ticks: int, predicted: Prediction,
     """
     if abs(predicted.innovation_m_s2) <= trust.strange_sigmas * predicted.innovation_std_m_s2:
         return 0
+    if elapsed_ticks > 1:
+        return NEVER_TICKS  # in what was skipped a blow may be missing: lost at once
     return min(strange_ticks + elapsed_ticks, NEVER_TICKS)
 
 
