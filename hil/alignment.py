@@ -8,6 +8,10 @@ the crank would seem to have turned for two ticks within one, and to stand in th
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 
+LONGEST_LAG_TICKS = 3
+"""A firmware that woke up late has caught up by then; one that finds a further sample all the same has lost a
+tick of its own, and would stay one behind for good."""
+
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
 
@@ -16,6 +20,7 @@ class Alignment:
 
     def __init__(self) -> None:
         self._waiting: list[Frame] = []
+        self._lag_ticks = 0
         self.had_sample = True
         """Whether there was one in the last tick."""
 
@@ -32,11 +37,16 @@ class Alignment:
                 early = next_begins or (bool(self._waiting) and frame.can_id == ENCODER)
                 (self._waiting if early else now).append(frame)
             self.had_sample = True
-            return now
+            self._lag_ticks = self._lag_ticks + 1 if self._waiting else 0
+            return now if self._lag_ticks <= LONGEST_LAG_TICKS else now + self._caught_up()
         self.had_sample = bool(samples)
         return frames
 
+    def _caught_up(self) -> list[Frame]:
+        """What waits, which waits no longer."""
+        waited, self._waiting, self._lag_ticks = self._waiting, [], 0
+        return waited
+
     def take_all(self, frames: list[Frame]) -> list[Frame]:
         """Everything there is, after skipped ticks."""
-        waited, self._waiting = self._waiting, []
-        return waited + frames
+        return self._caught_up() + frames

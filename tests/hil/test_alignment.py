@@ -70,3 +70,17 @@ def test_no_frame_waits_for_longer_than_a_tick_and_none_is_lost(burst: int) -> N
         before = [frame for frame in arrived if frame not in rest]
     assert alignment.take_all([ERRORS]) == [*before, ERRORS]
     assert alignment.take_all([]) == []
+
+
+def test_a_lag_that_does_not_end_is_caught_up() -> None:
+    """The firmware's loop has lost a tick: from then on there is one sample too many."""
+    found = hand_out([[*sample(0), *sample(1)], *(sample(tick) for tick in range(2, 8))])
+    assert found == [
+        sample(0),
+        sample(1),
+        sample(2),
+        [*sample(3), *sample(4)],
+        sample(5),
+        sample(6),
+        sample(7),
+    ]
