@@ -284,3 +284,22 @@ def test_a_blow_within_a_pause_is_taken_into_account() -> None:
     assert -0.5 < after.belief.v_m_s < -0.4
     assert 0.17 < after.belief.x_m < 0.18
     assert after.belief.p.vv > 100.0 * coming.p_vv
+
+
+def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
+    trust = config_from(EXACT_SENSOR).estimator.trust
+    usual = estimator.Prediction(
+        belief=estimator.belief_of(estimator.INITIAL),
+        sensor=estimator.INITIAL.sensor,
+        innovation_m_s2=0.0,
+        innovation_std_m_s2=0.1,
+        spread_m_s2=0.0,
+        nis=0.0,
+        model_variance=0.01,
+        started=True,
+    )
+    pushed = usual._replace(innovation_m_s2=-50.0)
+    assert estimator._strange_ticks(trust, 7, usual, 1) == 0
+    assert estimator._strange_ticks(trust, 7, pushed, 1) == 8
+    assert estimator._strange_ticks(trust, 0, pushed, 3) > trust.strange_ticks
+    assert estimator._strange_ticks(trust, NEVER_TICKS, pushed, 1) == NEVER_TICKS

@@ -9,9 +9,11 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from hil.plant_node import PlantNode
+from hil.plant_node import PlantNode, PlantRecord
 from plant_sim.plant import Plant
+from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene
+from plant_sim.sensors import SensorReading
 
 ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
 
@@ -209,3 +211,10 @@ def test_ideal_drive_turns_whatever_is_commanded() -> None:
         node.publish()
         node.advance([ARM, torque(-0.5)])
     assert node.record.omega_rad_s == pytest.approx(1.3 * 9.354, rel=1e-3)
+
+
+def test_a_record_takes_truth_and_readings_in_their_own_order() -> None:
+    """They are handed over by position."""
+    fields, truth = PlantRecord._fields, Observation._fields
+    assert fields[2 : 2 + len(truth)] == truth
+    assert fields[-len(SensorReading._fields) :] == SensorReading._fields
