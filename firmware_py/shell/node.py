@@ -1,7 +1,8 @@
 """The firmware on the bus: frames to inputs, one step of the core, outputs to frames. No clock, no socket.
 
 Frames that fail their CRC, length or ranges, and those that repeat the counter of the one before, are dropped
-and counted; their source then simply grows older. A gap in a counter is counted, and the frame used.
+and counted; their source then simply grows older. A gap in a counter is counted, and the frame used. After a
+silence in which the counter may have turned once round, the same number again is no repetition.
 Every tick sends the torque and at most one other frame.
 """
 
@@ -108,13 +109,19 @@ class Counters(NamedTuple):
 
 
 class _Source:
-    """One identifier the node listens to: the tick of its newest frame, and that frame's counter."""
+    """One identifier the node listens to: the tick of its newest frame, and that frame's counter.
 
-    def __init__(self, its_codec: FrameCodec[Any], take: Callable[[Any], None]) -> None:
+    `counted_tick` is that of the newest counter, of dropped repetitions too.
+    """
+
+    def __init__(self, its_codec: FrameCodec[Any], take: Callable[[Any], None], tick_s: float) -> None:
         self.codec = its_codec
         self.take = take
-        self.heard_tick = -NEVER_TICKS
+        self.heard_tick = self.counted_tick = -NEVER_TICKS
         self.counter = -1
+        period_ticks = max((its_codec.period_s or 0.0) / tick_s, 1.0)
+        self.turn_ticks = (codec.COUNTER_MODULUS - 1) * period_ticks
+        """Of silence, after which the counter may be where it was: a period early, as frames jitter."""
 
 
 class FirmwareNode:
@@ -172,7 +179,9 @@ class FirmwareNode:
             (codec.OPERATOR_COMMAND, self._take_command),
             (codec.PARAMETER_REQUEST, self._take_request),
         )
-        self._sources = {its_codec.can_id: _Source(its_codec, take) for its_codec, take in listens}
+        self._sources = {
+            its_codec.can_id: _Source(its_codec, take, config.tick_s) for its_codec, take in listens
+        }
         self._acceleration_source = self._sources[codec.ACCELEROMETER.can_id]
         self._coarse_source = self._sources[codec.COARSE_POSITION.can_id]
         self._position_source = self._sources[codec.ENCODER_ESTIMATES.can_id]
@@ -235,10 +244,12 @@ class FirmwareNode:
             return
         if its_codec.protected:
             counter = its_codec.counter(frame.data)
-            if counter == source.counter:
+            silent_ticks = self._ticks - source.counted_tick
+            source.counted_tick = self._ticks
+            if counter == source.counter and silent_ticks < source.turn_ticks:
                 self._repeated += 1
                 return
-            if source.counter >= 0 and counter != (source.counter + 1) % 16:
+            if source.counter >= 0 and counter != (source.counter + 1) % codec.COUNTER_MODULUS:
                 self._gaps += 1
             source.counter = counter
         self._frames += 1
@@ -426,7 +437,7 @@ class FirmwareNode:
         def encode() -> Frame:
             count = self._sent.get(can_id, 0)
             self._sent[can_id] = count + 1
-            return its_codec.encode(record(), count % 16)
+            return its_codec.encode(record(), count % codec.COUNTER_MODULUS)
 
         self._pacer.push(encode, urgency)
         self._due_ticks[can_id] = self._ticks

@@ -94,6 +94,22 @@ def test_a_gap_in_the_counter_is_counted_and_the_frame_used() -> None:
     assert one.counters.counter_gaps == 1
 
 
+def test_the_same_counter_after_a_whole_turn_of_silence_is_no_repetition() -> None:
+    one = node()
+    one.tick([sample(5)], 1)
+    one.tick([sample(5)], 32)
+    assert one.counters.rejected_repeated == 0
+    assert one.inputs.accelerometer.age_ticks == 0
+
+
+def test_a_sender_that_is_stuck_never_counts_as_heard_again() -> None:
+    one = node()
+    for _ in range(100):
+        one.tick([sample(5)], 1)
+    assert one.counters.rejected_repeated == 99
+    assert one.inputs.accelerometer.age_ticks == 99
+
+
 def test_frames_of_others_are_passed_over() -> None:
     one = node()
     one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x115, b"\x01")], 1)
