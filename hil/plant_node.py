@@ -192,6 +192,8 @@ class PlantNode:
         drive's watchdog does not count the pause: who slept cannot call the others silent.
         """
         drive = self.drive
+        if self._counter < 0:  # not even the first sample was sent
+            self._reading = self.plant.sense()
         drive.handle(frames, self._reading.encoder_position_rev)
         pause_s = ticks * self.period_s
         held_s = min(pause_s, drive.watchdog_left_s)

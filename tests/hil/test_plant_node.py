@@ -156,6 +156,17 @@ def test_pause_of_the_plant_itself_moves_the_world_but_is_no_silence_of_the_firm
     assert not node.drive.armed
 
 
+def test_a_loop_that_is_late_from_the_very_start_begins_later() -> None:
+    node = plant_node()
+    node.sleep_through(3, [ARM])
+    assert node.tick == 3
+    assert node.drive.armed
+    frame = node.publish()[0]
+    assert codec.ACCELEROMETER.counter(frame.data) == 3
+    node.advance([torque(0.1)])
+    assert node.record.t_s == pytest.approx(3e-3)
+
+
 def test_what_was_commanded_during_a_pause_acts_in_it() -> None:
     node = plant_node()
     node.publish()
