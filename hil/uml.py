@@ -32,9 +32,12 @@ from pathlib import Path
 from types import FrameType
 from typing import BinaryIO, Final
 
+from hil.realtime import NODE_PRIORITY
+
 KERNEL: Final = "linux.uml"
 REMEDY: Final = "install Debian's packages: apt-get install user-mode-linux busybox"
 BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; a machine busy with other things gets twenty times that
+DELIVERY_PRIORITY: Final = NODE_PRIORITY + 10  # the guest's thread that delivers frames comes before nodes
 PRIORITY: Final = 20  # above what is ordinary, below the machine's own interrupt threads at 50
 GRACE_S: Final = 10.0  # what a signalled command gets to end its children and close its log
 POLL_S: Final = 0.02  # between two looks at the command's output: live for a reader, nothing for the CPU
@@ -45,7 +48,9 @@ CONSOLE_LINES: Final = 15  # of the kernel's last messages in an error
 # Pages of memory-mapped files reach hostfs when the guest writes them out: within 2 s by the two settings,
 # instead of 30 s; by `sync` at the end. The guest accounts for CPU time by sampling at 100 Hz, and a loop at
 # 1 kHz is always or never running then: a limit on real-time processes would stop one that takes a fifth of
-# the CPU. The command has a shell of its own so that "Killed" and the like, which the waiting shell says, go
+# the CPU. Frames that the kernel could not deliver at once, after a pause say, are left to ksoftirqd: at its
+# ordinary priority nodes went without any for up to 70 ms. The command has a shell of its own so that
+# "Killed" and the like, which the waiting shell says, go
 # to the console.
 INIT: Final = """\
 #!@BUSYBOX@ sh
@@ -71,6 +76,7 @@ done
 busybox ip link set lo up || fail "cannot bring up lo"
 busybox ip link add dev vcan0 type vcan || fail "cannot create vcan0"
 busybox ip link set vcan0 up || fail "cannot bring up vcan0"
+@CHRT@ --fifo --pid @DELIVERY_PRIORITY@ "$(busybox pidof ksoftirqd/0)" || fail "cannot favour ksoftirqd"
 
 { while read -r name; do kill -"$name" -1; done; busybox rm -r "$folder"; halt; } < /dev/ttyS0 &
 echo > "$folder/booted"
@@ -146,9 +152,13 @@ def _program(name: str) -> str:
 def _write_guest(folder: Path, busybox: str, command: Sequence[str]) -> None:
     """Write what the guest starts with; the guest removes the file with the environment once it has it."""
     init = folder / "init"
-    init.write_text(
-        INIT.replace("@BUSYBOX@", shlex.quote(busybox)).replace("@FOLDER@", shlex.quote(str(folder)))
-    )
+    values = {
+        "@BUSYBOX@": shlex.quote(busybox),
+        "@FOLDER@": shlex.quote(str(folder)),
+        "@CHRT@": shlex.quote(_program("chrt")),
+        "@DELIVERY_PRIORITY@": str(DELIVERY_PRIORITY),
+    }
+    init.write_text(re.sub("|".join(values), lambda found: values[found[0]], INIT))
     init.chmod(0o700)
     lines = [f"{shlex.quote(busybox)} rm {shlex.quote(str(folder / 'command'))}"]
     lines += [f"export {key}={shlex.quote(value)}" for key, value in _environment().items()]

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil import uml
+from hil.realtime import NODE_PRIORITY
 
 ROOT = Path(__file__).parents[2]
 RUN = "import sys; from hil.uml import run_in_kernel; sys.exit(run_in_kernel(sys.argv[1:]))"
@@ -126,6 +127,15 @@ def test_exit_status_is_carried_out(script: str, status: int) -> None:
     process = start("sh", "-c", script)
     assert process.communicate(timeout=60) == ("", "")
     assert process.returncode == status
+
+
+@pytest.mark.uml
+@pytest.mark.usefixtures("installed")
+def test_the_thread_that_delivers_frames_comes_before_the_nodes() -> None:
+    say = "import os, sys; p = int(sys.argv[1]); print(os.sched_getscheduler(p), os.sched_getparam(p))"
+    process = start("sh", "-c", f'python -c "{say}" $(busybox pidof ksoftirqd/0)')
+    out, err = process.communicate(timeout=60)
+    assert (out, err) == (f"{os.SCHED_FIFO} {os.sched_param(NODE_PRIORITY + 10)}\n", "")
 
 
 @pytest.mark.uml
