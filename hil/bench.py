@@ -266,7 +266,7 @@ class RealTimeRun:
                 if name not in dead and child.ended:
                     dead.add(name)
                     at_s = period * OPERATOR_PERIOD_S
-                    self.outcome.reasons.append(f"{child.how_it_ended()} at {at_s:.2f} s")
+                    self.outcome.reasons.append(f"{child.how_it_ended()} at {at_s:.2f} s{child.why()}")
                     last_period = min(last_period, period + round(REACTION_S / OPERATOR_PERIOD_S))
             if period >= last_period:
                 loop.stop()
@@ -293,7 +293,7 @@ class RealTimeRun:
             if not child.wait(END_TIMEOUT_S):
                 self.outcome.reasons.append(f"{name} did not end within {END_TIMEOUT_S:g} s of the script")
             elif not child.succeeded:
-                self.outcome.reasons.append(child.how_it_ended())
+                self.outcome.reasons.append(f"{child.how_it_ended()}{child.why()}")
 
     def stop_all(self) -> None:
         """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""

@@ -95,6 +95,11 @@ class Child:
         lines = self.errors.read_text(errors="replace").splitlines()
         return "\n".join(lines[-SHOWN_LINES:])
 
+    def why(self) -> str:
+        """The last error of a process that ended by one, to be put behind `how_it_ended`."""
+        lines = self.last_errors().splitlines()
+        return f": {lines[-1]}" if lines and (self._process.poll() or 0) > 0 else ""
+
     def read_line(self, timeout_s: float) -> str:
         """The next line of its standard output."""
         assert self._process.stdout is not None

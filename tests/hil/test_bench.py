@@ -208,6 +208,20 @@ def test_child_that_fails_before_it_is_ready_is_quoted(tmp_path: Path) -> None:
     failing.stop()
 
 
+def test_child_that_fails_later_says_why_and_one_that_is_killed_does_not(tmp_path: Path) -> None:
+    failing = child("raise SystemExit('no such sensor')", tmp_path)
+    assert failing.wait(10.0)
+    assert failing.how_it_ended() + failing.why() == "child ended with status 1: no such sensor"
+    failing.stop()
+    killed = child("import sys, time; print('joined', file=sys.stderr, flush=True); time.sleep(60)", tmp_path)
+    while not killed.last_errors():
+        time.sleep(0.01)
+    killed.signal(signal.SIGKILL)
+    assert killed.wait(10.0)
+    assert killed.why() == ""
+    killed.stop()
+
+
 def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> None:
     mute = child("import time; time.sleep(60)", tmp_path)
     with pytest.raises(ChildError, match=r"child said nothing for 0.2 s"):
