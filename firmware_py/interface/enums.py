@@ -48,6 +48,15 @@ class ContactPhase(IntEnum):
     CONTACT = 1
 
 
+class GaitState(IntEnum):
+    """What the wearer's leg is doing. STANDING: both feet rest; UNCERTAIN: no phase can be relied on."""
+
+    STANDING = 0
+    STANCE = 1
+    SWING = 2
+    UNCERTAIN = 3
+
+
 class Fault(IntEnum):
     """Why the firmware disarmed; latched until the operator clears it. Only REQUEST_REFUSED goes on."""
 

@@ -120,6 +120,19 @@ class CoarsePosition(NamedTuple):
     striker_position_m: float
 
 
+class GaitSensors(NamedTuple):
+    """0x082, sensors → all, every 5 ms where somebody walks in the scene.
+
+    The shank's rate is positive where its top goes forward; `along_m_s2` is the specific force along the
+    shank, upward positive, gravity included.
+    """
+
+    shank_rate_rad_s: float
+    along_m_s2: float
+    heel_contact: int
+    toe_contact: int
+
+
 # --- operator -----------------------------------------------------------------------------------------
 
 
@@ -194,3 +207,19 @@ class ParameterValue(NamedTuple):
     parameter_index: int
     status: int
     value: float
+
+
+class GaitReport(NamedTuple):
+    """0x116, firmware → all, every 40 ms where the firmware hears gait sensors.
+
+    The phase runs from 0 at heel strike to 1; `harmonic` is the crank's turns a stride, 0 where it is not
+    locked. Both counts of pulses wrap: whoever sends them takes them modulo 256.
+    """
+
+    gait_phase: float
+    stride_hz: float
+    confidence: float
+    gait_state: int
+    harmonic: int
+    pulses_in_window: int
+    pulses_outside: int

@@ -33,6 +33,7 @@ UNIT_OF_SUFFIX = {
     "_deg": "deg",
     "_a": "A",
     "_v": "V",
+    "_hz": "Hz",
     "_m": "m",
     "_s": "s",
 }
@@ -54,6 +55,7 @@ ENUM_OF_SIGNAL: dict[str, type[IntEnum]] = {
     "refusal": enums.Refusal,
     "acting_limit": enums.ActingLimit,
     "regime": enums.Regime,
+    "gait_state": enums.GaitState,
 }
 
 U32, U8, BIT, FLOAT = (32, False), (8, False), (1, False), (32, True)
@@ -181,6 +183,19 @@ def test_accelerometer_scales() -> None:
     assert signals["striker_high_m_s2"].scale == pytest.approx(0.049 * g_m_s2, rel=1e-15)
     assert signals["striker_low_m_s2"].high == pytest.approx(16 * g_m_s2, rel=1e-4)
     assert signals["striker_high_m_s2"].high >= 200 * g_m_s2
+
+
+def test_gait_signals_cover_what_a_leg_does() -> None:
+    """A shank swings at up to 8 rad/s and is struck at up to 10 g; strides come at 0.3 to 1.5 a second."""
+    sensed = CODECS[records.GaitSensors].signals
+    assert sensed["shank_rate_rad_s"].high > 30.0
+    assert sensed["along_m_s2"].scale * 2048 == 9.80665
+    reported = CODECS[records.GaitReport].signals
+    assert reported["gait_phase"].scale == 2.0**-16
+    assert (reported["gait_phase"].low, reported["gait_phase"].high) == (0.0, 1.0 - 2.0**-16)
+    assert reported["stride_hz"].high > 2.0
+    assert (reported["confidence"].low, reported["confidence"].high) == (0.0, 1.0)
+    assert reported["harmonic"].high == 15
 
 
 def test_drive_frames_are_odrives() -> None:
