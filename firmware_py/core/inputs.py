@@ -65,6 +65,19 @@ class OperatorInput(NamedTuple):
     age_ticks: int
 
 
+class GaitInput(NamedTuple):
+    """The wearer's shank and foot, where sensors for them are fitted: never heard otherwise.
+
+    The shank's rate is positive where its top goes forward; both switches are closed on the ground.
+    """
+
+    shank_rate_rad_s: float
+    along_m_s2: float
+    heel: bool
+    toe: bool
+    age_ticks: int
+
+
 class Inputs(NamedTuple):
     """Everything a tick reads. `elapsed_ticks` ≥ 1 counts from the last tick: more after an overrun."""
 
@@ -75,4 +88,5 @@ class Inputs(NamedTuple):
     drive: DriveInput
     power: PowerInput
     operator: OperatorInput
+    gait: GaitInput
     estop: bool

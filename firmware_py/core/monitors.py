@@ -20,7 +20,7 @@ TURNING_RAD_S = 5.0
 
 
 class Watchdogs(NamedTuple):
-    """The longest silence of each source, in ticks."""
+    """The longest silence of each source, in ticks; of the gait's sensors 0 where nothing follows them."""
 
     sensor_ticks: int
     encoder_ticks: int
@@ -28,6 +28,7 @@ class Watchdogs(NamedTuple):
     operator_ticks: int
     frozen_ticks: int
     enable_ticks: int
+    gait_ticks: int
 
 
 class Limits(NamedTuple):
@@ -112,6 +113,8 @@ def watchdog_fault(
         or estimate.sensor.missed_ticks > config.sensor_ticks
         or state.stuck_ticks > config.sensor_ticks
     ):
+        return Fault.SENSOR_TIMEOUT
+    if config.gait_ticks > 0 and inputs.gait.age_ticks > config.gait_ticks:
         return Fault.SENSOR_TIMEOUT
     if inputs.encoder.age_ticks > config.encoder_ticks or crank.missed_ticks > config.encoder_ticks:
         return Fault.ENCODER_TIMEOUT

@@ -7,9 +7,21 @@ Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from t
 
 from typing import NamedTuple
 
-from firmware_py.core import crank, detector, estimator, hold, monitors, regime, speed, start, supervisor
+from firmware_py.core import (
+    crank,
+    detector,
+    estimator,
+    gait,
+    hold,
+    lock,
+    monitors,
+    regime,
+    speed,
+    start,
+    supervisor,
+)
 from firmware_py.core.compiled import compiled
-from firmware_py.core.inputs import Inputs
+from firmware_py.core.inputs import NEVER_TICKS, Inputs
 from firmware_py.core.numbers import limited
 from firmware_py.interface.enums import (
     MOVING,
@@ -43,6 +55,8 @@ class Config(NamedTuple):
     hold: hold.HoldConfig
     speed: speed.SpeedConfig
     monitors: monitors.MonitorConfig
+    gait: gait.GaitConfig
+    lock: lock.LockConfig
 
 
 class State(NamedTuple):
@@ -57,6 +71,8 @@ class State(NamedTuple):
     speed: speed.SpeedState
     monitors: monitors.MonitorState
     supervisor: supervisor.SupervisorState
+    gait: gait.CycleState
+    lock: lock.LockState
 
 
 class Outputs(NamedTuple):
@@ -100,6 +116,8 @@ INITIAL = State(
     speed=speed.INITIAL,
     monitors=monitors.INITIAL,
     supervisor=supervisor.INITIAL,
+    gait=gait.INITIAL,
+    lock=lock.INITIAL,
 )
 
 
@@ -171,8 +189,14 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         predicted.sensor.acceleration_m_s2,
     )
 
+    gait_now = state.gait
+    if inputs.gait.age_ticks < NEVER_TICKS:
+        gait_now = gait.step(config.gait, state.gait, inputs.gait, n)
+
     # Supervise
+    follow = config.lock.follow
     valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
+    valid_target = valid_ratio and not (follow and state.lock.refusal != Refusal.NONE)
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -190,7 +214,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         inputs.estop,
         inputs.operator.request,
         inputs.drive.disarm_reason,
-        valid_ratio,
+        valid_target,
         state.start.captured,
         state.start.failed,
         n,
@@ -199,14 +223,29 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     moving = mode in MOVING
 
     # Command
+    target_ratio = inputs.operator.target_ratio
+    holding = mode == Mode.RUN and state.start.stage == start.Stage.HOLD
+    lock_now = state.lock
+    if follow:
+        lock_now = lock.step(
+            config.lock,
+            state.lock,
+            gait_now,
+            moving,
+            holding,
+            crank_now.angle_rad,
+            regime_now,
+            contact.touch_down,
+            contact.age_s,
+            n,
+        )
+        target_ratio = lock_now.base_ratio
     hold_now = hold.step(
         config.hold,
         state.hold,
-        mode == Mode.RUN
-        and state.start.stage == start.Stage.HOLD
-        and inputs.operator.target_ratio >= config.start.capture_ratio,
+        holding and not follow and target_ratio >= config.start.capture_ratio,
         state.start.to_rad_s / config.hold.natural_rad_s,
-        inputs.operator.target_ratio,
+        target_ratio,
         inputs.operator.target_impulse_n_s,
         regime_now,
         detector_now.impulse_n_s,
@@ -216,12 +255,12 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         config.start,
         state.start,
         mode,
-        inputs.operator.target_ratio,
+        target_ratio,
         inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL,
         crank_now.omega_rad_s,
         regime_now,
-        hold_now.trim,
-        hold_now.trim_rate_1_s,
+        lock_now.trim if follow else hold_now.trim,
+        lock_now.trim_rate_1_s if follow else hold_now.trim_rate_1_s,
         n,
     )
     if moving and inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL:
@@ -245,7 +284,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         acting_limit = ActingLimit.IMPACT_PHASE
     refusal = Refusal.NONE
     if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
-        refusal = hold_now.refusal if valid_ratio else Refusal.RATIO_OUT_OF_RANGE
+        if not valid_ratio:
+            refusal = Refusal.RATIO_OUT_OF_RANGE
+        else:
+            refusal = lock_now.refusal if follow else hold_now.refusal
     outputs = Outputs(
         mode,
         supervisor_now.fault,
@@ -279,6 +321,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
             speed_now,
             monitors_now,
             supervisor_now,
+            gait_now,
+            lock_now,
         ),
         outputs,
     )

@@ -90,6 +90,8 @@ class Refusal(IntEnum):
     IMPULSE_OUT_OF_RANGE = 2
     IMPULSE_TOO_HIGH = 3
     IMPULSE_TOO_LOW = 4
+    NOT_WALKING = 5
+    NO_HARMONIC = 6
 
 
 class ActingLimit(IntEnum):

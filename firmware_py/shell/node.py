@@ -18,6 +18,7 @@ from firmware_py.core.inputs import (
     CoarseInput,
     DriveInput,
     EncoderInput,
+    GaitInput,
     Inputs,
     OperatorInput,
     PowerInput,
@@ -49,6 +50,8 @@ from firmware_py.interface.records import (
     EncoderEstimates,
     FaultEvent,
     FirmwareHeartbeat,
+    GaitReport,
+    GaitSensors,
     ImpactEvent,
     OperatorCommand,
     ParameterRequest,
@@ -166,6 +169,7 @@ class FirmwareNode:
         self._temperature = DriveTemperature(0.0, 0.0)
         self._voltage_v = 0.0
         self._command = OperatorCommand(OperatorRequest.IDLE.value, 0.0)
+        self._gait = GaitSensors(0.0, 0.0, 0, 0)
         listens: tuple[tuple[FrameCodec[Any], Callable[[Any], None]], ...] = (
             (codec.ACCELEROMETER, self._take_acceleration),
             (codec.COARSE_POSITION, self._take_coarse),
@@ -178,6 +182,7 @@ class FirmwareNode:
             (codec.DRIVE_ESTOP, self._take_estop),
             (codec.OPERATOR_COMMAND, self._take_command),
             (codec.PARAMETER_REQUEST, self._take_request),
+            (codec.GAIT_SENSORS, self._take_gait),
         )
         self._sources = {
             its_codec.can_id: _Source(its_codec, take, config.tick_s) for its_codec, take in listens
@@ -187,6 +192,7 @@ class FirmwareNode:
         self._position_source = self._sources[codec.ENCODER_ESTIMATES.can_id]
         self._heartbeat_source = self._sources[codec.DRIVE_HEARTBEAT.can_id]
         self._command_source = self._sources[codec.OPERATOR_COMMAND.can_id]
+        self._gait_source = self._sources[codec.GAIT_SENSORS.can_id]
         self._power_sources = [
             self._sources[its_codec.can_id]
             for its_codec in (codec.DRIVE_CURRENT, codec.DRIVE_TEMPERATURE, codec.DRIVE_SUPPLY)
@@ -289,8 +295,12 @@ class FirmwareNode:
     def _take_request(self, record: ParameterRequest) -> None:
         self._requests.append(record)
 
+    def _take_gait(self, record: GaitSensors) -> None:
+        self._gait = record
+
     def _inputs(self, elapsed_ticks: int) -> Inputs:
         heartbeat, temperature, command = self._heartbeat, self._temperature, self._command
+        gait = self._gait
         current, warmth, supply = self._power_sources
         tick, never = self._ticks, NEVER_TICKS
         return Inputs(
@@ -317,6 +327,13 @@ class FirmwareNode:
                 command.target_impulse_n_s,
                 min(tick - self._command_source.heard_tick, never),
             ),
+            GaitInput(
+                gait.shank_rate_rad_s,
+                gait.along_m_s2,
+                gait.heel_contact == 1,
+                gait.toe_contact == 1,
+                min(tick - self._gait_source.heard_tick, never),
+            ),
             self._estop,
         )
 
@@ -340,6 +357,8 @@ class FirmwareNode:
             self._queue(codec.STRIKER_ESTIMATE, self._striker_estimate)
         if self._due(codec.FIRMWARE_HEARTBEAT):
             self._queue(codec.FIRMWARE_HEARTBEAT, self._firmware_heartbeat)
+        if self._gait_source.heard_tick >= 0 and self._due(codec.GAIT_REPORT):
+            self._queue(codec.GAIT_REPORT, self._gait_report)
         if self._requests:
             for request in self._requests:
                 self._send(codec.PARAMETER_VALUE, self._answer(request, outputs.mode))
@@ -402,6 +421,19 @@ class FirmwareNode:
             acting_limit=outputs.acting_limit.value,
             regime=outputs.regime.value,
             target_omega_rad_s=outputs.target_omega_rad_s,
+        )
+
+    def _gait_report(self) -> GaitReport:
+        cycle, lock = self.state.gait, self.state.lock
+        walking = cycle.confidence > 0.0
+        return GaitReport(
+            gait_phase=cycle.phase if walking else 0.0,
+            stride_hz=1.0 / cycle.stride.mean_s if walking else 0.0,
+            confidence=cycle.confidence,
+            gait_state=cycle.doing.value,
+            harmonic=lock.harmonic,
+            pulses_in_window=lock.in_window % 256,
+            pulses_outside=lock.outside % 256,
         )
 
     def _answer(self, request: ParameterRequest, mode: Mode) -> ParameterValue:

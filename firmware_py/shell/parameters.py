@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from firmware_py.core import crank, detector, estimator, hold, monitors, regime, speed, start
+from firmware_py.core import crank, detector, estimator, gait, hold, lock, monitors, regime, speed, start
 from firmware_py.core.kalman import ProcessNoise, Row, Transition
 from firmware_py.core.step import Config, DriveConfig
+from firmware_py.interface import codec
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 TAU = 2.0 * math.pi
+GAIT_PERIOD_S = codec.GAIT_SENSORS.period_s or 0.0
 
 
 class ParameterError(ValueError):
@@ -280,6 +282,40 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "limit.stretch_m", "m", 0.01, 10.0, 0.2, "an estimate beyond is lost: it does not feed the speed loop"
     ),
+    # --- gait ---------------------------------------------------------------------------------------
+    Parameter("gait.follow", "1", 0.0, 1.0, 0.0, "1: the crank follows the wearer's gait", whole=True),
+    Parameter("gait.lowest_ratio", "1", 0.1, 10.0, 0.88, "of the region in which blows are sure to come"),
+    Parameter("gait.centre_ratio", "1", 0.1, 10.0, 1.08, "turns a stride are chosen to come near to it"),
+    Parameter("gait.highest_ratio", "1", 0.1, 10.0, 1.3, "of that region: below start.free_ratio"),
+    Parameter("gait.hysteresis", "1", 0.0, 1.0, 0.05, "of the ratio, before turns a stride are changed"),
+    Parameter("gait.window_start", "1", 0.0, 1.0, 0.45, "of the cycle: push-off begins"),
+    Parameter("gait.window_end", "1", 0.0, 1.0, 0.60, "of the cycle: the toes leave the ground soon"),
+    Parameter("gait.lowest_confidence", "1", 0.01, 1.0, 0.25, "strides that vary by 11 %: below, it stops"),
+    Parameter(
+        "gait.gain_1_s", "1/s", 0.0, 20.0, 1.2, "of the crank's lag: a stride's change is made up in one"
+    ),
+    Parameter("gait.largest_trim", "1", 0.0, 0.5, 0.06, "of the ratio, to make up a lag"),
+    Parameter("gait.rate_1_s", "1/s", 1e-3, 1.0, 0.08, "of the ratio: slower than blows settle"),
+    Parameter("gait.shortest_s", "s", 0.1, 10.0, 0.5, "a stride; a run has 0.7 s"),
+    Parameter("gait.longest_s", "s", 0.2, 20.0, 3.0, "a stride; the slowest walk has 2.5 s"),
+    Parameter("gait.swing_rad_s", "rad/s", 0.1, 20.0, 1.0, "the shank, backward: the leg has swung"),
+    Parameter(
+        "gait.still_rad_s", "rad/s", 0.0, 5.0, 0.25, "of the shank: in stance it turns by 0.5 and more"
+    ),
+    Parameter("gait.still_s", "s", 0.01, 10.0, 0.2, "for so long: no walking any more"),
+    Parameter("gait.standing_s", "s", 0.01, 60.0, 1.0, "for so long: standing"),
+    Parameter(
+        "gait.gain_stride", "1", 0.01, 1.0, 0.5, "share of a stride in the mean: 20 % in 5 are followed"
+    ),
+    Parameter("gait.gain_learning", "1", 0.001, 1.0, 0.05, "of an event's phase: 20 strides"),
+    Parameter("gait.event_std", "1", 1e-4, 0.2, 0.0045, "of the cycle: 5 ms of frames, and how feet roll"),
+    Parameter(
+        "gait.overdue", "1", 0.01, 1.0, 0.1, "of the cycle: a strike this late was missed by its switch"
+    ),
+    Parameter("gait.irregular", "1", 0.05, 0.9, 0.35, "of a stride: so different a one begins anew"),
+    Parameter("gait.largest_spread", "1", 0.01, 1.0, 0.15, "of strides: nothing can be foretold"),
+    Parameter("gait.strides_to_trust", "1", 1.0, 100.0, 3.0, "before anything is said", whole=True),
+    Parameter("watchdog.gait_s", "s", 0.01, 10.0, 0.050, "ten frames of the gait, where it is followed"),
 )
 """All parameters, in the order of their indices."""
 
@@ -292,6 +328,9 @@ _ORDERED = (
     ("limit.lowest_v", "limit.highest_v"),
     ("limit.speed_rad_s", "limit.overspeed_rad_s"),
     ("sensor.low_full_scale_m_s2", "sensor.high_full_scale_m_s2"),
+    ("gait.lowest_ratio", "gait.highest_ratio"),
+    ("gait.window_start", "gait.window_end"),
+    ("gait.shortest_s", "gait.longest_s"),
 )
 """Pairs of which the first must be below the second."""
 
@@ -591,6 +630,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
                 operator_ticks=ticks("watchdog.operator_s"),
                 frozen_ticks=ticks("watchdog.frozen_s"),
                 enable_ticks=ticks("watchdog.enable_s"),
+                gait_ticks=ticks("watchdog.gait_s") if values["gait.follow"] > 0.0 else 0,
             ),
             limits=monitors.Limits(
                 overspeed_rad_s=values["limit.overspeed_rad_s"],
@@ -612,6 +652,39 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             standstill_rad_s=values["limit.standstill_rad_s"],
             standstill_ticks=ticks("limit.standstill_s"),
             parameters_damaged=damaged,
+        ),
+        gait=gait.GaitConfig(
+            tick_s=tick_s,
+            stale_ticks=ticks("watchdog.gait_s"),
+            edge_age_s=0.5 * GAIT_PERIOD_S,
+            shortest_s=values["gait.shortest_s"],
+            longest_s=values["gait.longest_s"],
+            swing_rad_s=values["gait.swing_rad_s"],
+            still_rad_s=values["gait.still_rad_s"],
+            still_s=values["gait.still_s"],
+            standing_s=values["gait.standing_s"],
+            gain_stride=values["gait.gain_stride"],
+            gain_learning=values["gait.gain_learning"],
+            timing_variance=square("gait.event_std"),
+            overdue=values["gait.overdue"],
+            irregular=values["gait.irregular"],
+            largest_spread=values["gait.largest_spread"],
+            strides_to_trust=int(values["gait.strides_to_trust"]),
+        ),
+        lock=lock.LockConfig(
+            follow=values["gait.follow"] > 0.0,
+            tick_s=tick_s,
+            natural_rad_s=natural_rad_s,
+            lowest_ratio=values["gait.lowest_ratio"],
+            centre_ratio=values["gait.centre_ratio"],
+            highest_ratio=values["gait.highest_ratio"],
+            hysteresis=values["gait.hysteresis"],
+            window_start=values["gait.window_start"],
+            window_end=values["gait.window_end"],
+            lowest_confidence=values["gait.lowest_confidence"],
+            gain_1_s=values["gait.gain_1_s"],
+            largest_trim=values["gait.largest_trim"],
+            rate_1_s=values["gait.rate_1_s"],
         ),
     )
 

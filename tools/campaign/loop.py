@@ -16,6 +16,7 @@ from firmware_py.core.inputs import (
     CoarseInput,
     DriveInput,
     EncoderInput,
+    GaitInput,
     Inputs,
     OperatorInput,
     PowerInput,
@@ -462,6 +463,7 @@ def _inputs(
             max(heard.current_age, heard.temperature_age, heard.supply_age),
         ),
         operator=OperatorInput(request, heard.target_ratio, heard.target_impulse_n_s, heard.operator_age),
+        gait=GaitInput(0.0, 0.0, False, False, NEVER_TICKS),
         estop=False,
     )
 

@@ -1,0 +1,166 @@
+"""The crank locked to the gait: n turns a stride, and one of their blows in the push-off window.
+
+    r = n f_stride 2π/ω,  n such that r lies nearest to the centre of the impact region
+
+and the crank's angle is led to where a blow falls on the middle p_c of the window,
+
+    θ* = 2π n (p − p_c) + θ_b,   ω_crank = n ω_stride + g (θ* − θ)
+
+with θ_b the angle at which blows come, filtered from the regime's reports: a phase-locked loop (Gardner,
+Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n blows may be the one in
+the window: the error is taken on the circle. All of it is a slow change of the ratio in the hold, limited in
+size and rate, so that the striker's motion follows from the blow before to the next.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.gait import CycleState
+from firmware_py.core.numbers import TAU, limited, wrapped
+from firmware_py.core.regime import RegimeState
+from firmware_py.interface.enums import Refusal
+
+MOST_TURNS = 15
+"""Crank turns a stride; what the report has room for."""
+
+COUNTS = 65536
+
+
+class LockConfig(NamedTuple):
+    """`hysteresis`: by how much of r another n has to lie nearer to the centre. Ratios are believed ones."""
+
+    follow: bool
+    tick_s: float
+    natural_rad_s: float
+    lowest_ratio: float
+    centre_ratio: float
+    highest_ratio: float
+    hysteresis: float
+    window_start: float
+    window_end: float
+    lowest_confidence: float
+    gain_1_s: float
+    largest_trim: float
+    rate_1_s: float
+
+
+class LockState(NamedTuple):
+    """`base_ratio` is where a start ends, `trim` what the ratio is off it now.
+
+    `error_rad` is θ* − θ, `blow_rad` is θ_b. The counts of pulses wrap at COUNTS.
+    """
+
+    harmonic: int
+    base_ratio: float
+    trim: float
+    trim_rate_1_s: float
+    error_rad: float
+    blow_rad: float
+    in_window: int
+    outside: int
+    refusal: Refusal
+
+
+INITIAL = LockState(
+    harmonic=0,
+    base_ratio=1.0,
+    trim=0.0,
+    trim_rate_1_s=0.0,
+    error_rad=0.0,
+    blow_rad=0.5 * math.pi,
+    in_window=0,
+    outside=0,
+    refusal=Refusal.NOT_WALKING,
+)
+
+
+@compiled
+def chosen(config: LockConfig, stride_s: float, before: int) -> int:
+    """How many turns a stride; 0 where none gives a ratio within the region."""
+    one = TAU / (stride_s * config.natural_rad_s)
+    below = int(config.centre_ratio / one)
+    best = below
+    if below < 1 or abs((below + 1) * one - config.centre_ratio) < abs(below * one - config.centre_ratio):
+        best = below + 1
+    off = abs(best * one - config.centre_ratio)
+    stays = config.lowest_ratio <= before * one <= config.highest_ratio
+    if stays and abs(before * one - config.centre_ratio) <= off + config.hysteresis:
+        return before
+    if best <= MOST_TURNS and config.lowest_ratio <= best * one <= config.highest_ratio:
+        return best
+    return 0
+
+
+@compiled
+def refused(config: LockConfig, gait: CycleState, harmonic: int) -> Refusal:
+    """What keeps the crank from following, or NONE."""
+    if gait.confidence < config.lowest_confidence:
+        return Refusal.NOT_WALKING
+    return Refusal.NONE if harmonic > 0 else Refusal.NO_HARMONIC
+
+
+@compiled
+def within(config: LockConfig, phase: float) -> bool:
+    """Whether a phase of the cycle lies in the window."""
+    return config.window_start <= phase <= config.window_end
+
+
+@compiled
+def step(
+    config: LockConfig,
+    state: LockState,
+    gait: CycleState,
+    moving: bool,
+    holding: bool,
+    angle_rad: float,
+    regime: RegimeState,
+    touch_down: bool,
+    age_s: float,
+    elapsed_ticks: int,
+) -> LockState:
+    """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it."""
+    harmonic = 0
+    if gait.confidence >= config.lowest_confidence:
+        harmonic = chosen(config, gait.stride.mean_s, state.harmonic)
+    one = TAU / (gait.stride.expected_s * config.natural_rad_s)
+    base_ratio = state.base_ratio
+    if not moving and harmonic > 0:
+        base_ratio = harmonic * TAU / (gait.stride.mean_s * config.natural_rad_s)
+
+    blow_rad = state.blow_rad
+    if regime.ended and regime.last.impacts == 1:
+        blow_rad += 0.3 * wrapped(regime.last.phase_rad + 0.5 * math.pi - blow_rad)
+    trim, rate_1_s, error_rad = 0.0, 0.0, 0.0
+    if holding:
+        wanted = base_ratio + state.trim
+        if harmonic > 0:
+            middle = 0.5 * (config.window_start + config.window_end)
+            error_rad = wrapped(TAU * harmonic * (gait.phase - middle) + blow_rad - angle_rad)
+            wanted = harmonic * one + limited(
+                config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
+            )
+            wanted = min(max(wanted, config.lowest_ratio), config.highest_ratio)
+        dt_s = elapsed_ticks * config.tick_s
+        change = limited(wanted - base_ratio - state.trim, config.rate_1_s * dt_s)
+        trim = state.trim + change
+        rate_1_s = change / dt_s
+
+    in_window, outside = state.in_window, state.outside
+    if holding and touch_down and harmonic > 0:
+        phase = gait.phase - age_s / gait.stride.expected_s
+        if within(config, phase - math.floor(phase)):
+            in_window = (in_window + 1) % COUNTS
+        else:
+            outside = (outside + 1) % COUNTS
+    return LockState(
+        harmonic,
+        base_ratio,
+        trim,
+        rate_1_s,
+        error_rad,
+        blow_rad,
+        in_window,
+        outside,
+        refused(config, gait, harmonic),
+    )

@@ -1,0 +1,138 @@
+"""The gait cycle's estimate on made-up walking, whose true phase is known."""
+
+import math
+
+import numpy as np
+import pytest
+from walker import Walk, walk
+
+from firmware_py.core import gait
+from firmware_py.core.gait import CycleState
+from firmware_py.core.inputs import NEVER_TICKS, GaitInput
+from firmware_py.interface.enums import GaitState
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).gait
+TICKS = 5
+STANDING = (0.0, True, True)
+
+
+def fed(state: CycleState, rate_rad_s: float, heel: bool, toe: bool) -> CycleState:
+    """One frame's five ticks."""
+    for age in range(TICKS):
+        state = gait.step(CONFIG, state, GaitInput(rate_rad_s, 9.8, heel, toe, age), 1)
+    return state
+
+
+def followed(walked: Walk, state: CycleState = gait.INITIAL) -> list[CycleState]:
+    """The state in the tick of each frame."""
+    seen = []
+    for rate, heel, toe in zip(
+        walked.rate_rad_s.tolist(), walked.heel.tolist(), walked.toe.tolist(), strict=True
+    ):
+        state = gait.step(CONFIG, state, GaitInput(rate, 9.8, heel, toe, 0), 1)
+        seen.append(state)
+        for age in range(1, TICKS):
+            state = gait.step(CONFIG, state, GaitInput(rate, 9.8, heel, toe, age), 1)
+    return seen
+
+
+def rmse(walked: Walk, states: list[CycleState]) -> float:
+    """Of the phase from the eighth stride on, as a share of the cycle."""
+    error = (np.array([state.phase for state in states]) - walked.phase + 0.5) % 1.0 - 0.5
+    return math.sqrt(np.mean(error[walked.t_s > walked.strikes_s[8]] ** 2))
+
+
+@pytest.mark.parametrize("stride_s", [0.95, 1.15, 1.6, 2.2])
+@pytest.mark.parametrize(
+    ("spread", "missed", "changes", "limit"),
+    [(0.02, 0.0, False, 0.02), (0.04, 0.0, False, 0.02), (0.02, 0.05, False, 0.02), (0.03, 0.02, True, 0.04)],
+)
+def test_the_phase_is_known_to_2_percent_steady_and_4_percent_varied(
+    stride_s: float, spread: float, missed: float, changes: bool, limit: float
+) -> None:
+    walked = walk(np.random.default_rng(3), stride_s, spread, 50, changes, missed)
+    states = followed(walked)
+    assert rmse(walked, states) < limit
+    trusted = np.array([state.confidence for state in states])[walked.t_s > walked.strikes_s[8]]
+    assert np.mean(trusted > 0.25) > 0.98
+
+
+def test_nothing_is_said_before_strides_have_been_seen() -> None:
+    walked = walk(np.random.default_rng(1))
+    states = followed(walked)
+    early = [state for state, t in zip(states, walked.t_s, strict=True) if t < walked.strikes_s[3]]
+    assert {state.confidence for state in early} == {0.0}
+    assert {state.doing for state in early} <= {GaitState.UNCERTAIN, GaitState.STANDING}
+
+
+def test_stance_and_swing_are_told() -> None:
+    walked = walk(np.random.default_rng(1), timing=0.0)
+    states = followed(walked)
+    told = [(s.doing, p) for s, p, t in zip(states, walked.phase, walked.t_s, strict=True) if t > 12.0]
+    assert all(leg == GaitState.STANCE for leg, phase in told if 0.01 < phase < 0.61)
+    assert all(leg == GaitState.SWING for leg, phase in told if 0.63 < phase < 0.99)
+
+
+def test_irregular_strides_are_trusted_less() -> None:
+    def mean(spread: float) -> float:
+        return float(np.mean([s.confidence for s in followed(walk(np.random.default_rng(5), spread=spread))]))
+
+    assert mean(0.01) > mean(0.04) > mean(0.10)
+    assert mean(0.10) < 0.3
+
+
+def test_a_missed_strike_is_bridged_and_trusted_less() -> None:
+    walked = walk(np.random.default_rng(1), spread=0.0, timing=0.0, noise_rad_s=0.0)
+    missing = (walked.t_s > walked.strikes_s[20] - 0.01) & (walked.t_s < walked.strikes_s[21] - 0.01)
+    walked = walked._replace(heel=walked.heel & ~missing, toe=walked.toe & ~missing)
+    states = followed(walked)
+    assert rmse(walked, states) < 0.02
+    at = [walked.strikes_s[20] + share * 1.15 for share in (-0.5, 0.5, 1.5)]
+    before, bridged, after = (states[int(np.searchsorted(walked.t_s, t))] for t in at)
+    assert (before.stride.missed, bridged.stride.missed, after.stride.missed) == (0, 1, 0)
+    assert bridged.confidence == pytest.approx(0.5 * before.confidence, rel=0.05)
+
+
+def test_who_stops_is_not_trusted_within_a_third_of_a_second_and_stands_after_a_second() -> None:
+    state = followed(walk(np.random.default_rng(1), count=12))[-1]
+    assert state.confidence > 0.25
+    for _ in range(60):
+        state = fed(state, *STANDING)
+    assert state.confidence == 0.0
+    assert state.doing == GaitState.UNCERTAIN
+    for _ in range(200):
+        state = fed(state, *STANDING)
+    assert state.doing == GaitState.STANDING
+
+
+def test_frames_that_stop_coming_end_all_trust() -> None:
+    state = followed(walk(np.random.default_rng(1), count=12))[-1]
+    for age in range(5, 60):
+        state = gait.step(CONFIG, state, GaitInput(0.5, 9.8, True, True, age), 1)
+    assert state.confidence == 0.0
+
+
+def test_a_heel_that_bounces_makes_no_stride() -> None:
+    """A switch that opens and closes again while the leg has not swung."""
+    state = followed(walk(np.random.default_rng(1), count=12))[-1]
+    known = state.stride.known
+    for heel in (True, False, True, False, True):
+        state = fed(state, 1.5, heel, False)
+    assert state.stride.known == known + 1
+
+
+def test_a_stride_unlike_all_others_begins_anew() -> None:
+    walked = walk(np.random.default_rng(1), count=12, spread=0.0)
+    state = followed(walked)[-1]
+    again = walk(np.random.default_rng(1), count=2, stride_s=0.7, spread=0.0)
+    assert state.confidence > 0.5
+    assert followed(again, state)[-1].confidence == 0.0
+
+
+def test_time_that_is_never_fed_stays_bounded() -> None:
+    state = gait.INITIAL
+    for _ in range(100):
+        state = gait.step(CONFIG, state, GaitInput(0.0, 9.8, True, True, NEVER_TICKS), 100_000)
+    assert state.stride.since_s == state.stride.since_seen_s == gait.LONGEST_S
+    assert state.doing == GaitState.STANDING
