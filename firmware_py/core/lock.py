@@ -28,7 +28,10 @@ COUNTS = 65536
 
 
 class LockConfig(NamedTuple):
-    """`hysteresis`: by how much of r another n has to lie nearer to the centre. Ratios are believed ones."""
+    """`hysteresis`: by how much of r another n has to lie nearer to the centre.
+
+    An n that is taken already may leave the region by `margin`. Ratios are believed ones.
+    """
 
     follow: bool
     tick_s: float
@@ -37,6 +40,7 @@ class LockConfig(NamedTuple):
     centre_ratio: float
     highest_ratio: float
     hysteresis: float
+    margin: float
     window_start: float
     window_end: float
     lowest_confidence: float
@@ -84,7 +88,7 @@ def chosen(config: LockConfig, stride_s: float, before: int) -> int:
     if below < 1 or abs((below + 1) * one - config.centre_ratio) < abs(below * one - config.centre_ratio):
         best = below + 1
     off = abs(best * one - config.centre_ratio)
-    stays = config.lowest_ratio <= before * one <= config.highest_ratio
+    stays = config.lowest_ratio - config.margin <= before * one <= config.highest_ratio + config.margin
     if stays and abs(before * one - config.centre_ratio) <= off + config.hysteresis:
         return before
     if best <= MOST_TURNS and config.lowest_ratio <= best * one <= config.highest_ratio:
@@ -140,7 +144,9 @@ def step(
             wanted = harmonic * one + limited(
                 config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
             )
-            wanted = min(max(wanted, config.lowest_ratio), config.highest_ratio)
+            wanted = min(
+                max(wanted, config.lowest_ratio - config.margin), config.highest_ratio + config.margin
+            )
         dt_s = elapsed_ticks * config.tick_s
         change = limited(wanted - base_ratio - state.trim, config.rate_1_s * dt_s)
         trim = state.trim + change

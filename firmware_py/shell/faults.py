@@ -34,7 +34,8 @@ ALWAYS = "from READY on"
 FAULTS: tuple[FaultLine, ...] = (
     FaultLine(
         Fault.SENSOR_TIMEOUT,
-        "no valid accelerometer frame, or none but one and the same reading, for watchdog.sensor_s",
+        "no valid accelerometer frame, or none but one and the same reading, for watchdog.sensor_s; "
+        "where the gait is followed, no valid frame of its sensors for watchdog.gait_s",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,

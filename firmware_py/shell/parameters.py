@@ -284,18 +284,20 @@ TABLE: tuple[Parameter, ...] = (
     ),
     # --- gait ---------------------------------------------------------------------------------------
     Parameter("gait.follow", "1", 0.0, 1.0, 0.0, "1: the crank follows the wearer's gait", whole=True),
-    Parameter("gait.lowest_ratio", "1", 0.1, 10.0, 0.88, "of the region in which blows are sure to come"),
-    Parameter("gait.centre_ratio", "1", 0.1, 10.0, 1.08, "turns a stride are chosen to come near to it"),
-    Parameter("gait.highest_ratio", "1", 0.1, 10.0, 1.3, "of that region: below start.free_ratio"),
+    Parameter("gait.lowest_ratio", "1", 0.1, 10.0, 0.98, "below, blows come late or not with every turn"),
+    Parameter("gait.centre_ratio", "1", 0.1, 10.0, 1.12, "turns a stride are chosen to come near to it"),
+    Parameter(
+        "gait.highest_ratio", "1", 0.1, 10.0, 1.3, "above, no start ends: start.free_ratio, less the margin"
+    ),
     Parameter("gait.hysteresis", "1", 0.0, 1.0, 0.05, "of the ratio, before turns a stride are changed"),
     Parameter("gait.window_start", "1", 0.0, 1.0, 0.45, "of the cycle: push-off begins"),
     Parameter("gait.window_end", "1", 0.0, 1.0, 0.60, "of the cycle: the toes leave the ground soon"),
     Parameter("gait.lowest_confidence", "1", 0.01, 1.0, 0.25, "strides that vary by 11 %: below, it stops"),
     Parameter(
-        "gait.gain_1_s", "1/s", 0.0, 20.0, 1.2, "of the crank's lag: a stride's change is made up in one"
+        "gait.gain_1_s", "1/s", 0.0, 20.0, 2.0, "of the crank's lag: made up before the next stride's window"
     ),
-    Parameter("gait.largest_trim", "1", 0.0, 0.5, 0.06, "of the ratio, to make up a lag"),
-    Parameter("gait.rate_1_s", "1/s", 1e-3, 1.0, 0.08, "of the ratio: slower than blows settle"),
+    Parameter("gait.largest_trim", "1", 0.0, 0.5, 0.15, "of the ratio, to make up a lag"),
+    Parameter("gait.rate_1_s", "1/s", 1e-3, 1.0, 0.3, "of the ratio: slower than blows settle"),
     Parameter("gait.shortest_s", "s", 0.1, 10.0, 0.5, "a stride; a run has 0.7 s"),
     Parameter("gait.longest_s", "s", 0.2, 20.0, 3.0, "a stride; the slowest walk has 2.5 s"),
     Parameter("gait.swing_rad_s", "rad/s", 0.1, 20.0, 1.0, "the shank, backward: the leg has swung"),
@@ -315,6 +317,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("gait.irregular", "1", 0.05, 0.9, 0.35, "of a stride: so different a one begins anew"),
     Parameter("gait.largest_spread", "1", 0.01, 1.0, 0.15, "of strides: nothing can be foretold"),
     Parameter("gait.strides_to_trust", "1", 1.0, 100.0, 3.0, "before anything is said", whole=True),
+    Parameter("gait.margin", "1", 0.0, 0.5, 0.025, "beyond the region, for turns a stride taken already"),
     Parameter("watchdog.gait_s", "s", 0.01, 10.0, 0.050, "ten frames of the gait, where it is followed"),
 )
 """All parameters, in the order of their indices."""
@@ -679,6 +682,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             centre_ratio=values["gait.centre_ratio"],
             highest_ratio=values["gait.highest_ratio"],
             hysteresis=values["gait.hysteresis"],
+            margin=values["gait.margin"],
             window_start=values["gait.window_start"],
             window_end=values["gait.window_end"],
             lowest_confidence=values["gait.lowest_confidence"],

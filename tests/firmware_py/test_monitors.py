@@ -52,6 +52,30 @@ def test_nothing_is_remembered_at_power_up() -> None:
     assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0) == monitors.INITIAL
 
 
+@pytest.mark.parametrize(
+    ("follow", "age_ticks", "fault"),
+    [
+        (1, 50, Fault.NONE),
+        (1, 51, Fault.SENSOR_TIMEOUT),
+        (0, 51, Fault.NONE),
+    ],
+)
+def test_the_gaits_sensors_are_watched_where_they_are_followed(
+    follow: int, age_ticks: int, fault: Fault
+) -> None:
+    watchdogs = config_from({"gait.follow": follow}).monitors.watchdogs
+    silent = replaced(CLOSED, "gait.age_ticks", age_ticks)
+    assert monitors.watchdog_fault(watchdogs, monitors.INITIAL, silent, CRANK, ESTIMATE) == fault
+
+
+def test_a_tick_is_the_shortest_watch_over_the_gaits_sensors() -> None:
+    watchdogs = CONFIG.watchdogs._replace(gait_ticks=1)
+    silent = replaced(CLOSED, "gait.age_ticks", 2)
+    assert (
+        monitors.watchdog_fault(watchdogs, monitors.INITIAL, silent, CRANK, ESTIMATE) == Fault.SENSOR_TIMEOUT
+    )
+
+
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
     assert findings == Findings(
