@@ -37,8 +37,11 @@ from firmware_py.core.kalman import Belief, Covariance, ProcessNoise, Push, Row,
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import ContactPhase
 
-LONGEST_GAP_TICKS = 20
-"""A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step."""
+LONGEST_GAP_TICKS = 100
+"""A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step.
+
+The filter's written-out form does that: as many of filterpy's calls would take a tick of their own.
+"""
 
 
 LONGEST_TRAPEZOID_TICKS = 5
@@ -327,7 +330,7 @@ def _by_model(
         middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
         # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
         fixed_m = config.striker.rest_length_m + config.striker.amplitude_m * math.sin(middle_rad)
-        belief = kalman.predict(
+        belief = kalman.predict_written_out(
             belief,
             config.model,
             Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
@@ -344,7 +347,7 @@ def _thrown_back(config: EstimatorConfig, belief: Belief) -> Belief:
     """Newton's law for a blow that nobody saw; when it was is known to a contact's length only."""
     k = config.striker.restitution
     jitter_m = (1.0 + k) * belief.v_m_s * config.separation_jitter_s
-    return kalman.predict(
+    return kalman.predict_written_out(
         belief,
         Transition(-k, 0.0, 0.0, 0.0, -k, 0.0),
         Push(x_m=(1.0 + k) * config.striker.stop_m, v_m_s=0.0),
@@ -395,7 +398,12 @@ def propagate(
             _strapdown_noise(config, sensor, phase, dt_s),
         )
     else:
-        belief = _by_model(config, belief_of(state), angle_rad, omega_rad_s, elapsed_ticks)
+        belief = belief_of(state)
+        if phase == ContactPhase.CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
+            # The blow that the gap began in is over by now, and nobody saw how it ended.
+            since_rad = omega_rad_s * elapsed_ticks * config.tick_s
+            belief = _newton(config, belief.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
+        belief = _by_model(config, belief, angle_rad, omega_rad_s, elapsed_ticks)
 
     innovation = 0.0
     model_variance = state.model_variance if state.started else config.trust.start
@@ -462,7 +470,7 @@ def correct(
                 Row(0.0, 1.0, 0.0),
                 before_m_s * before_m_s * config.restitution_variance,
             )
-        else:
+        elif elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:  # else the gap's first step was Newton's
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < strange_ticks <= config.trust.strange_ticks:
         stuck = still_ticks > config.trust.still_ticks

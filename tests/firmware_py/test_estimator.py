@@ -286,6 +286,39 @@ def test_a_blow_within_a_pause_is_taken_into_account() -> None:
     assert after.belief.p.vv > 100.0 * coming.p_vv
 
 
+def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    f = free_flight(87.5, 0.25, 1e-3)
+    x, v, state = 0.03, 0.2, estimator.INITIAL
+    for _ in range(5000):
+        state = tick(config, state, -87.5 * x - 0.25 * v)
+        x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
+    for _ in range(79):
+        x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
+    state = tick(config, state, -87.5 * x - 0.25 * v, elapsed=80)
+    assert state.x_m - 0.12 == pytest.approx(x, abs=5e-4)
+    assert state.v_m_s == pytest.approx(v, abs=5e-3)
+
+
+def test_a_pause_that_begins_within_a_blow_ends_after_newtons_law() -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    touch_down = Belief(0.18, 0.9, 0.0, Covariance(1e-7, 0.0, 0.0, 1e-4, 0.0, 1e-6))
+    within = estimator.INITIAL._replace(
+        x_m=0.182, v_m_s=0.1, p_xx=1e-7, p_vv=1e-4, p_bb=1e-6, touch_down=touch_down, started=True
+    )
+    x, v = 0.06, -0.45
+    f = free_flight(87.5, 0.25, 1e-3)
+    for _ in range(60):
+        x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
+    over = Contact(ContactPhase.FREE, False, True, 5e-4, 0.9, measured=False, settled=False)
+    sample = AccelerometerInput(-87.5 * x - 0.25 * v, -87.5 * x - 0.25 * v, 0.0, 0)
+    predicted = estimator.propagate(config, within, sample, ContactPhase.CONTACT, 0.0, 0.0, 60)
+    state = estimator.correct(config, within, predicted, over, UNHEARD, 0.0, 0.0, 60)
+    assert state.x_m - 0.12 == pytest.approx(x, abs=1e-3)
+    assert state.v_m_s == pytest.approx(v, abs=0.02)
+    assert state.p_vv > (0.1 * 0.9) ** 2 / 4
+
+
 def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
     trust = config_from(EXACT_SENSOR).estimator.trust
     usual = estimator.Prediction(
