@@ -19,6 +19,8 @@ WEAKEST_V_M_S = 0.05
 """A touch-down slower than this need not be seen; seeing it is no false alarm either."""
 LONGEST_LATENCY_S = 0.040
 """A detection later than this is not of that impact: four contact times of the default stop."""
+ASLEEP_S = 0.005
+"""Half a contact of the default stop: a blow whose first half falls between two ticks need not be seen."""
 LARGEST_LEAD_S = 0.001
 """A detection may precede the located touch-down by a tick: the sensors are sampled, the event is not."""
 
@@ -29,6 +31,14 @@ class Matching:
 
     truth: IntArray
     detection: IntArray
+
+
+def slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:
+    """Which touch-downs, shape (n,), no tick of the sorted `tick_t_s` follows within `ASLEEP_S`."""
+    following = np.searchsorted(tick_t_s, touch_down_s)
+    after_s = np.append(tick_t_s, np.inf)[following] - touch_down_s
+    asleep: BoolArray = after_s > ASLEEP_S
+    return asleep
 
 
 def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:

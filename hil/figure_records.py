@@ -103,6 +103,12 @@ class DetectorFigures:
     recall: Annotated[float | None, Quantity("", "impacts that were detected, of all that should have been")]
     latency_ms: Annotated[Latency, Quantity("", "from touch-down to the tick that reports it")]
     speed_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the reported approach speed")]
+    slept_through: Annotated[
+        int,
+        Quantity(
+            "", "impacts missed since the firmware did not run for 5 ms from touch-down: not in the recall"
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -184,7 +184,7 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
 
 def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
     """Detections, timed by the tick that reports them, against touch-downs while the firmware was alive."""
-    nothing = DetectorFigures(None, None, Latency(None, None), None)
+    nothing = DetectorFigures(None, None, Latency(None, None), None, 0)
     if len(plant) == 0 or len(firmware) == 0:
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
@@ -192,9 +192,11 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
     seen = firmware[column(firmware, "outputs.impact") != 0.0]
     detected_s = column(seen, "t_s")
     pairs = detection.match(touch_down_s, detected_s)
-    due = (column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S) & (touch_down_s <= alive_until_s)
     found = np.zeros(len(touch_down_s), bool)
     found[pairs.truth] = True
+    due = (column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S) & (touch_down_s <= alive_until_s)
+    slept_through = due & ~found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
+    due &= ~slept_through
     judged = detected_s <= alive_until_s
     true_alarms = np.zeros(len(detected_s), bool)
     true_alarms[pairs.detection] = True
@@ -210,6 +212,7 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
         if quantiles is None
         else Latency(float(quantiles[0]), float(quantiles[1])),
         speed_rmse_m_s=rms(speed_error),
+        slept_through=int(slept_through.sum()),
     )
 
 

@@ -161,6 +161,23 @@ def test_missed_and_false_detections(made_up, tmp_path):
     assert figures.detector.precision == pytest.approx((n - 2) / (n - 1))
 
 
+def test_blows_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_path):
+    """The second one is missed as well, but the firmware ran 4 ms after it: that one is its own fault."""
+    ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
+    touch_ticks = np.ceil(made_up.impacts["t_s"] / 1e-3).astype(int)
+    made_up.firmware["outputs.impact"][ticks[1]] = False
+    asleep = [
+        *range(touch_ticks[0] - 20, touch_ticks[0] + 30),
+        *range(touch_ticks[1] - 20, touch_ticks[1] + 3),
+    ]
+    made_up.firmware = drop_ticks(made_up.firmware, asleep)
+    figures = figures_of(write_run(made_up, tmp_path))
+
+    n = len(ticks)
+    assert figures.detector.slept_through == 1
+    assert figures.detector.recall == pytest.approx((n - 2) / (n - 1))
+
+
 def test_weak_blows_need_not_be_seen_and_are_no_false_alarm(made_up, tmp_path):
     made_up.impacts["v_m_s"][:3] = 0.04
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
