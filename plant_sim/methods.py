@@ -13,6 +13,7 @@ from plant_sim.parts.housing import Moving
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop
+from plant_sim.parts.walking import Walking
 from plant_sim.scene import Scene
 
 
@@ -85,7 +86,7 @@ def _only_adaptive(parts: Parts) -> str | None:
     """What only the adaptive solver has, if the scene has it."""
     if not isinstance(parts.drive, IdealDrive) or not isinstance(parts.stop, NoStop | RigidStop):
         return "a motor or a soft stop"
-    if not isinstance(parts.linkage, Sine) or isinstance(parts.housing, Moving):
+    if not isinstance(parts.linkage, Sine) or isinstance(parts.housing, Moving | Walking):
         return "a rod or a moving housing"
     return None
 

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant_sim.gait_sensors import GaitReading, GaitSensors, GaitTruth, gait_at
 from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
+from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.scene import Scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
@@ -30,6 +32,9 @@ from plant_sim.solvers.adaptive import (
     peak_felt_force_n,
 )
 from plant_sim.solvers.memory import ELAPSED, IMPACTS, IN_IMPACT, PHASE, STORED, UNSETTLED, allocate
+
+GAIT_PERIOD_S = 5e-3
+"""How often the gait sensors are read."""
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
@@ -58,7 +63,7 @@ class Plant:
 
     def __init__(self, scene: Scene, seed: int) -> None:
         self.scene = scene
-        self.parts = scene.parts()
+        self.parts = scene.parts(seed)
         initial = initial_state(scene, self.parts)
         self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
         self._sensors: Sensors | None = None
@@ -68,6 +73,11 @@ class Plant:
             sensing = allocate_sensing(models, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
             self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
+        self._gait_sensors: GaitSensors | None = None
+        if scene.sensors is not None and isinstance(self.parts.housing, Walking):
+            self._gait_sensors = GaitSensors(
+                scene.sensors.gait.model(), self.parts.housing, seed, GAIT_PERIOD_S
+            )
         self._t_s = initial.t_s
         self._t_rest_s = 0.0
         self._torque_n_m = 0.0
@@ -148,6 +158,18 @@ class Plant:
         if self._sensors is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         return self._sensors.read(self.now.crank_rad)
+
+    def sense_gait(self) -> GaitReading | None:
+        """Sample the gait sensors now, every `GAIT_PERIOD_S`; None where the sample drops out."""
+        if self._gait_sensors is None:
+            raise PlantError("the scene has no gait sensors; add the tables [gait] and [sensors]")
+        return self._gait_sensors.read(self.t_s)
+
+    @property
+    def gait(self) -> GaitTruth | None:
+        """The gait now; None where nobody walks."""
+        walking = self.parts.housing
+        return gait_at(walking, self.t_s) if isinstance(walking, Walking) else None
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: those already separated)."""

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.complaints import complaints, nearest
@@ -27,12 +28,14 @@ from plant_sim.parts.restitution import (
 )
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
+from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import Ankle, NoWearer
 from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
     CoulombTable,
     DqMotorDriveTable,
+    GaitTable,
     HuntCrossleyTable,
     IdealDriveTable,
     InitialTable,
@@ -53,8 +56,12 @@ from plant_sim.scene_tables import (
     WearerTable,
     WindingTable,
 )
+from plant_sim.strides import draw_strides
 
 SCENES = Path(__file__).parent / "scenes"
+
+STRIDES_STREAM = 9
+"""Strides are drawn apart from the sensors' noise, which is the seed's own."""
 
 
 class SceneError(ValueError):
@@ -83,6 +90,7 @@ class Scene(Table):
     sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
     housing: MotionTable | None = Field(default=None, description="the table [housing]")
     wearer: WearerTable | None = Field(default=None, description="the table [wearer]")
+    gait: GaitTable | None = Field(default=None, description="the table [gait]")
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Self:
@@ -102,6 +110,11 @@ class Scene(Table):
                 f"{key} = {self.initial_x_m} starts the striker beyond the rigid stop at "
                 f"stop.position_m = {self.stop.position_m}; start at most there (initial.x_m), or make the "
                 "stop soft"
+            )
+        if self.gait is not None and self.housing is not None:
+            raise ValueError(
+                "gait and housing are both given; each says how the housing moves, delete the table "
+                "[housing] or the table [gait]"
             )
         self._wearer_fits()
         self._method_fits()
@@ -141,6 +154,7 @@ class Scene(Table):
                 ("drive.rod_m", self.drive.rod_m is not None),
                 ("housing.harmonic", self.housing is not None and self.housing.harmonic is not None),
                 ("housing.shock", self.housing is not None and self.housing.shock is not None),
+                ("gait", self.gait is not None),
             )
             if is_given
         ]
@@ -165,15 +179,15 @@ class Scene(Table):
         """Where the striker starts, m."""
         return self.striker.rest_length_m if self.initial.x_m is None else self.initial.x_m
 
-    def parts(self) -> Parts:
-        """The records that kernels are specialised for."""
+    def parts(self, seed: int = 1) -> Parts:
+        """The records that kernels are specialised for; of a walk the strides are drawn from `seed`."""
         return Parts(
             self._striker(),
             self._drive(),
             self._friction(),
             self._stop(),
             Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
-            self._housing(),
+            self._housing(seed),
             NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values()),
             self._winding(),
         )
@@ -184,8 +198,17 @@ class Scene(Table):
             return striker
         return striker._replace(gravity_m_s2=striker.gravity_m_s2 * math.cos(self.housing.tilt_rad))
 
-    def _housing(self) -> Housing:
+    def _walking(self, gait: GaitTable, seed: int) -> Walking:
+        # χ = φ + w sin² π φ reaches the curves' toe-off at φ = stance_share.
+        stance = gait.stance_share
+        warp = (TOE_OFF - stance) / math.sin(math.pi * stance) ** 2
+        rows = draw_strides(gait.walk(), np.random.default_rng((seed, STRIDES_STREAM)))
+        return Walking(*gait.direction, gait.mount_m, self.striker.gravity_m_s2, warp, rows)
+
+    def _housing(self, seed: int) -> Housing:
         housing = self.housing
+        if self.gait is not None:
+            return self._walking(self.gait, seed)
         if housing is None:
             return Level()
         along_m_s2 = self.striker.gravity_m_s2 * math.sin(housing.tilt_rad)

@@ -21,6 +21,7 @@ from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
+from plant_sim.parts.walking import Walking
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
 from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.motion import SPEED, VELOCITY, Vector
@@ -66,12 +67,13 @@ def allocate_sensing(
     """Filters that have seen a striker at rest, what the housing always does, and a steady crank."""
     poles = [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
     states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
-    is_felt = isinstance(housing, Tilted | Moving)
-    if isinstance(housing, Tilted | Moving):
+    is_felt = isinstance(housing, Tilted | Moving | Walking)
+    if isinstance(housing, Tilted | Moving | Walking):
         poles.append(_pole(models.housing))
         states.append(0.0j)
+        along_m_s2 = housing_m_s2(housing, 0.0) if isinstance(housing, Walking) else housing.along_m_s2
         for which in (LOW, HIGH, HOUSING):
-            states[which] = -housing.along_m_s2 / poles[which]  # where z' = λ z + a stays
+            states[which] = -along_m_s2 / poles[which]  # where z' = λ z + a stays
     sensing = Sensing(
         poles=np.array(poles),
         states=np.array(states),
@@ -189,8 +191,8 @@ def _(housing: Level, probe: Sensing, used_s: float, begin_s: float) -> None:
     return
 
 
-@law(_sense_housing, Tilted, Moving)
-def _(housing: Tilted | Moving, probe: Sensing, used_s: float, begin_s: float) -> None:
+@law(_sense_housing, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s: float) -> None:
     power, poles, states = probe.power, probe.poles, probe.states
     values, through = probe.shaken[0], probe.shaken[1]
     for i in range(DEGREE + 1):

@@ -21,6 +21,22 @@ class EncoderModel(NamedTuple):
     noise_rad_s: float
 
 
+class GaitSensorModel(NamedTuple):
+    """IMU on the shank and switches under the foot; noise is each sample's deviation."""
+
+    rate_noise_rad_s: float
+    rate_bias_rad_s: float
+    along_noise_m_s2: float
+    along_bias_m_s2: float
+    tilt_rad: float
+    twist_rad: float
+    heel_threshold: float
+    toe_threshold: float
+    bounce_s: float
+    dropout_share: float
+    dropout_s: float
+
+
 class SensorModels(NamedTuple):
     """All sensors of a scene."""
 

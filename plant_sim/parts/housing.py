@@ -1,4 +1,4 @@
-"""The housing that carries guide, crank and stop: at rest and level, tilted, or moving along the axis.
+"""The housing that carries guide, crank and stop: at rest and level, tilted, moving, or on a walking leg.
 
 Seen from the housing the striker feels −m a_b, with a_b the housing's acceleration along +x plus gravity's
 part along it: m (x'' + a_b) + c (x − l0 − x_A) = F. That sum is also what accelerometers read: x'' + a_b on
@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple, TypeAlias
 
 from plant_sim.kernels import by_part, law
+from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 
 SAME_INSTANT_S = 1e-12
 """A step that ends this close to where a shock begins or ends has ended there."""
@@ -36,7 +37,7 @@ class Moving(NamedTuple):
     shock_s: float
 
 
-Housing: TypeAlias = Level | Tilted | Moving
+Housing: TypeAlias = Level | Tilted | Moving | Walking
 
 
 @by_part
@@ -66,6 +67,11 @@ def _(housing: Moving, t_s: float) -> float:
     return value
 
 
+@law(housing_m_s2, Walking)
+def _(housing: Walking, t_s: float) -> float:
+    return felt_m_s2(housing, t_s)
+
+
 @by_part
 def housing_m_s3(housing: Housing, t_s: float) -> float:
     """Growth of a_b, m/s³."""
@@ -86,6 +92,11 @@ def _(housing: Moving, t_s: float) -> float:
         rate = math.pi / housing.shock_s
         value += housing.shock_m_s2 * rate * math.cos(rate * into_s)
     return value
+
+
+@law(housing_m_s3, Walking)
+def _(housing: Walking, t_s: float) -> float:
+    return felt_m_s3(housing, t_s)
 
 
 @by_part
@@ -111,6 +122,11 @@ def _(housing: Moving, t_s: float) -> float:
     return longest
 
 
+@law(smooth_for_s, Walking)
+def _(housing: Walking, t_s: float) -> float:
+    return unbroken_s(housing, t_s, SAME_INSTANT_S + 4e-16 * abs(t_s))
+
+
 @by_part
 def moves(housing: Housing) -> bool:
     """Whether what it does changes with time."""
@@ -122,8 +138,8 @@ def _(housing: Level | Tilted) -> bool:
     return False
 
 
-@law(moves, Moving)
-def _(housing: Moving) -> bool:
+@law(moves, Moving, Walking)
+def _(housing: Moving | Walking) -> bool:
     return True
 
 
@@ -138,6 +154,6 @@ def _(housing: Level) -> bool:
     return True
 
 
-@law(is_level, Tilted, Moving)
-def _(housing: Tilted | Moving) -> bool:
+@law(is_level, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking) -> bool:
     return False

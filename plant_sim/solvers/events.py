@@ -23,6 +23,7 @@ from plant_sim.parts.stop import (
     elastic_force_n,
     origin_m,
 )
+from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
 from plant_sim.parts.winding import DqWinding, Settled, Winding
 from plant_sim.solvers.bernstein import (
@@ -462,9 +463,9 @@ def _(
     return angle_event(parts.drive, up, down, angle_rad, h_s, dense, scratch)
 
 
-@law(release_event, Moving)
+@law(release_event, Moving, Walking)
 def _(
-    housing: Moving,
+    housing: Moving | Walking,
     parts: Parts,
     flow: Flow,
     h_s: float,

@@ -33,6 +33,7 @@ from plant_sim.parts.stop import (
     origin_m,
     stop_force_n,
 )
+from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer
 from plant_sim.parts.winding import cogging_energy_j, cogging_n_m
 from plant_sim.result import Phase
@@ -148,8 +149,8 @@ def _(housing: Level) -> int:
     return 0
 
 
-@law(housing_integrals, Tilted, Moving)
-def _(housing: Tilted | Moving) -> int:
+@law(housing_integrals, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking) -> int:
     return 1
 
 
@@ -313,8 +314,8 @@ def _(housing: Level, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
     return
 
 
-@law(_housing_derivative, Tilted, Moving)
-def _(housing: Tilted | Moving, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+@law(_housing_derivative, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
     momentum = parts.striker.mass_kg * y[1] + plate_momentum_n_s(parts.wearer, parts.drive, y)
     out[housing_place(parts)] = -a_b * momentum
 

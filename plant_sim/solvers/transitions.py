@@ -29,6 +29,7 @@ from plant_sim.parts.stop import (
     restitution,
     stop_force_n,
 )
+from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.parts.winding import DqWinding, Settled, Winding
 from plant_sim.sensing import Probe, sense_jump
@@ -492,8 +493,8 @@ def _(housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float) -> t
     return per_rad * crank_speed(parts.drive, memory), abs(per_rad) * NEAR_RAD
 
 
-@law(_pull_growth, Moving)
-def _(housing: Moving, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+@law(_pull_growth, Moving, Walking)
+def _(housing: Moving | Walking, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
     angle, striker = crank_angle(parts.drive, memory), parts.striker
     per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_m, parts.drive.amplitude_m, angle)
     shaken = striker.mass_kg * housing_m_s3(housing, time_s)

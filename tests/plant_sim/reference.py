@@ -13,6 +13,7 @@ from plant_sim.parts.housing import Moving, Tilted
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
+from plant_sim.parts.walking import Walking, felt_m_s2
 from plant_sim.parts.wearer import Ankle
 
 MOST_STEP_S = 2e-3
@@ -117,6 +118,8 @@ class Reference:
                     peak * math.sin(math.pi * (t - start) / lasting) if start < t < start + lasting else 0.0
                 )
                 return along + swing * math.sin(rate * t + phase) + knock
+            case Walking() as walking:
+                return felt_m_s2(walking, t)
         return 0.0
 
     def _felt(self, plate, plate_v):

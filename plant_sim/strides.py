@@ -1,0 +1,189 @@
+"""The strides of a walk, drawn one after the other: rows for `plant_sim.parts.walking`.
+
+A stride's frequency, its size and its length differ from the wanted ones by a few per cent, at random and
+each for itself (stride times of healthy walkers vary by 1 to 3 %, after a stroke by more: Hausdorff et al.,
+J. Appl. Physiol. 80, 1996, and later work). Who starts or stops takes one stride for it. Who trips does so
+in mid-swing: puts the foot down early, waits, and finds back within three strides.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from plant_sim.parts.walking import COLUMNS, Rows
+
+NATURAL_HZ = 0.9
+"""Strides a second of natural walking, at which the curves of `plant_sim.parts.walking` hold."""
+DRAWN_S = 600.0
+"""Strides are drawn for this long; whoever walks longer goes on with the last one's pace, evenly."""
+STARTING_SHARE, STOPPING_SHARE = 0.8, 0.8
+"""The first and the last stride's frequency over that of the walk."""
+TRIP_PHASE = 0.75
+"""Mid-swing: where a foot trips."""
+TRIP_FACTORS = ((1.6, 0.7), (0.6, 0.7), (0.85, 0.9))
+"""Frequency and size over the wanted ones at the end of the stride that trips, and of the two after it."""
+
+
+class Pace(NamedTuple):
+    """From `at_s` on `stride_hz` strides a second; 0: standing."""
+
+    at_s: float
+    stride_hz: float
+
+
+class Trip(NamedTuple):
+    """The first mid-swing after `at_s` is held up with `knock_m_s2` at most."""
+
+    at_s: float
+    knock_m_s2: float
+
+
+class Walk(NamedTuple):
+    """What a walk is like."""
+
+    paces: Sequence[Pace]
+    trips: Sequence[Trip]
+    variability: float
+    """Standard deviation of frequency, size and length, each as a share of itself."""
+    range_share: float
+    walk_ratio_m_s: float
+    """Stride length over stride frequency, m s: nearly the same at all speeds."""
+    strike_m_s2: float
+    """Peak of a heel strike at the natural cadence; it grows as the square of the cadence."""
+
+
+class _Stride(NamedTuple):
+    """What holds at one heel strike."""
+
+    hertz: float
+    size: float
+    stride_m: float
+
+
+STILL = _Stride(0.0, 0.0, 0.0)
+
+
+def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
+    """Strides a second at `t_s`: evenly from pace to pace where both walk, else held until the next."""
+    now = max((i for i, pace in enumerate(paces) if pace.at_s <= t_s), default=0)
+    here = paces[now]
+    if now + 1 == len(paces) or here.stride_hz == 0.0 or paces[now + 1].stride_hz == 0.0 or t_s < here.at_s:
+        return here.stride_hz
+    there = paces[now + 1]
+    share = (t_s - here.at_s) / (there.at_s - here.at_s)
+    return here.stride_hz + share * (there.stride_hz - here.stride_hz)
+
+
+def draw_strides(walk: Walk, dice: np.random.Generator) -> Rows:
+    """Rows from t = 0 on, of which the last one lasts for ever."""
+    drawing = _Drawing(walk, dice)
+    while drawing.t_s < DRAWN_S:
+        if drawing.is_walking or wanted_hz(walk.paces, drawing.t_s) > 0.0:
+            drawing.stride()
+        elif not drawing.stand():
+            return drawing.rows()
+    return drawing.rows(endless=True)
+
+
+class _Drawing:
+    def __init__(self, walk: Walk, dice: np.random.Generator) -> None:
+        self._walk = walk
+        self._dice = dice
+        self._rows: list[tuple[float, ...]] = []
+        self._trips = sorted(walk.trips)
+        self._recovering: list[tuple[float, float]] = []
+        self.t_s = 0.0
+        self._cycles = 0.0
+        first_hz = wanted_hz(walk.paces, 0.0)
+        self._now = self._drawn(first_hz) if first_hz > 0.0 else STILL
+
+    @property
+    def is_walking(self) -> bool:
+        """Whether the last stride has not ended in standing."""
+        return self._now is not STILL
+
+    def _drawn(self, hertz: float, size_factor: float = 1.0) -> _Stride:
+        by_hertz, by_size, by_length = np.exp(self._walk.variability * self._dice.standard_normal(3)).tolist()
+        pace = hertz * by_hertz
+        size = self._walk.range_share * range_of_motion(hertz) * size_factor
+        return _Stride(pace, size * by_size, self._walk.walk_ratio_m_s * hertz * size_factor * by_length)
+
+    def _row(self, length_s: float, here: _Stride, there: _Stride, strike: float, knock: float) -> None:
+        self._rows.append(
+            (
+                self.t_s,
+                length_s,
+                self._cycles,
+                here.hertz,
+                there.hertz,
+                here.size,
+                there.size,
+                here.stride_m,
+                there.stride_m,
+                strike,
+                knock,
+            )
+        )
+
+    def _go(
+        self, cycles: float, here: _Stride, there: _Stride, strike: float = 0.0, knock: float = 0.0
+    ) -> None:
+        length_s = 2.0 * cycles / (here.hertz + there.hertz)
+        self._row(length_s, here, there, strike, knock)
+        self.t_s += length_s
+        self._cycles += cycles
+
+    def stand(self) -> bool:
+        """Stand until the next pace; whether there is one."""
+        later = [pace.at_s for pace in self._walk.paces if pace.at_s > self.t_s and pace.stride_hz > 0.0]
+        until_s = min(later, default=math.inf)
+        self._row(until_s - self.t_s, STILL, STILL, 0.0, 0.0)
+        self._now = STILL
+        self.t_s = until_s
+        return math.isfinite(until_s)
+
+    def stride(self) -> None:
+        """One stride, from heel strike to heel strike."""
+        here = self._now
+        strike = self._walk.strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
+        if here is STILL:
+            goal = self._drawn(wanted_hz(self._walk.paces, self.t_s))
+            self._go(1.0, _Stride(STARTING_SHARE * goal.hertz, 0.0, 0.0), goal)
+            self._now = goal
+            return
+        ends_s = self.t_s + 1.0 / here.hertz
+        next_hz = wanted_hz(self._walk.paces, ends_s)
+        if next_hz == 0.0:
+            self._go(1.0, here, _Stride(STOPPING_SHARE * here.hertz, 0.0, 0.0), strike)
+            self._now = STILL
+            return
+        factor, size = self._recovering.pop(0) if self._recovering else (1.0, 1.0)
+        if self._trips and self._trips[0].at_s <= self.t_s + TRIP_PHASE / here.hertz:
+            trip = self._trips.pop(0)
+            (factor, size), *self._recovering = TRIP_FACTORS
+            goal = self._drawn(next_hz, size)
+            goal = goal._replace(hertz=goal.hertz * factor)
+            self._go(TRIP_PHASE, here, here, strike)
+            self._go(1.0 - TRIP_PHASE, here, goal, 0.0, trip.knock_m_s2)
+        else:
+            goal = self._drawn(next_hz, size)
+            goal = goal._replace(hertz=goal.hertz * factor)
+            self._go(1.0, here, goal, strike)
+        self._now = goal
+
+    def rows(self, endless: bool = False) -> Rows:
+        """All of them; `endless`: with one more that goes on as the last one ended."""
+        if endless:
+            self._row(math.inf, self._now, self._now, 0.0, 0.0)
+        rows = np.array(self._rows)
+        assert rows.shape[1] == COLUMNS
+        return rows
+
+
+def range_of_motion(hertz: float) -> float:
+    """Size of the leg's motion at a cadence, over that of natural walking: less when slow, little more when
+    brisk (a straight line through 1 at 0.9 Hz and 0.85 at half of it, after the slow, natural and fast
+    curves of Winter 1991)."""
+    return min(0.7 + 0.3 * hertz / NATURAL_HZ, 1.1)
