@@ -160,10 +160,11 @@ else:
 
     Array = NDArray[np.float64]
 
-    # It keeps nothing from call to call: each sets its x and P first, an update R too. S is one by one.
     _filter = filterpy.kalman.KalmanFilter(dim_x=3, dim_z=1)
-    _filter.inv = np.reciprocal
-    _R = np.zeros((1, 1))
+    _filter.inv = np.reciprocal  # S is one by one
+    _filter.R = np.zeros((1, 1))
+    _its = [Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
+    """What the filter's P is. Nothing else is kept from call to call: another covariance is set first."""
 
     # F, Q and H are the same in almost every tick; filterpy leaves its arguments as they are.
     @lru_cache(maxsize=16)
@@ -179,25 +180,29 @@ else:
         return np.array([row])
 
     def _set(belief: Belief) -> None:
-        (xx, xv, xb, vv, vb, bb) = belief.p
         _filter.x = np.array(belief[:3])
-        _filter.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
+        if belief.p is not _its[0]:
+            (xx, xv, xb, vv, vb, bb) = belief.p
+            _filter.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
     def _covariance() -> Covariance:
         (xx, xv, xb), (_, vv, vb), (_, _, bb) = _filter.P.tolist()
-        return Covariance(xx, xv, xb, vv, vb, bb)
+        _its[0] = Covariance(xx, xv, xb, vv, vb, bb)
+        return _its[0]
 
     def predict(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
         """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
         _set(belief)
-        _filter.predict(F=_transition(f), Q=_diagonal(q))
+        _filter.F = _transition(f)
+        _filter.Q = _diagonal(q)
+        _filter.predict()
         x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
         return Belief(x_m + push.x_m, v_m_s + push.v_m_s, bias_m_s2, _covariance())
 
     def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
         """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
         _set(belief)
-        _R[0, 0] = variance
-        _filter.update(z, _R, _row(row))
+        _filter.R[0, 0] = variance
+        _filter.update(z, H=_row(row))
         x_m, v_m_s, bias_m_s2 = _filter.x.tolist()
         return Belief(x_m, v_m_s, bias_m_s2, _covariance())

@@ -89,6 +89,10 @@ _STILL = (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP)
 """Modes in which parameters may be written."""
 
 
+NO_COARSE = CoarseInput(0.0, NEVER_TICKS)
+NO_GAIT = GaitInput(0.0, 0.0, heel=False, toe=False, age_ticks=NEVER_TICKS)
+"""What modules without such a sensor read."""
+
 _REJECTED = {FrameErrorReason.LENGTH: 0, FrameErrorReason.CRC: 1}
 """Which of the three counters of rejections a reason belongs to; all others are wrong values."""
 
@@ -306,7 +310,11 @@ class FirmwareNode:
         return Inputs(
             elapsed_ticks,
             AccelerometerInput(*self._acceleration, min(tick - self._acceleration_source.heard_tick, never)),
-            CoarseInput(self._coarse.striker_position_m, min(tick - self._coarse_source.heard_tick, never)),
+            NO_COARSE
+            if self._coarse_source.heard_tick < 0
+            else CoarseInput(
+                self._coarse.striker_position_m, min(tick - self._coarse_source.heard_tick, never)
+            ),
             EncoderInput(*self._position, min(tick - self._position_source.heard_tick, never)),
             DriveInput(
                 _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
@@ -327,7 +335,9 @@ class FirmwareNode:
                 command.target_impulse_n_s,
                 min(tick - self._command_source.heard_tick, never),
             ),
-            GaitInput(
+            NO_GAIT
+            if self._gait_source.heard_tick < 0
+            else GaitInput(
                 gait.shank_rate_rad_s,
                 gait.along_m_s2,
                 gait.heel_contact == 1,
