@@ -161,8 +161,9 @@ class TraceWriter:
         self._offset = 0
         self._last_offset = -1
         window = self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
-        if expected_records:  # not when the file grows: that is within a loop, and thousands of pages at once
-            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] |= 0  # fetches each page, writable
+        if expected_records and self.count == 0:
+            # Fetches each page, writable. Not where the file grows: that is thousands at once, within a loop.
+            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] = 0
 
     def _create(self, path: Path, described: bytes) -> None:
         """Begin a file with its header."""
