@@ -15,6 +15,7 @@ Chosen by measurement against an adaptive oscillator on the shank's rate (Ronsse
 Comput. 49, 2011); docs/explanation/gait.md has the figures.
 """
 
+import math
 from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
@@ -31,12 +32,14 @@ LONGEST_S = 100.0
 class GaitConfig(NamedTuple):
     """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
 
-    `overdue`: by how much of the cycle a strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
+    `strike_phase`: where in the cycle the heel's switch closes, which takes some load. `overdue`: by how
+    much of the cycle a strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
     """
 
     tick_s: float
     stale_ticks: int
     edge_age_s: float
+    strike_phase: float
     shortest_s: float
     longest_s: float
     swing_rad_s: float
@@ -48,6 +51,7 @@ class GaitConfig(NamedTuple):
     timing_variance: float
     overdue: float
     irregular: float
+    surprise: float
     largest_spread: float
     strides_to_trust: int
 
@@ -140,7 +144,7 @@ def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Ev
         return event
     off = event.at_s / stride_s - event.phase
     share = max(config.gain_learning, 1.0 / (known + 1))
-    variance = event.variance + config.gain_learning * (off * off - event.variance)
+    variance = event.variance + share * (off * off - event.variance)
     return Event(event.phase + share * off, variance, 0.0)
 
 
@@ -182,30 +186,41 @@ def _struck(config: GaitConfig, stride: Stride) -> Stride:
         if known > config.strides_to_trust:
             # The mean of a normal distribution's magnitude is 0.8 σ.
             spread += 0.2 * (1.25 * abs(off) / mean_s - spread)
-    return Stride(mean_s, mean_s, spread * spread, spread, config.edge_age_s, config.edge_age_s, known, 0)
+    since_s = config.edge_age_s + config.strike_phase * mean_s
+    return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0)
 
 
 @compiled
 def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
     """The expected stride with what an event says of it that has just come."""
-    says_s = event.at_s / event.phase
-    if (
-        stride.known <= config.strides_to_trust
-        or abs(says_s - stride.expected_s) >= config.irregular * stride.expected_s
-    ):
+    if stride.known <= config.strides_to_trust:
         return stride
+    off_s = event.at_s / event.phase - stride.expected_s
     noise = (event.variance + config.timing_variance) / (event.phase * event.phase)
     gain = stride.variance / (stride.variance + noise)
+    # Far from its time, and further than its time varies.
+    surprising = (
+        stride.missed == 0
+        and abs(off_s) > config.surprise * stride.expected_s
+        and abs(off_s) * event.phase > 3.0 * math.sqrt(event.variance) * stride.expected_s
+    )
     return Stride(
         stride.mean_s,
-        stride.expected_s + gain * (says_s - stride.expected_s),
+        stride.expected_s + gain * off_s,
         (1.0 - gain) * stride.variance,
         stride.spread,
         stride.since_s,
         stride.since_seen_s,
-        stride.known,
+        0 if surprising else stride.known,
         stride.missed,
     )
+
+
+@compiled
+def _due(stride: Stride, event: Event, at_s: float) -> bool:
+    """Whether it may be this event: not seen in this stride yet, and no switch that bounces elsewhere."""
+    usual_s = event.phase * stride.expected_s
+    return event.at_s <= 0.0 and 0.4 * usual_s < at_s < 2.5 * usual_s
 
 
 @compiled
@@ -230,15 +245,15 @@ def _heard(
                 _learnt(config, toe_off, took_s, stride.known),
             )
         events = _unseen(events)
-    elif toe and not leg.toe and toe_down.at_s <= 0.0 and at_s < 0.5 * toe_off.phase * stride.expected_s:
+    elif toe and not leg.toe and _due(stride, toe_down, at_s):
         toe_down = _seen(toe_down, at_s)
         stride = _told(config, stride, toe_down)
         events = Events(toe_down, heel_off, toe_off)
-    elif leg.heel and not heel and heel_off.at_s <= 0.0:
+    elif leg.heel and not heel and _due(stride, heel_off, at_s):
         heel_off = _seen(heel_off, at_s)
         stride = _told(config, stride, heel_off)
         events = Events(toe_down, heel_off, toe_off)
-    elif leg.toe and not toe and toe_off.at_s <= 0.0:
+    elif leg.toe and not toe and _due(stride, toe_off, at_s):
         toe_off = _seen(toe_off, at_s)
         stride = _told(config, stride, toe_off)
         events = Events(toe_down, heel_off, toe_off)

@@ -318,7 +318,11 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("gait.largest_spread", "1", 0.01, 1.0, 0.15, "of strides: nothing can be foretold"),
     Parameter("gait.strides_to_trust", "1", 1.0, 100.0, 3.0, "before anything is said", whole=True),
     Parameter("gait.margin", "1", 0.0, 0.5, 0.025, "beyond the region, for turns a stride taken already"),
-    Parameter("watchdog.gait_s", "s", 0.01, 10.0, 0.050, "ten frames of the gait, where it is followed"),
+    Parameter("watchdog.gait_s", "s", 0.01, 10.0, 0.2, "a sixth of a stride, over which time alone tells"),
+    Parameter(
+        "gait.strike_phase", "1", 0.0, 0.2, 0.012, "where the heel's switch closes: at a tenth of the load"
+    ),
+    Parameter("gait.surprise", "1", 0.05, 2.0, 0.3, "of a stride: an event so far off is a stumble"),
 )
 """All parameters, in the order of their indices."""
 
@@ -660,6 +664,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             tick_s=tick_s,
             stale_ticks=ticks("watchdog.gait_s"),
             edge_age_s=0.5 * GAIT_PERIOD_S,
+            strike_phase=values["gait.strike_phase"],
             shortest_s=values["gait.shortest_s"],
             longest_s=values["gait.longest_s"],
             swing_rad_s=values["gait.swing_rad_s"],
@@ -671,6 +676,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             timing_variance=square("gait.event_std"),
             overdue=values["gait.overdue"],
             irregular=values["gait.irregular"],
+            surprise=values["gait.surprise"],
             largest_spread=values["gait.largest_spread"],
             strides_to_trust=int(values["gait.strides_to_trust"]),
         ),

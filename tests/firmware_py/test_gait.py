@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from walker import Walk, walk
+from walker import HEEL_OFF, TOE_DOWN, TOE_OFF, Walk, walk
 
 from firmware_py.core import gait
 from firmware_py.core.gait import CycleState
@@ -70,8 +70,8 @@ def test_stance_and_swing_are_told() -> None:
     walked = walk(np.random.default_rng(1), timing=0.0)
     states = followed(walked)
     told = [(s.doing, p) for s, p, t in zip(states, walked.phase, walked.t_s, strict=True) if t > 12.0]
-    assert all(leg == GaitState.STANCE for leg, phase in told if 0.01 < phase < 0.61)
-    assert all(leg == GaitState.SWING for leg, phase in told if 0.63 < phase < 0.99)
+    assert all(leg == GaitState.STANCE for leg, phase in told if 0.02 < phase < 0.59)
+    assert all(leg == GaitState.SWING for leg, phase in told if 0.61 < phase < 0.99)
 
 
 def test_irregular_strides_are_trusted_less() -> None:
@@ -108,7 +108,10 @@ def test_who_stops_is_not_trusted_within_a_third_of_a_second_and_stands_after_a_
 
 def test_frames_that_stop_coming_end_all_trust() -> None:
     state = followed(walk(np.random.default_rng(1), count=12))[-1]
-    for age in range(5, 60):
+    for age in range(5, CONFIG.stale_ticks + 1):
+        state = gait.step(CONFIG, state, GaitInput(0.5, 9.8, True, True, age), 1)
+    assert state.confidence > 0.25
+    for age in range(CONFIG.stale_ticks + 1, CONFIG.stale_ticks + 3):
         state = gait.step(CONFIG, state, GaitInput(0.5, 9.8, True, True, age), 1)
     assert state.confidence == 0.0
 
@@ -120,6 +123,35 @@ def test_a_heel_that_bounces_makes_no_stride() -> None:
     for heel in (True, False, True, False, True):
         state = fed(state, 1.5, heel, False)
     assert state.stride.known == known + 1
+
+
+def test_switches_that_bounce_tell_no_events() -> None:
+    """Both open and close again within 8 ms of each change, as they like."""
+    rng = np.random.default_rng(4)
+    walked = walk(np.random.default_rng(3), count=50)
+
+    def bouncing(closed: np.ndarray) -> np.ndarray:
+        changed = np.flatnonzero(np.diff(closed.astype(int))) + 2
+        shaken = closed.copy()
+        shaken[np.minimum(changed, len(closed) - 1)] = rng.random(len(changed)) < 0.5
+        return shaken
+
+    states = followed(walked._replace(heel=bouncing(walked.heel), toe=bouncing(walked.toe)))
+    assert rmse(walked, states) < 0.02
+    events = states[-1].events
+    learnt = [event.phase for event in (events.toe_down, events.heel_off, events.toe_off)]
+    assert learnt == pytest.approx([TOE_DOWN, HEEL_OFF, TOE_OFF], abs=0.02)
+
+
+def test_a_foot_that_comes_down_early_ends_all_trust() -> None:
+    """Tripped: the toes come down at half of their time."""
+    walked = walk(np.random.default_rng(1), count=20, spread=0.0)
+    strike_s = walked.strikes_s[15]
+    early = (walked.t_s > strike_s + 0.07 * 1.15) & (walked.t_s < strike_s + 0.2 * 1.15)
+    states = followed(walked._replace(toe=walked.toe | early))
+    at = int(np.searchsorted(walked.t_s, strike_s + 0.07 * 1.15))
+    assert states[at - 2].confidence > 0.5
+    assert states[at + 2].confidence == 0.0
 
 
 def test_a_stride_unlike_all_others_begins_anew() -> None:

@@ -231,6 +231,6 @@ def test_silent_gait_sensors_are_a_fault_only_where_they_are_followed() -> None:
         bench.run(1.0, keep=False)
         assert bench.node.outputs.mode == Mode.SOFT_START
         bench.change = lambda _, frames: frames
-        bench.run(0.1, keep=False)
+        bench.run(0.25, keep=False)
         assert (bench.node.outputs.mode, bench.node.outputs.fault) == (mode, fault)
         assert bench.node.outputs.torque_n_m == 0.0 or follows == 0

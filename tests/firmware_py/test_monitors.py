@@ -55,9 +55,9 @@ def test_nothing_is_remembered_at_power_up() -> None:
 @pytest.mark.parametrize(
     ("follow", "age_ticks", "fault"),
     [
-        (1, 50, Fault.NONE),
-        (1, 51, Fault.SENSOR_TIMEOUT),
-        (0, 51, Fault.NONE),
+        (1, 200, Fault.NONE),
+        (1, 201, Fault.SENSOR_TIMEOUT),
+        (0, 201, Fault.NONE),
     ],
 )
 def test_the_gaits_sensors_are_watched_where_they_are_followed(

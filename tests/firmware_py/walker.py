@@ -12,7 +12,7 @@ SHANK_DEG = (
     (0.65, 54.0), (0.7, 55.0), (0.75, 48.0), (0.8, 33.0), (0.9, -2.0), (0.95, -15.0), (1.0, -18.0),
 )  # fmt: skip
 """The shank's lean over the cycle, its top forward."""
-TOE_DOWN, HEEL_OFF, TOE_OFF = 0.10, 0.38, 0.62
+HEEL_DOWN, TOE_DOWN, HEEL_OFF, TOE_OFF = 0.012, 0.15, 0.38, 0.60
 
 
 class Walk(NamedTuple):
@@ -76,7 +76,7 @@ def walk(
         t_s,
         phase,
         rate_rad_s + noise_rad_s * rng.standard_normal(len(t_s)),
-        (phase < off) & ~no_heel[which],
+        (phase > HEEL_DOWN) & (phase < off) & ~no_heel[which],
         (phase > down) & (phase < toe_off) & ~no_toe[which],
         strikes_s,
     )
