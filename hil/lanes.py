@@ -59,6 +59,8 @@ FIRMWARE_LANES = (
             ActingLimit.TORQUE_RATE: WARN,
             ActingLimit.SPEED: WARN,
             ActingLimit.SAFE_STATE: BUSY,
+            ActingLimit.IMPACT_PHASE: WARN,
+            ActingLimit.RETREAT: WARN,
         },
     ),
     Lane("states/fault", "outputs.fault", Fault, {Fault.NONE: CALM}),

@@ -95,11 +95,17 @@ def possible(config: HoldConfig, target_impulse_n_s: float) -> bool:
 
 @compiled
 def _bound(
-    config: HoldConfig, ratio: float, guarded: bool, target_impulse_n_s: float, impulse_n_s: float
+    config: HoldConfig,
+    ratio: float,
+    guarded: bool,
+    target_ratio: float,
+    target_impulse_n_s: float,
+    impulse_n_s: float,
 ) -> Refusal:
-    """Which end of the impact region keeps the impulse from what was asked for."""
+    """Which end of the impact region keeps the impulse, or else the ratio, from what was asked for."""
     if target_impulse_n_s <= 0.0:
-        return Refusal.NONE
+        short = guarded and target_ratio - ratio > config.largest_step
+        return Refusal.RATIO_TOO_HIGH if short else Refusal.NONE
     if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - config.impulse_tolerance
     ):
@@ -139,7 +145,12 @@ def step(
         )
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
-    if unmet != Refusal.NONE or refusal == Refusal.IMPULSE_OUT_OF_RANGE or target_impulse_n_s <= 0.0:
+    of_ratio = refusal in (Refusal.NONE, Refusal.RATIO_TOO_HIGH)
+    if (
+        unmet != Refusal.NONE
+        or refusal == Refusal.IMPULSE_OUT_OF_RANGE
+        or of_ratio != (target_impulse_n_s <= 0.0)
+    ):
         refusal = unmet
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
         impulse_n_s = blow_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (blow_n_s - impulse_n_s)
@@ -151,12 +162,10 @@ def step(
         moved = min(moved, config.highest_ratio)
         moved = max(moved, min(config.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
-        bound = _bound(config, moved, guarded, target_impulse_n_s, impulse_n_s)
+        bound = _bound(config, moved, guarded, target_ratio, target_impulse_n_s, impulse_n_s)
         bound_periods = bound_periods + 1 if bound != Refusal.NONE else 0
-        if bound_periods >= config.refusing_periods:
+        if unmet == Refusal.NONE and (bound == Refusal.NONE or bound_periods >= config.refusing_periods):
             refusal = bound
-        elif bound == Refusal.NONE and unmet == Refusal.NONE:
-            refusal = Refusal.NONE
     dt_s = elapsed_ticks * config.tick_s
     change = limited(wanted_trim - state.trim, config.rate_1_s * dt_s)
     return HoldState(

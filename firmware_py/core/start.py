@@ -56,10 +56,14 @@ class StartConfig(NamedTuple):
     lost_periods: int
     dwell_periods: int
     attempts: int
+    retreat_ratio: float
 
 
 class StartState(NamedTuple):
-    """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress."""
+    """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
+
+    `ceiling_ratio` is the highest at which a curve may end since one was lost.
+    """
 
     stage: Stage
     from_rad_s: float
@@ -73,6 +77,11 @@ class StartState(NamedTuple):
     attempts: int
     captured: bool
     failed: bool
+    ceiling_ratio: float
+
+
+NO_CEILING = 10.0
+"""Beyond every ratio that can be asked for."""
 
 
 INITIAL = StartState(
@@ -88,6 +97,7 @@ INITIAL = StartState(
     attempts=0,
     captured=False,
     failed=False,
+    ceiling_ratio=NO_CEILING,
 )
 
 
@@ -123,11 +133,15 @@ def _curve(state: StartState, stage: Stage, to_rad_s: float, duration_s: float, 
         attempts=attempts,
         captured=state.captured,
         failed=state.failed,
+        ceiling_ratio=state.ceiling_ratio,
     )
 
 
 @compiled
 def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
+    """Further along the curve; in the hold, which has moved on from its end, the target stays."""
+    if state.stage == Stage.HOLD:
+        return state
     s = state.s + elapsed_ticks * config.tick_s / state.duration_s
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
@@ -144,6 +158,7 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
         state.attempts,
         state.captured,
         state.failed,
+        state.ceiling_ratio,
     )
 
 
@@ -169,6 +184,7 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
         attempts=state.attempts,
         captured=state.captured,
         failed=state.failed,
+        ceiling_ratio=state.ceiling_ratio,
     )
 
 
@@ -188,20 +204,42 @@ def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool
         attempts=state.attempts,
         captured=captured,
         failed=failed,
+        ceiling_ratio=state.ceiling_ratio,
     )
 
 
 @compiled
 def _again(config: StartConfig, state: StartState) -> StartState:
-    """Dip and try again, or say that it failed."""
+    """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed."""
     if state.attempts >= config.attempts:
         return _at(state, state.stage, 0, captured=False, failed=True)
-    return _curve(
-        _at(state, state.stage, 0, captured=False, failed=False),
-        Stage.DIP,
-        config.dip_ratio * config.natural_rad_s,
-        config.dip_s,
-        state.attempts + 1,
+    lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
+    if state.attempts > 0:
+        lost_ratio = min(lost_ratio, state.ceiling_ratio)
+    return StartState(
+        stage=Stage.DIP,
+        from_rad_s=state.target_omega_rad_s,
+        to_rad_s=config.dip_ratio * config.natural_rad_s,
+        duration_s=config.dip_s,
+        s=0.0,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=state.attempts + 1,
+        captured=False,
+        failed=False,
+        ceiling_ratio=at_least(lost_ratio - config.retreat_ratio, config.dip_ratio),
+    )
+
+
+@compiled
+def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bool:
+    """Whether the speed is below the one asked for as that was lost there."""
+    highest_ratio = min(target_ratio, config.free_ratio)
+    return (
+        state.ceiling_ratio < highest_ratio
+        and state.target_omega_rad_s < highest_ratio * config.natural_rad_s * (1.0 - 1e-6)
     )
 
 
@@ -221,6 +259,7 @@ def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartS
         attempts=0,
         captured=False,
         failed=False,
+        ceiling_ratio=NO_CEILING,
     )
     approach_rad_s = config.approach_ratio * config.natural_rad_s
     if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
@@ -239,12 +278,13 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     regime: RegimeState,
     trim: float,
     trim_rate_1_s: float,
+    may_retreat: bool,
     elapsed_ticks: int,
 ) -> StartState:
     """One tick: the speed to follow now, and whether the wanted regime is captured or has failed.
 
-    The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen; in the hold
-    `trim` moves the ratio on from there.
+    The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen or, if it
+    `may_retreat`, than it was lost at; in the hold `trim` moves the ratio on from there.
     """
     if mode == Mode.STOPPING:
         if state.stage != Stage.STOP:
@@ -254,7 +294,10 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         return INITIAL
     if not drive_ready or state.failed:
         return state
-    goal_rad_s = min(target_ratio, config.free_ratio) * config.natural_rad_s
+    goal_ratio = min(target_ratio, config.free_ratio)
+    if may_retreat:
+        goal_ratio = min(goal_ratio, state.ceiling_ratio)
+    goal_rad_s = goal_ratio * config.natural_rad_s
     needs_impacts = target_ratio >= config.capture_ratio
     if state.stage in (Stage.REST, Stage.STOP):
         return _begin(config, omega_rad_s, goal_rad_s)
@@ -267,7 +310,9 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         return _at(state, Stage.DWELL, 0, captured=False, failed=False) if arrived else state
     if state.stage == Stage.DWELL:
         settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
-        return _curve(state, Stage.RISE, goal_rad_s, config.again_s, state.attempts) if settled else state
+        # Without a blow in the dip either there may be none to be had: that counts as two.
+        attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
+        return _curve(state, Stage.RISE, goal_rad_s, config.again_s, attempts) if settled else state
     if goal_rad_s != state.to_rad_s:
         share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
@@ -296,4 +341,5 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         0 if again else state.attempts,
         state.captured,
         state.failed,
+        state.ceiling_ratio,
     )

@@ -261,6 +261,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         regime_now,
         lock_now.trim if follow else hold_now.trim,
         lock_now.trim_rate_1_s if follow else hold_now.trim_rate_1_s,
+        not follow,
         n,
     )
     if moving and inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL:
@@ -282,6 +283,9 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     acting_limit = speed_now.acting_limit
     if acting_limit == ActingLimit.NONE and hold_now.guarded:
         acting_limit = ActingLimit.IMPACT_PHASE
+    retreated = moving and not follow and start.retreated(config.start, start_now, target_ratio)
+    if acting_limit == ActingLimit.NONE and retreated:
+        acting_limit = ActingLimit.RETREAT
     refusal = Refusal.NONE
     if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
         if not valid_ratio:

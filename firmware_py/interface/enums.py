@@ -92,10 +92,13 @@ class Refusal(IntEnum):
     IMPULSE_TOO_LOW = 4
     NOT_WALKING = 5
     NO_HARMONIC = 6
+    RATIO_TOO_HIGH = 7
 
 
 class ActingLimit(IntEnum):
-    """Which limit is shaping the torque right now; IMPACT_PHASE keeps the speed away from the fold."""
+    """Which limit is shaping the torque right now; IMPACT_PHASE keeps the speed away from the fold,
+    RETREAT from where the blows were lost.
+    """
 
     NONE = 0
     TORQUE = 1
@@ -103,6 +106,7 @@ class ActingLimit(IntEnum):
     SPEED = 3
     SAFE_STATE = 4
     IMPACT_PHASE = 5
+    RETREAT = 6
 
 
 class AxisState(IntEnum):

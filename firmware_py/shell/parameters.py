@@ -179,7 +179,15 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "start.dwell_periods", "1", 1.0, 100.0, 2.0, "impacts in so many in the dip: rise again", whole=True
     ),
-    Parameter("start.attempts", "1", 0.0, 20.0, 2.0, "dips before it is given up", whole=True),
+    Parameter(
+        "start.attempts",
+        "1",
+        0.0,
+        20.0,
+        3.0,
+        "dips before it is given up; one without a blow is two",
+        whole=True,
+    ),
     # --- speed loop ---------------------------------------------------------------------------------
     Parameter("motor.inertia_kg_m2", "kg m^2", 1e-7, 1.0, 5e-4, "rotor and flywheel"),
     Parameter("motor.viscous_n_m_s", "N m s", 0.0, 1.0, 1e-4, "bearing"),
@@ -323,6 +331,14 @@ TABLE: tuple[Parameter, ...] = (
         "gait.strike_phase", "1", 0.0, 0.2, 0.012, "where the heel's switch closes: at a tenth of the load"
     ),
     Parameter("gait.surprise", "1", 0.05, 2.0, 0.3, "of a stride: an event so far off is a stumble"),
+    Parameter(
+        "start.retreat_ratio",
+        "1",
+        0.0,
+        1.0,
+        0.03,
+        "so far below the speed at which it was lost the next curve ends: friction moves the fold",
+    ),
 )
 """All parameters, in the order of their indices."""
 
@@ -591,6 +607,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             lost_periods=int(values["start.lost_periods"]),
             dwell_periods=int(values["start.dwell_periods"]),
             attempts=int(values["start.attempts"]),
+            retreat_ratio=values["start.retreat_ratio"],
         ),
         hold=hold.HoldConfig(
             tick_s=tick_s,

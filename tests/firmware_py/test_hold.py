@@ -163,6 +163,18 @@ def test_what_the_region_cannot_give_is_refused_with_its_reason() -> None:
         assert refused.trim == 0.0
 
 
+def test_a_ratio_that_the_guard_keeps_from_is_refused() -> None:
+    assert held(30, target=1.4, phase_deg=65.0).refusal == Refusal.RATIO_TOO_HIGH
+    assert held(5, target=1.4, phase_deg=65.0).refusal == Refusal.NONE
+    assert held(30, target=1.4).refusal == Refusal.NONE
+    state = held(30, target=1.4, phase_deg=65.0)
+    asked = hold.step(CONFIG, state, True, 1.3, 1.4, 0.8, regime.INITIAL, 0.8, 1)
+    assert asked.refusal == Refusal.NONE
+    lowered = hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, period(65.0), 0.8, 1)
+    assert lowered.refusal == Refusal.NONE
+    assert held(80, impulse=5.0, target=1.4, phase_deg=65.0).refusal == Refusal.IMPULSE_OUT_OF_RANGE
+
+
 def test_a_refusal_ends_with_its_request() -> None:
     state = held(2, impulse=5.0)
     assert hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, regime.INITIAL, 0.8, 1).refusal == Refusal.NONE

@@ -67,9 +67,14 @@ def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
             f"ends in {last.mode.name.lower()} since {last.t_s:.2f} s"
             f"{': ' + last.fault.name.lower() if last.fault != Fault.NONE else ''}"
         )
-    if not goes_on(done.impacts[:, IMPACT_TIME], duration_s, omega_rad_s):
+    if not goes_on(done.impacts[:, IMPACT_TIME], duration_s, min(omega_rad_s, kept_omega(done))):
         return "in mode RUN, but without lasting impacts at the end"
     return ""
+
+
+def kept_omega(done: Run) -> float:
+    """The crank's speed in its last turns, rad/s: below the one asked for where the fold is too near."""
+    return float(2.0 * np.pi / np.median(np.diff(done.turns_s[-LATE_TURNS - 1 :])))
 
 
 def steady_speed(done: Run) -> float:
@@ -120,7 +125,8 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):
         outcome.metrics["steady_v"] = steady_speed(done)
-        steady_m_s = largest_steady_speed(done)
+        # Where the firmware went on to a safer speed, the blows of the one asked for count as well.
+        steady_m_s = max(largest_steady_speed(done), attractor.hardest_m_s)
         if cell.ratio >= 1.15:
             outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
         else:
@@ -303,7 +309,7 @@ def _back_s(done: Run, omega_rad_s: float) -> float:
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * target_s)
     from_s = times[gaps[-1] + 1] if len(gaps) else done.kicked_s
     turns = done.turns_s[done.turns_s > done.kicked_s]
-    kept_s = float(np.median(np.diff(turns)[-LATE_TURNS:]))
+    kept_s = 2.0 * np.pi / kept_omega(done)
     off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)
     return float(max(from_s, turns[off[-1] + 1] if len(off) else done.kicked_s))
 
