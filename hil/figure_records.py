@@ -178,6 +178,31 @@ class FeltFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class GaitFigures:
+    """Somebody walks: over the hold; strides from its fourth whole one on, until a stop or a stumble."""
+
+    phase_rmse_percent: Annotated[
+        float | None, Quantity("%", "RMS error of the estimated gait phase, of the cycle")
+    ]
+    phase_worst_percent: Annotated[float | None, Quantity("%", "largest error of the estimated gait phase")]
+    strides: Annotated[int | None, Quantity("", "whole strides that are counted")]
+    in_window: Annotated[
+        float | None, Quantity("", "strides with a pulse within the firmware's window, of all")
+    ]
+    pulses_per_stride: Annotated[float | None, Quantity("", "pulses in a stride, on average")]
+    outside_per_stride: Annotated[float | None, Quantity("", "those outside of the window, on average")]
+    end: Annotated[str | None, Quantity("", "what ended the steady walk: stop or stumble")]
+    end_s: Annotated[float | None, Quantity("s", "when the leg stood still, or the foot tripped")]
+    last_pulse_after_s: Annotated[
+        float | None, Quantity("s", "from that moment to the last pulse before a new start; 0 without any")
+    ]
+    hardest_after: Annotated[
+        float | None,
+        Quantity("", "approach speed of the hardest of them over that of the hardest in the steady half"),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class Figures:
     """All figures of a run."""
 
@@ -221,6 +246,7 @@ class Figures:
     ]
     peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
     felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]
+    gait: Annotated[GaitFigures, Quantity("", "the walk: phase, pulses in the window, how it ended")]
     estimate: Annotated[EstimateFigures, Quantity("", "the firmware's estimate against the truth")]
     detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
     speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]

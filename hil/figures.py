@@ -29,6 +29,7 @@ from hil.figure_records import (
     Spread,
     TrueImpact,
 )
+from hil.gait_figures import gait_figures
 from hil.lanes import lower_name
 from hil.run_traces import Records, RunTraces, column, read_run
 
@@ -462,6 +463,7 @@ def figures_from(traces: RunTraces) -> Figures:
         impact_v_m_s=motion.impact_v_m_s,
         peak_force_n=peak_force(plant, impacts),
         felt=felt_figures(traces, hold),
+        gait=gait_figures(traces, hold),
         estimate=estimate_figures(plant, firmware, hold),
         detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, Regime
+from firmware_py.interface.enums import ActingLimit, AxisState, Fault, GaitState, Mode, Regime
+from plant_sim.gait_sensors import LegState
 from plant_sim.result import Phase
 
 TRUTH, BELIEF, TARGET, OTHER, ALARM = 0x4C9BE8FF, 0xF2A33AFF, 0x9A9AA2FF, 0x7BC67EFF, 0xE5484DFF
@@ -65,6 +66,25 @@ FIRMWARE_LANES = (
     ),
     Lane("states/fault", "outputs.fault", Fault, {Fault.NONE: CALM}),
 )
+
+LEG_LANE = Lane(
+    "states/leg",
+    "gait.state",
+    LegState,
+    {LegState.STANDING: CALM, LegState.STANCE: BUSY, LegState.SWING: GOOD},
+)
+LEG_BELIEVED_LANE = Lane(
+    "states/leg_believed",
+    "state.gait.doing",
+    GaitState,
+    {
+        GaitState.STANDING: CALM,
+        GaitState.STANCE: BUSY,
+        GaitState.SWING: GOOD,
+        GaitState.UNCERTAIN: WARN,
+    },
+)
+"""Where somebody walks."""
 
 
 def lower_name(value: IntEnum) -> str:

@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from hil.lanes import ALARM, BELIEF, OTHER, TARGET, TRUTH
+from hil.lanes import ALARM, BELIEF, GOOD, OTHER, TARGET, TRUTH
 
 LARGEST_NIS = 9.0
 """Of an honest filter 0.3 % lie beyond; a contact not yet found goes into the thousands."""
@@ -279,6 +279,65 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
     )
 
 
+def gait(detail_s: tuple[float, float] | None) -> Any:
+    """The wearer's cycle, true and estimated, and where in it the pulses come."""
+    return shares(
+        rrb.Vertical,
+        lanes("The leg: true, believed", "leg", "leg_believed"),
+        plot(
+            "Gait cycle: phase and pulses",
+            Line("/plant", "gait.phase", "true", "", TRUTH),
+            Line("/firmware", "state.gait.phase", "estimate", "", BELIEF),
+            Whole("/gait/window/from"),
+            Whole("/gait/window/to"),
+            Dots("/gait/inside", None, "pulse in the window", GOOD, "circle"),
+            Dots("/gait/outside", None, "pulse outside", ALARM, "cross"),
+            span_s=detail_s,
+            range_y=(0.0, 1.0),
+            legend=rrb.Corner2D.LeftBottom,
+        ),
+        rrb.Horizontal(
+            plot(
+                "Pulses over the cycle, whole run",
+                Whole("/gait/window/from"),
+                Whole("/gait/window/to"),
+                Dots("/gait/inside", None, "in the window", GOOD, "circle"),
+                Dots("/gait/outside", None, "outside", ALARM, "cross"),
+                range_y=(0.0, 1.0),
+            ),
+            plot(
+                "Strides a second, crank turns a stride, confidence",
+                Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
+                Line("/firmware", "state.lock.harmonic", "turns a stride", "", OTHER),
+                Line("/firmware", "state.gait.confidence", "confidence", "", BELIEF),
+            ),
+        ),
+        rrb.Horizontal(
+            plot(
+                "Felt by the wearer, close up [N]",
+                Line("/plant", "felt_force_n", "felt", "N", OTHER),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
+                "Shank's rate, close up [rad/s]",
+                Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", BELIEF),
+                Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
+                "Along the striker's axis, close up [m/s²]",
+                Line("/plant", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+        ),
+        by=(4, 6, 5, 5),
+        name="Gait",
+    )
+
+
 def bus_and_timing() -> Any:
     """Whether the clockwork ran."""
     return rrb.Vertical(
@@ -320,8 +379,11 @@ def about() -> Any:
     )
 
 
-def layout(moments: Moments | None) -> rrb.Blueprint:
-    """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is."""
+def layout(moments: Moments | None, walked: bool = False) -> rrb.Blueprint:
+    """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is.
+
+    `walked`: somebody walks with the module.
+    """
     detail_s = moments.detail_s if moments else None
     run_up_s = moments.run_up_s if moments else None
     speeds_m_s = (0.0, 1.15 * moments.largest_v_m_s) if moments else None
@@ -332,6 +394,7 @@ def layout(moments: Moments | None) -> rrb.Blueprint:
             start_up(run_up_s, speeds_m_s),
             estimator(detail_s, (-widest_m_s2, widest_m_s2) if moments else None),
             impacts(detail_s, speeds_m_s, worn=moments is not None and moments.worn),
+            *([gait(detail_s)] if walked else []),
             bus_and_timing(),
             about(),
         ),

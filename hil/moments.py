@@ -58,6 +58,7 @@ def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
         "peak_force_n": largest(traces.impacts, "peak_force_n"),
         "felt": largest(traces.plant, "felt_force_n") if traces.is_worn else None,
         "largest_v_m_s": largest(traces.impacts, "v_m_s"),
+        "gait": figures.gait.end_s,
         "safe_state": figures.safe_state.at_s,
         "motor_torque_after_stop_n_m": figures.safe_state.at_s,
         "tick_us": largest(traces.firmware, "work_us"),

@@ -17,6 +17,7 @@ from hil.operator import Command, OperatorNode, OperatorRecord
 from hil.plant_node import ImpactRecord, PlantNode, PlantRecord
 from hil.trace import TraceWriter
 from hil.waking import Waking
+from plant_sim.gait_sensors import GaitTruth
 from plant_sim.scene import Scene
 
 LONGEST_PREALLOCATED_S = 120.0
@@ -82,7 +83,8 @@ class PlantRunner:
         self.bus = bus
         self._trace = self._impacts = None
         if out_dir is not None:
-            fields = [("", PlantRecord), ("", LoopTiming)]
+            gait = [("gait", GaitTruth)] if scene.gait is not None else []
+            fields = [("", PlantRecord), *gait, ("", LoopTiming)]
             again = first_tick > 0
             expected = 0 if again else pace.expected_records
             self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again)
@@ -106,7 +108,10 @@ class PlantRunner:
         impacts = self.node.take_impacts()
         if self._trace is None or self._impacts is None:
             return
-        self._trace.append(self.node.record, timing)
+        if self.node.gait is None:
+            self._trace.append(self.node.record, timing)
+        else:
+            self._trace.append(self.node.record, self.node.gait, timing)
         for impact in impacts:
             self._impacts.append(impact)
 

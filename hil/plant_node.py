@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.pacing import Pacer
-from firmware_py.interface.records import Accelerometer
+from firmware_py.interface.records import Accelerometer, GaitSensors
 from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
 from hil.faults.plant import PlantFaults
 from hil.faults.tables import Fault
+from plant_sim.gait_sensors import GaitTruth
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
 from plant_sim.result import Phase
@@ -90,6 +91,12 @@ def drive_config(scene: Scene) -> DriveConfig:
     )
 
 
+def _ticks_of(frame_codec: codec.FrameCodec[Any], period_s: float) -> int:
+    """A frame's period in ticks."""
+    assert frame_codec.period_s is not None
+    return max(1, round(frame_codec.period_s / period_s))
+
+
 class PlantNode:
     """Publishes the state at t_k, then moves to t_{k+1} under the drive's torque."""
 
@@ -108,12 +115,16 @@ class PlantNode:
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
+        self.gait: GaitTruth | None = None
+        """The gait at t_k, where somebody walks."""
         self._began_s = first_tick * period_s
         self._counter = -1
         self._last_periodic_tick = first_tick - 1
         self._next_periodic_tick = first_tick
         self._pacer: Pacer[PeriodicFrame] = Pacer()
         self._reading: SensorReading
+        self._ticks_a_gait_frame = _ticks_of(codec.GAIT_SENSORS, period_s)
+        self._last_gait_frame = -1
         self._periodic = [
             self._periodic_frame(codec.DRIVE_CURRENT, Drive.current),
             self._periodic_frame(codec.DRIVE_HEARTBEAT, Drive.heartbeat),
@@ -125,9 +136,7 @@ class PlantNode:
     def _periodic_frame(
         self, frame_codec: codec.FrameCodec[Any], record: Callable[[Drive, Telemetry], Any]
     ) -> PeriodicFrame:
-        assert frame_codec.period_s is not None
-        every_ticks = max(1, round(frame_codec.period_s / self.period_s))
-        return PeriodicFrame(every_ticks, frame_codec.encode, record)
+        return PeriodicFrame(_ticks_of(frame_codec, self.period_s), frame_codec.encode, record)
 
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
@@ -148,12 +157,28 @@ class PlantNode:
             ),
             codec.ENCODER_ESTIMATES.encode(estimates),
         ]
+        if self.plant.has_gait_sensors:
+            frames += self._gait_frame()
         if self.tick >= self._next_periodic_tick:
             self._queue_periodic_frames()
         periodic = self._pacer.take()
         if periodic is not None:
             frames.append(periodic.encode(periodic.record(self.drive, self._telemetry())))
         return frames if self._faults is None else self._faults.sent(frames)
+
+    def _gait_frame(self) -> list[Frame]:
+        """The gait sensors' frame, if a period of theirs has begun, and it does not drop out."""
+        number = self.tick // self._ticks_a_gait_frame
+        if number == self._last_gait_frame:
+            return []
+        self._last_gait_frame = number
+        reading = self.plant.sense_gait()
+        if reading is None:
+            return []
+        record = GaitSensors(
+            reading.shank_rate_rad_s, reading.along_m_s2, int(reading.heel_contact), int(reading.toe_contact)
+        )
+        return [codec.GAIT_SENSORS.encode(record, number % codec.COUNTER_MODULUS)]
 
     def _queue_periodic_frames(self) -> None:
         """Let the drive's frames wait whose period has begun since the last call."""
@@ -178,6 +203,7 @@ class PlantNode:
         drive.handle(frames, self._reading.encoder_position_rev)
         torque_n_m = drive.torque_n_m(omega_rad_s)
         self.record = self._record_of(torque_n_m)
+        self.gait = plant.gait
         armed_s = min(self.period_s, drive.watchdog_left_s)
         self._move(torque_n_m, armed_s)
         drive.elapse(armed_s, plant.now.omega_rad_s, plant.now.current_a)

@@ -39,6 +39,12 @@ HEADLINES = (
     Headline("overruns", "ticks skipped"),
     Headline("bus_load", "bus load", 100.0, "%"),
 )
+WALK_HEADLINES = (
+    Headline("gait.in_window", "strides with a pulse in the window", 100.0, "%"),
+    Headline("gait.outside_per_stride", "other pulses a stride"),
+    Headline("gait.phase_rmse_percent", "gait phase, RMS error of the cycle", unit="%"),
+)
+"""Where somebody walks."""
 
 
 def shown(value: Any, unit: str) -> str:
@@ -82,7 +88,10 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
         verdict=verdict,
         title=traces.scenario.get("title", verdict["scenario"]),
         checks=[{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
-        headlines=[tile(headline, content) for headline in HEADLINES],
+        headlines=[
+            tile(headline, content)
+            for headline in (*HEADLINES, *(WALK_HEADLINES if traces.is_walked else ()))
+        ],
         plots=plots(traces, figures),
         figures=rows,
         scenario=tomli_w.dumps(dict(traces.scenario)),

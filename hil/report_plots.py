@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hil import detection
 from hil.bus_figures import LOAD_BIN_S, bits_on_the_bus, load_by_bin, load_over_time
 from hil.figure_records import Figures
+from hil.gait_figures import phase_error, pulses_of, push_off
 from hil.run_traces import Records, RunTraces, column
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +61,8 @@ class Plot(NamedTuple):
     title: str
     caption: str
     svg: str
+    half: bool = False
+    """Whether two of its kind stand side by side."""
 
 
 def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
@@ -184,7 +187,7 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot:
             axes.set(xlabel="x [mm]", ylabel="v [m/s]")
             axes.legend(loc="upper left")
         svg = svg_of(figure)
-    return Plot("Phase portrait", f"The last {PORTRAIT_PERIODS} drive periods of the hold.", svg)
+    return Plot("Phase portrait", f"The last {PORTRAIT_PERIODS} drive periods of the hold.", svg, half=True)
 
 
 def blows(traces: RunTraces, figures: Figures) -> Plot:
@@ -216,7 +219,7 @@ def blows(traces: RunTraces, figures: Figures) -> Plot:
             axes.set_ylim(bottom=0.0)
             axes.legend(loc="lower right")
         svg = svg_of(figure)
-    return Plot("Impact speed", f"{figures.impact_count} touch-downs in the run.", svg)
+    return Plot("Impact speed", f"{figures.impact_count} touch-downs in the run.", svg, half=True)
 
 
 def histogram(axes: Axes, values: FloatArray, color: str, label: str, empty: str) -> None:
@@ -290,9 +293,83 @@ def timing(traces: RunTraces, figures: Figures) -> Plot:
     return Plot("Clockwork and bus", f"Plant and firmware: {loops_text}.", svg)
 
 
+def walk(traces: RunTraces, figures: Figures) -> Plot:
+    """Where in the gait cycle the pulses come, and how far off the estimated phase is."""
+    window = push_off(traces.scenario)
+    pulses = pulses_of(traces.plant, traces.impacts)
+    with canvas(9.6, 4.2) as figure:
+        grid = figure.add_gridspec(2, 2, height_ratios=[1.0, 2.0])
+        histogram_axes = figure.add_subplot(grid[0, 0])
+        cycle = figure.add_subplot(grid[1, 0], sharex=histogram_axes)
+        felt = figure.add_subplot(grid[0, 1])
+        error = figure.add_subplot(grid[1, 1], sharex=felt)
+        for axes in (histogram_axes, cycle):
+            axes.axvspan(100.0 * window.start, 100.0 * window.end, color=OTHER, alpha=0.18, lw=0.0)
+        known = np.isfinite(pulses.phase)
+        inside = window.holds(pulses.phase)
+        held = _held(pulses.t_s, figures)
+        histogram_axes.hist(
+            [100.0 * pulses.phase[held & inside], 100.0 * pulses.phase[held & known & ~inside]],
+            bins=np.linspace(0.0, 100.0, 41).tolist(),
+            stacked=True,
+            color=[OTHER, ALARM],
+        )
+        histogram_axes.set_ylabel("in the hold")
+        histogram_axes.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
+        histogram_axes.tick_params(labelbottom=False)
+        for which, marker, color, label in (
+            (inside, "o", OTHER, "pulse in the window"),
+            (known & ~inside, "x", ALARM, "outside"),
+        ):
+            cycle.plot(100.0 * pulses.phase[which], pulses.t_s[which], marker, color=color, ms=4, label=label)
+        cycle.set(xlabel="gait cycle [%]", ylabel="simulated time [s]", xlim=(0.0, 100.0))
+        cycle.set_ylim(figures.duration_s, 0.0)
+        cycle.legend(loc="lower right")
+        if traces.is_worn:
+            felt.plot(
+                *thinned(column(traces.plant, "t_s"), column(traces.plant, "felt_force_n")),
+                color=TRUTH,
+                lw=0.7,
+            )
+            felt.set_ylabel("felt [N]")
+        else:
+            nothing(felt, "nobody wears the module")
+        t_s, off = phase_error(traces.plant, traces.firmware)
+        if len(t_s):
+            error.plot(*thinned(t_s, 100.0 * off), color=BELIEF, lw=0.7)
+        error.axhline(0.0, color=FAINT, lw=0.8)
+        error.set(xlabel="simulated time [s]", ylabel="phase error [% of the cycle]")
+        error.set_ylim(-15.0, 15.0)
+        for axes in (felt, error):
+            if figures.hold_start_s is not None and figures.hold_end_s is not None:
+                axes.axvspan(figures.hold_start_s, figures.hold_end_s, color=TARGET, alpha=0.12, lw=0.0)
+        if figures.gait.end_s is not None:
+            for axes in (felt, error):
+                axes.axvline(figures.gait.end_s, color=INK, lw=0.8, ls=":")
+            cycle.axhline(figures.gait.end_s, color=INK, lw=0.8, ls=":")
+        svg = svg_of(figure)
+    found = figures.gait
+    text = (
+        "No stride was held."
+        if found.in_window is None or found.outside_per_stride is None
+        else f"Of {found.strides} strides {100.0 * found.in_window:.0f} % have a pulse in the window "
+        f"(green), with {found.outside_per_stride:.2f} others a stride."
+    )
+    ending = "" if found.end is None else f" The dotted line is the {found.end}."
+    return Plot("Pulses over the gait cycle", f"{text} The hold is shaded on the right.{ending}", svg)
+
+
+def _held(t_s: FloatArray, figures: Figures) -> NDArray[np.bool_]:
+    """Which times lie within the hold."""
+    if figures.hold_start_s is None or figures.hold_end_s is None:
+        return np.zeros(len(t_s), bool)
+    return (t_s >= figures.hold_start_s) & (t_s <= figures.hold_end_s)
+
+
 PLOTS: tuple[Callable[[RunTraces, Figures], Plot], ...] = (start_up, portrait, blows, distributions, timing)
 
 
 def plots(traces: RunTraces, figures: Figures) -> list[Plot]:
-    """All plots of a report, in order."""
-    return [draw(traces, figures) for draw in PLOTS]
+    """All plots of a report, in order; that of the gait where somebody walks."""
+    walked = traces.is_walked and len(traces.plant) > 0 and len(traces.firmware) > 0
+    return [draw(traces, figures) for draw in (PLOTS[0], *([walk] if walked else []), *PLOTS[1:])]

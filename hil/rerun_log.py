@@ -28,7 +28,18 @@ from hil.checks import CheckResult, checks_of, evaluate
 from hil.drawing import Drawing
 from hil.figure_records import Figures
 from hil.figures import figures_from
-from hil.lanes import ALARM, FIRMWARE_LANES, PLANT_LANES, Lane, lower_name, state_name
+from hil.gait_figures import push_off
+from hil.lanes import (
+    ALARM,
+    FIRMWARE_LANES,
+    LEG_BELIEVED_LANE,
+    LEG_LANE,
+    PLANT_LANES,
+    TARGET,
+    Lane,
+    lower_name,
+    state_name,
+)
 from hil.layout import Mark, Moments, layout
 from hil.moments import marks, moments
 from hil.run_traces import BusLog, Records, RunTraces, column, read_run
@@ -132,13 +143,17 @@ class RunLog:
         identity = recording_id(run) if isinstance(to, Path) else f"{recording_id(run)}-live"
         self.recording = rr.RecordingStream(APPLICATION_ID, recording_id=identity, send_properties=False)
         self._flush_s = math.inf
+        self._walked = "gait" in scenario.get("scene", {})
+        blueprint = layout(moments, self._walked)
         if isinstance(to, Path):
-            self.recording.save(to, default_blueprint=layout(moments))
+            self.recording.save(to, default_blueprint=blueprint)
         else:
-            self.recording.connect_grpc(to, default_blueprint=layout(moments))
+            self.recording.connect_grpc(to, default_blueprint=blueprint)
             self._flush_s = VIEWER_TIMEOUT_S
         self.time = Timebase(float(run.get("wall_start_s", 0.0)))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
+        self._push_off = push_off(scenario) if self._walked else None
+        self._phases: list[tuple[FloatArray, FloatArray]] = []
         self._declared: set[str] = set()
         self._last: dict[str, int] = {}
         self._pending_bits: dict[int, float] = {}
@@ -208,15 +223,42 @@ class RunLog:
                 rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0]),
             )
             self._send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
+        if self._push_off is not None:
+            self._gait(records)
         for at_s, value in self._changes("axis_error", records, "axis_error"):
             if value != AxisError.NONE:
                 self._events([at_s], [f"drive error: {axis_errors(value)}"], "ERROR")
+
+    def _gait(self, records: Records) -> None:
+        """The leg's lane, the window, and the phases that the next pulses are placed at."""
+        t_s = column(records, "t_s")
+        self._lanes(records, (LEG_LANE,))
+        for edge, phase in zip(("from", "to"), self._push_off or (), strict=True):
+            entity = f"gait/window/{edge}"
+            self._declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
+            self._send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[phase] * 2))
+        self._phases = [*self._phases[-1:], (t_s, column(records, "gait.phase"))]
+
+    def _pulses(self, records: Records) -> None:
+        """Each blow at its phase of the gait cycle; one in standing has none."""
+        if self._push_off is None or not self._phases:
+            return
+        t_s = np.concatenate([times for times, _ in self._phases])
+        phases = np.concatenate([phases for _, phases in self._phases])
+        at_s = column(records, "t_s")
+        phase = phases[np.maximum(np.searchsorted(t_s, at_s, side="right") - 1, 0)]
+        inside = self._push_off.holds(phase)
+        for entity, which in (("gait/inside", inside), ("gait/outside", ~inside & np.isfinite(phase))):
+            if which.any():
+                self._send(entity, at_s[which], rr.Scalars.columns(scalars=phase[which]))
 
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
             return
         self._records("firmware", records, column(records, "wake_latency_us"))
         self._lanes(records, FIRMWARE_LANES)
+        if self._walked:
+            self._lanes(records, (LEG_BELIEVED_LANE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
         seen = records[column(records, "outputs.impact") != 0.0]
@@ -243,6 +285,7 @@ class RunLog:
         if len(records) == 0:
             return
         self._records("impacts/truth", records, 0.0)
+        self._pulses(records)
         self.drawing.flashes(records)
         if self.stop_m is not None:
             t_s = column(records, "t_s")

@@ -50,6 +50,11 @@ class RunTraces:
         """Whether somebody wears the module."""
         return "wearer" in self.scenario.get("scene", {})
 
+    @property
+    def is_walked(self) -> bool:
+        """Whether somebody walks with it."""
+        return "gait" in self.scenario.get("scene", {})
+
 
 NO_RECORDS: Records = np.zeros(0, dtype=[])
 

@@ -10,11 +10,14 @@ from plant_sim.parts.walking import (
     BEGIN_S,
     FROM_HZ,
     FROM_SIZE,
+    KNOCK_M_S2,
+    KNOCK_S,
     LENGTH_S,
     TO_HZ,
     TO_SIZE,
     TOE_OFF,
     Walking,
+    along_axis,
     cycles_at,
     leg_at,
     row_at,
@@ -36,15 +39,21 @@ class LegState(IntEnum):
 
 
 class GaitTruth(NamedTuple):
-    """The gait now. `phase` is 0 at heel strike, nan in standing; loads are shares of the leg's largest."""
+    """The gait now. `phase` is 0 at heel strike, nan in standing; loads are shares of the leg's largest.
+    `tripping` is true while a stumble's knock acts.
+
+    The specific force at the module's place: along the shank upward, across it, along the striker's axis.
+    """
 
     state: LegState
+    tripping: bool
     phase: float
     stride_hz: float
     shank_rad: float
     shank_rad_s: float
     up_m_s2: float
     forward_m_s2: float
+    axis_m_s2: float
     heel_load: float
     toe_load: float
 
@@ -61,10 +70,12 @@ class GaitReading(NamedTuple):
 def gait_at(walking: Walking, t_s: float) -> GaitTruth:
     """The truth at `t_s`."""
     leg, row = leg_at(walking, t_s), walking.rows[row_at(walking.rows, t_s)]
-    motion = float(leg.lean_rad), float(leg.lean_rad_s), float(leg.up_m_s2), float(leg.forward_m_s2)
+    axis_m_s2 = along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
+    felt = float(leg.up_m_s2), float(leg.forward_m_s2), float(axis_m_s2)
+    motion = float(leg.lean_rad), float(leg.lean_rad_s), *felt
     full = max(row[FROM_SIZE], row[TO_SIZE])
     if full == 0.0:
-        return GaitTruth(LegState.STANDING, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD)
+        return GaitTruth(LegState.STANDING, False, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD)
     phase = cycles_at(row, t_s) % 1.0
     in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
     s = min((t_s - row[BEGIN_S]) / row[LENGTH_S], 1.0)
@@ -74,6 +85,7 @@ def gait_at(walking: Walking, t_s: float) -> GaitTruth:
     rest = (1.0 - walks) * STANDING_LOAD
     return GaitTruth(
         LegState.STANCE if in_curves < TOE_OFF else LegState.SWING,
+        bool(row[KNOCK_M_S2] > 0.0 and t_s - row[BEGIN_S] < KNOCK_S),
         float(phase),
         float(row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * gone_over),
         *motion,

@@ -159,6 +159,11 @@ class Plant:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         return self._sensors.read(self.now.crank_rad)
 
+    @property
+    def has_gait_sensors(self) -> bool:
+        """Whether somebody walks and is seen to."""
+        return self._gait_sensors is not None
+
     def sense_gait(self) -> GaitReading | None:
         """Sample the gait sensors now, every `GAIT_PERIOD_S`; None where the sample drops out."""
         if self._gait_sensors is None:

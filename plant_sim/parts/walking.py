@@ -259,19 +259,23 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
 
 
 @shared
+def along_axis(walking: Walking, up: float, forward: float, outward: float) -> float:
+    """The part of a vector in the shank's directions along the striker's axis."""
+    return walking.axis_up * up + walking.axis_forward * forward + walking.axis_outward * outward
+
+
+@shared
 def felt_m_s2(walking: Walking, t_s: float) -> float:
     """a_b along the striker's axis, m/s²."""
     leg = leg_at(walking, t_s)
-    up, forward = walking.axis_up * leg.up_m_s2, walking.axis_forward * leg.forward_m_s2
-    return up + forward + walking.axis_outward * leg.outward_m_s2
+    return along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
 
 
 @shared
 def felt_m_s3(walking: Walking, t_s: float) -> float:
     """Growth of a_b, m/s³."""
     leg = leg_at(walking, t_s)
-    up, forward = walking.axis_up * leg.up_m_s3, walking.axis_forward * leg.forward_m_s3
-    return up + forward + walking.axis_outward * leg.outward_m_s3
+    return along_axis(walking, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
 
 
 @shared

@@ -10,7 +10,7 @@ from run_folder import make_run, write_run
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
-from firmware_py.interface.records import Accelerometer
+from firmware_py.interface.records import Accelerometer, GaitSensors
 from firmware_py.shell.node import Counters
 from hil import lanes, layout
 from hil.loop import LoopTiming
@@ -19,6 +19,7 @@ from hil.plant_node import ImpactRecord, PlantRecord
 from hil.rerun_log import rebuild
 from hil.rerun_program import rerun_environment, rerun_program
 from hil.trace import flatten
+from plant_sim.gait_sensors import GaitTruth
 
 WIDTH, HEIGHT = 1280, 800
 
@@ -28,13 +29,14 @@ def columns(*fields):
 
 
 WRITTEN = {
-    "/plant": columns(("", PlantRecord), ("", LoopTiming)),
+    "/plant": columns(("", PlantRecord), ("gait", GaitTruth), ("", LoopTiming)),
     "/firmware": columns(
         ("inputs", Inputs), ("state", State), ("outputs", Outputs), ("counters", Counters), ("", LoopTiming)
     ),
     "/impacts/truth": columns(("", ImpactRecord)),
     "/operator": columns(("", OperatorRecord)),
     "/can/Accelerometer": set(Accelerometer._fields),
+    "/can/GaitSensors": set(GaitSensors._fields),
 }
 
 
@@ -47,7 +49,10 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    layout.layout(layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True, worn=True))
+    moments = layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True, worn=True)
+    layout.layout(moments)
+    assert not any(getattr(item, "field", "") == "gait.phase" for item in plotted)
+    layout.layout(moments, walked=True)
 
     fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
     fields += [
@@ -55,6 +60,7 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
     ]
     assert len(fields) > 40
     assert ("/plant", "felt_force_n") in fields
+    assert ("/plant", "gait.phase") in fields
     for entity, field in fields:
         if field is not None:
             assert field in WRITTEN[entity], f"{entity} has no {field}"
@@ -63,6 +69,8 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
 def test_every_lane_is_written_by_the_bench():
     assert {lane.column for lane in lanes.PLANT_LANES} <= WRITTEN["/plant"]
     assert {lane.column for lane in lanes.FIRMWARE_LANES} <= WRITTEN["/firmware"]
+    assert lanes.LEG_LANE.column in WRITTEN["/plant"]
+    assert lanes.LEG_BELIEVED_LANE.column in WRITTEN["/firmware"]
 
 
 def test_a_state_that_has_no_name_is_shown_by_its_number():

@@ -2,6 +2,7 @@
 
 import random
 import struct
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,6 +90,61 @@ def test_torque_turns_the_crank_forward_and_the_record_says_so() -> None:
     assert record.drive_work_j > 0.0
     assert record.axis_state == AxisState.CLOSED_LOOP_CONTROL
     assert record.encoder_position_rev == pytest.approx(record.crank_rad / (2.0 * np.pi) % 1.0, abs=1e-3)
+
+
+WALK = {"axis": "outward", "pace": [{"at_s": 0.0, "stride_hz": 0.9}]}
+
+
+def walking_node(**sensors: float) -> PlantNode:
+    scene = {**read_scene("table1-motor-soft"), "gait": WALK, "sensors": {"gait": sensors}}
+    return PlantNode(load_scene(scene), seed=1)
+
+
+def test_gait_sensors_speak_every_five_ticks_and_count_their_frames() -> None:
+    node = walking_node(rate_noise_rad_s=0.0, rate_bias_rad_s=0.0, twist_rad=0.0, along_noise_m_s2=0.0)
+    heard = []
+    for tick in range(100):
+        gait = [frame for frame in node.publish() if frame.can_id == codec.GAIT_SENSORS.can_id]
+        node.advance([])
+        assert node.gait is not None
+        assert node.gait.phase == pytest.approx(0.9e-3 * tick, rel=0.1, abs=1e-9)
+        heard += [(tick, codec.GAIT_SENSORS.counter(frame.data), frame, node.gait) for frame in gait]
+    assert [tick for tick, *_ in heard] == list(range(0, 100, 5))
+    assert [counter for _, counter, *_ in heard] == [number % 16 for number in range(20)]
+    for _, _, frame, truth in heard:
+        record = codec.GAIT_SENSORS.decode(frame.data)
+        assert record.shank_rate_rad_s == pytest.approx(truth.shank_rad_s, abs=6e-4)
+        assert record.toe_contact == 0 or truth.phase > 0.05
+
+
+def test_a_gait_frame_that_drops_out_leaves_a_gap_in_the_count() -> None:
+    node, counters = walking_node(dropout_share=0.5, dropout_s=0.02), []
+    for _ in range(2000):
+        counters += [
+            codec.GAIT_SENSORS.counter(frame.data)
+            for frame in node.publish()
+            if frame.can_id == codec.GAIT_SENSORS.can_id
+        ]
+        node.advance([])
+    assert 100 < len(counters) < 300
+    assert any((after - before) % 16 != 1 for before, after in pairwise(counters))
+
+
+def test_time_that_passes_asleep_counts_for_the_gait_too() -> None:
+    node = walking_node()
+    node.publish()
+    node.advance([])
+    node.sleep_through(40, [])
+    frame = next(frame for frame in node.publish() if frame.can_id == codec.GAIT_SENSORS.can_id)
+    assert codec.GAIT_SENSORS.counter(frame.data) == 8
+
+
+def test_nobody_walks_in_a_scene_that_asks_for_nobody() -> None:
+    node = plant_node()
+    for _ in range(20):
+        assert all(frame.can_id != codec.GAIT_SENSORS.can_id for frame in node.publish())
+        node.advance([])
+    assert node.gait is None
 
 
 def test_a_tilted_module_with_a_wearer_publishes_what_it_feels() -> None:
