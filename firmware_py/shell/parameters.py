@@ -295,7 +295,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("gait.lowest_ratio", "1", 0.1, 10.0, 0.98, "below, blows come late or not with every turn"),
     Parameter("gait.centre_ratio", "1", 0.1, 10.0, 1.12, "turns a stride are chosen to come near to it"),
     Parameter(
-        "gait.highest_ratio", "1", 0.1, 10.0, 1.3, "above, no start ends: start.free_ratio, less the margin"
+        "gait.highest_ratio", "1", 0.1, 10.0, 1.3, "with the margin below start.free_ratio, where a start ends"
     ),
     Parameter("gait.hysteresis", "1", 0.0, 1.0, 0.05, "of the ratio, before turns a stride are changed"),
     Parameter("gait.window_start", "1", 0.0, 1.0, 0.45, "of the cycle: push-off begins"),
@@ -325,7 +325,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("gait.irregular", "1", 0.05, 0.9, 0.35, "of a stride: so different a one begins anew"),
     Parameter("gait.largest_spread", "1", 0.01, 1.0, 0.15, "of strides: nothing can be foretold"),
     Parameter("gait.strides_to_trust", "1", 1.0, 100.0, 3.0, "before anything is said", whole=True),
-    Parameter("gait.margin", "1", 0.0, 0.5, 0.025, "beyond the region, for turns a stride taken already"),
+    Parameter("gait.margin", "1", 0.0, 0.5, 0.02, "beyond the region, for turns a stride taken already"),
     Parameter("watchdog.gait_s", "s", 0.01, 10.0, 0.2, "a sixth of a stride, over which time alone tells"),
     Parameter(
         "gait.strike_phase", "1", 0.0, 0.2, 0.012, "where the heel's switch closes: at a tenth of the load"

@@ -375,6 +375,70 @@ def claims(
         console.print(f"reasons and figures: {payload['page']}", highlight=False)
 
 
+@study.command()
+def feasibility(
+    preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
+    page: Annotated[
+        Path | None,
+        typer.Option(help="The page to read; feasibility.md in the folder of results by default."),
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Which settings can serve a walk: cadence, axis, guide, contact and wearer, and what fails first."""
+    from collections import Counter
+
+    from tools.study import feasibility as table
+    from tools.study import feasibility_page, store, work
+
+    presets = tuple(table.MODULES)
+    if preset != "all":
+        presets = (one_of("--preset", preset, presets),)
+    where = work.here(out, cores, scheduler)
+    clock = Stopwatch()
+    found = table.compute(where, presets)
+    cost = clock.read()
+    name = "feasibility" if preset == "all" else f"feasibility-{preset}"
+    store.write(out / f"{name}.parquet", found, {"presets": list(presets)}, {})
+    rows = found.to_pylist()
+    pictures = feasibility_page.chart(rows, out, name)
+    written = page or out / f"{name}.md"
+    feasibility_page.write(rows, written, os.path.relpath(pictures[0], written.parent))
+    counts = {
+        one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
+        for one in presets
+    }
+    payload = {
+        "feasibility": [without_nan(row) for row in rows],
+        "verdicts": counts,
+        **cost,
+        "compile_s": 0.0,
+        "cores": where.cores,
+        "page": str(written),
+        "figures": pictures,
+        "out": str(out),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        shown = Table(box=None, pad_edge=False)
+        for title in ("preset", "cells", *table.REASONS):
+            shown.add_column(title)
+        for one in presets:
+            cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
+            shown.add_row(one, str(sum(counts[one].values())), *cells)
+        console.print(shown)
+        show_cost(payload)
+        console.print(f"every cell: {payload['page']}", highlight=False)
+
+
+def without_nan(row: dict[str, Any]) -> dict[str, Any]:
+    """A row for JSON, which has no NaN: what was not measured is null."""
+    return {name: None if value != value else value for name, value in row.items()}  # noqa: PLR0124 - NaN
+
+
 LARGEST_MAP = 4000
 INSTANT_SIZE, SOFT_SIZE = 200, 40
 

@@ -1,0 +1,134 @@
+"""The feasibility table: turns a stride, what counts as lost, hard or soft, and the page of it."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from plant_sim.plant import Impact
+from plant_sim.scene import load_scene
+from tools.cli import app
+from tools.output import BadInputError
+from tools.study import feasibility, feasibility_page
+from tools.study.feasibility import (
+    FEASIBLE,
+    LEG_STRIKES,
+    LOST,
+    NO_REGION,
+    NO_TURNS,
+    STEP_S,
+    TOO_HARD,
+    TOO_SOFT,
+    Driven,
+    Stop,
+)
+
+STOP = Stop("walking", "viscous", 0.03, "compliant")
+TABLE1 = Stop("table1", "viscous", 0.03, "stiff")
+
+
+def blow(t_s: float, v_m_s: float = 0.5) -> Impact:
+    return Impact(t_s, v_m_s, -0.2, 0.5, 20.0, 0.0)
+
+
+def turning(times_s: list[float], felt_n: float = 0.0, seconds: float = 10.0) -> Driven:
+    """One turn a second from the middle of the stroke on; a pulse of 25 N after each blow."""
+    t_s = STEP_S * np.arange(1, round(seconds / STEP_S) + 1)
+    felt = np.full(len(t_s), felt_n)
+    for at in times_s:
+        felt[(t_s > at + 0.01) & (t_s < at + 0.03)] += 25.0
+    return Driven([blow(at) for at in times_s], t_s, 2.0 * math.pi * t_s, felt)
+
+
+def test_the_scene_that_is_shipped_is_the_tables_module() -> None:
+    shipped = load_scene("walking").parts()
+    tabled = feasibility.scene(STOP, "outward", 0.8).parts()
+    assert shipped.striker == tabled.striker
+    assert shipped.stop == pytest.approx(tabled.stop)
+    assert shipped.wearer == tabled.wearer
+    assert shipped.friction == tabled.friction
+    assert shipped.drive.amplitude_m == tabled.drive.amplitude_m
+
+
+def test_turns_a_stride_lie_in_the_region_nearest_to_its_centre_first() -> None:
+    natural_hz = math.sqrt(505.0 / 0.8) / (2.0 * math.pi)
+    found = feasibility.harmonics(STOP, 0.5, 0.97, 1.3)
+    assert [n for n, _ in found] == [9, 8]
+    assert [ratio for _, ratio in found] == pytest.approx([4.5 / natural_hz, 4.0 / natural_hz])
+    assert feasibility.harmonics(TABLE1, 1.1, 0.97, 1.3) == []
+
+
+def test_turns_are_counted_whole_and_from_the_rear_dead_centre_on() -> None:
+    """Blows in the middle of the turns but one, and two in another."""
+    run = turning([1.2, 2.2, 4.2, 5.1, 5.3, 6.2, 7.2, 8.2])
+    assert feasibility.blows_a_turn(run, 0.0).tolist() == [1, 1, 0, 1, 2, 1, 1, 1, 0]
+    assert feasibility.blows_a_turn(run, 4.5).tolist() == [2, 1, 1, 1, 0]
+
+
+def test_grazing_is_no_blow() -> None:
+    run = turning([1.2, 2.2])
+    run.impacts.append(blow(3.2, 0.5 * feasibility.SOFTEST_M_S))
+    assert feasibility.blows_a_turn(run, 0.0).tolist()[:4] == [1, 1, 0, 0]
+    assert len(feasibility.pulses_n(run, 0.0)) == 2
+
+
+def test_a_pulse_is_what_comes_on_top_of_what_was_felt_before() -> None:
+    assert feasibility.pulses_n(turning([1.2, 2.2], felt_n=-8.0), 2.0) == pytest.approx([25.0])
+
+
+@pytest.mark.parametrize(
+    ("times_s", "scale", "verdict"),
+    [
+        ([k + 0.2 for k in range(1, 36)], 1.0, FEASIBLE),
+        ([k + 0.2 for k in range(1, 36)], 1.7, TOO_HARD),
+        ([k + 0.2 for k in range(1, 36)], 0.3, TOO_SOFT),
+        ([k + 0.2 for k in range(1, 36) if k != 20], 1.0, LOST),
+        ([], 1.0, LOST),
+    ],
+)
+def test_a_cell_is_judged_by_its_blows_then_by_its_pulses(
+    monkeypatch: pytest.MonkeyPatch, times_s: list[float], scale: float, verdict: str
+) -> None:
+    run = turning(times_s, seconds=36.0)
+    monkeypatch.setattr(feasibility, "driven", lambda *_: run._replace(felt_n=scale * run.felt_n))
+    assert feasibility.judged(STOP, "outward", 0.8, 1.0).verdict == verdict
+
+
+def test_the_first_that_fails_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feasibility, "idle_blows_hz", lambda *_: 1.0)
+    assert feasibility.cell(STOP, "up", 0.8, math.nan, math.nan)["verdict"] == NO_REGION
+    assert feasibility.cell(TABLE1, "up", 1.1, 0.97, 1.3)["verdict"] == NO_TURNS
+    assert feasibility.cell(STOP, "up", 0.8, 0.97, 1.3)["verdict"] == LEG_STRIKES
+
+
+def test_the_shipped_module_serves_a_walk_across_the_leg_and_table1_does_not() -> None:
+    """Measured, at one cadence: the region, then the cells."""
+    low, high = feasibility.region(STOP)
+    assert (low, high) == pytest.approx((0.97, 1.18), abs=0.03)
+    across = feasibility.cell(STOP, "outward", 0.8, low, high)
+    assert across["verdict"] == FEASIBLE
+    assert across["harmonic"] == 5
+    assert 10.0 <= across["felt_low_n"] <= across["felt_high_n"] <= 40.0
+    along = feasibility.cell(STOP, "up", 0.8, low, high)
+    assert along["verdict"] == LEG_STRIKES
+    assert along["idle_blows_hz"] > 0.5
+
+
+def test_a_cell_says_what_was_measured() -> None:
+    row = {"verdict": TOO_HARD, "harmonic": 2, "ratio": 1.074, "felt_low_n": 31.2, "felt_high_n": 51.9}
+    assert feasibility_page.text_of(row) == "hard 2×, r 1.07, 31–52"
+    assert feasibility_page.text_of({"verdict": NO_TURNS, "harmonic": 0}) == "n"
+
+
+def test_an_unknown_preset_is_refused() -> None:
+    result = CliRunner().invoke(app, ["study", "feasibility", "--preset", "table2"])
+    assert isinstance(result.exception, BadInputError)
+    assert "wanted one of table1, gait, walking" in str(result.exception)
+
+
+def test_what_was_not_measured_is_null_for_machines() -> None:
+    from tools.commands.study import without_nan
+
+    assert json.dumps(without_nan({"a": math.nan, "b": 1.0})) == '{"a": null, "b": 1.0}'

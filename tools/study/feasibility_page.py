@@ -1,0 +1,181 @@
+"""The feasibility table as a chart, and as a page to read."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.study import feasibility
+from tools.study.feasibility import (
+    AXES,
+    FEASIBLE,
+    LEG_STRIKES,
+    LOST,
+    NO_REGION,
+    NO_TURNS,
+    REASONS,
+    TOO_HARD,
+    TOO_SOFT,
+)
+from tools.study.figures import new_figure, save
+
+Row = dict[str, Any]
+
+COLOURS = {
+    FEASIBLE: "#4c9f70",
+    NO_REGION: "#404040",
+    NO_TURNS: "#8c8c8c",
+    LEG_STRIKES: "#c44e52",
+    LOST: "#8172b3",
+    TOO_HARD: "#e8a33d",
+    TOO_SOFT: "#9cc4e4",
+}
+MARKS = {
+    FEASIBLE: "**yes**",
+    NO_REGION: "region",
+    NO_TURNS: "n",
+    LEG_STRIKES: "leg",
+    LOST: "lost",
+    TOO_HARD: "hard",
+    TOO_SOFT: "soft",
+}
+
+INTRODUCTION = """\
+# Which settings can serve a walk
+
+Written by `vibrohil study feasibility --page docs/feasibility.md`; every cell comes from that run. A cell
+says **yes** where all of these hold, else which of them fails first:
+
+| mark | what fails |
+|---|---|
+| region | there is no impact region with one blow a turn |
+| n | no whole number n of crank turns a stride puts r = n f 2π/ω into the measured region |
+| leg | the leg's motion alone, with the crank at rest, makes the striker strike: it cannot be switched off |
+| lost | more than 1 % of the turns are without a blow |
+| hard, soft | some pulse that the wearer feels peaks above 40 N, or below 10 N |
+
+The plant alone, with an ideal crank at n turns a mean stride, and a walk of 2 % variability (30 s from a
+rise of 6 s on, of which the last 24 s count). Where the n nearest to r = 1.12 fails, the one with the
+softest blows is tried as well. The region is measured for each module, stop and wearer on a standing leg,
+from r = 0.97 on. `table1`: c = 70 N/m, gap 60 mm, A = 20 mm (viscous) or 30 mm. `gait`: c = 505 N/m, gap 60
+mm, A = 12 mm. `walking`: c = 505 N/m, gap 20 mm, A = 6 mm. All: m_B = 0.8 kg, k = 0.5, b = 0.2 N s/m, or μ
+= 0.15 and μ_s = 4/3 μ. Axes are the shank's: *up* along it, *forward* and *outward* across it. Wearers: a
+foot plate of 1 kg on 10 kN/m and 100 N s/m (stiff) or 2 kN/m and 40 N s/m (compliant). A felt pulse is the
+ankle's force above that at touch-down. With dry friction the plant has no yielding wearer: there the force
+is the bare stop's, and the compliant wearer is left out. How the crank is brought into step, and one blow
+into the push-off window, is [another page](explanation/gait.md).
+"""
+
+
+def write(rows: Sequence[Row], path: Path, picture: str | None) -> None:
+    """Write the page as Markdown."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines(rows, picture)) + "\n", encoding="utf-8")
+
+
+def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
+    """The page, line by line."""
+    yield INTRODUCTION
+    if picture is not None:
+        yield f"![Verdicts over cadence for every module, axis, guide, stop and wearer]({picture})\n"
+    yield "| preset | axis | cells | " + " | ".join(MARKS[reason].strip("*") for reason in REASONS) + " |"
+    yield "|---|---|---|" + "---|" * len(REASONS)
+    for preset in presets_of(rows):
+        for axis in AXES:
+            chosen = [row for row in rows if row["preset"] == preset and row["axis"] == axis]
+            counts = Counter(row["verdict"] for row in chosen)
+            yield (
+                f"| {preset} | {axis} | {len(chosen)} | "
+                + " | ".join(str(counts[reason]) for reason in REASONS)
+                + " |"
+            )
+    for preset in presets_of(rows):
+        yield from _section([row for row in rows if row["preset"] == preset])
+
+
+def presets_of(rows: Sequence[Row]) -> list[str]:
+    """In the order of the study."""
+    return [preset for preset in feasibility.MODULES if any(row["preset"] == preset for row in rows)]
+
+
+def stop_of(row: Row) -> str:
+    """A stop's name for people."""
+    wearer = row["wearer"] if row["law"] == "viscous" else "bare stop"
+    return f"{row['law']}, {1e3 * row['contact_s']:.0f} ms, {wearer}"
+
+
+def _section(rows: Sequence[Row]) -> Iterator[str]:
+    cadences = sorted({row["stride_hz"] for row in rows})
+    yield f"\n## {rows[0]['preset']}\n"
+    yield "Felt pulses in N, smallest to largest, at the n and r of the cell.\n"
+    yield (
+        "| axis | guide, contact, wearer | r of impact | "
+        + " | ".join(f"{hz:g} Hz" for hz in cadences)
+        + " |"
+    )
+    yield "|---|---|---|" + "---|" * len(cadences)
+    for axis in AXES:
+        for name in dict.fromkeys(stop_of(row) for row in rows):
+            chosen = [row for row in rows if row["axis"] == axis and stop_of(row) == name]
+            cells = [text_of(next(row for row in chosen if row["stride_hz"] == hz)) for hz in cadences]
+            low, high = chosen[0]["region_low"], chosen[0]["region_high"]
+            region = f"{low:.2f}–{high:.2f}" if low <= high else "none"
+            yield f"| {axis} | {name} | {region} | " + " | ".join(cells) + " |"
+
+
+def text_of(row: Row) -> str:
+    """A cell: its mark, and what was measured."""
+    mark = MARKS[row["verdict"]]
+    if row["harmonic"] == 0:
+        return mark
+    text = f"{mark} {row['harmonic']}×, r {row['ratio']:.2f}"
+    if row["verdict"] == LEG_STRIKES:
+        return f"{text}, {row['idle_blows_hz']:.1f}/s"
+    if np.isfinite(row["felt_high_n"]):
+        text += f", {row['felt_low_n']:.0f}–{row['felt_high_n']:.0f}"
+    return text
+
+
+def chart(rows: Sequence[Row], folder: Path, name: str) -> list[str]:
+    """Verdicts as colours: a row of maps a preset, a column an axis."""
+    from matplotlib.patches import Patch
+
+    presets = presets_of(rows)
+    figure, grid = new_figure(len(presets), len(AXES), 12.5, 3.1 * len(presets) + 0.6, sharex=True)
+    names = list(dict.fromkeys(stop_of(row) for row in rows))
+    cadences = sorted({row["stride_hz"] for row in rows})
+    for across, preset in enumerate(presets):
+        for down, axis in enumerate(AXES):
+            axes = grid[across][down]
+            for row in rows:
+                if row["preset"] != preset or row["axis"] != axis:
+                    continue
+                place = (cadences.index(row["stride_hz"]), names.index(stop_of(row)))
+                axes.add_patch(_square(place, COLOURS[row["verdict"]]))
+                if row["harmonic"] > 0:
+                    axes.text(*place, str(row["harmonic"]), ha="center", va="center", fontsize=7)
+            axes.set(
+                xlim=(-0.5, len(cadences) - 0.5),
+                ylim=(len(names) - 0.5, -0.5),
+                xticks=range(len(cadences)),
+                xticklabels=[f"{hz:g}" for hz in cadences],
+                yticks=range(len(names)),
+                title=f"{preset}, axis {axis}",
+            )
+            axes.set_yticklabels(names if down == 0 else [], fontsize=7)
+            if across == len(presets) - 1:
+                axes.set_xlabel("strides a second [Hz]")
+    handles = [Patch(color=COLOURS[reason], label=reason) for reason in REASONS]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(REASONS), frameon=False, fontsize=8)
+    figure.suptitle(
+        "where a module can serve a walk, and what forbids it first; numbers: crank turns a stride"
+    )
+    return save(figure, folder, name)
+
+
+def _square(place: tuple[int, int], colour: str) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((place[0] - 0.48, place[1] - 0.46), 0.96, 0.92, color=colour, lw=0)
