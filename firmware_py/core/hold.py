@@ -5,7 +5,7 @@ at the fold, 85° to 91° past the forward dead centre, the branch ends. So once
 exactly one impact, an integral law moves the ratio r = Ω/ω by the smaller of two steps
 
     Δ_want  = g_J (J* − J)/J'         an impulse asked for, else towards the ratio asked for
-    Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 65°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r
+    Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 64.5°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r
 
 (an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). Below the first few degrees φ no longer
 tells r, but there Δ_guard is the larger one and has no say. Without exactly one impact nothing moves.

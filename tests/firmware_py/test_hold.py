@@ -137,14 +137,14 @@ def test_beyond_the_highest_phase_the_speed_falls() -> None:
 
 
 def test_the_ratio_creeps_up_until_the_phase_says_stop() -> None:
-    assert 0.0 < held(5, target=1.4).trim < 0.0501
+    assert 0.0 < held(5, target=1.4).trim < 0.0751
     assert held(30, target=1.4).trim == pytest.approx(0.1)
-    assert held(30, target=1.4, phase_deg=65.0).trim == pytest.approx(0.0, abs=1e-9)
+    assert held(30, target=1.4, phase_deg=64.5).trim == pytest.approx(0.0, abs=1e-9)
 
 
 def test_an_impulse_is_approached_from_both_sides_slowly() -> None:
-    assert 0.0 < held(3, impulse=1.0).trim < 0.0301
-    assert -0.0301 < held(3, impulse=0.6).trim < 0.0
+    assert 0.0 < held(3, impulse=1.0).trim < 0.0451
+    assert -0.0451 < held(3, impulse=0.6).trim < 0.0
 
 
 @pytest.mark.parametrize("impacts", [0, 2])
@@ -184,7 +184,7 @@ def test_a_refusal_ends_with_its_request() -> None:
 def test_not_a_number_moves_nothing() -> None:
     for phase, blow in ((math.nan, 0.8), (30.0, math.nan)):
         state = held(5, phase_deg=phase, blow=blow, impulse=0.9)
-        assert abs(state.trim) < 0.0501
+        assert abs(state.trim) < 0.0751
 
 
 def test_an_impulse_asked_for_is_given_and_the_stop_agrees() -> None:
