@@ -34,7 +34,7 @@ def test_named_scenes_load(name: str) -> None:
     parts = load_scene(name).parts()
     assert parts.striker.mass_kg == 0.8
     # Table 1's, but for the module that is made for walking.
-    assert parts.stop.position_m == (0.14 if name == "walking" else 0.18)
+    assert parts.stop.position_m == (0.142 if name == "walking" else 0.18)
 
 
 def test_a_scene_file_is_a_path_or_a_text(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """`vibrohil study`: the paper's diagrams, basins and claims."""
 
 import os
+import shutil
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -390,8 +391,9 @@ def feasibility(
     """Which settings can serve a walk: cadence, axis, guide, contact and wearer, and what fails first."""
     from collections import Counter
 
+    from tools import feasibility_page
     from tools.study import feasibility as table
-    from tools.study import feasibility_page, store, work
+    from tools.study import store, work
 
     presets = tuple(table.MODULES)
     if preset != "all":
@@ -405,7 +407,10 @@ def feasibility(
     rows = found.to_pylist()
     pictures = feasibility_page.chart(rows, out, name)
     written = page or out / f"{name}.md"
-    feasibility_page.write(rows, written, os.path.relpath(pictures[0], written.parent))
+    if page is not None:
+        page.parent.mkdir(parents=True, exist_ok=True)
+        pictures.append(shutil.copy(pictures[0], str(page.with_suffix(".svg"))))
+    feasibility_page.write(rows, written, written.with_suffix(".svg").name)
     counts = {
         one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
         for one in presets

@@ -43,8 +43,9 @@ REST_M = 0.12
 MODULES = {
     "table1": Module(SPRINGS_N_M["table1"], AMPLITUDES_M["table1"], 0.06),
     "gait": Module(SPRINGS_N_M["gait"], AMPLITUDES_M["gait"], 0.06),
-    # The scene walking.toml: gait's spring, half its amplitude and a third of its gap.
-    "walking": Module(SPRINGS_N_M["gait"], dict.fromkeys(AMPLITUDES_M["gait"], 0.006), 0.02),
+    # The scene walking.toml: 4.8 Hz leave no cadence without a whole number of turns, and a short stroke
+    # keeps its blows below 1 m/s.
+    "walking": Module(720.0, dict.fromkeys(AMPLITUDES_M["gait"], 0.0065), 0.022),
 }
 AXES = ("up", "forward", "outward")
 LAWS = ("viscous", "coulomb", "stribeck")

@@ -50,7 +50,7 @@ says **yes** where all of these hold, else which of them fails first:
 
 | mark | what fails |
 |---|---|
-| region | there is no impact region with one blow a turn |
+| region | no r has exactly one blow a turn: here a stiff foot plate comes back and is met twice |
 | n | no whole number n of crank turns a stride puts r = n f 2π/ω into the measured region |
 | leg | the leg's motion alone, with the crank at rest, makes the striker strike: it cannot be switched off |
 | lost | more than 1 % of the turns are without a blow |
@@ -60,7 +60,7 @@ The plant alone, with an ideal crank at n turns a mean stride, and a walk of 2 %
 rise of 6 s on, of which the last 24 s count). Where the n nearest to r = 1.12 fails, the one with the
 softest blows is tried as well. The region is measured for each module, stop and wearer on a standing leg,
 from r = 0.97 on. `table1`: c = 70 N/m, gap 60 mm, A = 20 mm (viscous) or 30 mm. `gait`: c = 505 N/m, gap 60
-mm, A = 12 mm. `walking`: c = 505 N/m, gap 20 mm, A = 6 mm. All: m_B = 0.8 kg, k = 0.5, b = 0.2 N s/m, or μ
+mm, A = 12 mm. `walking`: c = 720 N/m, gap 22 mm, A = 6.5 mm. All: m_B = 0.8 kg, k = 0.5, b = 0.2 N s/m, or μ
 = 0.15 and μ_s = 4/3 μ. Axes are the shank's: *up* along it, *forward* and *outward* across it. Wearers: a
 foot plate of 1 kg on 10 kN/m and 100 N s/m (stiff) or 2 kN/m and 40 N s/m (compliant). A felt pulse is the
 ankle's force above that at touch-down. With dry friction the plant has no yielding wearer: there the force
@@ -91,8 +91,62 @@ def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
                 + " | ".join(str(counts[reason]) for reason in REASONS)
                 + " |"
             )
+    yield from short(rows)
+    yield from claims(rows)
     for preset in presets_of(rows):
         yield from _section([row for row in rows if row["preset"] == preset])
+
+
+def short(rows: Sequence[Row]) -> Iterator[str]:
+    """Where all of it holds at every cadence, and where nothing can."""
+    yield "\n## In short\n"
+    for preset in presets_of(rows):
+        settings: dict[str, set[float]] = {}
+        cadences = set()
+        for row in rows:
+            if row["preset"] == preset:
+                cadences.add(row["stride_hz"])
+                served = settings.setdefault(f"axis {row['axis']}: {stop_of(row)}", set())
+                if row["verdict"] == FEASIBLE:
+                    served.add(row["stride_hz"])
+        most = max(len(served) for served in settings.values())
+        best = [name for name, served in settings.items() if len(served) == most > 0]
+        never = sorted(cadences - set().union(*settings.values()))
+        yield (
+            f"- `{preset}`: {most} of {len(cadences)} cadences at best ({'; '.join(best) or 'nothing'}). "
+            f"Served by nothing: {', '.join(f'{hz:g} Hz' for hz in never) or 'none of them'}."
+        )
+
+
+def claims(rows: Sequence[Row]) -> Iterator[str]:
+    """What the cells say of three of the paper's claims."""
+    yield "\n## The paper's C3, C7 and C12\n"
+    yield (
+        "[The claims](claims.md) are judged on the module alone; this is what a walk adds. Crank frequencies "
+        "are n f; pulses are judged where the blows go on.\n"
+    )
+    yield "| preset | crank, Hz (C3, C12) | strides, Hz | cells with blows | all pulses in 10–40 N (C7) |"
+    yield "|---|---|---|---|---|"
+    for preset in presets_of(rows):
+        chosen = [row for row in rows if row["preset"] == preset]
+        good = [row for row in chosen if row["verdict"] == FEASIBLE]
+        struck = [row for row in chosen if row["verdict"] in (FEASIBLE, TOO_HARD, TOO_SOFT)]
+        cranks = [row["harmonic"] * row["stride_hz"] for row in good]
+        strides = sorted({row["stride_hz"] for row in good})
+        yield (
+            f"| {preset} | {_span(cranks)} | {', '.join(f'{hz:g}' for hz in strides) or 'none'} | "
+            f"{len(struck)} | {len(good)} |"
+        )
+    yield (
+        "\nC3 and C12 tie a crank frequency to a cadence. A walk asks for none: n takes up the difference. "
+        "What counts is that the region is wide enough to hold a whole multiple of the cadence, which is the "
+        "surer the more turns a stride take. C7 holds where stop and wearer are soft, not for a module by "
+        "itself."
+    )
+
+
+def _span(values: Sequence[float]) -> str:
+    return f"{min(values):.1f}–{max(values):.1f}" if values else "none"
 
 
 def presets_of(rows: Sequence[Row]) -> list[str]:
