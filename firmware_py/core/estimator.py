@@ -55,6 +55,10 @@ FEWEST_HOUSING = 1000
 """The housing's offset starts as 0, as sure as by so many readings: it may move from the start."""
 
 
+LONGEST_FLIGHT_TICKS = 5000
+"""A flight that no blow ends begins anew."""
+
+
 LARGEST = 1e3
 """An estimate beyond, in SI units, has diverged and starts anew."""
 
@@ -129,6 +133,7 @@ class EstimatorConfig(NamedTuple):
     touch_down_jitter_s: float
     separation_jitter_s: float
     restitution_variance: float
+    has_flights: bool
 
 
 class SensorState(NamedTuple):
@@ -148,13 +153,25 @@ class SensorState(NamedTuple):
     missed_ticks: int
 
 
+class Flight(NamedTuple):
+    """What the readings alone make of the striker since it last flew free, from the estimate of then on.
+
+    `ticks` is how long ago that was; −1: it does not fly.
+    """
+
+    x_m: float
+    v_m_s: float
+    ticks: int
+
+
 class EstimatorState(NamedTuple):
     """Mean, upper triangle of P, the last innovation, and the belief kept from touch-down.
 
     `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
     the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
     of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker,
-    `strange_ticks` for how long the innovation has been none that the model can have.
+    `strange_ticks` for how long the innovation has been none that the model can have. `spring_share` and
+    `friction_share` are by how much the model's are taken for more than believed (`identify`).
     """
 
     x_m: float
@@ -176,12 +193,16 @@ class EstimatorState(NamedTuple):
     sensor: SensorState
     touch_down: Belief
     started: bool
+    flight: Flight
+    spring_share: float
+    friction_share: float
 
 
 class Prediction(NamedTuple):
     """The estimate carried to the newest reading and compared with the model there; nothing is corrected.
 
-    The numbers of the innovation are those of `EstimatorState`.
+    The numbers of the innovation are those of `EstimatorState`. `carried`: readings at both ends of the tick
+    carried it, with `mean_m_s2` between them.
     """
 
     belief: Belief
@@ -192,6 +213,8 @@ class Prediction(NamedTuple):
     nis: float
     model_variance: float
     started: bool
+    carried: bool
+    mean_m_s2: float
 
 
 class Contact(NamedTuple):
@@ -207,6 +230,8 @@ class Contact(NamedTuple):
 
 
 _NO_BELIEF = Belief(0.0, 0.0, 0.0, Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+NO_FLIGHT = Flight(0.0, 0.0, -1)
 
 INITIAL = EstimatorState(
     x_m=0.0,
@@ -228,6 +253,9 @@ INITIAL = EstimatorState(
     sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_BELIEF,
     started=False,
+    flight=NO_FLIGHT,
+    spring_share=0.0,
+    friction_share=0.0,
 )
 
 
@@ -375,6 +403,8 @@ def propagate(
     """
     sensor = sense(config.sensor, state.sensor, accelerometer, elapsed_ticks)
     fresh = sensor.missed_ticks == 0
+    carried = False
+    mean_m_s2 = 0.0
     spread = config.spread
     if not state.started:
         belief = Belief(
@@ -385,6 +415,7 @@ def propagate(
         )
     elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
         dt_s = elapsed_ticks * config.tick_s
+        carried = True
         # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
         mean_m_s2 = (
             0.5 * (sensor.acceleration_m_s2 + state.sensor.acceleration_m_s2)
@@ -411,7 +442,9 @@ def propagate(
     own_variance = 0.0
     if fresh:
         innovation = kalman.innovation(
-            belief, sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s), config.row
+            belief,
+            sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s),
+            config.row,
         )
         own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
         variance = own_variance + model_variance + _dry_variance(config, belief)
@@ -424,6 +457,8 @@ def propagate(
         innovation * innovation / variance,
         model_variance,
         state.started or fresh,
+        carried,
+        mean_m_s2,
     )
 
 
@@ -481,7 +516,7 @@ def correct(
             learnt = config.trust.readings_as_one * (model_variance + _dry_variance(config, belief))
             belief = kalman.update(
                 belief,
-                predicted.sensor.acceleration_m_s2 - _known(config, belief, angle_rad, omega_rad_s),
+                predicted.sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s),
                 config.row,
                 learnt,
             )
@@ -489,6 +524,9 @@ def correct(
         model_variance = _learnt(config.trust, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
     if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
         belief = kalman.update(belief, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
+    flight = NO_FLIGHT
+    if config.has_flights and contact.settled:
+        flight = _flight(config, state, predicted, elapsed_ticks)
     spread = config.spread
     p = belief.p
     if not (
@@ -518,11 +556,62 @@ def correct(
         predicted.sensor,
         touch_down,
         predicted.started,
+        flight,
+        state.spring_share,
+        state.friction_share,
     )
 
 
 @compiled
-def _known(config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_s: float) -> float:
+def _flight(
+    config: EstimatorConfig, state: EstimatorState, predicted: Prediction, elapsed_ticks: int
+) -> Flight:
+    """The flight a tick on; a gap in the readings ends it, and another begins."""
+    flight = state.flight
+    if not (0 <= flight.ticks < LONGEST_FLIGHT_TICKS and predicted.carried):
+        return Flight(predicted.belief.x_m, predicted.belief.v_m_s, 0)
+    dt_s = elapsed_ticks * config.tick_s
+    change_m_s = predicted.mean_m_s2 * dt_s
+    return Flight(
+        flight.x_m + (flight.v_m_s + 0.5 * change_m_s) * dt_s,
+        flight.v_m_s + change_m_s,
+        flight.ticks + elapsed_ticks,
+    )
+
+
+@compiled
+def fed(state: EstimatorState, spring_share: float, friction_share: float) -> EstimatorState:
+    """The same, with a model whose spring and friction are by so much more than believed."""
+    return EstimatorState(
+        state.x_m,
+        state.v_m_s,
+        state.bias_m_s2,
+        state.p_xx,
+        state.p_xv,
+        state.p_xb,
+        state.p_vv,
+        state.p_vb,
+        state.p_bb,
+        state.innovation_m_s2,
+        state.innovation_std_m_s2,
+        state.spread_m_s2,
+        state.nis,
+        state.model_variance,
+        state.still_ticks,
+        state.strange_ticks,
+        state.sensor,
+        state.touch_down,
+        state.started,
+        state.flight,
+        spring_share,
+        friction_share,
+    )
+
+
+@compiled
+def _known(
+    config: EstimatorConfig, state: EstimatorState, belief: Belief, angle_rad: float, omega_rad_s: float
+) -> float:
     """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
 
     a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
@@ -538,6 +627,11 @@ def _known(config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_
         known -= striker.dry_m_s2
     elif belief.v_m_s < 0.0:
         known += striker.dry_m_s2
+    if state.spring_share != 0.0 or state.friction_share != 0.0:
+        # What was identified is added at the estimate; the row of H stays the believed one.
+        pull = striker.stiffness_1_s2 * (belief.x_m - striker.rest_length_m - crank_m)
+        friction = -model_acceleration(striker, angle_rad, belief.x_m, belief.v_m_s) - pull
+        known -= state.spring_share * pull + state.friction_share * friction
     return known
 
 

@@ -13,6 +13,7 @@ from firmware_py.core import (
     estimator,
     gait,
     hold,
+    identify,
     lock,
     monitors,
     regime,
@@ -57,6 +58,7 @@ class Config(NamedTuple):
     monitors: monitors.MonitorConfig
     gait: gait.GaitConfig
     lock: lock.LockConfig
+    identify: identify.IdentifyConfig
 
 
 class State(NamedTuple):
@@ -73,6 +75,7 @@ class State(NamedTuple):
     supervisor: supervisor.SupervisorState
     gait: gait.CycleState
     lock: lock.LockState
+    identify: identify.IdentifyState
 
 
 class Outputs(NamedTuple):
@@ -118,6 +121,7 @@ INITIAL = State(
     supervisor=supervisor.INITIAL,
     gait=gait.INITIAL,
     lock=lock.INITIAL,
+    identify=identify.INITIAL,
 )
 
 
@@ -225,6 +229,22 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     # Command
     target_ratio = inputs.operator.target_ratio
     holding = mode == Mode.RUN and state.start.stage == start.Stage.HOLD
+    identify_now = state.identify
+    if config.identify.enabled and (
+        contact.touch_down or contact.separation or estimate.flight.ticks % identify.SAMPLE_TICKS == 0
+    ):
+        identify_now = identify.step(
+            config.identify,
+            config.estimator.striker,
+            state.identify,
+            estimate,
+            holding,
+            contact,
+            crank_now.angle_rad,
+            crank_now.omega_rad_s,
+        )
+        if contact.touch_down:
+            estimate = identify.towards(config.identify, identify_now, holding, estimate)
     lock_now = state.lock
     if follow:
         lock_now = lock.step(
@@ -327,6 +347,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
             supervisor_now,
             gait_now,
             lock_now,
+            identify_now,
         ),
         outputs,
     )

@@ -15,7 +15,19 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from firmware_py.core import crank, detector, estimator, gait, hold, lock, monitors, regime, speed, start
+from firmware_py.core import (
+    crank,
+    detector,
+    estimator,
+    gait,
+    hold,
+    identify,
+    lock,
+    monitors,
+    regime,
+    speed,
+    start,
+)
 from firmware_py.core.kalman import ProcessNoise, Row, Transition
 from firmware_py.core.step import Config, DriveConfig
 from firmware_py.interface import codec
@@ -302,7 +314,12 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("gait.lowest_ratio", "1", 0.1, 10.0, 0.98, "below, blows come late or not with every turn"),
     Parameter("gait.centre_ratio", "1", 0.1, 10.0, 1.12, "turns a stride are chosen to come near to it"),
     Parameter(
-        "gait.highest_ratio", "1", 0.1, 10.0, 1.3, "with the margin below start.free_ratio, where a start ends"
+        "gait.highest_ratio",
+        "1",
+        0.1,
+        10.0,
+        1.3,
+        "with the margin below start.free_ratio, where a start ends",
     ),
     Parameter("gait.hysteresis", "1", 0.0, 1.0, 0.05, "of the ratio, before turns a stride are changed"),
     Parameter("gait.window_start", "1", 0.0, 1.0, 0.45, "of the cycle: push-off begins"),
@@ -345,6 +362,42 @@ TABLE: tuple[Parameter, ...] = (
         1.0,
         0.03,
         "so far below the speed at which it was lost the next curve ends: friction moves the fold",
+    ),
+    Parameter(
+        "identify.mode",
+        "1",
+        0.0,
+        2.0,
+        2.0,
+        "0: off; 1: spring, friction and restitution are told; 2: they feed the estimator's model",
+        whole=True,
+    ),
+    Parameter("identify.memory", "1", 2.0, 1e4, 30.0, "flights between blows: twenty seconds"),
+    Parameter(
+        "identify.fewest_flights",
+        "1",
+        2.0,
+        1e4,
+        5.0,
+        "before anything is fed: each is good to 1 %",
+        whole=True,
+    ),
+    Parameter("identify.largest_spring", "1", 0.0, 0.5, 0.1, "of c: 5 % of the natural frequency"),
+    Parameter("identify.largest_friction", "1", 0.0, 0.9, 0.5, "of b or mu, known to +-30 % and +-10 %"),
+    Parameter(
+        "identify.largest_restitution", "1", 0.0, 0.5, 0.15, "a blow further off the mean is misjudged"
+    ),
+    Parameter("identify.spring_step", "1", 1e-5, 0.1, 0.003, "by blow: no step that the estimate would feel"),
+    Parameter(
+        "identify.friction_step", "1", 1e-5, 0.5, 0.03, "by blow: no step that the estimate would feel"
+    ),
+    Parameter(
+        "identify.noise_m_s2", "m/s^2", 1e-4, 10.0, 0.03, "of a sample: the sensor's and its integral's"
+    ),
+    Parameter("identify.spring_std", "1", 1e-4, 1.0, 0.03, "what is known of c beforehand"),
+    Parameter("identify.friction_std", "1", 1e-3, 1.0, 0.3, "what is known of b or mu beforehand"),
+    Parameter(
+        "identify.largest_residual_m_s2", "m/s^2", 0.01, 100.0, 0.5, "a flight with a push is left out"
     ),
 )
 """All parameters, in the order of their indices."""
@@ -557,6 +610,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
         touch_down_jitter_s=values["estimator.touch_down_jitter_s"],
         separation_jitter_s=values["estimator.separation_jitter_s"],
         restitution_variance=square("estimator.restitution_std"),
+        has_flights=values["identify.mode"] > 0.0,
     )
     detector_config = detector.DetectorConfig(
         tick_s=tick_s,
@@ -585,6 +639,22 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
         ),
         crank=crank_config,
         estimator=estimator_config,
+        identify=identify.IdentifyConfig(
+            enabled=values["identify.mode"] > 0.0,
+            feeds=values["identify.mode"] > 1.0,
+            tick_s=tick_s,
+            delay_s=delay_s,
+            memory=values["identify.memory"],
+            fewest_flights=int(values["identify.fewest_flights"]),
+            largest_spring=values["identify.largest_spring"],
+            largest_friction=values["identify.largest_friction"],
+            largest_restitution=values["identify.largest_restitution"],
+            spring_step=values["identify.spring_step"],
+            friction_step=values["identify.friction_step"],
+            prior_spring=(values["identify.noise_m_s2"] / values["identify.spring_std"]) ** 2,
+            prior_friction=(values["identify.noise_m_s2"] / values["identify.friction_std"]) ** 2,
+            largest_residual_m_s2=values["identify.largest_residual_m_s2"],
+        ),
         detector=detector_config,
         regime=regime.RegimeConfig(
             equal_speed=values["regime.equal_speed"],

@@ -17,6 +17,8 @@ COMING = Prediction(
     nis=0.0,
     model_variance=0.0,
     started=True,
+    carried=True,
+    mean_m_s2=0.0,
 )
 
 
