@@ -179,7 +179,7 @@ class FeltFigures:
 
 @dataclass(frozen=True, slots=True)
 class GaitFigures:
-    """Somebody walks: over the hold; strides from its fourth whole one on, until a stop or a stumble."""
+    """Somebody walks: over the hold; strides from its fifth whole one on, until a stop or a stumble."""
 
     phase_rmse_percent: Annotated[
         float | None, Quantity("%", "RMS error of the estimated gait phase, of the cycle")
@@ -194,11 +194,15 @@ class GaitFigures:
     end: Annotated[str | None, Quantity("", "what ended the steady walk: stop or stumble")]
     end_s: Annotated[float | None, Quantity("s", "when the leg stood still, or the foot tripped")]
     last_pulse_after_s: Annotated[
-        float | None, Quantity("s", "from that moment to the last pulse before a new start; 0 without any")
+        float | None,
+        Quantity("s", "from that moment to the last pulse that follows; 0 without any"),
     ]
     hardest_after: Annotated[
         float | None,
         Quantity("", "approach speed of the hardest of them over that of the hardest in the steady half"),
+    ]
+    undriven: Annotated[
+        int | None, Quantity("", "pulses with the crank off for 2 s or more: the leg's own doing")
     ]
 
 

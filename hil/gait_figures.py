@@ -1,16 +1,20 @@
 """What a walk's traces tell: the phase estimate against the truth, pulses in and out of the window, the end.
 
+With the crank off the leg alone may shake the striker against the stop. Such pulses are counted apart, and
+are none of those that follow a stop: the last of these is followed by a pause.
+
 A pulse is a true blow of at least `detection.WEAKEST_V_M_S`; its phase is the true one at its touch-down. The
 window is the firmware's own, from its parameters.
 """
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.interface.enums import Mode
+from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
 from hil import detection
 from hil.figure_records import GaitFigures
@@ -20,8 +24,12 @@ from plant_sim.gait_sensors import LegState
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-SETTLING_STRIDES = 3
+SETTLING_STRIDES = 4
 """Strides of a hold that its crank may take to get into step."""
+
+
+PAUSE_S = 2.0
+"""Pulses after so long a pause are no longer the drive's."""
 
 
 class PushOff(NamedTuple):
@@ -107,11 +115,30 @@ def restarted_s(firmware: Records, after_s: float) -> float:
     return float(later[0]) if len(later) else float("inf")
 
 
+def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
+    """Which pulses follow `at_s` without a pause, up to `until_s`."""
+    later = np.flatnonzero((pulses_s > at_s) & (pulses_s < until_s))
+    gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) > PAUSE_S
+    end = int(np.argmax(gaps)) if gaps.any() else len(later)
+    found = np.zeros(len(pulses_s), bool)
+    found[later[:end]] = True
+    return found
+
+
+def undriven(firmware: Records, pulses_s: FloatArray) -> int:
+    """How many pulses came with the crank off for `PAUSE_S` or more."""
+    driven_s = column(firmware, "t_s")[np.isin(column(firmware, "outputs.mode"), MOVING)]
+    before = np.searchsorted(driven_s, pulses_s) - 1
+    last_s = driven_s[np.maximum(before, 0)] if len(driven_s) else np.zeros(len(pulses_s))
+    idle_s = np.where(before >= 0, pulses_s - last_s, pulses_s)
+    return int(np.count_nonzero(idle_s >= PAUSE_S))
+
+
 def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitFigures:
     """All figures of a walk over the hold; none where nobody walks or nothing was held."""
     plant, firmware = traces.plant, traces.firmware
     if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold_s is None:
-        return GaitFigures(None, None, None, None, None, None, None, None, None, None)
+        return GaitFigures(*[None] * len(fields(GaitFigures)))
     start_s, end_s = hold_s
     t_s, error = phase_error(plant, firmware)
     error = error[(t_s >= start_s) & (t_s <= end_s)]
@@ -125,7 +152,7 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
     misses = np.histogram(pulses.t_s[~inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
     after = hardest = None
     if end is not None:
-        follows = (pulses.t_s > end.at_s) & (pulses.t_s < restarted_s(firmware, end.at_s))
+        follows = following(pulses.t_s, end.at_s, restarted_s(firmware, end.at_s))
         before = (pulses.t_s >= 0.5 * (start_s + steady_end_s)) & (pulses.t_s <= end.at_s)
         after = float(pulses.t_s[follows][-1] - end.at_s) if follows.any() else 0.0
         if before.any():
@@ -142,4 +169,5 @@ def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitF
         end_s=None if end is None else end.at_s,
         last_pulse_after_s=after,
         hardest_after=hardest,
+        undriven=undriven(firmware, pulses.t_s),
     )

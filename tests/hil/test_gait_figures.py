@@ -69,7 +69,7 @@ def figures(run: MadeUpRun, folder) -> GaitFigures:
 
 def test_a_run_without_a_walk_has_no_figures_of_one(tmp_path) -> None:
     found = figures(make_run(), tmp_path)
-    assert found == GaitFigures(*[None] * 10)
+    assert found == GaitFigures(*[None] * 11)
 
 
 def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
@@ -79,11 +79,11 @@ def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
 
 
 def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> None:
-    """One at 50 % and one at 5 % of each stride; the first three strides of the hold are the start's."""
+    """One at 50 % and one at 5 % of each stride; the first four strides of the hold are the start's."""
     run = walk()
     blows(run, [0.05, 0.5])
     found = figures(run, tmp_path)
-    assert found.strides == 5
+    assert found.strides == 4
     assert (found.in_window, found.pulses_per_stride, found.outside_per_stride) == (1.0, 2.0, 1.0)
     assert found.end is None
     assert found.last_pulse_after_s is None
@@ -95,8 +95,8 @@ def test_a_stride_without_a_pulse_in_the_window_counts_against_it(tmp_path) -> N
     first = np.flatnonzero(run.impacts["t_s"] > 4.0)[0]
     run.impacts["t_s"][first] += 0.15 * STRIDE_S
     found = figures(run, tmp_path)
-    assert found.in_window == pytest.approx(4.0 / 5.0)
-    assert found.outside_per_stride == pytest.approx(1.0 / 5.0)
+    assert found.in_window == pytest.approx(3.0 / 4.0)
+    assert found.outside_per_stride == pytest.approx(1.0 / 4.0)
 
 
 def test_the_window_is_the_firmwares_own(tmp_path) -> None:
@@ -108,14 +108,14 @@ def test_the_window_is_the_firmwares_own(tmp_path) -> None:
 
 
 def test_a_stop_is_when_the_leg_stands_still(tmp_path) -> None:
-    """Strides of 0.4 s count from the fourth of the hold, at 3.6 s, to 5.0 s; the last pulse is at 5.4 s."""
+    """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s."""
     run = walk(until_s=5.0)
     blows(run, [0.5], (HOLD_S, 5.5))
     late = run.impacts["t_s"] > 5.0
     run.impacts["v_m_s"][late] = 0.8
     found = figures(run, tmp_path)
     assert (found.end, found.end_s) == ("stop", pytest.approx(5.0))
-    assert found.strides == 3
+    assert found.strides == 2
     assert found.last_pulse_after_s == pytest.approx(0.4, abs=2e-3)
     assert found.hardest_after == pytest.approx(0.8)
 
@@ -131,13 +131,27 @@ def test_a_new_start_after_a_stumble_is_not_its_last_pulse(tmp_path) -> None:
     assert found.last_pulse_after_s == pytest.approx(5.0 - 4.461, abs=2e-3)
 
 
+def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
+    """Ready from 4.0 s on: the last pulse that follows is at 4.2 s, those from 6.0 s on are the leg's."""
+    run = walk(tripping_s=3.9)
+    blows(run, [0.5], (HOLD_S, 7.0))
+    run.impacts = {
+        name: values[(run.impacts["t_s"] < 4.3) | (run.impacts["t_s"] > 6.4)]
+        for name, values in run.impacts.items()
+    }
+    run.firmware["outputs.mode"][run.firmware["t_s"] > 4.0] = Mode.READY
+    found = figures(run, tmp_path)
+    assert found.last_pulse_after_s == pytest.approx(4.2 - 3.861, abs=2e-3)
+    assert found.undriven == 1
+
+
 def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     run = walk(until_s=5.0)
     blows(run, [0.05, 0.5], (HOLD_S, 5.0))
     folder = write_run(run, tmp_path / "run")
     traces = read_run(folder)
     drawn = {plot.title: plot for plot in plots(traces, figures_of(folder))}
-    assert "Of 3 strides 100 % have a pulse in the window" in drawn["Pulses over the gait cycle"].caption
+    assert "Of 2 strides 100 % have a pulse in the window" in drawn["Pulses over the gait cycle"].caption
     assert "The dotted line is the stop" in drawn["Pulses over the gait cycle"].caption
     finish(folder)
     assert "strides with a pulse in the window" in (folder / "report.html").read_text()
