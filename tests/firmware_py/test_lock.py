@@ -234,3 +234,27 @@ def test_silent_gait_sensors_are_a_fault_only_where_they_are_followed() -> None:
         bench.run(0.25, keep=False)
         assert (bench.node.outputs.mode, bench.node.outputs.fault) == (mode, fault)
         assert bench.node.outputs.torque_n_m == 0.0 or follows == 0
+
+
+def test_gait_sensors_change_nothing_where_they_are_not_followed() -> None:
+    """The same run with and without them: the same outputs to the bit, and a report where they are heard."""
+    walked = walk(np.random.default_rng(1), stride_s=0.75, count=12)
+    plain, watched = Bench({"start.rise_s": 2.0}, ratio=1.1), Walked({"start.rise_s": 2.0}, ratio=1.1)
+    watched.follow(walked)
+    seen: set[int] = set()
+
+    def listening(_: int, frames: list[Frame]) -> list[Frame]:
+        seen.update(frame.can_id for frame in plain.sent)
+        return frames
+
+    plain.change = listening
+    for bench in (plain, watched):
+        bench.started()
+        bench.run(5.0)
+    assert plain.outputs == watched.outputs
+    assert plain.node.state.gait == gait.INITIAL
+    assert watched.node.state.gait.confidence > 0.25
+    assert watched.node.state.lock == lock.INITIAL
+    assert len(watched.reports) > 100
+    assert codec.STRIKER_ESTIMATE.can_id in seen
+    assert codec.GAIT_REPORT.can_id not in seen
