@@ -324,7 +324,14 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
             cycle.plot(100.0 * pulses.phase[which], pulses.t_s[which], marker, color=color, ms=4, label=label)
         cycle.set(xlabel="gait cycle [%]", ylabel="simulated time [s]", xlim=(0.0, 100.0))
         cycle.set_ylim(figures.duration_s, 0.0)
-        cycle.legend(loc="lower right")
+        # Pulses may be anywhere in both plots: the legend stands over them.
+        histogram_axes.legend(
+            *cycle.get_legend_handles_labels(),
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=2,
+            borderaxespad=0.0,
+        )
         if traces.is_worn:
             felt.plot(
                 *thinned(column(traces.plant, "t_s"), column(traces.plant, "felt_force_n")),
