@@ -154,7 +154,8 @@ def onset_frequency(evidence: Evidence) -> Claim:
         },
         "√(c/m_B) of Table 1 is 9.35 rad/s or 1.49 Hz, so that r = 0.9 to 1.1 is 1.34 to 1.64 Hz, and 2 to "
         "8 Hz is r = 1.34 to 5.37. A spring of about 505 N/m (or a striker of 0.11 kg) would put r = 1 at 4 "
-        "Hz and make text and table agree; the preset `gait` takes the spring.",
+        "Hz and make text and table agree; the preset `gait` takes the spring. Which crank frequencies can "
+        "serve which cadence of a walk is in docs/feasibility.md.",
     )
 
 
@@ -288,7 +289,8 @@ def peak_force(evidence: Evidence) -> Claim:
         "paper does not say. Against a Hunt–Crossley stop the peak is as listed for elastic contact times "
         "of 10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up); the contact times that would "
         "bring it to 40 N stand beside it (a dash: none up to 150 ms). Short contacts and the stiffer "
-        "spring exceed 40 N several times over, unless the wearer's own compliance shares the blow.",
+        "spring exceed 40 N several times over, unless the wearer's own compliance shares the blow: "
+        "docs/feasibility.md has what a walking wearer feels.",
     )
 
 
@@ -452,7 +454,9 @@ def gait_frequencies(evidence: Evidence) -> Claim:
         "As printed, the module strikes from about 1.2 to 2.1 Hz: of these frequencies at 2 Hz alone, and "
         "there only from some starts. Retuned to 4 Hz it strikes in most of 3.6 to 5.3 Hz and not at 6 Hz, "
         "as said, but never at 2 to 3 Hz: the striking interval spans a factor of 1.4 to 1.7 in frequency, "
-        "while 2 to 5 Hz is a factor of 2.5. One spring cannot serve both.",
+        "while 2 to 5 Hz is a factor of 2.5. One spring cannot serve both. Nor does a cadence ask for it: a "
+        "crank that makes n turns a stride serves slow and quick walking at nearly one frequency "
+        "(docs/feasibility.md).",
     )
 
 
