@@ -333,7 +333,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
                 legend=None,
             ),
         ),
-        by=(4, 6, 5, 5),
+        by=(4, 7, 5, 5),
         name="Gait",
     )
 

@@ -1,15 +1,19 @@
 """A walk with known answers: figures of the phase, of pulses in and out of the window, and of its end."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, write_run
+from test_rerun_log import part
 
 from firmware_py.interface.enums import GaitState, Mode
 from hil.figure_records import GaitFigures
 from hil.figures import figures_of
 from hil.gait_figures import push_off
+from hil.log_reader import tables
 from hil.report_plots import plots
-from hil.rerun_log import rebuild
+from hil.rerun_log import RunLog, rebuild
 from hil.run_traces import read_run
 from hil.rundir import finish
 from plant_sim.gait_sensors import LegState
@@ -160,3 +164,24 @@ def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     assert "Pulses over the gait cycle" not in {
         plot.title for plot in plots(read_run(other), figures_of(other))
     }
+
+
+def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:
+    """A blow is told when it has ended: its touch-down may lie in an earlier piece."""
+    run = walk()
+    blows(run, [0.05, 0.5])
+    folder = write_run(run, tmp_path / "run")
+    traces = read_run(folder)
+    whole = tables(rebuild(folder))
+    path = tmp_path / "pieces.rrd"
+    with RunLog(path, traces.run, traces.scenario) as log:
+        for start in range(7):
+            piece, late = part(traces, start, start + 1.0), part(traces, start - 0.1, start + 0.9)
+            log.append(dataclasses.replace(piece, impacts=late.impacts))
+        log.append(part(traces, 7.0, 8.0))
+    for entity in ("/gait/inside", "/gait/outside"):
+        wanted, found = (table[entity]["Scalars:scalars"].to_pylist() for table in (whole, tables(path)))
+        assert found == wanted
+        assert len(wanted) >= 9
+    inside = [value[0] for value in whole["/gait/inside"]["Scalars:scalars"].to_pylist()]
+    assert inside == pytest.approx([0.5] * len(inside), abs=0.005)
