@@ -209,13 +209,16 @@ def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool
 
 
 @compiled
-def _again(config: StartConfig, state: StartState) -> StartState:
+def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
     """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed."""
     if state.attempts >= config.attempts:
         return _at(state, state.stage, 0, captured=False, failed=True)
     lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
     if state.attempts > 0:
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
+    # What has held for long was not lost by its speed, the first time.
+    has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
+    step_ratio = 0.0 if has_held else config.retreat_ratio
     return StartState(
         stage=Stage.DIP,
         from_rad_s=state.target_omega_rad_s,
@@ -229,7 +232,7 @@ def _again(config: StartConfig, state: StartState) -> StartState:
         attempts=state.attempts + 1,
         captured=False,
         failed=False,
-        ceiling_ratio=at_least(lost_ratio - config.retreat_ratio, config.dip_ratio),
+        ceiling_ratio=at_least(lost_ratio - step_ratio, config.dip_ratio),
     )
 
 
@@ -302,6 +305,7 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     if state.stage in (Stage.REST, Stage.STOP):
         return _begin(config, omega_rad_s, goal_rad_s)
 
+    held_periods = state.hits  # before the misses that may end them
     state = _advanced(config, _counted(state, regime), elapsed_ticks)
     arrived = state.s >= 1.0
     if state.stage == Stage.APPROACH:
@@ -324,9 +328,9 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     if state.stage == Stage.CONFIRM:
         if not needs_impacts or state.hits >= config.confirm_periods:
             return _at(state, Stage.HOLD, 0, captured=True, failed=False)
-        return _again(config, state) if state.misses >= config.missing_periods else state
+        return _again(config, state, 0) if state.misses >= config.missing_periods else state
     if needs_impacts and state.misses >= config.lost_periods:
-        return _again(config, state)
+        return _again(config, state, held_periods)
     again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
     return StartState(
         Stage.HOLD,

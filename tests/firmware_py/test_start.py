@@ -114,6 +114,16 @@ def test_each_loss_ends_the_next_curve_a_step_lower() -> None:
     assert state.attempts == CONFIG.attempts
 
 
+def test_what_has_held_for_long_is_tried_again_where_it_was_once() -> None:
+    state, _ = until(start.INITIAL, 14.0, ratio=1.2)
+    ends = []
+    for _ in range(2):
+        state, _ = until(state, 1.1, Mode.RUN, ratio=1.2, hits=False)
+        state, targets = until(state, 5.5, Mode.RUN, ratio=1.2)
+        ends.append(targets[-1] / CONFIG.natural_rad_s)
+    assert ends == pytest.approx([1.2, 1.17], rel=1e-9)
+
+
 def test_a_loss_in_the_hold_counts_from_where_the_hold_had_gone() -> None:
     state, _ = until(start.INITIAL, 8.0, ratio=1.2)
     state, targets = until(state, 1.0, Mode.RUN, ratio=1.2, trim=-0.05)
