@@ -41,7 +41,10 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
     operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
     plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
     plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
-    firmware_node = FirmwareRunner(scenario.parameters, pace, firmware_bus, run_dir, faults, seed)
+    walks = scenario.scene.gait is not None
+    firmware_node = FirmwareRunner(
+        scenario.parameters, pace, firmware_bus, run_dir, faults, seed, walks=walks
+    )
     firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
     operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
     processes = ProcessFaults(faults)

@@ -48,18 +48,20 @@ def firmware_main(
     if sync:
         belong_to_parent()
     faults: Sequence[Fault] = ()
+    walks = True
     if scenario is None:
         parameters = changed({"firmware": {}}, settings)["firmware"]
     else:
         loaded = load_scenario(scenario, settings)
         parameters, faults = loaded.parameters, loaded.faults
+        walks = loaded.scene.gait is not None
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
     warm_firmware(parameters)
     start = await_restart() if again else Start(0)
     with joined(bus, FIRMWARE_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
-        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick)
+        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks)
         clock_faults = ClockFaults(faults, FIRMWARE, seed)
         run_loop(
             runner, pace, 0.5, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, get_type_hints
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
@@ -23,6 +24,9 @@ from plant_sim.scene import Scene
 LONGEST_PREALLOCATED_S = 120.0
 """Traces of longer runs grow while the loop runs, 8 MB at a time."""
 
+
+OF_A_WALK = ("gait", "lock")
+"""Parts of the firmware's state that are recorded only where somebody may walk."""
 
 WAKING_SHARE = 0.4
 """Share of a period that a tick after a pause waits for its sample; the next tick must not suffer."""
@@ -134,6 +138,7 @@ class FirmwareRunner:
         faults: Sequence[Fault] = (),
         seed: int = 1,
         first_tick: int = 0,
+        walks: bool = True,
     ) -> None:
         """`first_tick`: of a process that takes the place of another, whose trace goes on."""
         self.bus = bus
@@ -142,11 +147,14 @@ class FirmwareRunner:
         self._power_up(first_tick)
         self._trace = None
         if out_dir is not None:
+            recorded = [name for name in State._fields if walks or name not in OF_A_WALK]
+            kinds = get_type_hints(State)
+            self._recorded: Callable[[State], tuple[Any, ...]] = attrgetter(*recorded)
             fields = [
                 ("tick", int),
                 ("t_s", float),
                 ("inputs", Inputs),
-                ("state", State),
+                *((f"state.{name}", kinds[name]) for name in recorded),
                 ("outputs", Outputs),
                 ("counters", Counters),
                 ("", LoopTiming),
@@ -200,7 +208,8 @@ class FirmwareRunner:
         if self._trace is not None and self._waking is None:
             node = self.node
             t_s = (tick + 0.5) * self._period_s
-            self._trace.append(tick, t_s, node.inputs, node.state, node.outputs, node.counters, timing)
+            state = self._recorded(node.state)
+            self._trace.append(tick, t_s, node.inputs, *state, node.outputs, node.counters, timing)
 
     def close(self) -> None:
         """Close the trace."""

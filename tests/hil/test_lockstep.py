@@ -45,6 +45,24 @@ def test_same_seed_gives_the_same_bytes(quick_run: Path, tmp_path: Path) -> None
                 np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
 
 
+def test_what_the_firmware_makes_of_a_gait_is_recorded_where_a_scene_has_one(
+    quick_run: Path, tmp_path: Path
+) -> None:
+    walk = run(
+        load_scenario(
+            "a-steady-walk-has-a-pulse-in-every-push-off", ["script.duration_s=0.2", "script.commands=[]"]
+        ),
+        tmp_path,
+    )
+    standing, walking = (
+        trace.read(folder / "firmware.trace").dtype.names or () for folder in (quick_run, walk)
+    )
+    more = set(walking) - set(standing)
+    assert {"state.gait.phase", "state.lock.harmonic"} <= more
+    assert {name.split(".")[1] for name in more} == {"gait", "lock"}
+    assert set(standing) < set(walking)
+
+
 def test_another_seed_gives_other_noise(quick_run: Path, tmp_path: Path) -> None:
     other = run(load_scenario("soft-start-multistable", QUICK), tmp_path, seed=2)
     assert (other / "can.log").read_bytes() != (quick_run / "can.log").read_bytes()
