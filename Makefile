@@ -64,6 +64,7 @@ clean: ## remove the virtual environment and all caches; runs stay
 
 $(BIN)/python:
 	@python=$$(sh tools/find-python.sh $(PYTHON)) && \
+	{ [ -n "$(PYTHON)" ] || python=$$("$$python" tools/quickest_python.py); } && \
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 
