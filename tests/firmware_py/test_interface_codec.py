@@ -280,7 +280,7 @@ def test_every_other_length_is_refused(codec: FrameCodec[Any]) -> None:
         ),
         (
             FIRMWARE_HEARTBEAT,
-            sealed(FIRMWARE_HEARTBEAT, bytes([0x60, 0, 0, 0, 0])),
+            sealed(FIRMWARE_HEARTBEAT, bytes([0x70, 0, 0, 0, 0])),
             FrameErrorReason.ENUMERATION,
         ),
         (
