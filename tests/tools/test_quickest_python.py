@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tools import quickest_python
+
 SCRIPT = Path(__file__).parents[2] / "tools" / "quickest_python.py"
 MINOR = sys.version_info[1]
 
@@ -52,3 +54,18 @@ def test_else_the_default_stays(body: str, tmp_path: Path) -> None:
 
 def test_without_any_other_the_default_stays(tmp_path: Path) -> None:
     assert chosen(tmp_path).stdout == f"{sys.executable}\n"
+
+
+def test_one_that_is_hardly_quicker_is_not_worth_a_surprise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(tmp_path, "exit 1")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    default = Path(sys.executable)
+    times = {default: 1.0, tmp_path / "python3": 0.96}
+    monkeypatch.setattr(quickest_python, "probed", lambda python: (str(python), times[python]))
+    quickest_python.main()
+    assert capsys.readouterr().out == f"{default}\n"
+    times[tmp_path / "python3"] = 0.94
+    quickest_python.main()
+    assert capsys.readouterr().out == f"{tmp_path / 'python3'}\n"
