@@ -23,6 +23,10 @@ for scenario in suite.get("scenarios", []):
     for check in verdict["checks"]:
         if not check["passed"]:
             print(f"ci:     {check['name']} = {check['value']} {check['unit']}, wanted {check['limit']}")
+    if not verdict["passed"]:
+        print(
+            f"ci:     fault {verdict['fault']}, {verdict['latched']}, longest wake-up {verdict['wake_us']['max']} us"
+        )
     if verdict["kernel_can"] is not True:
         wrong.append(f"{name} was not on the kernel's own CAN")
     if not verdict["checks"]:

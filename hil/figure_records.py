@@ -121,6 +121,17 @@ class SpeedFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class LatchedFigures:
+    """Before the first fault the firmware latched: a machine that holds loops up looks like silent sensors."""
+
+    at_s: Annotated[float | None, Quantity("s", "when the first fault was latched")]
+    firmware_held_ms: Annotated[
+        float | None, Quantity("ms", "the longest the firmware's loop was held up in the 0.2 s before it")
+    ]
+    plant_held_ms: Annotated[float | None, Quantity("ms", "the longest the plant's loop was, then")]
+
+
+@dataclass(frozen=True, slots=True)
 class SafeStateFigures:
     """What happened once the drive was to be off."""
 
@@ -255,6 +266,7 @@ class Figures:
     detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
     speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]
     fault: Annotated[str, Quantity("", "the first fault the firmware latched, or none")]
+    latched: Annotated[LatchedFigures, Quantity("", "how the loops kept their pace before that fault")]
     final_mode: Annotated[str, Quantity("", "the mode the firmware ended in")]
     motor_torque_after_stop_n_m: Annotated[
         float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive was to be off")

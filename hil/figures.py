@@ -20,6 +20,7 @@ from hil.figure_records import (
     FaultFigures,
     FeltFigures,
     Figures,
+    LatchedFigures,
     Latency,
     Loops,
     LoopTiming,
@@ -40,6 +41,8 @@ NO_TORQUE_N_M = 1e-3
 """Below this the motor is off: 1/5 of its dry friction, which then holds it."""
 SETTLE_S = 0.1
 """Time the motor has to become torque-free after a stop, a fault or a node's death."""
+BEFORE_FAULT_S = 0.2
+"""The time before a fault in which its cause is looked for: some of the firmware's longest watchdog on sensors."""
 SILENT_S = 0.2
 """A node whose trace ends this long before its partner's has died; ordinary ends lie closer together."""
 DEFAULT_PERIOD_S = 1e-3
@@ -392,6 +395,22 @@ def first_fault(firmware: Records) -> Fault:
     return Fault(int(latched[0])) if len(latched) else Fault.NONE
 
 
+def held_ms(records: Records, until_s: float, period_s: float) -> float | None:
+    """The longest a loop was held up in the time before `until_s`; None without two ticks there."""
+    t_s = column(records, "t_s")
+    near = t_s[(t_s > until_s - BEFORE_FAULT_S) & (t_s <= until_s + period_s)]
+    return float(np.diff(near).max() - period_s) * 1e3 if len(near) > 1 else None
+
+
+def latched_figures(plant: Records, firmware: Records, period_s: float) -> LatchedFigures:
+    """How the loops kept their pace before the first fault."""
+    latched = np.flatnonzero(column(firmware, "outputs.fault") != Fault.NONE)
+    if len(latched) == 0:
+        return LatchedFigures(None, None, None)
+    at_s = float(column(firmware, "t_s")[latched[0]])
+    return LatchedFigures(at_s, held_ms(firmware, at_s, period_s), held_ms(plant, at_s, period_s))
+
+
 # --- whole -------------------------------------------------------------------------------------------
 
 
@@ -468,6 +487,7 @@ def figures_from(traces: RunTraces) -> Figures:
         detector=detector_figures(plant, impacts, firmware),
         speed=speed_figures(plant, firmware, hold),
         fault=lower_name(first_fault(firmware)),
+        latched=latched_figures(plant, firmware, period_s),
         final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
         motor_torque_after_stop_n_m=torque_after(plant, end),
         safe_state=safe_state_figures(plant, firmware, impacts, end),

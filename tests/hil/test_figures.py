@@ -329,3 +329,21 @@ def test_matching_is_optimal():
 def test_a_detection_belongs_to_one_touch_down_only():
     pairs = detection.match(np.array([1.0, 1.002]), np.array([1.006]))
     assert pairs.truth.tolist() == [1]
+
+
+def test_what_held_the_loops_up_before_a_fault_is_said(made_up, tmp_path):
+    made_up.firmware["outputs.fault"][made_up.firmware["t_s"] > 4.0] = Fault.SENSOR_TIMEOUT
+    # The first pause lies too long before it to be its cause.
+    made_up.firmware = drop_ticks(made_up.firmware, [*range(3500, 3590), *range(3900, 3920)])
+    made_up.plant = drop_ticks(made_up.plant, range(3950, 3990))
+    latched = figures_of(write_run(made_up, tmp_path)).latched
+
+    assert latched.at_s == pytest.approx(4.0, abs=2 * T_S)
+    assert latched.firmware_held_ms == pytest.approx(20.0, abs=1.5)
+    assert latched.plant_held_ms == pytest.approx(40.0, abs=1.5)
+
+
+def test_a_run_without_a_fault_was_held_up_before_none(made_up, tmp_path):
+    latched = figures_of(write_run(made_up, tmp_path)).latched
+
+    assert (latched.at_s, latched.firmware_held_ms, latched.plant_held_ms) == (None, None, None)

@@ -141,6 +141,14 @@ def show_checks(verdict: dict[str, Any]) -> None:
         mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
         checks.add_row(check["name"], figure(check["value"], check["unit"]), str(check["limit"]), mark)
     console.print(checks)
+    latched = verdict.get("latched", {})
+    if not verdict["passed"] and latched.get("at_s") is not None:
+        console.print(
+            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; in the 0.2 s before it the firmware's loop was "
+            f"held up for {figure(latched['firmware_held_ms'])} ms at most, the plant's for "
+            f"{figure(latched['plant_held_ms'])} ms",
+            highlight=False,
+        )
     for reason in verdict.get("reasons", []):
         console.print(f"[bold red]{reason}[/]", highlight=False)
     word = "[bold green]PASSED[/]" if verdict["passed"] else "[bold red]FAILED[/]"
