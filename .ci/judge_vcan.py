@@ -24,9 +24,7 @@ for scenario in suite.get("scenarios", []):
         if not check["passed"]:
             print(f"ci:     {check['name']} = {check['value']} {check['unit']}, wanted {check['limit']}")
     if not verdict["passed"]:
-        print(
-            f"ci:     fault {verdict['fault']}, {verdict['latched']}, longest wake-up {verdict['wake_us']['max']} us"
-        )
+        print(f"ci:     fault {verdict['fault']}, {verdict['latched']}, wake-ups {verdict['wake_us']}")
     if verdict["kernel_can"] is not True:
         wrong.append(f"{name} was not on the kernel's own CAN")
     if not verdict["checks"]:

@@ -1,7 +1,8 @@
 """Waits until this machine lets a bare 1 kHz loop keep its pace, as what follows is to be in real time.
 
-A machine that has been busy for minutes may be held up by its host, some tens of milliseconds at a time. Waits
-for five seconds with as good as no overrun of that loop; after `LONGEST_S` goes on as it is. Says what it found.
+A machine that has been busy for minutes may be held up by its host, some tens of milliseconds at a time.
+Waits for five seconds with as good as no overrun of that loop; after `LONGEST_S` goes on as it is. Says what
+it found.
 """
 
 import time

@@ -122,7 +122,7 @@ class SpeedFigures:
 
 @dataclass(frozen=True, slots=True)
 class LatchedFigures:
-    """Before the first fault the firmware latched: a machine that holds loops up looks like silent sensors."""
+    """Before the first fault the firmware latched: loops held up look like silent sensors."""
 
     at_s: Annotated[float | None, Quantity("s", "when the first fault was latched")]
     firmware_held_ms: Annotated[

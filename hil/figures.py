@@ -42,7 +42,7 @@ NO_TORQUE_N_M = 1e-3
 SETTLE_S = 0.1
 """Time the motor has to become torque-free after a stop, a fault or a node's death."""
 BEFORE_FAULT_S = 0.2
-"""The time before a fault in which its cause is looked for: some of the firmware's longest watchdog on sensors."""
+"""The time before a fault in which its cause is looked for: some of the watchdogs on sensors."""
 SILENT_S = 0.2
 """A node whose trace ends this long before its partner's has died; ordinary ends lie closer together."""
 DEFAULT_PERIOD_S = 1e-3

@@ -144,8 +144,8 @@ def show_checks(verdict: dict[str, Any]) -> None:
     latched = verdict.get("latched", {})
     if not verdict["passed"] and latched.get("at_s") is not None:
         console.print(
-            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; in the 0.2 s before it the firmware's loop was "
-            f"held up for {figure(latched['firmware_held_ms'])} ms at most, the plant's for "
+            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; the longest that loops were held up in the "
+            f"0.2 s before it: firmware {figure(latched['firmware_held_ms'])} ms, plant "
             f"{figure(latched['plant_held_ms'])} ms",
             highlight=False,
         )
