@@ -144,9 +144,9 @@ def show_checks(verdict: dict[str, Any]) -> None:
     latched = verdict.get("latched", {})
     if not verdict["passed"] and latched.get("at_s") is not None:
         console.print(
-            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; the longest that loops were held up in the "
-            f"0.2 s before it: firmware {figure(latched['firmware_held_ms'])} ms, plant "
-            f"{figure(latched['plant_held_ms'])} ms",
+            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; the longest that loops were held up "
+            f"just before it: firmware {figure(latched['firmware_held_ms'])} ms, "
+            f"plant {figure(latched['plant_held_ms'])} ms",
             highlight=False,
         )
     for reason in verdict.get("reasons", []):
