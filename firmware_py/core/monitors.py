@@ -48,7 +48,10 @@ class Limits(NamedTuple):
 
 
 class MonitorConfig(NamedTuple):
-    """`…_ticks`: how long a condition has to hold. `parameters_damaged`: these are none to move by."""
+    """`…_ticks`: how long a condition has to hold. `parameters_damaged`: these are none to move by.
+
+    `takeover_rad_s`: no crank that has been faster within the last `calm_ticks` is taken over.
+    """
 
     watchdogs: Watchdogs
     limits: Limits
@@ -58,11 +61,13 @@ class MonitorConfig(NamedTuple):
     stall_ticks: int
     standstill_rad_s: float
     standstill_ticks: int
+    takeover_rad_s: float
+    calm_ticks: int
     parameters_damaged: bool
 
 
 class MonitorState(NamedTuple):
-    """For how long each condition has held, in ticks."""
+    """For how long each condition has held, in ticks; `whirl_ticks`: how long the crank is not calm yet."""
 
     frozen_ticks: int
     overcurrent_ticks: int
@@ -75,10 +80,14 @@ class MonitorState(NamedTuple):
     position_rev: float
     stuck_ticks: int
     low_m_s2: float
+    whirl_ticks: int
 
 
 class Findings(NamedTuple):
-    """What the supervisor decides on. `watchdog` and `limit` hold the first fault of their kind, or NONE."""
+    """What the supervisor decides on. `watchdog` and `limit` hold the first fault of their kind, or NONE.
+
+    `whirling`: the crank turns, or has just turned, too fast to be taken over.
+    """
 
     watchdog: Fault
     limit: Fault
@@ -86,6 +95,8 @@ class Findings(NamedTuple):
     operator_lost: bool
     standstill: bool
     parameters_damaged: bool
+    overspeed: bool
+    whirling: bool
 
 
 INITIAL = MonitorState(
@@ -100,6 +111,7 @@ INITIAL = MonitorState(
     position_rev=0.0,
     stuck_ticks=0,
     low_m_s2=0.0,
+    whirl_ticks=0,
 )
 
 
@@ -124,22 +136,25 @@ def watchdog_fault(
 
 
 @compiled
+def is_overspeed(limits: Limits, inputs: Inputs, crank: CrankState) -> bool:
+    """Whether the crank turns too fast, or the drive says so by far."""
+    return not (
+        abs(crank.omega_rad_s) <= limits.overspeed_rad_s
+        and abs(TAU * inputs.encoder.velocity_rev_s) <= 1.5 * limits.overspeed_rad_s
+    )
+
+
+@compiled
 def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
     config: MonitorConfig,
     state: MonitorState,
     inputs: Inputs,
-    crank: CrankState,
     detector: DetectorState,
     separated: bool,
 ) -> Fault:
     """The first measured quantity beyond its limit."""
     limits = config.limits
     power = inputs.power
-    if not (
-        abs(crank.omega_rad_s) <= limits.overspeed_rad_s
-        and abs(TAU * inputs.encoder.velocity_rev_s) <= 1.5 * limits.overspeed_rad_s
-    ):
-        return Fault.OVERSPEED
     if state.frozen_ticks > config.watchdogs.frozen_ticks:
         return Fault.DRIVE_FROZEN
     if state.overcurrent_ticks > config.overcurrent_ticks:
@@ -215,6 +230,7 @@ def step(
     odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
     standing = abs(crank.omega_rad_s) < config.standstill_rad_s
     refused = moving and not closed and not state.enabled
+    too_fast = not abs(crank.omega_rad_s) <= config.takeover_rad_s
     new = MonitorState(
         frozen_ticks,
         state.overcurrent_ticks + n if strong else 0,
@@ -227,9 +243,10 @@ def step(
         encoder.position_rev,
         stuck_ticks,
         low_m_s2,
+        config.calm_ticks if too_fast else max(state.whirl_ticks - n, 0),
     )
     watchdog = watchdog_fault(config.watchdogs, new, inputs, crank, estimate)
-    limit = limit_fault(config, new, inputs, crank, detector, separated)
+    limit = limit_fault(config, new, inputs, detector, separated)
     drive = drive_fault(config.watchdogs, new, inputs)
     return new, Findings(
         watchdog,
@@ -238,4 +255,6 @@ def step(
         inputs.operator.age_ticks > config.watchdogs.operator_ticks,
         new.standstill_ticks > config.standstill_ticks,
         config.parameters_damaged,
+        is_overspeed(limits, inputs, crank),
+        too_fast or new.whirl_ticks > 0,
     )

@@ -150,6 +150,16 @@ INITIAL_OUTPUTS = Outputs(
 
 
 @compiled
+def refused(valid_ratio: bool, waits_for_crank: bool, otherwise: Refusal) -> Refusal:
+    """Why a RUN is not followed, the first reason of all."""
+    if not valid_ratio:
+        return Refusal.RATIO_OUT_OF_RANGE
+    if waits_for_crank:
+        return Refusal.CRANK_TOO_FAST
+    return otherwise
+
+
+@compiled
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     """The whole controller, once a tick."""
     n = inputs.elapsed_ticks
@@ -308,10 +318,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         acting_limit = ActingLimit.RETREAT
     refusal = Refusal.NONE
     if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
-        if not valid_ratio:
-            refusal = Refusal.RATIO_OUT_OF_RANGE
-        else:
-            refusal = lock_now.refusal if follow else hold_now.refusal
+        regular = lock_now.refusal if follow else hold_now.refusal
+        refusal = refused(valid_ratio, mode == Mode.READY and findings.whirling, regular)
     outputs = Outputs(
         mode,
         supervisor_now.fault,

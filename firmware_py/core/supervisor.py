@@ -1,9 +1,10 @@
 """Which mode the firmware is in, and why: one pure transition function.
 
 Nothing moves at power-up: INIT waits until every input is fresh and the drive is well, READY until the
-operator has been seen asking for IDLE, and only then does RUN start. A fault stays latched with its first
-reason, and so does an E-stop; both end only by a CLEAR_FAULTS that was given after them and whose cause is
-gone, and end in INIT, from where the whole path to motion is gone again. Clearing never arms.
+operator has been seen asking for IDLE and the crank is slow enough to be taken over, and only then does RUN
+start. A fault stays latched with its first reason, and so does an E-stop; both end only by a CLEAR_FAULTS
+that was given after them and whose cause is gone, and end in INIT, from where the whole path to motion is
+gone again. Clearing never arms.
 """
 
 from typing import NamedTuple
@@ -25,6 +26,7 @@ class Conditions(NamedTuple):
     idle_seen: bool
     clear_armed: bool
     target_valid: bool
+    whirling: bool
     captured: bool
     standstill: bool
 
@@ -66,7 +68,7 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
     if mode == Mode.READY:
         if not (conditions.inputs_fresh and conditions.operator_fresh):
             return Mode.INIT
-        if asks_run and conditions.idle_seen and conditions.target_valid:
+        if asks_run and conditions.idle_seen and conditions.target_valid and not conditions.whirling:
             return Mode.SOFT_START
         return Mode.READY
     if mode == Mode.STOPPING:
@@ -83,7 +85,8 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
     """Which of the findings is a fault in `mode`.
 
     Damaged parameters are one from power-up on, which only a start with good ones ends. Silence is one only
-    where something moves; before, it keeps the firmware out of READY. In FAULT and E_STOP the answer says
+    where something moves; before, it keeps the firmware out of READY. So is overspeed: a free crank that the
+    swinging striker whirls is nobody's fault. In FAULT and E_STOP the answer says
     what still stands against clearing; a drive's error does not, as clearing is its cure.
     """
     moving = mode in MOVING
@@ -98,6 +101,8 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
         return Fault.OPERATOR_TIMEOUT
     if not latched and findings.drive != Fault.NONE:
         return findings.drive
+    if (moving or latched) and findings.overspeed:
+        return Fault.OVERSPEED
     if findings.watchdog == Fault.NONE and findings.limit != Fault.NONE:
         return findings.limit
     if start_failed and mode == Mode.SOFT_START:
@@ -133,6 +138,7 @@ def step(
         state.idle_seen,
         state.clear_armed,
         target_valid,
+        findings.whirling,
         captured,
         findings.standstill,
     )

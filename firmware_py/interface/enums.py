@@ -93,6 +93,7 @@ class Refusal(IntEnum):
     NOT_WALKING = 5
     NO_HARMONIC = 6
     RATIO_TOO_HIGH = 7
+    CRANK_TOO_FAST = 8
 
 
 class ActingLimit(IntEnum):

@@ -78,7 +78,7 @@ FAULTS: tuple[FaultLine, ...] = (
     FaultLine(
         Fault.OVERSPEED,
         "the crank turns faster than limit.overspeed_rad_s",
-        ALWAYS,
+        MOVING,
         Reaction.TORQUE_OFF,
         0.1,
     ),

@@ -399,6 +399,14 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "identify.largest_residual_m_s2", "m/s^2", 0.01, 100.0, 0.5, "a flight with a push is left out"
     ),
+    Parameter(
+        "limit.calm_s",
+        "s",
+        0.0,
+        60.0,
+        0.5,
+        "below limit.speed_rad_s before it starts: a turn of a free crank",
+    ),
 )
 """All parameters, in the order of their indices."""
 
@@ -752,6 +760,8 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             stall_ticks=ticks("limit.stall_s"),
             standstill_rad_s=values["limit.standstill_rad_s"],
             standstill_ticks=ticks("limit.standstill_s"),
+            takeover_rad_s=values["limit.speed_rad_s"],
+            calm_ticks=ticks("limit.calm_s"),
             parameters_damaged=damaged,
         ),
         gait=gait.GaitConfig(

@@ -9,7 +9,7 @@ import pytest
 from closed_loop import Bench, scene_with
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, Fault, Mode, Refusal
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Refusal
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import (
     Accelerometer,
@@ -181,6 +181,30 @@ def test_a_refused_request_is_said_once_and_latches_nothing(
     bench.impulse_n_s, bench.ratio = 0.0, 1.3
     bench.run(0.2, keep=False)
     assert bench.node.outputs.refusal == Refusal.NONE
+
+
+def test_a_crank_that_the_striker_whirls_is_waited_for() -> None:
+    """Free after power-up it turns faster than motion allows; half a second after, the start begins."""
+    whirl = scene_with(initial={"x_m": 0.02, "v_m_s": 0.4}, drive={"phase_rad": 0.5})
+    bench = Bench(scene=whirl)
+    bench.run(0.3)
+    assert bench.node.outputs.mode == Mode.READY
+    bench.request = OperatorRequest.RUN
+    events = []
+    for _ in range(700):
+        bench.run(0.001)
+        events += events_of(bench.sent)
+    assert max(abs(state.crank.omega_rad_s) for state in bench.states) > 25.0
+    assert bench.node.outputs.mode == Mode.READY
+    assert {torque_of(bench.sent), *(outputs.torque_n_m for outputs in bench.outputs)} == {0.0}
+    assert [(event.fault, event.refusal) for event in events] == [
+        (Fault.REQUEST_REFUSED, Refusal.CRANK_TOO_FAST)
+    ]
+    bench.run(0.05)
+    assert (bench.node.outputs.mode, bench.node.outputs.refusal) == (Mode.SOFT_START, Refusal.NONE)
+    bench.run(1.0)
+    assert bench.node.outputs.mode == Mode.SOFT_START
+    assert all(outputs.fault == Fault.NONE for outputs in bench.outputs)
 
 
 def test_the_table_has_every_fault_once() -> None:

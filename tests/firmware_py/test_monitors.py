@@ -49,7 +49,7 @@ def watch(
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0) == monitors.INITIAL
+    assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0, 0) == monitors.INITIAL
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,14 @@ def test_a_tick_is_the_shortest_watch_over_the_gaits_sensors() -> None:
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
     assert findings == Findings(
-        Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=False, parameters_damaged=False
+        Fault.NONE,
+        Fault.NONE,
+        Fault.NONE,
+        operator_lost=False,
+        standstill=False,
+        parameters_damaged=False,
+        overspeed=False,
+        whirling=False,
     )
 
 
@@ -139,16 +146,44 @@ def test_an_interrupted_condition_starts_anew() -> None:
 
 
 @pytest.mark.parametrize(
-    ("omega", "fault"), [(25.0, Fault.NONE), (25.1, Fault.OVERSPEED), (-25.1, Fault.OVERSPEED)]
+    ("omega", "overspeed"), [(25.0, False), (25.1, True), (-25.0, False), (-25.1, True), (math.nan, True)]
 )
-def test_overspeed(omega: float, fault: Fault) -> None:
-    assert watch(crank_state=CRANK._replace(omega_rad_s=omega))[1].limit == fault
+def test_overspeed(omega: float, overspeed: bool) -> None:
+    findings = watch(crank_state=CRANK._replace(omega_rad_s=omega))[1]
+    assert (findings.overspeed, findings.limit) == (overspeed, Fault.NONE)
 
 
 def test_overspeed_also_by_the_drives_own_estimate() -> None:
-    fast = replaced(CLOSED, "encoder.velocity_rev_s", 6.0)
-    assert watch(fast)[1].limit == Fault.OVERSPEED
-    assert watch(replaced(CLOSED, "encoder.velocity_rev_s", math.nan))[1].limit == Fault.OVERSPEED
+    for velocity_rev_s, overspeed in ((5.9, False), (6.0, True), (-6.0, True), (math.nan, True)):
+        findings = watch(replaced(CLOSED, "encoder.velocity_rev_s", velocity_rev_s))[1]
+        assert findings.overspeed == overspeed
+
+
+@pytest.mark.parametrize("fast", [20.1, -20.1, math.nan])
+def test_a_crank_has_whirled_until_it_has_been_calm_for_its_time(fast: float) -> None:
+    edge = CRANK._replace(omega_rad_s=20.0)
+    assert not watch(crank_state=edge)[1].whirling
+    state, findings = watch(crank_state=CRANK._replace(omega_rad_s=fast))
+    assert (findings.whirling, state.whirl_ticks) == (True, 500)
+    state, findings = watch(ticks=499, crank_state=edge, state=state)
+    assert (findings.whirling, state.whirl_ticks) == (True, 1)
+    state, findings = watch(crank_state=edge, state=state)
+    assert (findings.whirling, state.whirl_ticks) == (False, 0)
+    # One long tick counts as long; and what is calm stays so.
+    state, _ = watch(crank_state=CRANK._replace(omega_rad_s=fast))
+    assert watch(replaced(CLOSED, "elapsed_ticks", 499), crank_state=edge, state=state)[1].whirling
+    state, findings = watch(replaced(CLOSED, "elapsed_ticks", 501), crank_state=edge, state=state)
+    assert (findings.whirling, state.whirl_ticks) == (False, 0)
+
+
+def test_without_a_time_to_calm_down_in_only_the_present_speed_counts() -> None:
+    config = CONFIG._replace(calm_ticks=0)
+    for omega, whirling in ((20.1, True), (20.0, False)):
+        crank_state = CRANK._replace(omega_rad_s=omega)
+        _, findings = monitors.step(
+            config, monitors.INITIAL, Mode.READY, CLOSED, crank_state, ESTIMATE, detector.INITIAL, False, 0.0
+        )
+        assert findings.whirling == whirling
 
 
 def test_frozen_drive_data_is_found_out() -> None:

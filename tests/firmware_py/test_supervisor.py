@@ -10,15 +10,22 @@ from firmware_py.core.supervisor import Conditions, SupervisorState, counting_fa
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
 CALM = Findings(
-    Fault.NONE, Fault.NONE, Fault.NONE, operator_lost=False, standstill=True, parameters_damaged=False
+    Fault.NONE,
+    Fault.NONE,
+    Fault.NONE,
+    operator_lost=False,
+    standstill=True,
+    parameters_damaged=False,
+    overspeed=False,
+    whirling=False,
 )
 
 
 def all_conditions() -> list[Conditions]:
-    flags = itertools.product((False, True), repeat=9)
+    flags = itertools.product((False, True), repeat=10)
     return [
-        Conditions(e, f, i, d, o, r, s, c, t, k, z)
-        for (e, i, d, o, s, c, t, k, z) in flags
+        Conditions(e, f, i, d, o, r, s, c, t, w, k, z)
+        for (e, i, d, o, s, c, t, w, k, z) in flags
         for f in (Fault.NONE, Fault.OVERSPEED)
         for r in OperatorRequest
     ]
@@ -43,6 +50,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert c.idle_seen
             assert c.inputs_fresh
             assert c.target_valid
+            assert not c.whirling
             assert c.fault == Fault.NONE
         # A fault ends all motion in the same tick, and keeps it from beginning.
         if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT):
@@ -66,15 +74,18 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert after == Mode.RUN
         if mode == Mode.STOPPING and c.fault == Fault.NONE:
             assert after == (Mode.READY if c.standstill else Mode.STOPPING)
-        if mode == Mode.READY and c.fault == Fault.NONE and not (c.inputs_fresh and c.operator_fresh):
-            assert after == Mode.INIT
+        if mode == Mode.READY and c.fault == Fault.NONE:
+            fresh = c.inputs_fresh and c.operator_fresh
+            starts = wants_run and c.idle_seen and c.target_valid and not c.whirling
+            assert after == ((Mode.SOFT_START if starts else Mode.READY) if fresh else Mode.INIT)
         # Clearing never arms.
         if c.request == OperatorRequest.CLEAR_FAULTS:
             assert after not in (Mode.SOFT_START, Mode.RUN)
 
 
 WATCHDOG = CALM._replace(watchdog=Fault.SENSOR_TIMEOUT)
-LIMIT = CALM._replace(limit=Fault.OVERSPEED)
+LIMIT = CALM._replace(limit=Fault.OVERCURRENT)
+FAST = CALM._replace(overspeed=True, whirling=True)
 DRIVE = CALM._replace(drive=Fault.DRIVE_ERROR)
 ALONE = CALM._replace(operator_lost=True)
 DAMAGED = CALM._replace(parameters_damaged=True)
@@ -85,7 +96,9 @@ DAMAGED = CALM._replace(parameters_damaged=True)
     [
         (CALM, False, {}),
         (WATCHDOG, False, dict.fromkeys((*MOVING, *LATCHED), Fault.SENSOR_TIMEOUT)),
-        (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERSPEED)),
+        (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
+        (FAST, False, dict.fromkeys((*MOVING, *LATCHED), Fault.OVERSPEED)),
+        (CALM._replace(whirling=True), False, {}),
         (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
         (ALONE, False, dict.fromkeys((Mode.SOFT_START, Mode.RUN), Fault.OPERATOR_TIMEOUT)),
         (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
@@ -155,12 +168,20 @@ def running() -> SupervisorState:
 
 
 def test_the_first_reason_stays_latched() -> None:
-    state = step(running(), LIMIT, OperatorRequest.RUN)
+    state = step(running(), FAST, OperatorRequest.RUN)
     assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0x200)
     state = step(state, WATCHDOG, OperatorRequest.RUN)
     assert state.fault == Fault.OVERSPEED
     state = step(state, CALM, OperatorRequest.IDLE)
     assert (state.mode, state.fault) == (Mode.FAULT, Fault.OVERSPEED)
+
+
+def test_a_crank_that_the_striker_whirls_only_delays_the_start() -> None:
+    state = step(supervisor.INITIAL._replace(mode=Mode.READY), FAST)
+    for _ in range(3):
+        state = step(state, FAST, OperatorRequest.RUN)
+        assert (state.mode, state.fault) == (Mode.READY, Fault.NONE)
+    assert step(state, CALM, OperatorRequest.RUN).mode == Mode.SOFT_START
 
 
 def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
@@ -197,7 +218,7 @@ def test_an_e_stop_takes_every_mode_and_stays(mode: Mode) -> None:
 
 def test_a_fault_before_an_e_stop_keeps_its_reason() -> None:
     state = step(running(), LIMIT, OperatorRequest.RUN)
-    assert step(state, estop=True).fault == Fault.OVERSPEED
+    assert step(state, estop=True).fault == Fault.OVERCURRENT
 
 
 def test_an_operator_who_falls_silent_in_ready_has_to_be_seen_idle_again() -> None:
