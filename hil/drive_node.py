@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import (
     ClearErrors,
@@ -108,7 +108,7 @@ class Drive:
     """One axis: frames in through `handle`, time through `elapse`, frames out through `publish`."""
 
     config: DriveConfig
-    axis_state: AxisState = AxisState.IDLE
+    axis_state: AxisState = AXIS_IDLE
     active_errors: int = AxisError.NONE
     disarm_reason: int = AxisError.NONE
     procedure_result: int = SUCCESS
@@ -167,14 +167,14 @@ class Drive:
                 self.disarm(AxisError.ESTOP_REQUESTED)
 
     def _request_state(self, requested_state: int) -> None:
-        if requested_state == AxisState.IDLE:
-            self.axis_state = AxisState.IDLE
+        if requested_state == AXIS_IDLE:
+            self.axis_state = AXIS_IDLE
             self.procedure_result = SUCCESS
-        elif requested_state == AxisState.CLOSED_LOOP_CONTROL:
+        elif requested_state == CLOSED_LOOP:
             if self.active_errors != AxisError.NONE:
                 self.procedure_result = DISARMED
-            elif self.axis_state != AxisState.CLOSED_LOOP_CONTROL:
-                self.axis_state = AxisState.CLOSED_LOOP_CONTROL
+            elif self.axis_state != CLOSED_LOOP:
+                self.axis_state = CLOSED_LOOP
                 self.procedure_result = SUCCESS
                 self.disarm_reason = AxisError.NONE
                 self.input_torque_n_m = 0.0
@@ -184,17 +184,17 @@ class Drive:
         """Let go of the motor and say why; the error stays until it is cleared."""
         self.active_errors |= error
         self.input_torque_n_m = 0.0
-        if self.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+        if self.axis_state == CLOSED_LOOP:
             self.disarm_reason = int(error)
             self.procedure_result = DISARMED
-        self.axis_state = AxisState.IDLE
+        self.axis_state = AXIS_IDLE
 
     # --- time --------------------------------------------------------------------------------------
 
     @property
     def armed(self) -> bool:
         """Whether the motor carries current at all."""
-        return self.axis_state == AxisState.CLOSED_LOOP_CONTROL
+        return self.axis_state == CLOSED_LOOP
 
     @property
     def watchdog_left_s(self) -> float:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.estimator import Contact, Prediction
 from firmware_py.core.numbers import at_least
-from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 
 class DetectorConfig(NamedTuple):
@@ -61,7 +61,7 @@ class DetectorState(NamedTuple):
 
 
 INITIAL = DetectorState(
-    phase=ContactPhase.FREE,
+    phase=FREE,
     contact_ticks=0,
     blind_ticks=0,
     excess_m_s2=0.0,
@@ -82,7 +82,7 @@ def step(
     """One tick on the prediction, which nothing has corrected yet."""
     fresh = predicted.sensor.missed_ticks == 0 and predicted.started
     excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
-    if state.phase == ContactPhase.FREE:
+    if state.phase == FREE:
         return _free(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
     return _contact(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
 
@@ -111,7 +111,7 @@ def _free(
     sure = excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2
     if not (fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2 and (near or sure)):
         quiet = DetectorState(
-            ContactPhase.FREE,
+            FREE,
             0,
             blind_ticks,
             excess_m_s2,
@@ -123,16 +123,14 @@ def _free(
             True,
             state.impacts,
         )
-        return quiet, Contact(
-            ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0
-        )
+        return quiet, Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0)
 
     speed_m_s = at_least(coming_m_s, 0.03)
     # a = growth (x'⁻ t)^1.5
     age_s = (excess_m_s2 / config.growth) ** (2.0 / 3.0) / speed_m_s
     age_s = min(age_s, 3.0 * config.tick_s) + config.delay_s
     touched = DetectorState(
-        phase=ContactPhase.CONTACT,
+        phase=CONTACT,
         contact_ticks=0,
         blind_ticks=0,
         excess_m_s2=excess_m_s2,
@@ -144,7 +142,7 @@ def _free(
         measurable=not predicted.sensor.clipped,
         impacts=state.impacts + 1,
     )
-    return touched, Contact(ContactPhase.CONTACT, True, False, age_s, speed_m_s, measured=True, settled=False)
+    return touched, Contact(CONTACT, True, False, age_s, speed_m_s, measured=True, settled=False)
 
 
 @compiled
@@ -167,7 +165,7 @@ def _contact(
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
     if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):
         held = DetectorState(
-            phase=ContactPhase.CONTACT,
+            phase=CONTACT,
             contact_ticks=contact_ticks,
             blind_ticks=0,
             excess_m_s2=excess_m_s2,
@@ -180,7 +178,7 @@ def _contact(
             impacts=state.impacts,
         )
         return held, Contact(
-            ContactPhase.CONTACT,
+            CONTACT,
             False,
             False,
             0.0,
@@ -199,7 +197,7 @@ def _contact(
         # Estimate and readings contradict each other: for the limit on a blow, the worse of the two counts.
         change_m_s = at_least(area_m_s, expected_m_s)
     freed = DetectorState(
-        phase=ContactPhase.FREE,
+        phase=FREE,
         contact_ticks=0,
         blind_ticks=config.refractory_ticks,
         excess_m_s2=excess_m_s2,
@@ -212,5 +210,5 @@ def _contact(
         impacts=state.impacts,
     )
     return freed, Contact(
-        ContactPhase.FREE, False, True, config.separation_age_s, before_m_s, measured=measured, settled=False
+        FREE, False, True, config.separation_age_s, before_m_s, measured=measured, settled=False
     )

@@ -35,7 +35,7 @@ from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
 from firmware_py.core.kalman import Belief, Covariance, ProcessNoise, Push, Row, Transition
 from firmware_py.core.numbers import at_least
-from firmware_py.interface.enums import ContactPhase
+from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 LONGEST_GAP_TICKS = 100
 """A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step.
@@ -202,7 +202,8 @@ class Prediction(NamedTuple):
     """The estimate carried to the newest reading and compared with the model there; nothing is corrected.
 
     The numbers of the innovation are those of `EstimatorState`. `carried`: readings at both ends of the tick
-    carried it, with `mean_m_s2` between them.
+    carried it, with `mean_m_s2` between them. `of_state_m_s2`: the reading less
+    what does not depend on the state.
     """
 
     belief: Belief
@@ -215,6 +216,7 @@ class Prediction(NamedTuple):
     started: bool
     carried: bool
     mean_m_s2: float
+    of_state_m_s2: float
 
 
 class Contact(NamedTuple):
@@ -337,7 +339,7 @@ def _strapdown_noise(
     config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
 ) -> ProcessNoise:
     """Q of a tick; in a contact with the trapezoid's error, which the second difference of z measures."""
-    if phase == ContactPhase.FREE:
+    if phase == FREE:
         return config.strapdown_noise
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
     error_m_s = config.bend_share * bend_m_s2 * dt_s
@@ -430,22 +432,19 @@ def propagate(
         )
     else:
         belief = belief_of(state)
-        if phase == ContactPhase.CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
+        if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
             # The blow that the gap began in is over by now, and nobody saw how it ended.
             since_rad = omega_rad_s * elapsed_ticks * config.tick_s
             belief = _newton(config, belief.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
         belief = _by_model(config, belief, angle_rad, omega_rad_s, elapsed_ticks)
 
-    innovation = 0.0
+    innovation = of_state_m_s2 = 0.0
     model_variance = state.model_variance if state.started else config.trust.start
     variance = model_variance
     own_variance = 0.0
     if fresh:
-        innovation = kalman.innovation(
-            belief,
-            sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s),
-            config.row,
-        )
+        of_state_m_s2 = sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(belief, of_state_m_s2, config.row)
         own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
         variance = own_variance + model_variance + _dry_variance(config, belief)
     return Prediction(
@@ -459,6 +458,7 @@ def propagate(
         state.started or fresh,
         carried,
         mean_m_s2,
+        of_state_m_s2,
     )
 
 
@@ -508,18 +508,16 @@ def correct(
         elif elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:  # else the gap's first step was Newton's
             belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < strange_ticks <= config.trust.strange_ticks:
+        of_state_m_s2 = predicted.of_state_m_s2
         stuck = still_ticks > config.trust.still_ticks
         if stuck:
             belief = kalman.update(belief, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
+            known = _known(config, state, belief, angle_rad, omega_rad_s)
+            of_state_m_s2 = predicted.sensor.acceleration_m_s2 - known
         hold_m = striker.dry_m_s2 / striker.stiffness_1_s2
         if not stuck or belief.p.xx > hold_m * hold_m:
             learnt = config.trust.readings_as_one * (model_variance + _dry_variance(config, belief))
-            belief = kalman.update(
-                belief,
-                predicted.sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s),
-                config.row,
-                learnt,
-            )
+            belief = kalman.update(belief, of_state_m_s2, config.row, learnt)
         own = predicted.spread_m_s2 * predicted.spread_m_s2
         model_variance = _learnt(config.trust, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
     if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.numbers import limited
 from firmware_py.core.regime import RegimeState
-from firmware_py.interface.enums import Refusal
+from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 
 class HoldConfig(NamedTuple):
@@ -59,7 +59,7 @@ INITIAL = HoldState(
     guarded=False,
     bound_periods=0,
     impulse_n_s=0.0,
-    refusal=Refusal.NONE,
+    refusal=NO_REFUSAL,
 )
 
 
@@ -105,14 +105,14 @@ def _bound(
     """Which end of the impact region keeps the impulse, or else the ratio, from what was asked for."""
     if target_impulse_n_s <= 0.0:
         short = guarded and target_ratio - ratio > config.largest_step
-        return Refusal.RATIO_TOO_HIGH if short else Refusal.NONE
+        return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL
     if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
         1.0 - config.impulse_tolerance
     ):
         return Refusal.IMPULSE_TOO_HIGH
     if ratio <= config.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + config.impulse_tolerance):
         return Refusal.IMPULSE_TOO_LOW
-    return Refusal.NONE
+    return NO_REFUSAL
 
 
 @compiled
@@ -132,7 +132,7 @@ def step(
         target_impulse_n_s = 0.0
         unmet = Refusal.IMPULSE_OUT_OF_RANGE
     else:
-        unmet = Refusal.NONE
+        unmet = NO_REFUSAL
     if not holding:
         return HoldState(
             trim=0.0,
@@ -145,9 +145,9 @@ def step(
         )
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
-    of_ratio = refusal in (Refusal.NONE, Refusal.RATIO_TOO_HIGH)
+    of_ratio = refusal in (NO_REFUSAL, Refusal.RATIO_TOO_HIGH)
     if (
-        unmet != Refusal.NONE
+        unmet != NO_REFUSAL
         or refusal == Refusal.IMPULSE_OUT_OF_RANGE
         or of_ratio != (target_impulse_n_s <= 0.0)
     ):
@@ -163,8 +163,8 @@ def step(
         moved = max(moved, min(config.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
         bound = _bound(config, moved, guarded, target_ratio, target_impulse_n_s, impulse_n_s)
-        bound_periods = bound_periods + 1 if bound != Refusal.NONE else 0
-        if unmet == Refusal.NONE and (bound == Refusal.NONE or bound_periods >= config.refusing_periods):
+        bound_periods = bound_periods + 1 if bound != NO_REFUSAL else 0
+        if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.refusing_periods):
             refusal = bound
     dt_s = elapsed_ticks * config.tick_s
     change = limited(wanted_trim - state.trim, config.rate_1_s * dt_s)

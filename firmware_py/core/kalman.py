@@ -181,7 +181,7 @@ else:
 
     def _set(belief: Belief) -> None:
         _filter.x = np.array(belief[:3])
-        if belief.p is not _its[0]:
+        if belief.p != _its[0]:
             (xx, xv, xb, vv, vb, bb) = belief.p
             _filter.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 

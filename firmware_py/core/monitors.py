@@ -13,7 +13,7 @@ from firmware_py.core.detector import DetectorState
 from firmware_py.core.estimator import EstimatorState
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
-from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
+from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, Fault, Mode
 
 TURNING_RAD_S = 5.0
 """From here on the striker's acceleration changes by more than a count from one sample to the next."""
@@ -132,7 +132,7 @@ def watchdog_fault(
         return Fault.ENCODER_TIMEOUT
     if inputs.drive.age_ticks > config.drive_ticks or inputs.power.age_ticks > config.drive_ticks:
         return Fault.DRIVE_TIMEOUT
-    return Fault.NONE
+    return NO_FAULT
 
 
 @compiled
@@ -174,7 +174,7 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
         return Fault.ESTIMATE_INVALID
     if state.stall_ticks > config.stall_ticks:
         return Fault.STALL
-    return Fault.NONE
+    return NO_FAULT
 
 
 @compiled
@@ -182,11 +182,11 @@ def drive_fault(config: Watchdogs, state: MonitorState, inputs: Inputs) -> Fault
     """Whether the drive reports an error, refuses to be enabled or has disarmed itself."""
     if inputs.drive.axis_error != 0:
         return Fault.DRIVE_ERROR
-    if state.enabled and inputs.drive.axis_state != AxisState.CLOSED_LOOP_CONTROL:
+    if state.enabled and inputs.drive.axis_state != CLOSED_LOOP:
         return Fault.DRIVE_ERROR
     if state.enable_ticks > config.enable_ticks:
         return Fault.DRIVE_ERROR
-    return Fault.NONE
+    return NO_FAULT
 
 
 @compiled
@@ -207,7 +207,7 @@ def step(
     power = inputs.power
     encoder = inputs.encoder
     moving = mode in MOVING
-    closed = inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    closed = inputs.drive.axis_state == CLOSED_LOOP
     # Frozen: the drive goes on reporting a speed, but the position does not move with it.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
     frozen_ticks = state.frozen_ticks

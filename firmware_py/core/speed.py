@@ -14,7 +14,7 @@ from firmware_py.core.compiled import compiled
 from firmware_py.core.crank import CrankState
 from firmware_py.core.estimator import EstimatorState
 from firmware_py.core.numbers import limited
-from firmware_py.interface.enums import ActingLimit
+from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
 
 class LoadBelief(NamedTuple):
@@ -129,7 +129,7 @@ def step(
     error_rad_s = target_omega_rad_s - crank.omega_rad_s
     wanted_n_m = feedforward_n_m + config.gain_p_n_m_s * error_rad_s + state.integral_n_m
 
-    acting_limit = ActingLimit.NONE
+    acting_limit = NO_LIMIT
     torque_n_m = limited(wanted_n_m, config.torque_limit_n_m)
     if torque_n_m != wanted_n_m:
         acting_limit = ActingLimit.TORQUE
@@ -145,7 +145,7 @@ def step(
 
     integral_n_m = state.integral_n_m
     pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
-    if acting_limit == ActingLimit.NONE or not pushes_on:
+    if acting_limit == NO_LIMIT or not pushes_on:
         integral_n_m = limited(
             integral_n_m + config.gain_i_n_m * error_rad_s * config.tick_s * elapsed_ticks,
             config.torque_limit_n_m,

@@ -25,12 +25,22 @@ from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, Inputs
 from firmware_py.core.numbers import limited
 from firmware_py.interface.enums import (
+    ASKS_CLEAR,
+    ASKS_RUN,
+    AXIS_IDLE,
+    CLOSED_LOOP,
+    E_STOP,
+    INIT,
     MOVING,
+    NO_FAULT,
+    NO_LIMIT,
+    NO_REFUSAL,
+    READY,
+    RUN,
     ActingLimit,
     AxisState,
     Fault,
     Mode,
-    OperatorRequest,
     Refusal,
     Regime,
 )
@@ -126,15 +136,15 @@ INITIAL = State(
 
 
 INITIAL_OUTPUTS = Outputs(
-    mode=Mode.INIT,
-    fault=Fault.NONE,
+    mode=INIT,
+    fault=NO_FAULT,
     disarm_reason=0,
-    refusal=Refusal.NONE,
+    refusal=NO_REFUSAL,
     regime=Regime.UNCERTAIN,
     acting_limit=ActingLimit.SAFE_STATE,
     torque_n_m=0.0,
     target_omega_rad_s=0.0,
-    axis_request=AxisState.IDLE,
+    axis_request=AXIS_IDLE,
     clear_errors=False,
     estop=False,
     impact=False,
@@ -210,7 +220,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     # Supervise
     follow = config.lock.follow
     valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
-    valid_target = valid_ratio and not (follow and state.lock.refusal != Refusal.NONE)
+    valid_target = valid_ratio and not (follow and state.lock.refusal != NO_REFUSAL)
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -238,7 +248,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
 
     # Command
     target_ratio = inputs.operator.target_ratio
-    holding = mode == Mode.RUN and state.start.stage == start.Stage.HOLD
+    holding = mode == RUN and state.start.stage == start.Stage.HOLD
     identify_now = state.identify
     if config.identify.enabled and (
         contact.touch_down or contact.separation or estimate.flight.ticks % identify.SAMPLE_TICKS == 0
@@ -286,7 +296,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         state.start,
         mode,
         target_ratio,
-        inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL,
+        inputs.drive.axis_state == CLOSED_LOOP,
         crank_now.omega_rad_s,
         regime_now,
         lock_now.trim if follow else hold_now.trim,
@@ -294,7 +304,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         not follow,
         n,
     )
-    if moving and inputs.drive.axis_state == AxisState.CLOSED_LOOP_CONTROL:
+    if moving and inputs.drive.axis_state == CLOSED_LOOP:
         speed_now = speed.step(
             config.speed,
             state.speed,
@@ -307,19 +317,19 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     else:
         speed_now = speed.safe(state.speed)
 
-    axis_request = AxisState.CLOSED_LOOP_CONTROL if moving else AxisState.IDLE
-    asks_clear = inputs.operator.request == OperatorRequest.CLEAR_FAULTS and not findings.operator_lost
-    clear_errors = mode == Mode.INIT and asks_clear
+    axis_request = CLOSED_LOOP if moving else AXIS_IDLE
+    asks_clear = inputs.operator.request == ASKS_CLEAR and not findings.operator_lost
+    clear_errors = mode == INIT and asks_clear
     acting_limit = speed_now.acting_limit
-    if acting_limit == ActingLimit.NONE and hold_now.guarded:
+    if acting_limit == NO_LIMIT and hold_now.guarded:
         acting_limit = ActingLimit.IMPACT_PHASE
     retreated = moving and not follow and start.retreated(config.start, start_now, target_ratio)
-    if acting_limit == ActingLimit.NONE and retreated:
+    if acting_limit == NO_LIMIT and retreated:
         acting_limit = ActingLimit.RETREAT
-    refusal = Refusal.NONE
-    if inputs.operator.request == OperatorRequest.RUN and not findings.operator_lost:
+    refusal = NO_REFUSAL
+    if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
         regular = lock_now.refusal if follow else hold_now.refusal
-        refusal = refused(valid_ratio, mode == Mode.READY and findings.whirling, regular)
+        refusal = refused(valid_ratio, mode == READY and findings.whirling, regular)
     outputs = Outputs(
         mode,
         supervisor_now.fault,
@@ -331,7 +341,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         start_now.target_omega_rad_s,
         axis_request,
         clear_errors,
-        mode == Mode.E_STOP,
+        mode == E_STOP,
         contact.touch_down,
         contact.separation,
         detector_now.since_touch_down_s,

@@ -11,7 +11,24 @@ from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
 from firmware_py.core.monitors import Findings
-from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
+from firmware_py.interface.enums import (
+    ASKS_CLEAR,
+    ASKS_IDLE,
+    ASKS_RUN,
+    E_STOP,
+    FAULT,
+    INIT,
+    LATCHED,
+    MOVING,
+    NO_FAULT,
+    READY,
+    RUN,
+    SOFT_START,
+    STOPPING,
+    Fault,
+    Mode,
+    OperatorRequest,
+)
 
 
 class Conditions(NamedTuple):
@@ -43,7 +60,7 @@ class SupervisorState(NamedTuple):
 
 
 INITIAL = SupervisorState(
-    mode=Mode.INIT, fault=Fault.NONE, disarm_reason=0, idle_seen=False, clear_armed=False, ticks_in_mode=0
+    mode=INIT, fault=NO_FAULT, disarm_reason=0, idle_seen=False, clear_armed=False, ticks_in_mode=0
 )
 
 
@@ -51,33 +68,33 @@ INITIAL = SupervisorState(
 def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a table, read top to bottom
     """The mode after this tick."""
     if conditions.estop:
-        return Mode.E_STOP
-    asks_run = conditions.operator_fresh and conditions.request == OperatorRequest.RUN
-    asks_clear = conditions.operator_fresh and conditions.request == OperatorRequest.CLEAR_FAULTS
+        return E_STOP
+    asks_run = conditions.operator_fresh and conditions.request == ASKS_RUN
+    asks_clear = conditions.operator_fresh and conditions.request == ASKS_CLEAR
 
     if mode in LATCHED:
-        if asks_clear and conditions.clear_armed and conditions.fault == Fault.NONE:
-            return Mode.INIT
+        if asks_clear and conditions.clear_armed and conditions.fault == NO_FAULT:
+            return INIT
         return mode
-    if conditions.fault != Fault.NONE:
-        return Mode.FAULT
-    if mode == Mode.INIT:
+    if conditions.fault != NO_FAULT:
+        return FAULT
+    if mode == INIT:
         if conditions.inputs_fresh and conditions.operator_fresh and conditions.drive_well:
-            return Mode.READY
-        return Mode.INIT
-    if mode == Mode.READY:
+            return READY
+        return INIT
+    if mode == READY:
         if not (conditions.inputs_fresh and conditions.operator_fresh):
-            return Mode.INIT
+            return INIT
         if asks_run and conditions.idle_seen and conditions.target_valid and not conditions.whirling:
-            return Mode.SOFT_START
-        return Mode.READY
-    if mode == Mode.STOPPING:
-        return Mode.READY if conditions.standstill else Mode.STOPPING
+            return SOFT_START
+        return READY
+    if mode == STOPPING:
+        return READY if conditions.standstill else STOPPING
     if not (asks_run and conditions.target_valid):
-        return Mode.STOPPING
-    if mode == Mode.SOFT_START:
-        return Mode.RUN if conditions.captured else Mode.SOFT_START
-    return Mode.RUN
+        return STOPPING
+    if mode == SOFT_START:
+        return RUN if conditions.captured else SOFT_START
+    return RUN
 
 
 @compiled
@@ -93,23 +110,23 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
     latched = mode in LATCHED
     if findings.parameters_damaged:
         return Fault.PARAMETERS_DAMAGED
-    if mode == Mode.INIT:
-        return Fault.NONE
-    if (moving or latched) and findings.watchdog != Fault.NONE:
+    if mode == INIT:
+        return NO_FAULT
+    if (moving or latched) and findings.watchdog != NO_FAULT:
         return findings.watchdog
-    if mode in (Mode.SOFT_START, Mode.RUN) and findings.operator_lost:
+    if mode in (SOFT_START, RUN) and findings.operator_lost:
         return Fault.OPERATOR_TIMEOUT
-    if not latched and findings.drive != Fault.NONE:
+    if not latched and findings.drive != NO_FAULT:
         return findings.drive
     if (moving or latched) and findings.overspeed:
         return Fault.OVERSPEED
-    if findings.watchdog == Fault.NONE and findings.limit != Fault.NONE:
+    if findings.watchdog == NO_FAULT and findings.limit != NO_FAULT:
         return findings.limit
-    if start_failed and mode == Mode.SOFT_START:
+    if start_failed and mode == SOFT_START:
         return Fault.START_FAILED
-    if start_failed and mode == Mode.RUN:
+    if start_failed and mode == RUN:
         return Fault.ATTRACTOR_LOST
-    return Fault.NONE
+    return NO_FAULT
 
 
 @compiled
@@ -131,8 +148,8 @@ def step(
     conditions = Conditions(
         estop,
         fault,
-        findings.watchdog == Fault.NONE,
-        findings.drive == Fault.NONE,
+        findings.watchdog == NO_FAULT,
+        findings.drive == NO_FAULT,
         operator_fresh,
         request,
         state.idle_seen,
@@ -147,20 +164,20 @@ def step(
     latched = new_mode in LATCHED
     reason = state.fault
     reason_of_drive = state.disarm_reason
-    if new_mode == Mode.FAULT and mode != Mode.FAULT:
+    if new_mode == FAULT and mode != FAULT:
         reason = fault
         reason_of_drive = disarm_reason
     elif not latched:
-        reason = Fault.NONE
+        reason = NO_FAULT
         reason_of_drive = 0
     stays = new_mode == mode
-    idle = operator_fresh and request == OperatorRequest.IDLE
-    let_go = operator_fresh and request != OperatorRequest.CLEAR_FAULTS
+    idle = operator_fresh and request == ASKS_IDLE
+    let_go = operator_fresh and request != ASKS_CLEAR
     return SupervisorState(
         new_mode,
         reason,
         reason_of_drive,
-        new_mode == Mode.READY and stays and (state.idle_seen or idle),
+        new_mode == READY and stays and (state.idle_seen or idle),
         latched and stays and (state.clear_armed or let_go),
         state.ticks_in_mode + elapsed_ticks if stays else 0,
     )

@@ -27,13 +27,19 @@ from firmware_py.core.step import INITIAL, INITIAL_OUTPUTS, Config, Outputs, Sta
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameCodec, FrameError, FrameErrorReason
 from firmware_py.interface.enums import (
+    CLOSED_LOOP,
+    E_STOP,
+    FAULT,
+    INIT,
+    NO_FAULT,
+    NO_REFUSAL,
+    READY,
     AxisState,
     Fault,
     Mode,
     OperatorRequest,
     ParameterOperation,
     ParameterStatus,
-    Refusal,
 )
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.pacing import Pacer, Urgency
@@ -85,7 +91,8 @@ STILL_REV_S = 0.02
 
 _REQUESTS = {request.value: request for request in OperatorRequest}
 _AXIS_STATES = {state.value: state for state in AxisState}
-_STILL = (Mode.INIT, Mode.READY, Mode.FAULT, Mode.E_STOP)
+_UNDEFINED = AxisState.UNDEFINED
+_STILL = (INIT, READY, FAULT, E_STOP)
 """Modes in which parameters may be written."""
 
 
@@ -317,7 +324,7 @@ class FirmwareNode:
             ),
             EncoderInput(*self._position, min(tick - self._position_source.heard_tick, never)),
             DriveInput(
-                _AXIS_STATES.get(heartbeat.axis_state, AxisState.UNDEFINED),
+                _AXIS_STATES.get(heartbeat.axis_state, _UNDEFINED),
                 heartbeat.axis_error,
                 self._disarm_reason,
                 min(tick - self._heartbeat_source.heard_tick, never),
@@ -354,9 +361,9 @@ class FirmwareNode:
         self._drive_frames(outputs, outputs.mode != before.mode)
         if outputs.separation:
             self._impact_frame(outputs)
-        if outputs.fault not in (before.fault, Fault.NONE):
+        if outputs.fault not in (before.fault, NO_FAULT):
             self._send(codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
-        if outputs.refusal not in (before.refusal, Refusal.NONE):
+        if outputs.refusal not in (before.refusal, NO_REFUSAL):
             refused = FaultEvent(Fault.REQUEST_REFUSED.value, 0, outputs.refusal.value)
             self._send(codec.FAULT_EVENT, refused)
         self._pending_regime = self._pending_regime or outputs.period_ended
@@ -387,7 +394,7 @@ class FirmwareNode:
         if outputs.clear_errors and error and self._spaced(codec.CLEAR_ERRORS, RETRY_S):
             self._send(codec.CLEAR_ERRORS, ClearErrors(identify=0))
         position = self._position
-        resting = outputs.mode == Mode.READY and abs(position.velocity_rev_s) < STILL_REV_S
+        resting = outputs.mode == READY and abs(position.velocity_rev_s) < STILL_REV_S
         if (
             resting
             and abs(position.position_rev) >= RE_ZERO_REV
@@ -397,11 +404,11 @@ class FirmwareNode:
             turned_rev = position.position_rev - math.floor(position.position_rev)
             self._send(codec.SET_ABSOLUTE_POSITION, SetAbsolutePosition(turned_rev))
         state = self._heartbeat.axis_state
-        if state == outputs.axis_request.value or self._heartbeat_source.heard_tick < 0:
+        if state == outputs.axis_request or self._heartbeat_source.heard_tick < 0:
             return
         if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
             return
-        if outputs.axis_request == AxisState.CLOSED_LOOP_CONTROL:
+        if outputs.axis_request == CLOSED_LOOP:
             self._send(codec.SET_CONTROLLER_MODE, SetControllerMode(TORQUE_CONTROL, PASSTHROUGH))
             drive = self.config.drive
             self._send(codec.SET_LIMITS, SetLimits(drive.speed_limit_rad_s / TAU, drive.current_limit_a))

@@ -19,6 +19,7 @@ COMING = Prediction(
     started=True,
     carried=True,
     mean_m_s2=0.0,
+    of_state_m_s2=0.0,
 )
 
 

@@ -332,6 +332,7 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_ski
         started=True,
         carried=True,
         mean_m_s2=0.0,
+        of_state_m_s2=0.0,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
     assert estimator._strange_ticks(trust, 7, usual, 1) == 0
