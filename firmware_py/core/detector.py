@@ -74,6 +74,10 @@ INITIAL = DetectorState(
     impacts=0,
 )
 
+FLYING = Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=True)
+SWINGING_OUT = FLYING._replace(settled=False)
+"""In the refractory time after a contact."""
+
 
 @compiled
 def step(
@@ -85,6 +89,25 @@ def step(
     if state.phase == FREE:
         return _free(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
     return _contact(config, state, predicted, excess_m_s2, fresh, elapsed_ticks)
+
+
+@compiled
+def _may_touch(
+    config: DetectorConfig,
+    state: DetectorState,
+    predicted: Prediction,
+    excess_m_s2: float,
+    limit_m_s2: float,
+    coming_m_s: float,
+) -> bool:
+    """Whether the striker may be at the stop, or is pushed back so hard that only the stop can be it."""
+    sure_m_s2 = config.sure_factor * limit_m_s2
+    if excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2:
+        return True
+    belief = predicted.belief
+    reach_m = config.near_m + 3.0 * math.sqrt(at_least(belief.p.xx, 0.0))
+    slack_m_s = 3.0 * math.sqrt(at_least(belief.p.vv, 0.0))
+    return belief.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
 
 
 @compiled
@@ -104,12 +127,8 @@ def _free(
     dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
     limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
-    reach_m = config.near_m + 3.0 * math.sqrt(at_least(predicted.belief.p.xx, 0.0))
-    slack_m_s = 3.0 * math.sqrt(at_least(predicted.belief.p.vv, 0.0))
-    near = predicted.belief.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
-    sure_m_s2 = config.sure_factor * limit_m_s2
-    sure = excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2
-    if not (fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2 and (near or sure)):
+    suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
+    if not (suspected and _may_touch(config, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
         quiet = DetectorState(
             FREE,
             0,
@@ -123,7 +142,7 @@ def _free(
             True,
             state.impacts,
         )
-        return quiet, Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=blind_ticks == 0)
+        return quiet, FLYING if blind_ticks == 0 else SWINGING_OUT
 
     speed_m_s = at_least(coming_m_s, 0.03)
     # a = growth (x'⁻ t)^1.5

@@ -115,7 +115,7 @@ class ModelTrust(NamedTuple):
 
 
 class EstimatorConfig(NamedTuple):
-    """Q by tick, how far the model is trusted, and how well the stop and Newton's law are known."""
+    """F and Q by tick, how far the model is trusted, and how well the stop and Newton's law are known."""
 
     tick_s: float
     striker: StrikerBelief
@@ -123,6 +123,7 @@ class EstimatorConfig(NamedTuple):
     spread: Spread
     row: Row
     model: Transition
+    strapdown: Transition
     strapdown_noise: ProcessNoise
     model_noise: ProcessNoise
     contact_noise: ProcessNoise
@@ -335,6 +336,12 @@ def sense(
 
 
 @compiled
+def strapdown(dt_s: float) -> Transition:
+    """F of a tick that the accelerometer carries: its bias is what it reads too much."""
+    return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)
+
+
+@compiled
 def _strapdown_noise(
     config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
 ) -> ProcessNoise:
@@ -426,7 +433,7 @@ def propagate(
         )
         belief = kalman.predict(
             belief_of(state),
-            Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s),
+            config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
             Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
             _strapdown_noise(config, sensor, phase, dt_s),
         )

@@ -592,6 +592,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             b=1.0,
         ),
         model=free_flight(stiffness_1_s2, damping_1_s, tick_s),
+        strapdown=estimator.strapdown(tick_s),
         strapdown_noise=ProcessNoise(
             xx=0.0, vv=square("estimator.velocity_noise_m_s"), bb=square("estimator.bias_noise_m_s2")
         ),
