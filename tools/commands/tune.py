@@ -266,7 +266,8 @@ def identify(
 ) -> None:
     """Spring, friction, crank radius and stop from one log; only what went over CAN is used.
 
-    With --trials the identification itself is judged: shares with Wilson's bounds, errors against the truth.
+    With --trials the identification itself is judged: shares with Wilson's bounds, errors against the truth,
+    and how often its 95 % bounds hold the truth.
     """
     from tools.tuning import views
     from tools.tuning.identify import bench_of, tune_identify
@@ -317,7 +318,7 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
 def show_trials(payload: Mapping[str, Any]) -> None:
     """Rates with bounds, then errors with limits, then what was named wrongly."""
     table = Table(box=None, pad_edge=False)
-    for name in ("", "right", "95 % bounds", "limit", "median", "worst"):
+    for name in ("", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds"):
         table.add_column(name, justify="left" if name == "" else "right", no_wrap=True)
 
     def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
@@ -328,8 +329,9 @@ def show_trials(payload: Mapping[str, Any]) -> None:
     for law, share in payload["named_by_law"].items():
         row(f"  {law}", share)
     for name, share in payload["within"].items():
-        errors = (f"{share[key]:.2g}" for key in ("p50", "worst"))
-        row(name, share, f"{share['limit']:g} {share['unit']}", *errors)
+        errors = (f"{share[key]:.2g}" for key in ("p50", "p95", "worst"))
+        held = f"{100.0 * share['in_bounds']['value']:.0f} %"
+        row(name, share, f"{share['limit']:g} {share['unit']}", *errors, held)
     console.print(table)
     for one in payload["wrong"]:
         named = one["named"] or one["why"]

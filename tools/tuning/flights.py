@@ -40,6 +40,9 @@ SHORTEST_FLIGHT_S = 0.1
 STILL_M_S2 = 0.15
 STILL_S = 0.04
 """A striker whose reading varies by less for so long stands still: nothing to be learnt but the offset."""
+RESTING_M_S2 = 0.5
+"""And reads no more than at rest. Where a striker turns its reading is as flat, only far from there; were
+samples left out there by how little they vary, the noise would choose which, and b come out 1 % small."""
 SLOW_M_S = 0.015
 """Slower than this the sign of v is not sure enough for dry friction."""
 
@@ -63,6 +66,8 @@ class Flight:
     t_s: FloatArray
     z_m_s2: FloatArray
     regressors: FloatArray
+    still: BoolArray
+    """Samples in which the striker stands still."""
     contact: Contact | None
     """The contact that ends it."""
 
@@ -93,6 +98,8 @@ def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> l
     """The stretches between contacts, none longer than is good for the integrals."""
     T = readings.period_s
     ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
+    # What moves to and fro accelerates by nothing on the whole.
+    at_rest_m_s2 = float(np.nanmean(readings.acceleration_m_s2))
     found: list[Flight] = []
     for begin, end in readings.pieces:
         inside = [contact for contact in contacts if begin <= contact.before < end]
@@ -100,11 +107,13 @@ def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> l
         ends: list[tuple[int, Contact | None]] = [(contact.before - before, contact) for contact in inside]
         ends.append((end, None))
         for start, (stop, contact) in zip(starts, ends, strict=True):
-            found += _cut(readings, start, stop, contact, delay_s)
+            found += _cut(readings, start, stop, contact, delay_s, at_rest_m_s2)
     return found
 
 
-def _cut(readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float) -> list[Flight]:
+def _cut(
+    readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+) -> list[Flight]:
     """A stretch as flights; the last one ends at the contact."""
     T = readings.period_s
     if stop - start < SHORTEST_FLIGHT_S / T:
@@ -112,12 +121,14 @@ def _cut(readings: Readings, start: int, stop: int, contact: Contact | None, del
     parts = int(np.ceil((stop - start) * T / LONGEST_FLIGHT_S))
     edges = np.round(np.linspace(start, stop, parts + 1)).astype(int).tolist()
     return [
-        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s)
+        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s, at_rest_m_s2)
         for one, two in pairwise(edges)
     ]
 
 
-def _flight(readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float) -> Flight:
+def _flight(
+    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+) -> Flight:
     T = readings.period_s
     z = readings.acceleration_m_s2[begin:end]
     t = np.asarray(np.arange(len(z)) * T, np.float64)
@@ -126,7 +137,7 @@ def _flight(readings: Readings, begin: int, end: int, contact: Contact | None, d
     delayed = angle - delay_s * np.gradient(angle, T)
     nothing = np.zeros(len(z))
     columns = np.column_stack([way, np.sin(delayed), velocity, nothing, t * t, nothing])
-    return Flight(begin, end, t, z, columns, contact)
+    return Flight(begin, end, t, z, columns, standing_still(z - at_rest_m_s2, T), contact)
 
 
 def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -138,15 +149,15 @@ def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
     return velocity, np.concatenate([[0.0], np.cumsum(way)])
 
 
-def standing_still(flight: Flight, period_s: float) -> BoolArray:
-    """Samples about which the reading hardly varies, for as long as `STILL_S`."""
+def standing_still(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
+    """Samples about which the reading, less that at rest, is small and hardly varies as long as `STILL_S`."""
     width = round(STILL_S / period_s)
-    z = flight.z_m_s2
-    if len(z) <= width:
-        return np.full(len(z), bool(np.ptp(z) < STILL_M_S2))
-    windows = np.lib.stride_tricks.sliding_window_view(z, width)
+    near = np.abs(moving_m_s2) < RESTING_M_S2
+    if len(moving_m_s2) <= width:
+        return near & bool(np.ptp(moving_m_s2) < STILL_M_S2)
+    windows = np.lib.stride_tricks.sliding_window_view(moving_m_s2, width)
     quiet = np.ptp(windows, axis=1) < STILL_M_S2
-    still = np.zeros(len(z), bool)
+    still = np.zeros(len(moving_m_s2), bool)
     for shift in range(width):
         still[shift : shift + len(quiet)] |= quiet
-    return still
+    return near & still

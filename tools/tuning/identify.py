@@ -1,10 +1,10 @@
 """The striker's parameters from one recorded log: stiffness by mass, friction law, crank radius, stop, k.
 
 Only what went over CAN is used: the accelerometer and the encoder. `flights` says how a free flight is linear
-in the parameters and `laws` how all flights are put together and the friction law is chosen; here flights
-are drawn again with replacement for the bounds (bootstrap, Efron 1979), since errors within a flight hang
-together. Where and how fast the striker touches down follows from the flight before, and `blows` says when,
-how stiffly and with which restitution.
+in the parameters, `laws` how all flights are put together and the friction law is chosen, and `flown` has the
+most likely values. Their bounds are what the sensor's noise allows (Cramér–Rao), or what flights drawn again
+with replacement show (bootstrap, Efron 1979) where that is wider. Where and how fast the striker touches down
+follows from the flight before, and `blows` says when, how stiffly and with which restitution.
 
 Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the believed mass,
 places for the believed l0.
@@ -12,7 +12,7 @@ places for the believed l0.
 
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,12 +38,11 @@ from tools.tuning.flights import (
     flights_of,
     integrals,
 )
+from tools.tuning.flown import Flown, fly, spreads
 from tools.tuning.laws import (
     READING,
     Fit,
     Law,
-    Normals,
-    Striker,
     begun,
     candidates,
     fitting,
@@ -61,6 +60,7 @@ from tools.tuning.safety import Bench
 FloatArray = NDArray[np.float64]
 
 RESAMPLES = 500
+NORMAL_95 = 1.96
 SIGN_PASSES = 8
 """How often the sign of v is taken anew from the last fit; it settles after four."""
 FEWEST_FLIGHTS = 8
@@ -74,6 +74,8 @@ FEWEST_BLOWS = 5
 CLEAR_LEAD = 6.0
 UNEXPLAINED = 3.0
 """Times the sensor's noise."""
+SHARED = {"stop_m": 3e-5, "restitution": 1.5e-3}
+"""By how much all blows of a log are wrong alike, on drawn modules: their bounds are wider by this."""
 GRAZING_M_S = 0.1
 """Slower blows place the stop badly."""
 
@@ -91,7 +93,7 @@ class Blow(NamedTuple):
 
 @dataclass(frozen=True)
 class Identified:
-    """What the log says, and bounds (2.5 % and 97.5 %) of each quantity over resampled flights and blows."""
+    """What the log says, and 95 % bounds of each quantity."""
 
     fits: dict[Law, Fit]
     law: Law
@@ -120,7 +122,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
             "record some seconds with the crank turning"
         )
     swing = _swing_m_s(readings)
-    signed = with_signs(flights, [swing[one.begin : one.end] for one in flights], readings.period_s)
+    signed = with_signs(flights, [swing[one.begin : one.end] for one in flights])
     as_they_are = [None] * len(flights)
     matrices = normals(signed.flights, signed.chosen, as_they_are)
     for _ in range(SIGN_PASSES):
@@ -129,23 +131,26 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
             speed_m_s(flight, mask, striker)
             for flight, mask in zip(signed.flights, signed.chosen, strict=True)
         ]
-        signed = with_signs(flights, speeds, readings.period_s)
+        signed = with_signs(flights, speeds)
         matrices = fitting(normals(signed.flights, signed.chosen, as_they_are), signed.chosen)
     fitted = candidates(prepared(signed, matrices))
     law = simplest(fitted)
     chosen = fitted[law]
+    says = chosen.matrices.own[:, READING, READING] > 0.0
+    masks = [mask & bool(one) for mask, one in zip(signed.chosen, says, strict=True)]
+    flown = fly(chosen.flights, masks, law, chosen.fit.striker, chosen.fit.rise)
+    fit = replace(chosen.fit, striker=flown.striker)
     blows = tuple(
         blow
         for flight in chosen.flights
         if flight.contact is not None
-        and (blow := _blow(readings, flight, flight.contact, chosen.fit, bandwidth_hz)) is not None
+        and (blow := _blow(readings, flight, flight.contact, fit, bandwidth_hz)) is not None
     )
     noise = np.random.default_rng(seed)
-    says = chosen.matrices.own[:, READING, READING] > 0.0
     return Identified(
-        fits={law: one.fit for law, one in fitted.items()},
+        fits={name: one.fit for name, one in fitted.items()} | {law: fit},
         law=law,
-        bounds=_bounds(chosen.matrices, law, noise) | _bounds_of_blows(blows, noise),
+        bounds=_bounds(flown, noise) | _bounds_of_blows(blows, noise),
         blows=blows,
         flights=len(flights),
         used=tuple(flight for flight, one in zip(chosen.flights, says, strict=True) if one),
@@ -236,19 +241,13 @@ def low_pass_delay_s(bandwidth_hz: float) -> float:
 # --- bounds -------------------------------------------------------------------------------------------
 
 
-def _quantiles(values: FloatArray) -> tuple[float, float]:
-    low, high = np.percentile(values, (2.5, 97.5))
-    return float(low), float(high)
-
-
-def _bounds(matrices: Normals, law: Law, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """Of the striker's quantities, over flights drawn with replacement."""
-    n = len(matrices.own)
-    drawn = [
-        solved(Normals(matrices.own[rows], matrices.crossed[rows]), law)
-        for rows in (noise.integers(n, size=n) for _ in range(RESAMPLES))
-    ]
-    return {name: _quantiles(np.array([getattr(one, name) for one in drawn])) for name in Striker._fields}
+def _bounds(flown: Flown, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """Of the striker's quantities; those the law has not are 0 for certain."""
+    spread = spreads(flown, RESAMPLES, noise)
+    return {
+        name: (value - NORMAL_95 * spread.get(name, 0.0), value + NORMAL_95 * spread.get(name, 0.0))
+        for name, value in flown.striker._asdict().items()
+    }
 
 
 def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dict[str, tuple[float, float]]:
@@ -259,7 +258,11 @@ def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dic
     medians = np.array(
         [np.median(table[noise.integers(len(table), size=len(table))], axis=0) for _ in range(RESAMPLES)]
     )
-    return {name: _quantiles(medians[:, place]) for place, name in enumerate(Blow._fields)}
+    lows, highs = np.percentile(medians, (2.5, 97.5), axis=0).tolist()
+    return {
+        name: (low - SHARED.get(name, 0.0), high + SHARED.get(name, 0.0))
+        for name, low, high in zip(Blow._fields, lows, highs, strict=True)
+    }
 
 
 # --- as a command -------------------------------------------------------------------------------------
@@ -333,7 +336,7 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
         command="identify",
         source=f"{source}: {found.law.value} friction, {found.seconds:.1f} s of free flight",
         seed=seed,
-        range_is="95 % of resampled flights and blows; errors that all share are not in it",
+        range_is="95 %: by the sensor's noise, or over resampled flights and blows where that is wider",
         parameters=parameters,
         figures_of_merit=merits,
         warnings=tuple(_warnings(found, parameters, readings, beliefs)),

@@ -35,7 +35,6 @@ from tools.tuning.flights import (
     STIFFNESS,
     Flight,
     integrals,
-    standing_still,
 )
 
 FloatArray = NDArray[np.float64]
@@ -125,14 +124,14 @@ class Signed:
     speeds_m_s: list[FloatArray]
 
 
-def with_signs(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray], period_s: float) -> Signed:
+def with_signs(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Signed:
     """What a sign of v makes of the flights."""
     signed, chosen = [], []
     for flight, v in zip(flights, speeds_m_s, strict=True):
         columns = flight.regressors.copy()
         columns[:, DRY] = np.sign(v)
         signed.append(replace(flight, regressors=columns))
-        chosen.append(~standing_still(flight, period_s) & (np.abs(v) > SLOW_M_S))
+        chosen.append(~flight.still & (np.abs(v) > SLOW_M_S))
     return Signed(signed, chosen, list(speeds_m_s))
 
 
@@ -340,12 +339,11 @@ def _with_best_rise(samples: Samples, first: Rise) -> tuple[Samples, Rise]:
     """The shape with the least residual; the speeds, on which it depends, are taken anew before each pass."""
     best = _rough(samples, first)
     for _ in range(RISE_PASSES):
-        period_s = float(samples.flights[0].t_s[1] - samples.flights[0].t_s[0])
         flights = _risen(samples, best.rise).flights
         speeds = [
             speed_m_s(flight, mask, best.striker) for flight, mask in zip(flights, samples.kept, strict=True)
         ]
-        samples = samples._replace(flights=with_signs(flights, speeds, period_s).flights, speeds_m_s=speeds)
+        samples = samples._replace(flights=with_signs(flights, speeds).flights, speeds_m_s=speeds)
         best = _best_speed(samples, best.rise)
     return _risen(samples, best.rise), best.rise
 

@@ -79,10 +79,16 @@ def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
     return Ticks(period_s, *columns)
 
 
+def count_rev(position_rev: FloatArray) -> float:
+    """The encoder's count, the smallest step between its readings; a count is read where it begins."""
+    places = np.unique(position_rev[np.isfinite(position_rev)])
+    return float(np.min(np.diff(places))) if len(places) > 1 else 0.0
+
+
 def of_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
     """One reading of both ranges, the angle without its turns; a tick that lacks a sensor ends a piece."""
     period_s, low, high, housing, position_rev, _ = ticks
-    angle = 2.0 * np.pi * position_rev
+    angle = 2.0 * np.pi * (position_rev + 0.5 * count_rev(position_rev))
     quiet = np.abs(low) < QUIET_SHARE * low_full_scale_m_s2
     offset_m_s2 = float(np.median((high - low)[quiet])) if quiet.any() else 0.0
     clipped = np.abs(low) >= CLIPPED_SHARE * low_full_scale_m_s2

@@ -53,10 +53,11 @@ LIMITS = {
     "dry": (0.05, "of mu"),
 }
 """The goals; that for μ is as wide as that for b."""
+ABSOLUTE = ("stop", "restitution")
 GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
 PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
-MODULES_OF_A_TRIAL = ("blows", "flights", "identify", "laws", "readings", "recorded", "trials")
+MODULES_OF_A_TRIAL = ("blows", "flights", "flown", "identify", "laws", "readings", "recorded", "trials")
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 Progress = Callable[[int, int], None]
@@ -64,13 +65,17 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Trial:
-    """What was named and by how much each quantity is off; None where there was nothing to be right about."""
+    """What was named, by how much each quantity is off, and whether its 95 % bounds hold the truth.
+
+    None where there was nothing to be right about.
+    """
 
     trial: int
     law: str
     named: str
     why: str
     errors: dict[str, float | None]
+    held: dict[str, bool]
 
 
 def module_of(trial: int) -> tuple[str, float]:
@@ -105,23 +110,30 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
             of_ticks(ticks, beliefs["sensor.low_full_scale_m_s2"]), beliefs["sensor.bandwidth_hz"]
         )
     except BadInputError as error:
-        return Trial(trial, law, "", str(error), {})
-    striker, stop = drawn.scene.striker, drawn.scene.stop
-    b, mu = (float(getattr(drawn.scene.friction, name, 0.0)) for name in ("b_n_s_m", "mu"))
-    fitted = found.fit.striker
+        return Trial(trial, law, "", str(error), {}, {})
+    striker, stop, friction = drawn.scene.striker, drawn.scene.stop, drawn.scene.friction
     mass_kg = float(striker.mass_kg)
-    errors: dict[str, float | None] = {
-        "spring": fitted.stiffness_1_s2 * mass_kg / striker.spring_n_m - 1.0,
-        "damping": fitted.damping_1_s * mass_kg / b - 1.0 if b > 0.0 else None,
-        "dry": fitted.dry_m_s2 / STANDARD_GRAVITY_M_S2 / mu - 1.0 if mu > 0.0 else None,
+    place_m = float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)
+    fitted, blows = found.fit.striker, np.median(np.array(found.blows), axis=0) if found.blows else None
+    truths = {
+        "spring": (fitted.stiffness_1_s2, "stiffness_1_s2", striker.spring_n_m / mass_kg),
+        "damping": (fitted.damping_1_s, "damping_1_s", getattr(friction, "b_n_s_m", 0.0) / mass_kg),
+        "dry": (fitted.dry_m_s2, "dry_m_s2", getattr(friction, "mu", 0.0) * STANDARD_GRAVITY_M_S2),
     }
-    if found.blows:
-        blows = np.median(np.array(found.blows), axis=0)
-        errors["stop"] = float(blows[0]) - (
-            float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)
-        )
-        errors["restitution"] = float(blows[2]) - float(getattr(stop, "restitution", np.nan))
-    return Trial(trial, law, found.law.value, "", errors)
+    if blows is not None:
+        truths["stop"] = (float(blows[0]), "stop_m", place_m)
+        truths["restitution"] = (float(blows[2]), "restitution", float(getattr(stop, "restitution", np.nan)))
+    errors: dict[str, float | None] = {}
+    held: dict[str, bool] = {}
+    for name, (value, key, truth) in truths.items():
+        if truth == 0.0:
+            errors[name] = None
+            continue
+        errors[name] = value - truth if name in ABSOLUTE else value / truth - 1.0
+        if key in found.bounds:
+            low, high = found.bounds[key]
+            held[name] = low <= truth <= high
+    return Trial(trial, law, found.law.value, "", errors, held)
 
 
 def sources() -> str:
@@ -212,6 +224,7 @@ def summary(trials: Sequence[Trial]) -> dict[str, Any]:
             [error for one in trials if (error := one.errors.get(name)) is not None and one.named == one.law]
         )
         if len(errors):
+            holds = [one.held[name] for one in trials if name in one.held and one.named == one.law]
             within[name] = {
                 **share(int(np.count_nonzero(errors <= limit)), len(errors)),
                 "limit": limit,
@@ -219,6 +232,7 @@ def summary(trials: Sequence[Trial]) -> dict[str, Any]:
                 "p50": float(np.median(errors)),
                 "p95": float(np.percentile(errors, 95)),
                 "worst": float(np.max(errors)),
+                "in_bounds": share(sum(holds), len(holds)),
             }
     right = sum(one.named == one.law for one in trials)
     return {

@@ -1,0 +1,62 @@
+"""What trials of identification come to: shares, errors, and bounds that hold the truth or do not."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from tools.tuning.trials import GOAL, Trial, known_trials, module_of, run_trials, summary
+
+
+def trial(number: int, named: str = "", b_off: float = 0.0, held: bool = True) -> Trial:
+    law, _ = module_of(number)
+    return Trial(number, law, named or law, "", {"damping": b_off}, {"damping": held})
+
+
+def test_all_right_is_passed() -> None:
+    said = summary([trial(number) for number in range(100)])
+    assert said["passed"]
+    assert said["named_right"]["hits"] == 100
+    assert said["within"]["damping"]["in_bounds"]["value"] == 1.0
+
+
+def test_errors_beyond_the_limit_miss_the_goal() -> None:
+    """One in a hundred may be wrong, two may not."""
+    assert GOAL == 0.99
+    one_off = [trial(number, b_off=0.051 if number == 7 else 0.001) for number in range(100)]
+    two_off = [trial(number, b_off=-0.051 if number in (7, 8) else 0.001) for number in range(100)]
+    assert summary(one_off)["passed"]
+    assert not summary(two_off)["passed"]
+    assert summary(two_off)["within"]["damping"]["worst"] == 0.051
+
+
+def test_a_wrong_law_is_told_and_its_parameters_are_not_counted() -> None:
+    trials = [trial(0, b_off=0.001), trial(1, named="stribeck", b_off=9.0), trial(2)]
+    said = summary(trials)
+    assert [one["trial"] for one in said["wrong"]] == [1]
+    assert said["within"]["damping"]["n"] == 2
+    assert not said["passed"]
+
+
+def test_bounds_that_miss_the_truth_are_counted() -> None:
+    said = summary([trial(number, held=number % 4 != 0) for number in range(40)])
+    assert said["within"]["damping"]["in_bounds"]["hits"] == 30
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    """Lines of the same key are known, one cut short and one of other sources are not."""
+    path = tmp_path / "trials.jsonl"
+    lines = [json.dumps({"key": key, **asdict(trial(number))}) for key, number in (("a", 0), ("b", 1))]
+    path.write_text("\n".join([*lines, lines[0][:40]]), encoding="utf-8")
+    assert list(known_trials(path, "a")) == [0]
+
+
+def test_a_trial_is_recorded_identified_and_judged(tmp_path: Path) -> None:
+    """The second call finds the first one's line."""
+    path = tmp_path / "trials.jsonl"
+    found = run_trials(1, path, seed=41, seconds=20.0, workers=1)
+    assert [one.named for one in found] == ["viscous"]
+    assert abs(found[0].errors["spring"] or 1.0) < 0.005
+    assert set(found[0].held) == {"spring", "damping", "stop", "restitution"}
+    written = path.read_bytes()
+    assert run_trials(1, path, seed=41, seconds=20.0, workers=1) == found
+    assert path.read_bytes() == written
