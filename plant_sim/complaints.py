@@ -17,6 +17,9 @@ _WANTED = {
     "int_type": "a whole number",
     "string_type": "a text",
     "bool_type": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "too_short": "a list of at least {min_length}",
     "model_type": "a table",
     "model_attributes_type": "a table",
     "literal_error": "{expected}",
@@ -53,8 +56,8 @@ def _complaint(detail: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{key}.{tag} = {name!r} is none of {expected}; {nearest(name, expected.split(', '))}"
     if kind == "value_error":
         return str(context["error"])
-    wanted = _WANTED[kind].format(**context) if kind in _WANTED else detail["msg"]
-    return f"{key} = {_show(got)} is not {wanted}; give {_meaning(keys, tables)}"
+    wanted = f" is not {_WANTED[kind].format(**context)}" if kind in _WANTED else f": {detail['msg']}"
+    return f"{key} = {_show(got)}{wanted}; give {_meaning(keys, tables)}"
 
 
 def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:

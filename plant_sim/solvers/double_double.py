@@ -11,6 +11,7 @@ from plant_sim.kernels import jit
 
 TURN_RAD = 2.0 * math.pi
 _TURN_LOW_RAD = 2.4492935982947064e-16  # 2π − TURN_RAD
+_TURNS_PER_RAD = 1.0 / TURN_RAD
 _SPLIT = 134217729.0  # 2²⁷ + 1 halves a significand
 
 
@@ -66,7 +67,7 @@ def turned(
     product, product_low = two_product(rate_rad_s, duration_s)
     high, low = two_sum(angle_rad, product)
     low += angle_low_rad + (product_low + rate_low_rad_s * duration_s)
-    turns = math.floor(high / TURN_RAD + 0.5)
+    turns = math.floor(high * _TURNS_PER_RAD + 0.5)
     if turns != 0.0:
         whole, whole_low = two_product(float(turns), TURN_RAD)
         high, rest = two_sum(high, -whole)

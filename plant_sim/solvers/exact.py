@@ -5,11 +5,13 @@ run is cut.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import entry_point, jit
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
 from plant_sim.parts.housing import Level
@@ -105,6 +107,10 @@ def _run(
     )
 
 
+_compiled_runs: dict[tuple[type, type], Callable[..., Any]] = {}
+"""`_run` by kinds of friction and stop, the only ones of its arguments' types that differ."""
+
+
 @jit
 def _sample(
     o: Oscillator,
@@ -165,9 +171,11 @@ def simulate(
 
     start = (initial.t_s, start_m(striker, stop, initial), initial.v_m_s, initial.crank_rad)
     samples = np.empty((len(grid), 3))
-    impacts, final, energies, phase, too_many = _run(
-        striker, drive, friction, stop, start, until_s, rest_speed_m_s, grid, samples
-    )
+    arguments = (striker, drive, friction, stop, start, until_s, rest_speed_m_s, grid, samples)
+    kinds = type(friction), type(stop)
+    if kinds not in _compiled_runs:
+        _compiled_runs[kinds] = entry_point(_run, *arguments)
+    impacts, final, energies, phase, too_many = _compiled_runs[kinds](*arguments)
     if too_many:
         raise EventLimitError(
             f"{EVENTS_PER_RUN} events and {EVENTS_PER_CYCLE} more a cycle were used up by t = {final[0]} s, "

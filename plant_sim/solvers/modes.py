@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 from plant_sim.kernels import jit
 from plant_sim.result import Phase
+from plant_sim.solvers.crossing import Crossing, clear_up_to, cross_cells, sets_off
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
 from plant_sim.solvers.laws import has_stop, is_dry
 from plant_sim.solvers.oscillator import (
@@ -247,44 +248,62 @@ def _quiet_from(o: Oscillator, flight: Flight) -> float:
 
 @jit
 def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
-    """Fly to the stop or the turn: prove a span clear, step over it, settle the event once it is close."""
+    """Fly to the stop or the turn: prove a span clear, pass over it, settle the event once it is close.
+
+    Cells do most of it. What they cannot prove a step by the bounds on derivatives does; after one that is
+    as long as a cell, cells are tried again.
+    """
     direction = motion.direction
     end = (until_s - motion.t_s) - motion.t_low_s
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, direction)
     here = point(o, flight, 0.0, motion.y_m, motion.v_m_s, 0.0, 1.0)
     if motion.poised or (motion.v_m_s == 0.0 and direction * here.a_m_s2 < 0.0):
         here = _without_force(here)
-    full_span = SCAN_SPAN / o.natural_rad_s
-    settled = SETTLED / o.fastest_1_s
     first_period = TURN_RAD / o.natural_rad_s
     last = end + ROUNDING * abs(until_s)  # an event whose time rounds to the end belongs to the run
     scan_end = last if has_stop(o.stop) or is_dry(o.friction) else -1.0
+    in_cells = sets_off(o, here, direction)
     while here.h_s <= scan_end:
-        step, event = _look_ahead(o, here, direction, min(last - here.h_s, full_span))
-        if event != Event.HORIZON and step <= settled:
-            rest, place, speed = _settle(o, here, direction, event, step, 2.0 * settled)
-            if rest >= 0.0:
-                arrival = _arrive(o, motion, here.h_s + rest, place, speed)
-                if arrival.t_s <= until_s:
-                    return arrival, event
-                break
-            step = max(step, 1e-7 * settled)  # it touches zero within rounding: pass it
-        h = here.h_s + step
+        if in_cells:
+            crossing = cross_cells(o, flight, here, direction, last)
+        else:
+            crossing = _step_on(o, here, direction, last)
+        if crossing.found:
+            arrival = _arrive(o, motion, crossing.time_s, crossing.y_m, crossing.v_m_s)
+            if arrival.t_s <= until_s:
+                return arrival, Event.IMPACT if crossing.at_stop else Event.TURN
+            break
+        h = crossing.clear_s
         if h >= last:
             break
         if not is_dry(o.friction) and here.h_s < first_period <= h:
             scan_end = min(last, _quiet_from(o, flight))
-        y, v, sin_drive, cos_drive = flow(o, flight, h)
-        here = point(o, flight, h, y, v, sin_drive, cos_drive)
+        in_cells = not in_cells and h - here.h_s >= o.cells.span_s > 0.0
+        if h > here.h_s:
+            y, v, sin_drive, cos_drive = flow(o, flight, h)
+            here = point(o, flight, h, y, v, sin_drive, cos_drive)
     y, v, _, _ = flow(o, flight, end)
     return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.HORIZON
+
+
+@jit
+def _step_on(o: Oscillator, here: Point, direction: float, last: float) -> Crossing:
+    """One step by the bounds on derivatives."""
+    settled = SETTLED / o.fastest_1_s
+    step, event = _look_ahead(o, here, direction, min(last - here.h_s, SCAN_SPAN / o.natural_rad_s))
+    if event != Event.HORIZON and step <= settled:
+        rest, y, v = _settle(o, here, direction, event, step, 2.0 * settled)
+        if rest >= 0.0:
+            return Crossing(here.h_s, True, event == Event.IMPACT, here.h_s + rest, y, v)
+        step = max(step, 1e-7 * settled)  # it touches zero within rounding: pass it
+    return clear_up_to(here.h_s + step)
 
 
 @jit
 def _without_force(p: Point) -> Point:
     """A point just released, whose net force is zero: rounding must not push it back."""
     return Point(
-        p.h_s, p.y_m, p.v_m_s, 0.0, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5, p.piston_m, p.piston_m_s
+        p.h_s, p.y_m, p.v_m_s, 0.0, p.jerk_m_s3, p.snap_m_s4, p.crackle_m_s5, p.piston_m, p.piston_cos_m
     )
 
 
@@ -335,7 +354,8 @@ def _settle(
     if s <= 0.0:
         return (s, o.gap_m, v) if event == Event.IMPACT else (s, y, 0.0)
     drag, w2, square = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s * o.drive_rad_s
-    x4, x5 = square * square * p.piston_m, square * square * p.piston_m_s  # derivatives of x_A
+    x4 = square * square * p.piston_m  # derivatives of x_A
+    x5 = square * square * o.drive_rad_s * p.piston_cos_m
     d6 = -drag * d5 - w2 * (d4 - x4)
     d7 = -drag * d6 - w2 * (d5 - x5)
     d8 = -drag * d7 - w2 * (d6 + square * x4)

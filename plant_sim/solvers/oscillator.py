@@ -23,6 +23,7 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Friction
 from plant_sim.parts.stop import Stop
 from plant_sim.parts.striker import Striker
+from plant_sim.solvers.cells import Cells, cells
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
 from plant_sim.solvers.laws import damping_n_s_m, dry_limit_m_s2, restitution, stop_position_m
 
@@ -61,6 +62,7 @@ class Oscillator(NamedTuple):
     far_re_s: float  # 1 / (iΩ − λ2)
     far_im_s: float
     fastest_1_s: float  # the n-th derivative of the motion scales with at most its n-th power
+    cells: Cells
 
 
 class Flight(NamedTuple):
@@ -129,6 +131,7 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: St
         sigma / far,
         -total / far,
         max(w, Omega, 2.0 * sigma),
+        cells(w2, w, 2.0 * sigma, Omega, drive.amplitude_m, stop_position_m(stop) - striker.rest_length_m),
     )
 
 
@@ -250,8 +253,8 @@ class Point(NamedTuple):
     jerk_m_s3: float
     snap_m_s4: float
     crackle_m_s5: float
-    piston_m: float  # x_A and its rate
-    piston_m_s: float
+    piston_m: float  # x_A = A sin θ
+    piston_cos_m: float  # A cos θ
 
 
 @jit
@@ -261,9 +264,10 @@ def point(
     """The derivatives, from the equation of motion and its own, given y, y' and the drive's turn."""
     drag, w2, Omega = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
     x_A = flight.piston_sin_m * sin_drive + flight.piston_cos_m * cos_drive
-    v_A = Omega * (flight.piston_sin_m * cos_drive - flight.piston_cos_m * sin_drive)
+    x_cos = flight.piston_sin_m * cos_drive - flight.piston_cos_m * sin_drive
+    v_A = Omega * x_cos
     a = -drag * v - w2 * ((y - flight.offset_m) - x_A)
     jerk = -drag * a - w2 * (v - v_A)
     snap = -drag * jerk - w2 * (a + Omega * Omega * x_A)
     crackle = -drag * snap - w2 * (jerk + Omega * Omega * v_A)
-    return Point(h, y, v, a, jerk, snap, crackle, x_A, v_A)
+    return Point(h, y, v, a, jerk, snap, crackle, x_A, x_cos)

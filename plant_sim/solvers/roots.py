@@ -16,6 +16,7 @@ from plant_sim.kernels import jit
 _TRIALS = 4
 _GOOD = 0.8
 _NEWTON_STEPS = 30
+_CHORD_STEPS = 3
 
 
 @jit
@@ -106,3 +107,39 @@ def polish(
         if abs(step) <= 1e-9 * s:  # Newton squares it
             return s
     return s
+
+
+@jit
+def guess_between(g: float, slope: float, end: float, end_slope: float, span: float) -> float:
+    """About where in a span a guard passes zero, known at both ends: a root of Hermite's cubic.
+
+    Newton's method starts from the same cubic for the inverse and then needs one step, or from the chord.
+    """
+    rise = end - g
+    u = -g / rise
+    mean = rise / span
+    steps = _CHORD_STEPS
+    if slope > 0.0 and end_slope > 0.0:
+        steps = 1
+        u += u * (1.0 - u) * ((1.0 - u) * (mean / slope - 1.0) - u * (mean / end_slope - 1.0))
+    first, second = slope * span, (3.0 * mean - 2.0 * slope - end_slope) * span
+    third = rise - first - second
+    for _ in range(steps):
+        u = min(max(u, 0.0), 1.0)
+        rate = first + u * (2.0 * second + u * 3.0 * third)
+        if rate > 0.0:
+            u -= (g + u * (first + u * (second + u * third))) / rate
+    return min(max(u, 0.0), 1.0) * span
+
+
+@jit
+def near_root(g: float, slope: float, bend: float, third: float, fourth: float) -> float:
+    """Way to the root of the Taylor polynomial close by, where it is nearly straight.
+
+    The reversed series (Abramowitz & Stegun 3.6.25) in r = −g / slope; where |bend r| ≤ slope / 1000 what is
+    left out is less than 1e-12 of r.
+    """
+    per_slope = 1.0 / slope
+    r = -g * per_slope
+    b, c, d = bend / 2 * per_slope, third / 6 * per_slope, fourth / 24 * per_slope
+    return r + r * r * (-b + r * ((2.0 * b * b - c) + r * (5.0 * b * (c - b * b) - d)))

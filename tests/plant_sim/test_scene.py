@@ -128,6 +128,9 @@ def test_equal_parts_give_equal_types_however_numbers_are_written() -> None:
             "striker.spring_n_m = 0 is not a number greater than 0; give",
         ),
         ("table1-viscous", {"striker.mass_kg": "0.8"}, "striker.mass_kg = '0.8' is not a number; give"),
+        ("walking", {"gait.pace": 3}, "gait.pace = 3 is not a list; give the tables [[gait.pace]]"),
+        ("walking", {"gait.pace": []}, "gait.pace = [] is not a list of at least 1; give the tables"),
+        ("table1-motor-soft", {"winding": {"cogging": 5}}, "winding.cogging = 5 is not a list; give the"),
         ("table1-viscous", {"striker.mass_kg": True}, "striker.mass_kg = True is not a number; give"),
         (
             "table1-viscous",

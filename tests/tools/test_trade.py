@@ -2,13 +2,14 @@
 
 import json
 import math
+import time
 
 import numpy as np
 import pytest
 
 from tools import cli
 from tools.trade import heyoka_peer, own, prices, scipy_peer
-from tools.trade.answers import Method, answer, errors_of
+from tools.trade.answers import Answer, Method, answer, errors_of
 from tools.trade.automaton import has_peers, run
 from tools.trade.cases import CASES, Case
 from tools.trade.fidelity import STOPS, scene_with
@@ -69,6 +70,7 @@ def test_the_front_holds_what_nothing_cheaper_beats(tmp_path) -> None:
             errors_of(case, truth._replace(x_end_m=error), truth),
             cost,
             cost,
+            cost,
         )
         for name, error, cost in given
     ]
@@ -86,7 +88,34 @@ def test_prices_are_rows_of_json() -> None:
     assert {"what", "error", "cost", "unit"} <= set(rows[0])
     assert rows[0]["error"] == 0.0
     assert all(0.0 < row["cost"] <= row["cost_median"] for row in rows)
+    assert all(row["cost_first"] > 0.0 for row in rows)
     json.dumps(rows)
+
+
+def test_a_short_call_is_timed_in_a_row_of_them_and_a_long_one_once() -> None:
+    """What the first call takes longer, loading code and data, is not in the row's figure."""
+    calls = []
+
+    def quick() -> Answer:
+        calls.append(1)
+        return empty
+
+    empty = answer(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
+    spent = prices.spent_us(quick)
+    assert len(calls) > 10
+    assert 0.0 < spent.call < prices.ROW_US
+
+    def slow() -> Answer:
+        calls.append(1)
+        begun = time.thread_time_ns()
+        while time.thread_time_ns() - begun < 1.1e3 * prices.ROW_US:
+            pass
+        return empty
+
+    calls.clear()
+    spent = prices.spent_us(slow)
+    assert len(calls) == 1
+    assert spent.call == spent.first >= prices.ROW_US
 
 
 def test_every_stop_is_met_on_the_orbit() -> None:

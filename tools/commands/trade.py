@@ -132,7 +132,8 @@ def show(payload: Mapping[str, Any]) -> None:
         "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
         "×: cost over the cheapest; ●: nothing cheaper errs less; ≠: wrong number of impacts. Where there is "
         "a closed form it is the truth, else the adaptive solver at 1e-13. Processor time of a thread, least "
-        f"of {payload['repeats']} interleaved repeats, as called from Python. {payload['cores']} cores, load "
+        f"of {payload['repeats']} interleaved repeats, a row of calls each, as called from Python; a first "
+        f"call takes longer (cost_first with --json). {payload['cores']} cores, load "
         f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures.",
         highlight=False,
     )

@@ -1,16 +1,20 @@
 """Prices of methods: errors once, times as minimum and median of interleaved repeats."""
 
+import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from tools.trade import heyoka_peer, own, scipy_peer
-from tools.trade.answers import Errors, Method, errors_of
+from tools.trade.answers import Errors, Method, Solve, errors_of
 from tools.trade.automaton import has_peers
 from tools.trade.cases import Case
 
 REPEATS, QUICK_REPEATS = 7, 3
+
+ROW_US = 5e3
+"""So long a row of calls lasts, at least, that says what a call costs."""
 
 COST_UNIT = "µs of processor per simulated second"
 STATE_UNIT = "m (state at the end; velocity over ω)"
@@ -26,6 +30,8 @@ class Price(NamedTuple):
     errors: Errors
     least_us_s: float
     median_us_s: float
+    first_us_s: float
+    """Least of first calls, which find the caches full of another method's code."""
 
     @property
     def is_right(self) -> bool:
@@ -45,6 +51,7 @@ class Price(NamedTuple):
             "cost": self.least_us_s,
             "unit": f"{STATE_UNIT}; {COST_UNIT}",
             "cost_median": self.median_us_s,
+            "cost_first": self.first_us_s,
             "impact_time_error_s": errors.time_s,
             "impact_speed_error_m_s": errors.speed_m_s,
             "impulse_error": errors.impulse,
@@ -76,16 +83,42 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
     for method in methods:
         progress(f"{case.name}: {method.name} {method.setting}")
         errors.append(errors_of(case, method.solve(), truth))
-    spent: list[list[float]] = [[] for _ in methods]
+    rows: list[list[Spent]] = [[] for _ in methods]
     for _ in range(repeats):
         for index, method in enumerate(methods):
-            begun = time.thread_time_ns()
-            method.solve()
-            spent[index].append((time.thread_time_ns() - begun) * 1e-3 / case.until_s)
+            rows[index].append(spent_us(method.solve))
     return [
-        Price(case, method, error, min(times), statistics.median(times))
-        for method, error, times in zip(methods, errors, spent, strict=True)
+        Price(
+            case,
+            method,
+            error,
+            min(spent.call for spent in row) / case.until_s,
+            statistics.median(spent.call for spent in row) / case.until_s,
+            min(spent.first for spent in row) / case.until_s,
+        )
+        for method, error, row in zip(methods, errors, rows, strict=True)
     ]
+
+
+class Spent(NamedTuple):
+    """Processor time of a first call and of one in the row that follows it, µs."""
+
+    first: float
+    call: float
+
+
+def spent_us(solve: Solve) -> Spent:
+    """A first call, then a row of them, ROW_US long; a first call of that length is itself the row."""
+    begun = time.thread_time_ns()
+    solve()
+    first = (time.thread_time_ns() - begun) * 1e-3
+    if first >= ROW_US:
+        return Spent(first, first)
+    calls = math.ceil(ROW_US / first)
+    begun = time.thread_time_ns()
+    for _ in range(calls):
+        solve()
+    return Spent(first, (time.thread_time_ns() - begun) * 1e-3 / calls)
 
 
 def pareto(prices: Sequence[Price]) -> list[Price]:
