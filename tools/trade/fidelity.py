@@ -2,7 +2,7 @@
 
 import math
 import statistics
-import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from hil.settings import apply_settings
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulate import simulate
-from tools.trade.prices import COST_UNIT, Progress
+from tools.trade.prices import COST_UNIT, Progress, spent_us
 
 UNTIL_S = 30.0
 """Of which the second half is looked at."""
@@ -54,9 +54,7 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
     spent: list[list[float]] = [[] for _ in scenes]
     for _ in range(repeats):
         for index, (_, scene) in enumerate(scenes):
-            begun = time.thread_time_ns()
-            simulate(scene, UNTIL_S)
-            spent[index].append((time.thread_time_ns() - begun) * 1e-3 / UNTIL_S)
+            spent[index].append(spent_us(partial(simulate, scene, UNTIL_S)).call / UNTIL_S)
     wanted = math.nan
     rows: list[dict[str, Any]] = []
     for (name, scene), result, times in zip(scenes, results, spent, strict=True):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from tools.trade import heyoka_peer, own, scipy_peer
-from tools.trade.answers import Errors, Method, Solve, errors_of
+from tools.trade.answers import Errors, Method, errors_of
 from tools.trade.automaton import has_peers
 from tools.trade.cases import Case
 
@@ -107,7 +107,7 @@ class Spent(NamedTuple):
     call: float
 
 
-def spent_us(solve: Solve) -> Spent:
+def spent_us(solve: Callable[[], object]) -> Spent:
     """A first call, then a row of them, ROW_US long; a first call of that length is itself the row."""
     begun = time.thread_time_ns()
     solve()
