@@ -210,7 +210,10 @@ def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool
 
 @compiled
 def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
-    """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed."""
+    """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed.
+
+    Each step is longer than the one before: where the fold lies far below, three have to reach it.
+    """
     if state.attempts >= config.attempts:
         return _at(state, state.stage, 0, captured=False, failed=True)
     lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
@@ -218,7 +221,7 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
     # What has held for long was not lost by its speed, the first time.
     has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
-    step_ratio = 0.0 if has_held else config.retreat_ratio
+    step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
     return StartState(
         stage=Stage.DIP,
         from_rad_s=state.target_omega_rad_s,
