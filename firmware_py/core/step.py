@@ -10,6 +10,7 @@ from typing import NamedTuple
 from firmware_py.core import (
     crank,
     detector,
+    ease,
     estimator,
     gait,
     hold,
@@ -45,6 +46,9 @@ from firmware_py.interface.enums import (
     Regime,
 )
 
+RISING = (start.Stage.RISE, start.Stage.CONFIRM)
+"""Stages in which a missed blow is answered."""
+
 
 class DriveConfig(NamedTuple):
     """What the drive is told before it closes its loop."""
@@ -69,6 +73,7 @@ class Config(NamedTuple):
     gait: gait.GaitConfig
     lock: lock.LockConfig
     identify: identify.IdentifyConfig
+    ease: ease.EaseConfig
 
 
 class State(NamedTuple):
@@ -86,6 +91,7 @@ class State(NamedTuple):
     gait: gait.CycleState
     lock: lock.LockState
     identify: identify.IdentifyState
+    ease: ease.EaseState
 
 
 class Outputs(NamedTuple):
@@ -132,6 +138,7 @@ INITIAL = State(
     gait=gait.INITIAL,
     lock=lock.INITIAL,
     identify=identify.INITIAL,
+    ease=ease.INITIAL,
 )
 
 
@@ -167,6 +174,26 @@ def refused(valid_ratio: bool, waits_for_crank: bool, otherwise: Refusal) -> Ref
     if waits_for_crank:
         return Refusal.CRANK_TOO_FAST
     return otherwise
+
+
+@compiled
+def speed_to_follow(
+    config: Config,
+    state: ease.EaseState,
+    start_now: start.StartState,
+    target_ratio: float,
+    angle_rad: float,
+    regime_now: regime.RegimeState,
+    elapsed_ticks: int,
+) -> tuple[ease.EaseState, float, float]:
+    """The S-curve's speed and slope, less what is given up where a blow on the way up has not come."""
+    omega_rad_s, acceleration_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
+    if not config.ease.depth > 0.0:
+        return state, omega_rad_s, acceleration_rad_s2
+    rising = target_ratio >= config.start.capture_ratio and start_now.stage in RISING
+    eased = ease.step(config.ease, state, rising, angle_rad, regime_now, elapsed_ticks)
+    omega_rad_s, acceleration_rad_s2 = ease.eased(eased, omega_rad_s, acceleration_rad_s2)
+    return eased, omega_rad_s, acceleration_rad_s2
 
 
 @compiled
@@ -304,20 +331,16 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         not follow,
         n,
     )
+    ease_now, omega_rad_s, acceleration_rad_s2 = speed_to_follow(
+        config, state.ease, start_now, target_ratio, crank_now.angle_rad, regime_now, n
+    )
     if moving and inputs.drive.axis_state == CLOSED_LOOP:
         speed_now = speed.step(
-            config.speed,
-            state.speed,
-            crank_now,
-            estimate,
-            start_now.target_omega_rad_s,
-            start_now.target_acceleration_rad_s2,
-            n,
+            config.speed, state.speed, crank_now, estimate, omega_rad_s, acceleration_rad_s2, n
         )
     else:
         speed_now = speed.safe(state.speed)
 
-    axis_request = CLOSED_LOOP if moving else AXIS_IDLE
     asks_clear = inputs.operator.request == ASKS_CLEAR and not findings.operator_lost
     clear_errors = mode == INIT and asks_clear
     acting_limit = speed_now.acting_limit
@@ -339,7 +362,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         acting_limit,
         limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
         start_now.target_omega_rad_s,
-        axis_request,
+        CLOSED_LOOP if moving else AXIS_IDLE,
         clear_errors,
         mode == E_STOP,
         contact.touch_down,
@@ -366,6 +389,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
             gait_now,
             lock_now,
             identify_now,
+            ease_now,
         ),
         outputs,
     )
