@@ -129,7 +129,7 @@ TABLE: tuple[Parameter, ...] = (
         "floor of what is learnt: 70 ug/sqrt(Hz) over 400 Hz, and counts",
     ),
     Parameter(
-        "estimator.velocity_noise_m_s", "m/s", 0.0, 1.0, 1e-4, "by tick: noise and scale of the reading"
+        "estimator.velocity_noise_m_s", "m/s", 0.0, 1.0, 3e-5, "by tick: noise and scale of the reading"
     ),
     Parameter(
         "estimator.bias_noise_m_s2", "m/s^2", 0.0, 1.0, 1e-4, "by tick: 0.2 g of drift an hour and more"
