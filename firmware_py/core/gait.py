@@ -11,8 +11,8 @@ with P the variance of a stride about the one expected. A heel strike that does 
 switch: the cycle goes on without it, and what was learnt with it. The shank's rate says what switches cannot:
 whether the leg has swung since its last strike, and whether it is at rest.
 
-Chosen by measurement against an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng.
-Comput. 49, 2011); docs/explanation/gait.md has the figures.
+The other candidate was an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng. Comput. 49,
+2011), which lags where the cadence changes.
 """
 
 import math
@@ -52,6 +52,7 @@ class GaitConfig(NamedTuple):
     overdue: float
     irregular: float
     surprise: float
+    surprise_spread: float
     largest_spread: float
     strides_to_trust: int
 
@@ -68,7 +69,8 @@ class Stride(NamedTuple):
     """`mean_s` is that of late strides, `expected_s` is this one, `variance` says how surely.
 
     `since_s` counts from the strike that the phase counts from, `since_seen_s` from the last one seen;
-    `missed` are those in between. `spread` is that of strides about what was expected, as a share.
+    `missed` are those in between. `spread` is that of strides about what was expected, as a share. `early` is
+    by how many deviations this stride's strike came early.
     """
 
     mean_s: float
@@ -79,6 +81,7 @@ class Stride(NamedTuple):
     since_seen_s: float
     known: int
     missed: int
+    early: float
 
 
 class Events(NamedTuple):
@@ -111,8 +114,10 @@ class CycleState(NamedTuple):
 
 FIRST_STRIDE_S = 1.2
 FIRST_SPREAD = 0.03
-_FIRST_VARIANCE = 0.0025
+_FIRST_VARIANCE = 0.0004
 MOST_MISSED = 3
+PACE = 1.15
+"""A strike alone may be early as the pace changes: it has to be by so much more than what confirms it."""
 
 INITIAL = CycleState(
     phase=0.0,
@@ -127,6 +132,7 @@ INITIAL = CycleState(
         since_seen_s=LONGEST_S,
         known=0,
         missed=0,
+        early=0.0,
     ),
     events=Events(
         toe_down=Event(0.10, _FIRST_VARIANCE, 0.0),
@@ -139,12 +145,14 @@ INITIAL = CycleState(
 
 @compiled
 def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Event:
-    """The event with what a whole stride tells of it, ready for the next one."""
+    """The event with what a whole stride tells of it, ready for the next one (Welford's mean, variance)."""
     if event.at_s <= 0.0:
         return event
+    if known == 1:
+        return Event(event.at_s / stride_s, event.variance, 0.0)
     off = event.at_s / stride_s - event.phase
     share = max(config.gain_learning, 1.0 / (known + 1))
-    variance = event.variance + share * (off * off - event.variance)
+    variance = event.variance + share * ((1.0 - share) * off * off - event.variance)
     return Event(event.phase + share * off, variance, 0.0)
 
 
@@ -168,6 +176,20 @@ def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
 
 
 @compiled
+def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> bool:
+    """Whether an event comes further from its time than that varies; both in shares of the cycle.
+
+    Who trips puts the foot down early; `early` is the strike's part of that, as innovations are independent
+    of each other. What is late may still come: only what is later than any strike may be is none.
+    """
+    far = off < -config.surprise or off > config.overdue
+    if off > 0.0:
+        early = 0.0
+    highest = config.surprise_spread * spread
+    return far and off * off + early * early * spread * spread > highest * highest
+
+
+@compiled
 def _struck(config: GaitConfig, stride: Stride) -> Stride:
     """A heel strike: a stride has ended, or several, and the next one begins."""
     took_s = stride.since_seen_s - config.edge_age_s
@@ -175,7 +197,13 @@ def _struck(config: GaitConfig, stride: Stride) -> Stride:
     one_s = took_s / whole
     mean_s, spread, known = stride.mean_s, stride.spread, stride.known
     off = one_s - mean_s
-    if not config.shortest_s < one_s < config.longest_s or whole > MOST_MISSED:
+    late_s = stride.since_s - config.edge_age_s - (1.0 + config.strike_phase) * stride.expected_s
+    off_share = late_s / stride.expected_s
+    off_spread = math.sqrt(stride.variance + config.timing_variance)
+    plain = stride.missed == 0 and known > config.strides_to_trust
+    stumbled = plain and _surprising(config, off_share, PACE * off_spread, 0.0)
+    early = -off_share / off_spread if plain and off_share < 0.0 else 0.0
+    if stumbled or not config.shortest_s < one_s < config.longest_s or whole > MOST_MISSED:
         known = 0
     elif known == 0 or abs(off) > config.irregular * mean_s:
         # The first, or no walking that can be followed: begin from this stride.
@@ -187,7 +215,7 @@ def _struck(config: GaitConfig, stride: Stride) -> Stride:
             # The mean of a normal distribution's magnitude is 0.8 σ.
             spread += 0.2 * (1.25 * abs(off) / mean_s - spread)
     since_s = config.edge_age_s + config.strike_phase * mean_s
-    return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0)
+    return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0, early)
 
 
 @compiled
@@ -198,11 +226,11 @@ def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
     off_s = event.at_s / event.phase - stride.expected_s
     noise = (event.variance + config.timing_variance) / (event.phase * event.phase)
     gain = stride.variance / (stride.variance + noise)
-    # Far from its time, and further than its time varies.
-    surprising = (
-        stride.missed == 0
-        and abs(off_s) > config.surprise * stride.expected_s
-        and abs(off_s) * event.phase > 3.0 * math.sqrt(event.variance) * stride.expected_s
+    surprising = stride.missed == 0 and _surprising(
+        config,
+        event.phase * off_s / stride.expected_s,
+        event.phase * math.sqrt(stride.variance + noise),
+        stride.early,
     )
     return Stride(
         stride.mean_s,
@@ -213,6 +241,7 @@ def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
         stride.since_seen_s,
         0 if surprising else stride.known,
         stride.missed,
+        0.0,
     )
 
 
@@ -272,6 +301,7 @@ def _missed(stride: Stride) -> Stride:
         stride.since_seen_s,
         stride.known,
         stride.missed + 1,
+        0.0,
     )
 
 
@@ -287,6 +317,7 @@ def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
         min(stride.since_seen_s + dt_s, LONGEST_S),
         stride.known if walking else 0,
         stride.missed,
+        stride.early,
     )
 
 

@@ -8,8 +8,9 @@ and the crank's angle is led to where a blow falls on the middle p_c of the wind
 
 with θ_b the angle at which blows come, filtered from the regime's reports: a phase-locked loop (Gardner,
 Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n blows may be the one in
-the window: the error is taken on the circle. All of it is a slow change of the ratio in the hold, limited in
-size and rate, so that the striker's motion follows from the blow before to the next.
+the window: the error is taken on the circle. Another n makes θ* leap by 2π (p − p_c): it is taken where that
+is what the change of speed costs. All of it is a slow change of the ratio in the hold, limited in size and
+rate, so that the striker's motion follows from the blow before to the next.
 """
 
 import math
@@ -26,11 +27,15 @@ MOST_TURNS = 15
 
 COUNTS = 65536
 
+LARGEST_SHARE = 0.45
+"""After the heel strike, which tells the stride that turns are chosen for."""
+
 
 class LockConfig(NamedTuple):
     """`hysteresis`: by how much of r another n has to lie nearer to the centre.
 
-    An n that is taken already may leave the region by `margin`. Ratios are believed ones.
+    The crank may leave the region by `margin`, and an n that is taken already by twice that: strides vary.
+    Ratios are believed ones.
     """
 
     follow: bool
@@ -52,10 +57,11 @@ class LockConfig(NamedTuple):
 class LockState(NamedTuple):
     """`base_ratio` is where a start ends, `trim` what the ratio is off it now.
 
-    `error_rad` is θ* − θ, `blow_rad` is θ_b. The counts of pulses wrap at COUNTS.
+    `phase` is that of the cycle, `error_rad` is θ* − θ, `blow_rad` is θ_b. Counts of pulses wrap at COUNTS.
     """
 
     harmonic: int
+    phase: float
     base_ratio: float
     trim: float
     trim_rate_1_s: float
@@ -68,6 +74,7 @@ class LockState(NamedTuple):
 
 INITIAL = LockState(
     harmonic=0,
+    phase=0.0,
     base_ratio=1.0,
     trim=0.0,
     trim_rate_1_s=0.0,
@@ -88,7 +95,8 @@ def chosen(config: LockConfig, stride_s: float, before: int) -> int:
     if below < 1 or abs((below + 1) * one - config.centre_ratio) < abs(below * one - config.centre_ratio):
         best = below + 1
     off = abs(best * one - config.centre_ratio)
-    stays = config.lowest_ratio - config.margin <= before * one <= config.highest_ratio + config.margin
+    most = 2.0 * config.margin
+    stays = config.lowest_ratio - most <= before * one <= config.highest_ratio + most
     if stays and abs(before * one - config.centre_ratio) <= off + config.hysteresis:
         return before
     if best <= MOST_TURNS and config.lowest_ratio <= best * one <= config.highest_ratio:
@@ -102,6 +110,18 @@ def refused(config: LockConfig, gait: CycleState, harmonic: int) -> Refusal:
     if gait.confidence < config.lowest_confidence:
         return Refusal.NOT_WALKING
     return Refusal.NONE if harmonic > 0 else Refusal.NO_HARMONIC
+
+
+@compiled
+def turning_share(config: LockConfig, stride_s: float) -> float:
+    """By how much of the cycle before p_c another n is to be taken.
+
+    The ratio goes over by Δr, a turn a stride, at its rate ρ: meanwhile the crank gains ω Δr²/2ρ on the new
+    θ*, or loses it. That is what θ* leaps by where the change comes ω Δr²/4πρ of a cycle before p_c.
+    """
+    turn = TAU / (stride_s * config.natural_rad_s)
+    share = config.natural_rad_s * turn * turn / (2.0 * TAU * config.rate_1_s)
+    return min(share, LARGEST_SHARE)
 
 
 @compiled
@@ -124,9 +144,13 @@ def step(
     elapsed_ticks: int,
 ) -> LockState:
     """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it."""
+    middle = 0.5 * (config.window_start + config.window_end)
     harmonic = 0
     if gait.confidence >= config.lowest_confidence:
         harmonic = chosen(config, gait.stride.mean_s, state.harmonic)
+        change_at = middle - turning_share(config, gait.stride.mean_s)
+        if holding and harmonic > 0 and state.harmonic > 0 and not state.phase < change_at <= gait.phase:
+            harmonic = state.harmonic
     one = TAU / (gait.stride.expected_s * config.natural_rad_s)
     base_ratio = state.base_ratio
     if not moving and harmonic > 0:
@@ -139,7 +163,6 @@ def step(
     if holding:
         wanted = base_ratio + state.trim
         if harmonic > 0:
-            middle = 0.5 * (config.window_start + config.window_end)
             error_rad = wrapped(TAU * harmonic * (gait.phase - middle) + blow_rad - angle_rad)
             wanted = harmonic * one + limited(
                 config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
@@ -161,6 +184,7 @@ def step(
             outside = (outside + 1) % COUNTS
     return LockState(
         harmonic,
+        gait.phase,
         base_ratio,
         trim,
         rate_1_s,

@@ -8,6 +8,7 @@ Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from t
 from typing import NamedTuple
 
 from firmware_py.core import (
+    calm,
     crank,
     detector,
     ease,
@@ -38,6 +39,7 @@ from firmware_py.interface.enums import (
     NO_REFUSAL,
     READY,
     RUN,
+    STOPPING,
     ActingLimit,
     AxisState,
     Fault,
@@ -74,6 +76,7 @@ class Config(NamedTuple):
     lock: lock.LockConfig
     identify: identify.IdentifyConfig
     ease: ease.EaseConfig
+    calm: calm.CalmConfig
 
 
 class State(NamedTuple):
@@ -92,6 +95,7 @@ class State(NamedTuple):
     lock: lock.LockState
     identify: identify.IdentifyState
     ease: ease.EaseState
+    calm: calm.CalmState
 
 
 class Outputs(NamedTuple):
@@ -139,6 +143,7 @@ INITIAL = State(
     lock=lock.INITIAL,
     identify=identify.INITIAL,
     ease=ease.INITIAL,
+    calm=calm.INITIAL,
 )
 
 
@@ -197,7 +202,9 @@ def speed_to_follow(
 
 
 @compiled
-def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
+def step(  # noqa: PLR0915 - one tick, read top to bottom
+    config: Config, state: State, inputs: Inputs
+) -> tuple[State, Outputs]:
     """The whole controller, once a tick."""
     n = inputs.elapsed_ticks
 
@@ -334,6 +341,11 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
     ease_now, omega_rad_s, acceleration_rad_s2 = speed_to_follow(
         config, state.ease, start_now, target_ratio, crank_now.angle_rad, regime_now, n
     )
+    calm_now, told_rad_s = calm.INITIAL, start_now.target_omega_rad_s
+    if mode == STOPPING and config.calm.longest_s > 0.0:
+        calm_now = calm.step(config.calm, state.calm, crank_now, estimate, n)
+        omega_rad_s, acceleration_rad_s2 = calm_now.target_omega_rad_s, 0.0
+        told_rad_s = omega_rad_s
     if moving and inputs.drive.axis_state == CLOSED_LOOP:
         speed_now = speed.step(
             config.speed, state.speed, crank_now, estimate, omega_rad_s, acceleration_rad_s2, n
@@ -361,7 +373,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
         regime_now.regime,
         acting_limit,
         limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
-        start_now.target_omega_rad_s,
+        told_rad_s,
         CLOSED_LOOP if moving else AXIS_IDLE,
         clear_errors,
         mode == E_STOP,
@@ -390,6 +402,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
             lock_now,
             identify_now,
             ease_now,
+            calm_now,
         ),
         outputs,
     )

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from firmware_py.core import (
+    calm,
     crank,
     detector,
     ease,
@@ -355,7 +356,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         "gait.strike_phase", "1", 0.0, 0.2, 0.012, "where the heel's switch closes: at a tenth of the load"
     ),
-    Parameter("gait.surprise", "1", 0.05, 2.0, 0.3, "of a stride: an event so far off is a stumble"),
+    Parameter("gait.surprise", "1", 0.0, 1.0, 0.03, "of the cycle: so early an event may be a stumble"),
     Parameter(
         "start.retreat_ratio",
         "1",
@@ -417,6 +418,10 @@ TABLE: tuple[Parameter, ...] = (
         "ease.weak_share", "1", 0.01, 10.0, 0.9, "of ω times the gap, 0.56 m/s: a blow below is a weak one"
     ),
     Parameter("ease.lag_s", "s", 1e-3, 1.0, 0.06, "a twelfth of a turn: no jolt"),
+    Parameter("gait.surprise_spread", "1", 0.0, 100.0, 4.5, "deviations early: a stumble"),
+    Parameter("calm.longest_s", "s", 0.0, 100.0, 2.0, "three swings; where a gait is followed; 0: never"),
+    Parameter("calm.share", "1", 0.1, 1.0, 0.7, "of the way to the stop: what a leg adds stays below"),
+    Parameter("calm.gain", "1", 0.0, 20.0, 1.0, "over w: in step with the striker within a swing"),
 )
 """All parameters, in the order of their indices."""
 
@@ -802,6 +807,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             overdue=values["gait.overdue"],
             irregular=values["gait.irregular"],
             surprise=values["gait.surprise"],
+            surprise_spread=values["gait.surprise_spread"],
             largest_spread=values["gait.largest_spread"],
             strides_to_trust=int(values["gait.strides_to_trust"]),
         ),
@@ -820,6 +826,17 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             gain_1_s=values["gait.gain_1_s"],
             largest_trim=values["gait.largest_trim"],
             rate_1_s=values["gait.rate_1_s"],
+        ),
+        calm=calm.CalmConfig(
+            tick_s=tick_s,
+            longest_s=values["calm.longest_s"] if values["gait.follow"] > 0.0 else 0.0,
+            natural_rad_s=natural_rad_s,
+            amplitude_m=values["drive.amplitude_m"],
+            rest_length_m=values["striker.rest_length_m"],
+            stop_m=values["stop.position_m"],
+            share=values["calm.share"],
+            gain=values["calm.gain"],
+            highest_rad_s=min(1.5 * natural_rad_s, 0.97 * values["limit.speed_rad_s"]),
         ),
     )
 
