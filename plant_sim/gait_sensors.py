@@ -16,6 +16,7 @@ from plant_sim.parts.walking import (
     TO_HZ,
     TO_SIZE,
     TOE_OFF,
+    Leg,
     Walking,
     along_axis,
     cycles_at,
@@ -69,7 +70,12 @@ class GaitReading(NamedTuple):
 
 def gait_at(walking: Walking, t_s: float) -> GaitTruth:
     """The truth at `t_s`."""
-    leg, row = leg_at(walking, t_s), walking.rows[row_at(walking.rows, t_s)]
+    return gait_of(walking, leg_at(walking, t_s), t_s)
+
+
+def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
+    """The truth at `t_s`, when the leg does this."""
+    row = walking.rows[row_at(walking.rows, t_s)]
     axis_m_s2 = along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
     felt = float(leg.up_m_s2), float(leg.forward_m_s2), float(axis_m_s2)
     motion = float(leg.lean_rad), float(leg.lean_rad_s), *felt
@@ -143,7 +149,11 @@ class GaitSensors:
 
     def read(self, t_s: float) -> GaitReading | None:
         """One sample, with new noise."""
-        model, dice, truth = self._model, self._dice, gait_at(self._walking, t_s)
+        return self.read_of(t_s, gait_at(self._walking, t_s))
+
+    def read_of(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
+        """The sample at `t_s`, whose truth is known."""
+        model, dice = self._model, self._dice
         rate_noise, force_noise = dice.standard_normal(2).tolist()
         heel = self._heel.read(t_s, truth.heel_load, dice)
         toe = self._toe.read(t_s, truth.toe_load, dice)

@@ -18,6 +18,7 @@ def closed_loop(scenario: str, settings: list[str], seed: int) -> dict[str, Any]
         loaded.duration_s,
         np.random.default_rng(seed),
         traced=True,
+        walk_seed=seed,
     )
     return {"impacts": done.impacts, "trace": done.trace}
 

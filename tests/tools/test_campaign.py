@@ -15,6 +15,8 @@ from tools.campaign.outcome import Outcome
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
 from tools.campaign.statistics import distribution, wilson
+from tools.campaign.walk_cells import WalkCell, walk_cells
+from tools.campaign.walks import course_of, drawn_walk, ended_s
 from tools.cli import run
 from tools.commands.campaign import histogram
 from tools.output import EXIT_BAD_INPUT, BadInputError, plain
@@ -229,8 +231,10 @@ def test_parts_that_campaigns_do_not_know_are_refused() -> None:
 
     worn = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
     supported(load_scene({**read_scene("table1-motor-soft"), "housing": {"tilt_rad": 0.1}}))
-    with pytest.raises(BadInputError, match=r"nobody wears.*\[wearer\]"):
-        supported(load_scene({**read_scene("table1-motor-soft"), "wearer": worn}))
+    supported(load_scene({**read_scene("table1-motor-soft"), "wearer": worn}))
+    rigid = {"law": "rigid", "position_m": 0.18, "restitution": 0.5}
+    with pytest.raises(BadInputError, match=r"stop\.law = 'rigid'"):
+        supported(load_scene({**read_scene("table1-motor-soft"), "stop": rigid}))
     with pytest.raises(BadInputError, match="dq-motor"):
         supported(load_scene("table1-dq-motor"))
 
@@ -251,3 +255,75 @@ def test_a_drawn_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_
         assert abs(shock.peak_m_s2) == pytest.approx(8.0 * 9.80665)
         assert 12.0 <= shock.start_s <= 23.0
         assert 0.005 <= shock.duration_s <= 0.02
+
+
+# --- walks -------------------------------------------------------------------------------------------
+
+WALK = CAMPAIGNS["walk"]
+
+
+def walk_table() -> dict[str, Any]:
+    return {"conditions": WALK.conditions, **WALK.numbers}
+
+
+def test_the_cells_of_a_walk_are_modules_and_courses() -> None:
+    cells, numbers = walk_cells(walk_table(), [])
+    assert [cell.name for cell in cells] == [
+        "walking steady",
+        "walking change",
+        "walking stop",
+        "walking stumble",
+        "table1 steady",
+        "table1 stop",
+        "table1 stumble",
+    ]
+    assert numbers["walk_s"] == 70.0
+    assert cells[0].firmware["striker"]["spring_n_m"] == cells[0].scene["striker"]["spring_n_m"] == 720.0
+    assert all(cell.firmware["gait"]["follow"] == 1.0 for cell in cells)
+    # 300 trials of each condition.
+    assert WALK.trials == 300 * len(cells)
+    names = [cell.name for cell in cells]
+    assert all(goal.where in names for goal in WALK.goals)
+
+
+def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
+    settings = ["campaign.presets='table1'", "campaign.courses=['stop', 'change']", "firmware.calm.gain=2.0"]
+    cells, _ = walk_cells(walk_table(), settings)
+    assert [cell.name for cell in cells] == ["table1 stop", "table1 change"]
+    assert cells[0].firmware["calm"]["gain"] == 2.0
+    for setting, message in (
+        ("campaign.presets='gait'", "'gait' is none of walking, table1"),
+        ("campaign.courses='hop'", "'hop' is none of steady"),
+        ("campaign.speed=1", "campaign.speed"),
+    ):
+        with pytest.raises(BadInputError, match=message):
+            walk_cells(walk_table(), [setting])
+
+
+def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
+    cells = {cell.name: cell for cell in walk_cells(walk_table(), [])[0] if isinstance(cell, WalkCell)}
+    for seed in range(40):
+        course = course_of(cells["walking change"], WALK.numbers, np.random.default_rng(seed))
+        (_, first), (begins_s, _), (ends_s, second), *_, (_, last) = course.paces
+        assert max(first, second) / min(first, second) == pytest.approx(1.2)
+        assert (ends_s - begins_s) * 0.5 * (first + second) == pytest.approx(5.0)
+        assert last == first
+        assert min(first, second) >= 0.5
+        assert max(first, second) <= 1.0
+        stop = course_of(cells["table1 stop"], WALK.numbers, np.random.default_rng(seed))
+        assert stop.paces[-1][1] == 0.0
+        assert 20.0 <= stop.paces[-1][0] <= 23.0
+        assert 0.78 <= stop.paces[0][1] <= 0.82
+
+
+def test_a_walk_is_drawn_with_its_mismatch_and_starts_at_rest() -> None:
+    cells, numbers = walk_cells(walk_table(), [])
+    cell = cells[3]
+    assert isinstance(cell, WalkCell)
+    drawn, course = drawn_walk(cell, numbers, 20_000, 3)
+    again, _ = drawn_walk(cell, numbers, 20_000, 3)
+    assert drawn.scene == again.scene
+    assert drawn.scene.initial.v_m_s == 0.0
+    assert drawn.scene.striker.spring_n_m != 720.0
+    assert [stumble.at_s for stumble in drawn.scene.gait.stumble] == course.stumbles
+    assert ended_s(drawn.scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)

@@ -101,6 +101,47 @@ def test_on_a_shaken_housing_the_compiled_loop_senses_what_the_bench_does(
         assert np.abs(trace[:until, column] - plant[name][:until]).max() < most, name
 
 
+def test_a_walk_is_felt_and_followed_as_on_the_bench(worker: ProcessPoolExecutor, tmp_path: Path) -> None:
+    scenario = "a-stumble-ends-the-pulses"
+    future = worker.submit(compiled_side.closed_loop, scenario, [], SEED)
+    run_lockstep(load_scenario(scenario), tmp_path, SEED, lambda *_: None)
+    plant, firmware = read(tmp_path / "plant.trace"), read(tmp_path / "firmware.trace")
+    impacts = read(tmp_path / "impacts.trace")
+    compiled = future.result()
+    trace = compiled["trace"]
+    phase_error = trace[:, columns.TRACE_PHASE] - firmware["state.gait.phase"]
+    assert np.abs((phase_error + 0.5) % 1.0 - 0.5).max() < 1e-9
+    modes, wanted_modes = trace[:, columns.TRACE_MODE], firmware["outputs.mode"]
+    changes, wanted_changes = np.flatnonzero(np.diff(modes)) + 1, np.flatnonzero(np.diff(wanted_modes)) + 1
+    assert list(modes[changes]) == list(wanted_modes[wanted_changes])
+    assert list(modes[changes])[-2:] == [Mode.STOPPING, Mode.READY]
+    assert np.abs(changes - wanted_changes)[:-1].max() <= 1
+    assert abs(changes[-1] - wanted_changes[-1]) <= 20
+    touched_s, wanted_s = compiled["impacts"][:, 0], impacts["t_s"]
+    until_s = 1e-3 * changes[-2]
+    touched_s, wanted_s = touched_s[touched_s < until_s], wanted_s[wanted_s < until_s]
+    assert len(touched_s) == len(wanted_s) > 10
+    assert np.abs(touched_s - wanted_s).max() < 2e-3
+    held = slice(changes[-3], changes[-2])
+    felt_n, wanted_n = trace[held, columns.TRACE_FELT], plant["felt_force_n"][held]
+    assert felt_n.max() == pytest.approx(wanted_n.max(), rel=0.02)
+    assert np.sqrt(np.mean((felt_n - wanted_n) ** 2)) < 0.2 * np.sqrt(np.mean(wanted_n**2))
+
+
+def test_a_walk_campaign_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["campaign", "walk", "--trials", "3", "--seed", "20001", "--workers", "1", "--json"]
+    settings = ["--set", "campaign.presets='table1'", "--set", "campaign.courses=['steady','stop','stumble']"]
+    status = run([*arguments, *settings, "--set", "campaign.walk_s=30"])
+    result = json.loads(capsys.readouterr().out)
+    assert result["trials"] == result["eligible"] == 3
+    by_name = {cell["cell"]: cell for cell in result["cells"]}
+    assert by_name["table1 steady"]["metrics"]["pulses_per_stride"]["p50"] == pytest.approx(2.0, abs=0.3)
+    assert by_name["table1 steady"]["shares"]["in_force"]["n"] > 20
+    assert 0.0 < by_name["table1 stumble"]["metrics"]["decision"]["p50"] < 2.0
+    assert by_name["table1 stop"]["metrics"]["last_pulse"]["worst"] < 2.0
+    assert status == (EXIT_PASSED if result["passed"] else EXIT_CHECK_FAILED)
+
+
 def test_a_kick_is_a_push_that_the_accelerometers_feel(worker: ProcessPoolExecutor) -> None:
     trace = worker.submit(compiled_side.kicked, 0.5).result()
     velocity, felt, believed = (

@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 Quantile = Literal["lowest", "p50", "p95", "worst"]
 Condition = tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]
+WalkCondition = tuple[str, tuple[str, ...]]
 
 WET_AND_DRY = ("viscous", "coulomb", "stribeck")
 NO_IMPULSE = (0.0,)
+WALKS = (("walking", ("steady", "change", "stop", "stumble")), ("table1", ("steady", "stop", "stumble")))
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Campaign:
     name: str
     title: str
     trials: int
-    conditions: tuple[Condition, ...]
+    conditions: tuple[Condition, ...] | tuple[WalkCondition, ...]
     numbers: Mapping[str, Any]
     units: Mapping[str, str]
     goals: tuple[Goal, ...]
@@ -173,6 +175,44 @@ CAMPAIGNS: dict[str, Campaign] = {
                 Goal("eligible", low=300),
                 Goal("success", low=1.0),
                 Goal("recovery", "p95", high=8.0),
+            ),
+        ),
+        Campaign(
+            name="walk",
+            title="somebody walks, and the crank follows: pulses in late stance, as felt, and their end",
+            trials=2100,
+            conditions=WALKS,
+            numbers={"walk_s": 70.0, "variability": 0.02, **MISMATCH},
+            units={
+                "felt_low": "N",
+                "felt_high": "N",
+                "phase_rmse": "%",
+                "pulses_per_stride": "1",
+                "last_pulse": "s",
+                "hardest_after": "x steady",
+                "undriven": "pulses",
+                "decision": "s",
+            },
+            goals=(
+                Goal("success", where="walking steady", low=0.99),
+                Goal("success", where="walking change", low=0.99),
+                Goal("in_force", where="walking steady", low=1.0),
+                Goal("in_force", where="walking change", low=1.0),
+                Goal("in_window", where="walking steady", low=0.99),
+                Goal("in_window", where="walking change", low=0.95),
+                Goal("phase_rmse", "p95", "walking steady", high=2.0),
+                Goal("phase_rmse", "p95", "walking change", high=4.0),
+                Goal("last_pulse", "worst", "walking stop", high=0.8),
+                Goal("last_pulse", "worst", "walking stumble", high=0.8),
+                Goal("hardest_after", "worst", "walking stop", high=1.05),
+                Goal("hardest_after", "worst", "walking stumble", high=1.05),
+                Goal("success", where="table1 steady", low=0.99),
+                Goal("in_force", where="table1 steady", low=1.0),
+                Goal("in_window", where="table1 steady", low=0.99),
+                Goal("last_pulse", "worst", "table1 stop", high=2.0),
+                Goal("last_pulse", "worst", "table1 stumble", high=2.0),
+                Goal("hardest_after", "worst", "table1 stop", high=1.05),
+                Goal("hardest_after", "worst", "table1 stumble", high=1.05),
             ),
         ),
     )

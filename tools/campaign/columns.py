@@ -20,10 +20,14 @@ DETECTIONS, PERIODS, MODES, TURNS_SEEN, KICKED, FULL = range(6)
     TRACE_HOUSING,
     TRACE_POSITION,
     TRACE_VELOCITY,
+    TRACE_FELT,
+    TRACE_PHASE,
+    TRACE_CONFIDENCE,
     TRACE_COLUMNS,
-) = range(17)
+) = range(20)
 """Columns of Record.trace, a row a tick: the truth at t_k, what the firmware made of it, and the frames' own
-readings (m/s², revolutions, revolutions by second), which are all that a log of the bus has."""
+readings (m/s², revolutions, revolutions by second), which are all that a log of the
+bus has; then the force on a wearer, N, and where in the gait cycle the firmware takes the wearer to be."""
 
 (
     SUM_TICKS,

@@ -96,10 +96,11 @@ def draw(
     trial: int,
     disturbance: Disturbance = Disturbance(),
     until_s: float = 0.0,
+    at_rest: bool = False,
 ) -> Drawn:
     """The truth of a trial; x₀ in −0.1…0.06 m about l₀ but not beyond the stop, v₀ in ±0.8 m/s, any phase.
 
-    A shock comes before `until_s`.
+    A shock comes before `until_s`. `at_rest`: the striker starts as the scene has it.
     """
     noise, truth, more = (np.random.default_rng([seed, trial, stream]) for stream in range(3))
 
@@ -123,10 +124,11 @@ def draw(
         bias_m_s2 = about(mismatch.bias_g) * STANDARD_GRAVITY_M_S2
         sensors[name] = {"bias_m_s2": bias_m_s2, **sensors.get(name, {})}
     highest_m = min(0.06, stop["position_m"] - striker["rest_length_m"])
-    drawn["initial"] = {
-        "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
-        "v_m_s": about(0.8),
-    }
+    if not at_rest:
+        drawn["initial"] = {
+            "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
+            "v_m_s": about(0.8),
+        }
     housing = _moving_housing(disturbance, until_s, truth)
     if housing:
         drawn["housing"] = housing

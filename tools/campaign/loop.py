@@ -29,7 +29,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
 from plant_sim.solvers.memory import IMPACTS, PHASE
-from plant_sim.solvers.motion import FLIGHT
+from plant_sim.solvers.motion import FLIGHT, felt_force_n, from_stop_m
 from tools.campaign.columns import (
     DETECTIONS,
     FULL,
@@ -47,12 +47,15 @@ from tools.campaign.columns import (
     SUMS,
     TRACE_ANGLE,
     TRACE_COLUMNS,
+    TRACE_CONFIDENCE,
+    TRACE_FELT,
     TRACE_HIGH,
     TRACE_HOUSING,
     TRACE_IMPACT,
     TRACE_LOW,
     TRACE_MODE,
     TRACE_OMEGA,
+    TRACE_PHASE,
     TRACE_POSITION,
     TRACE_REGIME,
     TRACE_TARGET,
@@ -103,6 +106,17 @@ class Script(NamedTuple):
     request: NDArray[np.int64]
     target_ratio: Vector
     target_impulse_n_s: Vector
+
+
+class GaitFrames(NamedTuple):
+    """What the gait sensors say, a row every `ticks`, shape (n, 4).
+
+    The shank's rate and the force along it, heel and toe on the ground; a row of NaN has dropped out. No
+    rows: none are fitted.
+    """
+
+    rows: Vector
+    ticks: int
 
 
 class Plan(NamedTuple):
@@ -166,7 +180,7 @@ class Speech(NamedTuple):
 
 
 @kernel
-def run(
+def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     parts: Parts,
     filters: Filters,
     module: Module,
@@ -178,6 +192,7 @@ def run(
     config: Config,
     state: State,
     script: Script,
+    gait: GaitFrames,
     plan: Plan,
     noise: np.random.Generator,
     record: Record,
@@ -189,6 +204,7 @@ def run(
     stop_m = origin_m(parts.stop, parts.striker)
     wishes = Wishes(0.0, False, False, False, False, False)
     speech = Speech(False, 0, 0, 0, 0.0, 0.0)
+    gait_input = GaitInput(0.0, 0.0, False, False, NEVER_TICKS)
     held_n_m = 0.0
     angle_rad = y[2]
     pushes = 0
@@ -202,7 +218,9 @@ def run(
         )
         encoder = _encoder(senses, filters, y[2], noise.standard_normal())
         heard = heard_at(heard, axis, drive_config, tick, motor_current_a(parts.drive, held_n_m, y[3]))
-        x_m, v_m_s, omega_rad_s = y[0] + stop_m, y[1], y[3]
+        x_m, v_m_s, omega_rad_s = from_stop_m(parts.wearer, parts.drive, y) + stop_m, y[1], y[3]
+        felt_n = felt_force_n(parts.wearer, parts.drive, y)
+        gait_input = _gait(gait, gait_input, tick)
         coarse = _coarse(plan, senses, x_m, tick, noise)
         if y[2] < angle_rad and omega_rad_s > 0.0:
             record.turns[record.counts[TURNS_SEEN]] = tick
@@ -225,10 +243,10 @@ def run(
                 heard = told(heard, speech.request, speech.target_ratio, speech.target_impulse_n_s)
 
         # Firmware at t_k + T/2
-        state, outputs = step(config, state, _inputs(accelerometer, coarse, encoder, heard))
+        state, outputs = step(config, state, _inputs(accelerometer, coarse, encoder, heard, gait_input))
         if outputs.mode != line.mode:
             _book_mode(record, tick, outputs)
-        line, wishes = sent(line, outputs, heard, tick)
+        line, wishes = sent(line, outputs, heard, gait_input.age_ticks < NEVER_TICKS, tick)
 
         # Books
         _book(record, tick, outputs)
@@ -243,6 +261,8 @@ def run(
             row[TRACE_LOW], row[TRACE_HIGH] = accelerometer.low_m_s2, accelerometer.high_m_s2
             row[TRACE_HOUSING] = accelerometer.housing_m_s2
             row[TRACE_POSITION], row[TRACE_VELOCITY] = encoder.position_rev, encoder.velocity_rev_s
+            row[TRACE_FELT] = felt_n
+            row[TRACE_PHASE], row[TRACE_CONFIDENCE] = state.gait.phase, state.gait.confidence
         if _is_full(record, module):
             if not plan.endless:
                 record.counts[FULL] = 1
@@ -265,6 +285,22 @@ def _coarse(plan: Plan, senses: Senses, x_m: float, tick: int, noise: np.random.
     if plan.coarse_ticks == 0 or tick % plan.coarse_ticks != 0:
         return CoarseInput(0.0, NEVER_TICKS)
     return CoarseInput(framed(senses.coarse, x_m + COARSE_NOISE_M * noise.standard_normal()), 0)
+
+
+@subroutine
+def _gait(gait: GaitFrames, before: GaitInput, tick: int) -> GaitInput:
+    """The gait sensors' frame of this tick, or the last one, a tick older."""
+    place = tick // gait.ticks
+    if tick % gait.ticks == 0 and place < gait.rows.shape[0] and not np.isnan(gait.rows[place, 0]):
+        row = gait.rows[place]
+        return GaitInput(row[0], row[1], row[2] > 0.0, row[3] > 0.0, 0)
+    return GaitInput(
+        before.shank_rate_rad_s,
+        before.along_m_s2,
+        before.heel,
+        before.toe,
+        min(before.age_ticks + 1, NEVER_TICKS),
+    )
 
 
 @subroutine
@@ -441,7 +477,11 @@ def _felt_by_housing(filters: Filters) -> float:
 
 @subroutine
 def _inputs(
-    accelerometer: AccelerometerInput, coarse: CoarseInput, encoder: EncoderInput, heard: Heard
+    accelerometer: AccelerometerInput,
+    coarse: CoarseInput,
+    encoder: EncoderInput,
+    heard: Heard,
+    gait: GaitInput,
 ) -> Inputs:
     """What the firmware's shell hands to the core in an ordinary tick."""
     request = OperatorRequest.IDLE
@@ -463,7 +503,7 @@ def _inputs(
             max(heard.current_age, heard.temperature_age, heard.supply_age),
         ),
         operator=OperatorInput(request, heard.target_ratio, heard.target_impulse_n_s, heard.operator_age),
-        gait=GaitInput(0.0, 0.0, False, False, NEVER_TICKS),
+        gait=gait,
         estop=False,
     )
 

@@ -20,7 +20,6 @@ from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import housing_m_s2, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley
-from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import Settled
 from plant_sim.result import MotionState
 from plant_sim.sensing import HOUSING, SPEED_ESTIMATE, NoSensing, Sensing, driven
@@ -44,6 +43,7 @@ from plant_sim.solvers.motion import (
     derivative,
     held_force_n,
     state_size,
+    work_place,
 )
 from plant_sim.solvers.transitions import apply, settle, settle_crank, turn_crank
 from tools.campaign.kernels import subroutine
@@ -55,8 +55,6 @@ STEPS_IN_CONTACT = 4
 """A default contact lasts ten ticks: forty steps, which place its end to a microsecond."""
 ACCURACY = 1e-9
 """Handed to the plant's memory, where it settles below which rebound a striker rests."""
-IMPULSE_PLACE = 7
-"""After depth, velocity, crank angle and speed, and the ledger's works of drive, friction and stop."""
 MOST_CUTS = 40
 
 
@@ -150,7 +148,7 @@ def advance(
         else:
             _filter_part(parts, flow, filters, module, used_s)
         if in_contact:
-            push_n = module.k4[IMPULSE_PLACE]
+            push_n = module.k4[work_place(parts) + 3]
             memory.contact[PEAK] = max(memory.contact[PEAK], push_n)
         for i in range(state_size(parts)):
             y[i] = module.end[i]
@@ -248,8 +246,9 @@ def _locate(parts: Parts, flow: Flow, module: Module, kind: int, longest_s: floa
 @subroutine
 def _filter(parts: Parts, flow: Flow, filters: Filters, row: int, module: Module, h_s: float) -> None:
     """Drive the low-passes over a step of one of the two usual lengths."""
+    felt = _felt_course(parts, flow, h_s)
     for which in range(filters.states.size):
-        a0, a1, mean, gain = _course(parts, flow, filters, which, module, h_s)
+        a0, a1, mean, gain = _course(felt, filters, which, module, h_s)
         c1, c2 = _parabola(a0, a1, mean)
         step = filters.steps[row, which]
         filters.states[which] = (
@@ -263,16 +262,26 @@ def _filter_part(parts: Parts, flow: Flow, filters: Filters, module: Module, h_s
     if h_s <= 0.0:
         return
     power = filters.power
+    felt = _felt_course(parts, flow, h_s)
     for which in range(filters.states.size):
-        a0, a1, mean, gain = _course(parts, flow, filters, which, module, h_s)
+        a0, a1, mean, gain = _course(felt, filters, which, module, h_s)
         c1, c2 = _parabola(a0, a1, mean)
         power[0], power[1], power[2] = a0 * gain, c1 * gain, c2 * gain
         filters.states[which] = driven(filters.poles[which], filters.states[which], power, 2, h_s)
 
 
 @subroutine
+def _felt_course(parts: Parts, flow: Flow, h_s: float) -> tuple[float, float, float]:
+    """The housing's a_b at both ends of a step, and its mean by Simpson's rule."""
+    first = housing_m_s2(parts.housing, flow.time_s)
+    middle = housing_m_s2(parts.housing, flow.time_s + 0.5 * h_s)
+    last = housing_m_s2(parts.housing, flow.time_s + h_s)
+    return first, last, (first + 4.0 * middle + last) / 6.0
+
+
+@subroutine
 def _course(
-    parts: Parts, flow: Flow, filters: Filters, which: int, module: Module, h_s: float
+    felt: tuple[float, float, float], filters: Filters, which: int, module: Module, h_s: float
 ) -> tuple[float, float, float, float]:
     """A filter's input at both ends of a step, its mean, and the input's gain.
 
@@ -283,10 +292,7 @@ def _course(
     if which == SPEED_ESTIMATE:
         mean = 0.5 * (y[3] + end[3]) + h_s * (slope[3] - slope_end[3]) / 12.0
         return y[3], end[3], mean, -filters.poles[which].real
-    first = housing_m_s2(parts.housing, flow.time_s)
-    middle = housing_m_s2(parts.housing, flow.time_s + 0.5 * h_s)
-    last = housing_m_s2(parts.housing, flow.time_s + h_s)
-    mean = (first + 4.0 * middle + last) / 6.0
+    first, last, mean = felt
     if which == HOUSING:
         return first, last, mean, 1.0
     return slope[1] + first, slope_end[1] + last, (end[1] - y[1]) / h_s + mean, 1.0
@@ -301,6 +307,6 @@ def _parabola(a0: float, a1: float, mean: float) -> tuple[float, float]:
 
 
 def is_supported(parts: Parts) -> bool:
-    """Whether the campaign's plant knows these parts: a torque-mode motor, a soft stop that nobody wears."""
-    is_plain = isinstance(parts.wearer, NoWearer) and isinstance(parts.winding, Settled)
-    return is_plain and isinstance(parts.drive, MotorDrive) and isinstance(parts.stop, HuntCrossley)
+    """Whether the campaign's plant knows these parts: a torque-mode motor and a soft stop."""
+    is_torque_driven = isinstance(parts.drive, MotorDrive) and isinstance(parts.winding, Settled)
+    return is_torque_driven and isinstance(parts.stop, HuntCrossley)

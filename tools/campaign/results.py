@@ -25,6 +25,8 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "fault_before_start": (("fault_before_start",), ("eligible",)),
     "shocks_taken_for_blows": (("shocks_taken_for_blows",), ("shocks",)),
     "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
+    "in_window": (("strides_hit",), ("strides",)),
+    "in_force": (("turns_in_force",), ("turns",)),
 }
 """Shares of added-up counts: numerator, denominator.
 

@@ -17,6 +17,7 @@ from plant_sim.simulate import initial_state
 from plant_sim.solvers.memory import IMPACTS
 from tools.campaign import columns, loop
 from tools.campaign.drive import first_axis
+from tools.campaign.gait_frames import gait_frames
 from tools.campaign.loop import Plan, Record, Script, Senses, record
 from tools.campaign.plant import filters, is_supported, module
 from tools.campaign.quantise import accelerometer, signal_counts
@@ -56,14 +57,13 @@ class Run(NamedTuple):
     cut_short: bool
 
 
-def supported(scene: Scene) -> Parts:
-    """The parts of a scene that campaigns know."""
-    parts = scene.parts()
+def supported(scene: Scene, seed: int = 1) -> Parts:
+    """The parts of a scene that campaigns know; of a walk the strides are drawn from `seed`."""
+    parts = scene.parts(seed)
     if scene.sensors is None or not is_supported(parts):
         raise BadInputError(
-            f"campaigns run a motor, sensors and a Hunt–Crossley stop that nobody wears; "
+            f"campaigns run a motor, sensors and a Hunt–Crossley stop; "
             f"the scene has drive.model = {scene.drive.model!r}, stop.law = {scene.stop.law!r}"
-            f"{', [wearer]' if scene.wearer else ''}"
         )
     return parts
 
@@ -77,10 +77,14 @@ def run(
     plan: Plan = UNDISTURBED,
     traced: bool = False,
     room_s: float | None = None,
+    walk_seed: int = 1,
 ) -> Run:
-    """Run a closed loop from power-up on; `room_s` of an endless one: for how long there is room."""
+    """Run a closed loop from power-up on; `room_s` of an endless one: for how long there is room.
+
+    `walk_seed`: of the strides and the gait sensors' noise, where somebody walks.
+    """
     room_s = duration_s if room_s is None else room_s
-    parts = supported(scene)
+    parts = supported(scene, walk_seed)
     assert scene.sensors is not None
     models, initial = scene.sensors.models(), initial_state(scene)
     tick_s = config.tick_s
@@ -116,6 +120,7 @@ def run(
         config,
         INITIAL,
         script,
+        gait_frames(scene, parts, walk_seed, duration_s, tick_s),
         plan,
         noise,
         books,

@@ -22,6 +22,7 @@ CURRENT_TICKS = 10
 HEARTBEAT_TICKS = 100
 HEARTBEAT_AT, ERRORS_AT, TEMPERATURE_AT, SUPPLY_AT = range(1, 5)
 ESTIMATE_TICKS = 10
+GAIT_TICKS = 40
 RETRY_TICKS = 50
 NEVER = -1_000_000
 
@@ -156,7 +157,7 @@ def told(heard: Heard, request: int, target_ratio: float, target_impulse_n_s: fl
 
 
 @subroutine
-def sent(line: Line, outputs: Outputs, heard: Heard, tick: int) -> tuple[Line, Wishes]:
+def sent(line: Line, outputs: Outputs, heard: Heard, hears_gait: bool, tick: int) -> tuple[Line, Wishes]:
     """Queue what this tick has to say; the torque and the frame whose turn it is leave."""
     waiting, size = line.waiting, line.size
     changed = outputs.mode != line.mode
@@ -189,6 +190,8 @@ def sent(line: Line, outputs: Outputs, heard: Heard, tick: int) -> tuple[Line, W
     if tick % ESTIMATE_TICKS == 0:
         others += 1
     if tick % HEARTBEAT_TICKS == 0:
+        others += 1
+    if hears_gait and tick % GAIT_TICKS == 0:
         others += 1
     for _ in range(others):
         waiting[end % PLACES] = OTHER

@@ -20,6 +20,8 @@ from tools.campaign.draws import Drawn, disturbance_of, draw, mismatch_of
 from tools.campaign.outcome import Outcome
 from tools.campaign.reference import LONGEST_GAP, goes_on, instant_start_captures, reference, would_be_lost
 from tools.campaign.run import UNDISTURBED, Run, first_in, rms, run
+from tools.campaign.walk_cells import WalkCell
+from tools.campaign.walks import walk
 
 FloatArray = NDArray[np.float64]
 
@@ -337,8 +339,12 @@ def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed
     cell = cells[number]
     outcome = Outcome(trial, number)
     started_s = time.process_time()
-    drawn = drawn_for(cell, numbers, seed, trial)
-    TRIALS[campaign](cell, config_from(cell.firmware), drawn, numbers, outcome)
+    config = config_from(cell.firmware)
+    if isinstance(cell, WalkCell):
+        walk(cell, config, numbers, seed, trial, outcome)
+    else:
+        drawn = drawn_for(cell, numbers, seed, trial)
+        TRIALS[campaign](cell, config, drawn, numbers, outcome)
     outcome.compute_s = time.process_time() - started_s
     return outcome
 

@@ -20,7 +20,17 @@ def register(app: typer.Typer) -> None:
 
 def campaign(
     name: Annotated[
-        Literal["start-up", "estimate", "estimate-coarse", "detect", "shock", "hold", "recover", "endurance"],
+        Literal[
+            "start-up",
+            "estimate",
+            "estimate-coarse",
+            "detect",
+            "shock",
+            "hold",
+            "recover",
+            "walk",
+            "endurance",
+        ],
         typer.Argument(help="What is put to the test; endurance: the covariance over many ticks."),
     ],
     trials: Annotated[
@@ -74,11 +84,13 @@ def run_campaign(
     from tools.campaign.cells import cells_of
     from tools.campaign.processes import run_all
     from tools.campaign.results import result_of
+    from tools.campaign.walk_cells import walk_cells
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
     try:
-        cells, numbers = cells_of({"conditions": chosen.conditions, **chosen.numbers}, changes)
+        made = walk_cells if name == "walk" else cells_of
+        cells, numbers = made({"conditions": chosen.conditions, **chosen.numbers}, changes)
     except SettingError as error:
         raise BadInputError(str(error)) from error
     for cell in cells:

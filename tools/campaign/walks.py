@@ -1,0 +1,208 @@
+"""One trial of the campaign `walk`: somebody walks, and the firmware follows; judged against the truth.
+
+Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
+stride. Pulses after a stop or a stumble count until a pause (`hil.gait_figures.following`); those that the
+leg's own motion makes after it are counted apart.
+"""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.lock import LockConfig
+from firmware_py.core.step import Config
+from firmware_py.interface.enums import Fault, Mode
+from hil.detection import WEAKEST_V_M_S
+from hil.gait_figures import following
+from hil.operator import Command, Request
+from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
+from plant_sim.solvers.memory import APPROACH, IMPACT_TIME
+from tools.campaign import columns
+from tools.campaign.draws import Drawn, draw, mismatch_of
+from tools.campaign.gait_frames import phases_at
+from tools.campaign.outcome import Outcome
+from tools.campaign.run import Run, first_in, run
+from tools.campaign.walk_cells import PRESETS, WalkCell
+
+FloatArray = NDArray[np.float64]
+
+IDLE_S, RUN_S = 0.0, 0.5
+SETTLED_S = 5.0
+STEADY_S = 20.0
+"""Until a stop, a stumble or a change may come: three strides, the start, and some to settle."""
+LATER_S = (0.0, 3.0)
+CHANGE_SHARE, CHANGE_STRIDES = 0.2, 5
+BACK_S = 25.0
+"""From the change of cadence to the one back."""
+AFTER_S = 10.0
+"""How long a trial goes on after a stop or a stumble."""
+SOFTEST_N, HARDEST_N = 10.0, 40.0
+HARDER = 1.05
+"""The leg's own motion makes blows uneven: a twentieth."""
+LONGEST_GAP = 2.2
+"""Turns between two blows of a motion that goes on striking."""
+
+
+class Course(NamedTuple):
+    """Paces (at_s, stride_hz), stumbles, and how long the trial lasts, s."""
+
+    paces: list[tuple[float, float]]
+    stumbles: list[float]
+    duration_s: float
+
+
+def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
+    """The walk of a trial: its cadence, and when what happens."""
+    preset, at_s = PRESETS[cell.preset], STEADY_S + float(dice.uniform(*LATER_S))
+    lowest_hz, highest_hz = preset.lowest_hz, preset.highest_hz
+    if cell.course == "change":
+        highest_hz = max(highest_hz / (1.0 + CHANGE_SHARE), lowest_hz)
+    first_hz = float(dice.uniform(lowest_hz, highest_hz))
+    whole_s = float(numbers["walk_s"])
+    if cell.course == "stop":
+        return Course([(0.0, first_hz), (at_s, 0.0)], [], at_s + AFTER_S)
+    if cell.course == "stumble":
+        return Course([(0.0, first_hz)], [at_s], at_s + AFTER_S)
+    if cell.course == "steady":
+        return Course([(0.0, first_hz)], [], whole_s)
+    second_hz = first_hz * (1.0 + CHANGE_SHARE)
+    if dice.uniform() < 0.5:
+        first_hz, second_hz = second_hz, first_hz
+    lasts_s = 2.0 * CHANGE_STRIDES / (first_hz + second_hz)
+    paces = [
+        (0.0, first_hz),
+        (at_s, first_hz),
+        (at_s + lasts_s, second_hz),
+        (at_s + BACK_S, second_hz),
+        (at_s + BACK_S + lasts_s, first_hz),
+    ]
+    return Course(paces, [], whole_s)
+
+
+def drawn_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Drawn, Course]:
+    """The truth of a trial, and what the wearer does in it."""
+    course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
+    scene = deepcopy(dict(cell.scene))
+    scene["gait"] = {
+        **scene["gait"],
+        "variability": float(numbers["variability"]),
+        "pace": [{"at_s": at_s, "stride_hz": hertz} for at_s, hertz in course.paces],
+        "stumble": [{"at_s": at_s} for at_s in course.stumbles],
+    }
+    return draw(scene, mismatch_of(numbers), seed, trial, at_rest=True), course
+
+
+def walk(
+    cell: WalkCell, config: Config, numbers: Mapping[str, Any], seed: int, trial: int, outcome: Outcome
+) -> None:
+    """Run a walk and judge it."""
+    drawn, course = drawn_walk(cell, numbers, seed, trial)
+    commands = [Command(IDLE_S, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
+    done = run(
+        drawn.scene, config, commands, course.duration_s, drawn.noise, traced=True, walk_seed=seed + trial
+    )
+    outcome.simulated_s = course.duration_s
+    captured = first_in(done.modes, Mode.RUN)
+    ends_s = ended_s(done.parts.housing)
+    if first_in(done.modes, Mode.SOFT_START) is None:
+        outcome.eligible = False
+        outcome.why = "refused: no whole number of turns a stride within the region"
+        return
+    if captured is None or captured.t_s + SETTLED_S > ends_s:
+        outcome.why = f"no hold: {last_word(done)}"
+        return
+    hold_s = (captured.t_s, min(left_s(done, captured.t_s), course.duration_s, ends_s))
+    judge_hold(done, config.lock, hold_s, outcome)
+    if cell.course in ("stop", "stumble"):
+        judge_end(done, ends_s, hold_s, PRESETS[cell.preset].last_pulse_s, outcome)
+    elif done.modes[-1].mode != Mode.RUN:
+        outcome.why = f"not kept: {last_word(done)}"
+    else:
+        outcome.why = missing(done, hold_s)
+
+
+def last_word(done: Run) -> str:
+    """In which mode a run ends, since when, and why."""
+    if not done.modes:
+        return "never ready"
+    last = done.modes[-1]
+    fault = f", {last.fault.name.lower()}" if last.fault != Fault.NONE else ""
+    return f"{last.mode.name.lower()} since {last.t_s:.1f} s{fault}"
+
+
+def ended_s(walking: object) -> float:
+    """When the leg first stands after walking, or stumbles; inf where it does neither."""
+    assert isinstance(walking, Walking)
+    rows = walking.rows
+    walks = np.maximum(rows[:, FROM_SIZE], rows[:, TO_SIZE]) > 0.0
+    stands = ~walks & (np.cumsum(walks) > 0)
+    found = rows[stands | (rows[:, KNOCK_M_S2] > 0.0), BEGIN_S]
+    return float(found[0]) if len(found) else float("inf")
+
+
+def left_s(done: Run, since_s: float) -> float:
+    """When mode RUN is left after `since_s`; inf where it is not."""
+    return next((change.t_s for change in done.modes if change.t_s > since_s), float("inf"))
+
+
+def missing(done: Run, hold_s: tuple[float, float]) -> str:
+    """Whether blows are missing in the hold, and since when."""
+    begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
+    turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
+    times = done.impacts[:, IMPACT_TIME]
+    times = np.concatenate([[begin_s], times[(times > begin_s) & (times < end_s)], [end_s]])
+    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * np.max(np.diff(turns_s), initial=0.0))
+    return f"blows missing from {times[gaps[0]]:.1f} s on" if len(gaps) else ""
+
+
+def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome: Outcome) -> None:
+    """Felt force from turn to turn, pulses from stride to stride, and the phase's error."""
+    begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
+    ticks = np.arange(round(begin_s / done.tick_s), round(end_s / done.tick_s))
+    if len(ticks) == 0:
+        return
+    rows = done.trace[ticks]
+    turns = np.flatnonzero(np.diff(rows[:, columns.TRACE_ANGLE]) < -np.pi) + 1
+    if len(turns) > 1:
+        peaks_n = np.maximum.reduceat(np.abs(rows[: turns[-1], columns.TRACE_FELT]), turns[:-1])
+        outcome.counts["turns"] = len(peaks_n)
+        outcome.counts["turns_in_force"] = int(np.sum((peaks_n >= SOFTEST_N) & (peaks_n <= HARDEST_N)))
+        outcome.metrics["felt_low"] = float(np.min(peaks_n))
+        outcome.metrics["felt_high"] = float(np.max(peaks_n))
+    walking = done.parts.housing
+    assert isinstance(walking, Walking)
+    truth = phases_at(walking, ticks.astype(np.float64) * done.tick_s)
+    error = (rows[:, columns.TRACE_PHASE] - truth + 0.5) % 1.0 - 0.5
+    outcome.metrics["phase_rmse"] = 100.0 * float(np.sqrt(np.mean(error**2)))
+    strikes_s = ticks[1:][np.diff(truth) < -0.5] * done.tick_s
+    pulses_s = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S, IMPACT_TIME]
+    phases = phases_at(walking, pulses_s)
+    inside = (phases >= lock.window_start) & (phases <= lock.window_end)
+    if len(strikes_s) > 1:
+        hits = np.histogram(pulses_s[inside], strikes_s)[0]
+        outcome.counts["strides"] = len(hits)
+        outcome.counts["strides_hit"] = int(np.sum(hits > 0))
+        outcome.metrics["pulses_per_stride"] = float(np.mean(np.histogram(pulses_s, strikes_s)[0]))
+
+
+def judge_end(
+    done: Run, ends_s: float, hold_s: tuple[float, float], latest_s: float, outcome: Outcome
+) -> None:
+    """How soon pulses end after a stop or a stumble, and how hard the last ones are."""
+    pulses = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S]
+    times, speeds = pulses[:, IMPACT_TIME], pulses[:, APPROACH]
+    follows = following(times, ends_s, float("inf"))
+    steady = (times >= 0.5 * (sum(hold_s))) & (times <= ends_s)
+    last_s = float(np.max(times[follows] - ends_s, initial=0.0))
+    hardest = float(np.max(speeds[follows], initial=0.0)) / float(np.max(speeds[steady], initial=1e-9))
+    outcome.metrics["last_pulse"] = last_s
+    outcome.metrics["undriven"] = float(np.count_nonzero(times > ends_s) - np.count_nonzero(follows))
+    outcome.metrics["hardest_after"] = hardest
+    outcome.metrics["decision"] = left_s(done, hold_s[0]) - ends_s
+    if last_s > latest_s:
+        outcome.why = f"last pulse {last_s:.2f} s after"
+    elif hardest > HARDER:
+        outcome.why = f"a pulse {hardest:.2f} times as hard as the last steady ones"
