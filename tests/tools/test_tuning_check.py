@@ -1,10 +1,16 @@
 """The defaults against the tunings: what counts as agreement, and that disagreement is said."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from firmware_py.shell.parameters import DEFAULTS
-from tools.tuning import detector, estimator, start
-from tools.tuning.check import TOLERANCES, Tolerance, margins_of, rows_of
+from hil.parameter_file import read_document, values_of
+from tools import cli
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.tuning import check, detector, estimator, start
+from tools.tuning.check import TOLERANCES, Effort, Tolerance, margins_of, rows_of
 from tools.tuning.result import Tuning, tuned
 from tools.tuning.speed import tune_speed
 
@@ -55,3 +61,43 @@ def test_margins_need_the_start_and_the_estimator() -> None:
     lonely = Tuning("speed", "", None, "", {"speed.gain_i_n_m": tuned("speed.gain_i_n_m", 1, 1, 1)}, {})
     with pytest.raises(KeyError):
         margins_of([lonely], effort=None, progress=lambda *_: None)  # type: ignore[arg-type]
+
+
+def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
+    """The command, each tuning looking at very little: what it says of the defaults is what it has tuned.
+
+    Designed and identified values do not depend on how much is looked at: these defaults have to agree.
+    """
+    little = Effort(
+        detector_trials=11,
+        floors_m_s2=(0.8, 1.5),
+        start_candidates=1,
+        start_trials=12,
+        start_fresh_trials=12,
+        modules=2,
+        seconds=20.0,
+        fresh_trials=4,
+        hold_trials=1,
+    )
+    monkeypatch.setattr(check, "QUICK", little)
+    code = cli.run(["tune", "check", "--quick", "--workers", "1", "--out", str(tmp_path), "--json"])
+    payload = json.loads(capsys.readouterr().out)
+    rows = {row["parameter"]: row for row in payload["parameters"]}
+    assert set(rows) == set(TOLERANCES)
+    assert len(rows) == len(payload["parameters"])
+    for command in ("speed", "identify", "estimator", "detector", "start"):
+        path = tmp_path / f"{command}.toml"
+        tuned_values = values_of(read_document(path), path)
+        assert tuned_values == {name: row["tuned"] for name, row in rows.items() if row["command"] == command}
+        assert tuned_values
+    assert all(row["default"] == DEFAULTS[name] for name, row in rows.items())
+    sure = [row for row in rows.values() if row["command"] in ("speed", "identify")]
+    assert [row["parameter"] for row in sure if not row["passed"]] == []
+    assert {one["scenario"] for one in payload["safety"]} >= {"bounds", "e-stop-in-the-hold"}
+    margins = {one["what"]: one for one in payload["margins"]}
+    assert len(margins) == 7
+    ripple = margins["crank's speed ripple in the hold"]
+    assert 0.0 < 10.0 * ripple["default"] < ripple["naive"]
+    passed = all(row["passed"] for row in rows.values()) and all(one["passed"] for one in payload["safety"])
+    assert payload["passed"] is passed
+    assert code == (EXIT_PASSED if passed else EXIT_CHECK_FAILED)

@@ -29,6 +29,7 @@ HOLD_RATIO = (("viscous",), (1.3,), (0.0,))
 NO_FEED_FORWARD = {"speed.load_share": 0.0}
 TIMID_FLOOR = {detector.PARAMETER: 0.1}
 """Seven times the sensor's noise: what a threshold is often set to."""
+HASTY = "up to speed in 0.5 s"
 
 Progress = Callable[[str, float], None]
 
@@ -244,7 +245,14 @@ def margins_of(
     shown = [
         Margin("crank's speed ripple in the hold", "%", ripples[0], ripples[1], "no load fed forward"),
         Margin("misses and false alarms", "1/h", costs[0], costs[1], "a floor of seven times the noise"),
-        Margin("starts that fail", "%", failing("default_"), failing("naive_"), "up to speed in 0.5 s"),
+        Margin("starts that fail", "%", failing("default_"), failing("naive_"), HASTY),
+    ]
+    shown += [
+        Margin(what, unit, of_start[f"default_{name}"].value, of_start[f"naive_{name}"].value, HASTY)
+        for what, name, unit in (
+            ("largest blow of all starts, steady ones = 1", "largest_overshoot", "1"),
+            ("until 95 % of starts have captured", "capture_p95", "s"),
+        )
     ]
     if "fresh_x_rmse" in of_estimator:
         shown += [
