@@ -18,7 +18,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.numbers import at_least
 from firmware_py.core.regime import RegimeState
-from firmware_py.interface.enums import Mode
+from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
 
 
 class Stage(IntEnum):
@@ -32,6 +32,9 @@ class Stage(IntEnum):
     DWELL = 5
     STOP = 6
     APPROACH = 7
+
+
+REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
 
 
 class StartConfig(NamedTuple):
@@ -85,7 +88,7 @@ NO_CEILING = 10.0
 
 
 INITIAL = StartState(
-    stage=Stage.REST,
+    stage=REST,
     from_rad_s=0.0,
     to_rad_s=0.0,
     duration_s=1.0,
@@ -140,7 +143,7 @@ def _curve(state: StartState, stage: Stage, to_rad_s: float, duration_s: float, 
 @compiled
 def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
     """Further along the curve; in the hold, which has moved on from its end, the target stays."""
-    if state.stage == Stage.HOLD:
+    if state.stage == HOLD:
         return state
     s = state.s + elapsed_ticks * config.tick_s / state.duration_s
     height, slope = s_curve(s)
@@ -223,7 +226,7 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
     has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
     step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
     return StartState(
-        stage=Stage.DIP,
+        stage=DIP,
         from_rad_s=state.target_omega_rad_s,
         to_rad_s=config.dip_ratio * config.natural_rad_s,
         duration_s=config.dip_s,
@@ -253,7 +256,7 @@ def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bo
 def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
     """The first S-curve, from a crank that may still turn; a rise quicker than the approach needs none."""
     turning = StartState(
-        stage=Stage.REST,
+        stage=REST,
         from_rad_s=omega_rad_s,
         to_rad_s=omega_rad_s,
         duration_s=1.0,
@@ -269,8 +272,8 @@ def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartS
     )
     approach_rad_s = config.approach_ratio * config.natural_rad_s
     if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
-        return _curve(turning, Stage.APPROACH, approach_rad_s, config.approach_s, 0)
-    return _curve(turning, Stage.RISE, goal_rad_s, config.rise_s, 0)
+        return _curve(turning, APPROACH, approach_rad_s, config.approach_s, 0)
+    return _curve(turning, RISE, goal_rad_s, config.rise_s, 0)
 
 
 @compiled
@@ -292,11 +295,11 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen or, if it
     `may_retreat`, than it was lost at; in the hold `trim` moves the ratio on from there.
     """
-    if mode == Mode.STOPPING:
-        if state.stage != Stage.STOP:
-            state = _curve(state, Stage.STOP, 0.0, config.stop_s, 0)
+    if mode == STOPPING:
+        if state.stage != STOP:
+            state = _curve(state, STOP, 0.0, config.stop_s, 0)
         return _advanced(config, state, elapsed_ticks)
-    if mode not in (Mode.SOFT_START, Mode.RUN):
+    if mode not in (SOFT_START, RUN):
         return INITIAL
     if not drive_ready or state.failed:
         return state
@@ -305,38 +308,38 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
         goal_ratio = min(goal_ratio, state.ceiling_ratio)
     goal_rad_s = goal_ratio * config.natural_rad_s
     needs_impacts = target_ratio >= config.capture_ratio
-    if state.stage in (Stage.REST, Stage.STOP):
+    if state.stage in (REST, STOP):
         return _begin(config, omega_rad_s, goal_rad_s)
 
     held_periods = state.hits  # before the misses that may end them
     state = _advanced(config, _counted(state, regime), elapsed_ticks)
     arrived = state.s >= 1.0
-    if state.stage == Stage.APPROACH:
-        return _curve(state, Stage.RISE, goal_rad_s, config.rise_s, 0) if arrived else state
-    if state.stage == Stage.DIP:
-        return _at(state, Stage.DWELL, 0, captured=False, failed=False) if arrived else state
-    if state.stage == Stage.DWELL:
+    if state.stage == APPROACH:
+        return _curve(state, RISE, goal_rad_s, config.rise_s, 0) if arrived else state
+    if state.stage == DIP:
+        return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
+    if state.stage == DWELL:
         settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
         # Without a blow in the dip either there may be none to be had: that counts as two.
         attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
-        return _curve(state, Stage.RISE, goal_rad_s, config.again_s, attempts) if settled else state
+        return _curve(state, RISE, goal_rad_s, config.again_s, attempts) if settled else state
     if goal_rad_s != state.to_rad_s:
         share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
-        return _curve(state, Stage.RISE, goal_rad_s, duration_s, state.attempts)
-    if state.stage == Stage.RISE:
+        return _curve(state, RISE, goal_rad_s, duration_s, state.attempts)
+    if state.stage == RISE:
         # Impacts on the way count, but for the last two: those have to come at the target.
         hits = min(state.hits, max(config.confirm_periods - 2, 0))
-        return _at(state, Stage.CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
-    if state.stage == Stage.CONFIRM:
+        return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
+    if state.stage == CONFIRM:
         if not needs_impacts or state.hits >= config.confirm_periods:
-            return _at(state, Stage.HOLD, 0, captured=True, failed=False)
+            return _at(state, HOLD, 0, captured=True, failed=False)
         return _again(config, state, 0) if state.misses >= config.missing_periods else state
     if needs_impacts and state.misses >= config.lost_periods:
         return _again(config, state, held_periods)
     again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
     return StartState(
-        Stage.HOLD,
+        HOLD,
         state.from_rad_s,
         state.to_rad_s,
         state.duration_s,

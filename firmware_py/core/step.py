@@ -282,7 +282,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
 
     # Command
     target_ratio = inputs.operator.target_ratio
-    holding = mode == RUN and state.start.stage == start.Stage.HOLD
+    holding = mode == RUN and state.start.stage == start.HOLD
     identify_now = state.identify
     if config.identify.enabled and (
         contact.touch_down or contact.separation or estimate.flight.ticks % identify.SAMPLE_TICKS == 0
