@@ -3,6 +3,8 @@
 import os
 import shutil
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,6 +62,54 @@ class Stopwatch:
         return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
 
 
+class Course:
+    """One study from its options to its result: where it is computed, at what cost, and how it is told."""
+
+    def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
+        from tools.study import work
+
+        self.where = work.here(out, cores, scheduler)
+        self._compile_s = 0.0
+        self._cost: dict[str, float] = {}
+
+    def warm(self, cases: "Sequence[Case]") -> None:
+        """Compile or load the kernels of these modules before any clock starts."""
+        from tools.study.orbits import warm
+
+        self._compile_s = warm(cases)
+
+    @contextmanager
+    def computing(self) -> Iterator[None]:
+        """What is within counts as computing."""
+        clock = Stopwatch()
+        yield
+        self._cost = clock.read()
+
+    def tell(self, result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
+        """Print the result with its cost: one JSON object, or what `show` prints and a table."""
+        where = self.where
+        payload = {
+            **result,
+            **self._cost,
+            "compile_s": self._compile_s,
+            "cores": where.cores,
+            "out": str(where.out),
+        }
+        if as_json:
+            print_json(payload)
+            return
+        show()
+        rows = [
+            ("computing", payload["wall_s"], "s"),
+            ("of processor time", payload["cpu_s"], "s"),
+            ("compiling or loading kernels", payload["compile_s"], "s"),
+            ("figures and results in", payload["out"], ""),
+        ]
+        if "page" in payload:
+            rows.append(("page to read", payload["page"], ""))
+        console.print(figure_table("", rows))
+
+
 @study.command()
 def sweep(
     preset: Annotated[str, typer.Option(help="table1, gait or both.")] = "both",
@@ -77,8 +127,7 @@ def sweep(
     """Amplitude–frequency diagrams, run-up and run-down, 50 s a ratio with 30 s discarded."""
     from dataclasses import replace
 
-    from tools.study import cases, figures, recordings, work
-    from tools.study.orbits import warm
+    from tools.study import cases, figures, recordings
     from tools.study.sweep import diagrams
 
     presets = cases.PRESETS if preset == "both" else (one_of("--preset", preset, cases.PRESETS),)
@@ -88,11 +137,11 @@ def sweep(
         chosen = cases.whole_range(presets, laws)
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude_m(amplitude)) for case in chosen]
-    where = work.here(out, cores, scheduler)
-    compile_s = 0.0 if scheduler else warm(chosen)
-    clock = Stopwatch()
-    found = diagrams(chosen, where)
-    cost = clock.read()
+    course = Course(out, cores, scheduler)
+    if scheduler is None:
+        course.warm(chosen)
+    with course.computing():
+        found = diagrams(chosen, course.where)
     pictures = []
     for name in presets:
         shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
@@ -101,19 +150,12 @@ def sweep(
     pictures += figures.regime_bars(found, out, "regimes")
     if rrd is not None:
         recordings.sweeps([d for d in found if is_nominal(d.case)], rrd)
-    payload = {
+    result = {
         "regimes": [diagram.as_json() for diagram in found],
-        **cost,
-        "compile_s": compile_s,
-        "cores": where.cores,
         "figures": pictures,
         "rrd": rrd and str(rrd),
-        "out": str(out),
     }
-    if as_json:
-        print_json(payload)
-    else:
-        show_sweep(found, payload)
+    course.tell(result, as_json, lambda: show_sweep(found))
 
 
 @study.command()
@@ -148,8 +190,7 @@ def basin(
     import numpy as np
 
     from tools.study import basin as basins
-    from tools.study import figures, soft_start, work
-    from tools.study.orbits import warm
+    from tools.study import figures, soft_start
 
     case = chosen_case(preset, law, value, amplitude)
     planes = basins.PLANES if plane == "both" else (one_of("--plane", plane, basins.PLANES),)
@@ -157,12 +198,12 @@ def basin(
     size = (SOFT_SIZE if soft else INSTANT_SIZE) if size is None else size
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    where = work.here(out, cores, scheduler)
-    compile_s = 0.0 if scheduler or soft else warm([case])
+    course = Course(out, cores, scheduler)
+    if not (scheduler or soft):
+        course.warm([case])
     compute = soft_start.compute if soft else basins.compute
-    clock = Stopwatch()
-    found = [compute(case, positive("--ratio", ratio), one, size, where) for one in planes]
-    cost = clock.read()
+    with course.computing():
+        found = [compute(case, positive("--ratio", ratio), one, size, course.where) for one in planes]
     pictures = []
     for one in found:
         across, up = basins.axes(case, one.plane, size)
@@ -175,22 +216,14 @@ def basin(
         pictures += figures.basin(
             case, ratio, one.plane, across, up, blows, caption_of(one), out, one.name, at_once
         )
-    payload = {
-        "basins": [one.as_json() for one in found],
-        **cost,
-        "compile_s": compile_s,
-        "cores": where.cores,
-        "figures": pictures,
-        "out": str(out),
-    }
-    if as_json:
-        print_json(payload)
-    else:
+
+    def show() -> None:
         for one in found:
             rows = [(name.replace("_", " "), figure_of(value), "") for name, value in one.statistics.items()]
             title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}, {one.start} start"
             console.print(figure_table(title, rows))
-        show_cost(payload)
+
+    course.tell({"basins": [one.as_json() for one in found], "figures": pictures}, as_json, show)
 
 
 @study.command("map")
@@ -211,18 +244,17 @@ def chart(
     import pyarrow as pa
 
     from tools.study import figures, maps, store, work
-    from tools.study.orbits import warm
 
     case = chosen_case(preset, law, value, amplitude)
     second = maps.second_of(over)
     maps.check(case, second)
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    where = work.here(out, cores, scheduler)
-    compile_s = 0.0 if scheduler else warm([case])
-    clock = Stopwatch()
-    paths = work.run("map", maps.piece, maps.specs(case, second, size), where)
-    cost = clock.read()
+    course = Course(out, cores, scheduler)
+    if scheduler is None:
+        course.warm([case])
+    with course.computing():
+        paths = work.run("map", maps.piece, maps.specs(case, second, size), course.where)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reliability, regimes, from_rest = (
         np.asarray(table[name].to_numpy(zero_copy_only=False)).reshape(size, size)
@@ -243,23 +275,16 @@ def chart(
         "share_with_impact": float((reliability > 0.0).mean()),
         "share_certain_to_strike": float((reliability == 1.0).mean()),
     }
-    payload = {
-        "map": summary,
-        **cost,
-        "compile_s": compile_s,
-        "cores": where.cores,
-        "figures": figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name),
-        "out": str(out),
-    }
-    if as_json:
-        print_json(payload)
-    else:
-        rows = [
-            ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
-            ("cells where every start strikes", 100.0 * summary["share_certain_to_strike"], "%"),
-        ]
-        console.print(figure_table(f"{case.label}, over r and {second}", rows))
-        show_cost(payload)
+    pictures = figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name)
+    rows = [
+        ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
+        ("cells where every start strikes", 100.0 * summary["share_certain_to_strike"], "%"),
+    ]
+    course.tell(
+        {"map": summary, "figures": pictures},
+        as_json,
+        lambda: console.print(figure_table(f"{case.label}, over r and {second}", rows)),
+    )
 
 
 @study.command()
@@ -272,23 +297,22 @@ def portrait(
     as_json: Json = False,
 ) -> None:
     """Time histories and phase portraits of both motions of each friction law."""
-    from tools.study import cases, figures, recordings, store, work
-    from tools.study.orbits import warm
+    from tools.study import cases, figures, recordings, store
     from tools.study.portraits import as_table, pair
     from tools.study.sweep import diagrams
 
     one_of("--preset", preset, cases.PRESETS)
     chosen = [cases.case(preset, law) for law in cases.LAWS]
-    where = work.here(out, cores, scheduler)
-    compile_s = 0.0 if scheduler else warm(chosen)
-    clock = Stopwatch()
-    pairs = [pair(diagram) for diagram in diagrams(chosen, where)]
-    cost = clock.read()
+    course = Course(out, cores, scheduler)
+    if scheduler is None:
+        course.warm(chosen)
+    with course.computing():
+        pairs = [pair(diagram) for diagram in diagrams(chosen, course.where)]
     samples = out / f"portrait-{preset}.parquet"
     store.write(samples, as_table(pairs), {"cases": [case.parameters() for case in chosen]}, {})
     if rrd is not None:
         recordings.portraits(pairs, rrd)
-    payload = {
+    result = {
         "portraits": [
             {
                 "law": both.case.law,
@@ -298,17 +322,11 @@ def portrait(
             }
             for both in pairs
         ],
-        **cost,
-        "compile_s": compile_s,
         "figures": figures.portraits(pairs, out, f"portrait-{preset}"),
         "samples": str(samples),
         "rrd": rrd and str(rrd),
-        "out": str(out),
     }
-    if as_json:
-        print_json(payload)
-    else:
-        show_cost(payload)
+    course.tell(result, as_json, lambda: None)
 
 
 @study.command()
@@ -327,20 +345,18 @@ def claims(
     import numpy as np
 
     from tools.study import basin as basins
-    from tools.study import cases, figures, work
+    from tools.study import cases, figures
     from tools.study import page as pages
     from tools.study.claims import judge
     from tools.study.evidence import CONTACTS_S, Evidence
-    from tools.study.orbits import warm
     from tools.study.portraits import pair
 
-    where = work.here(out, cores, scheduler)
+    course = Course(out, cores, scheduler)
     rigid = [cases.case("table1", law) for law in cases.LAWS]
-    compile_s = warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
-    clock = Stopwatch()
-    evidence = Evidence(where)
-    judged = judge(evidence)
-    cost = clock.read()
+    course.warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
+    with course.computing():
+        evidence = Evidence(course.where)
+        judged = judge(evidence)
     pictures = figures.regime_bars(evidence.diagrams, out, "regimes")
     for preset in cases.PRESETS:
         nominal = evidence.nominal(preset)
@@ -353,27 +369,19 @@ def claims(
         caption = f"{100 * one.statistics['impact_fraction']:.1f} % strike"
         name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
         pictures += figures.basin(one.case, one.ratio, one.plane, across, up, blows, caption, out, name)
-    pages.write(judged, page or out / "claims.md")
-    payload = {
-        "claims": [asdict(claim) for claim in judged],
-        **cost,
-        "compile_s": compile_s,
-        "cores": where.cores,
-        "page": str(page or out / "claims.md"),
-        "figures": pictures,
-        "out": str(out),
-    }
-    if as_json:
-        print_json(payload)
-    else:
+    written = page or out / "claims.md"
+    pages.write(judged, written)
+
+    def show() -> None:
         table = Table(box=None, pad_edge=False)
         for name in ("claim", "the paper says", "verdict"):
             table.add_column(name)
         for claim in judged:
             table.add_row(claim.id, claim.statement, claim.verdict)
         console.print(table)
-        show_cost(payload)
-        console.print(f"reasons and figures: {payload['page']}", highlight=False)
+
+    result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
+    course.tell(result, as_json, show)
 
 
 @study.command()
@@ -393,15 +401,14 @@ def feasibility(
 
     from tools import feasibility_page
     from tools.study import feasibility as table
-    from tools.study import store, work
+    from tools.study import store
 
     presets = tuple(table.MODULES)
     if preset != "all":
         presets = (one_of("--preset", preset, presets),)
-    where = work.here(out, cores, scheduler)
-    clock = Stopwatch()
-    found = table.compute(where, presets)
-    cost = clock.read()
+    course = Course(out, cores, scheduler)
+    with course.computing():
+        found = table.compute(course.where, presets)
     name = "feasibility" if preset == "all" else f"feasibility-{preset}"
     store.write(out / f"{name}.parquet", found, {"presets": list(presets)}, {})
     rows = found.to_pylist()
@@ -415,19 +422,8 @@ def feasibility(
         one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
         for one in presets
     }
-    payload = {
-        "feasibility": [without_nan(row) for row in rows],
-        "verdicts": counts,
-        **cost,
-        "compile_s": 0.0,
-        "cores": where.cores,
-        "page": str(written),
-        "figures": pictures,
-        "out": str(out),
-    }
-    if as_json:
-        print_json(payload)
-    else:
+
+    def show() -> None:
         shown = Table(box=None, pad_edge=False)
         for title in ("preset", "cells", *table.REASONS):
             shown.add_column(title)
@@ -435,8 +431,14 @@ def feasibility(
             cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
             shown.add_row(one, str(sum(counts[one].values())), *cells)
         console.print(shown)
-        show_cost(payload)
-        console.print(f"every cell: {payload['page']}", highlight=False)
+
+    result = {
+        "feasibility": [without_nan(row) for row in rows],
+        "verdicts": counts,
+        "page": str(written),
+        "figures": pictures,
+    }
+    course.tell(result, as_json, show)
 
 
 def without_nan(row: dict[str, Any]) -> dict[str, Any]:
@@ -499,7 +501,7 @@ def is_nominal(case: "Case") -> bool:
     return (case.b_n_s_m, case.mu) == (own.b_n_s_m, own.mu)
 
 
-def show_sweep(found: "list[Diagram]", payload: dict[str, Any]) -> None:
+def show_sweep(found: "list[Diagram]") -> None:
     """Print a row per case."""
     table = Table(title="where the striker strikes, in Ω/ω", title_justify="left", box=None)
     for name in ("preset", "friction", "run-up", "run-down", "multistable", "ends by"):
@@ -515,23 +517,11 @@ def show_sweep(found: "list[Diagram]", payload: dict[str, Any]) -> None:
             ", ".join(kinds) or "—",
         )
     console.print(table)
-    show_cost(payload)
 
 
 def intervals(union: list[tuple[float, float]]) -> str:
     """For people."""
     return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
-
-
-def show_cost(payload: dict[str, Any]) -> None:
-    """Print what it took and where it is."""
-    rows = [
-        ("computing", payload["wall_s"], "s"),
-        ("of processor time", payload["cpu_s"], "s"),
-        ("compiling or loading kernels", payload["compile_s"], "s"),
-        ("figures and results in", payload["out"], ""),
-    ]
-    console.print(figure_table("", rows))
 
 
 def one_of(option: str, given: str, known: tuple[str, ...]) -> str:
