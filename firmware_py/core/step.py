@@ -11,7 +11,6 @@ from firmware_py.core import (
     calm,
     crank,
     detector,
-    ease,
     estimator,
     gait,
     hold,
@@ -48,9 +47,6 @@ from firmware_py.interface.enums import (
     Regime,
 )
 
-RISING = (start.Stage.RISE, start.Stage.CONFIRM)
-"""Stages in which a missed blow is answered."""
-
 
 class DriveConfig(NamedTuple):
     """What the drive is told before it closes its loop."""
@@ -75,7 +71,6 @@ class Config(NamedTuple):
     gait: gait.GaitConfig
     lock: lock.LockConfig
     identify: identify.IdentifyConfig
-    ease: ease.EaseConfig
     calm: calm.CalmConfig
 
 
@@ -94,7 +89,6 @@ class State(NamedTuple):
     gait: gait.CycleState
     lock: lock.LockState
     identify: identify.IdentifyState
-    ease: ease.EaseState
     calm: calm.CalmState
 
 
@@ -142,7 +136,6 @@ INITIAL = State(
     gait=gait.INITIAL,
     lock=lock.INITIAL,
     identify=identify.INITIAL,
-    ease=ease.INITIAL,
     calm=calm.INITIAL,
 )
 
@@ -179,26 +172,6 @@ def refused(valid_ratio: bool, waits_for_crank: bool, otherwise: Refusal) -> Ref
     if waits_for_crank:
         return Refusal.CRANK_TOO_FAST
     return otherwise
-
-
-@compiled
-def speed_to_follow(
-    config: Config,
-    state: ease.EaseState,
-    start_now: start.StartState,
-    target_ratio: float,
-    angle_rad: float,
-    regime_now: regime.RegimeState,
-    elapsed_ticks: int,
-) -> tuple[ease.EaseState, float, float]:
-    """The S-curve's speed and slope, less what is given up where a blow on the way up has not come."""
-    omega_rad_s, acceleration_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
-    if not config.ease.depth > 0.0:
-        return state, omega_rad_s, acceleration_rad_s2
-    rising = target_ratio >= config.start.capture_ratio and start_now.stage in RISING
-    eased = ease.step(config.ease, state, rising, angle_rad, regime_now, elapsed_ticks)
-    omega_rad_s, acceleration_rad_s2 = ease.eased(eased, omega_rad_s, acceleration_rad_s2)
-    return eased, omega_rad_s, acceleration_rad_s2
 
 
 @compiled
@@ -338,18 +311,13 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         not follow,
         n,
     )
-    ease_now, omega_rad_s, acceleration_rad_s2 = speed_to_follow(
-        config, state.ease, start_now, target_ratio, crank_now.angle_rad, regime_now, n
-    )
-    calm_now, told_rad_s = calm.INITIAL, start_now.target_omega_rad_s
+    calm_now = calm.INITIAL
+    target_rad_s, target_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
     if mode == STOPPING and config.calm.longest_s > 0.0:
         calm_now = calm.step(config.calm, state.calm, crank_now, estimate, n)
-        omega_rad_s, acceleration_rad_s2 = calm_now.target_omega_rad_s, 0.0
-        told_rad_s = omega_rad_s
+        target_rad_s, target_rad_s2 = calm_now.target_omega_rad_s, 0.0
     if moving and inputs.drive.axis_state == CLOSED_LOOP:
-        speed_now = speed.step(
-            config.speed, state.speed, crank_now, estimate, omega_rad_s, acceleration_rad_s2, n
-        )
+        speed_now = speed.step(config.speed, state.speed, crank_now, estimate, target_rad_s, target_rad_s2, n)
     else:
         speed_now = speed.safe(state.speed)
 
@@ -373,7 +341,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         regime_now.regime,
         acting_limit,
         limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
-        told_rad_s,
+        target_rad_s,
         CLOSED_LOOP if moving else AXIS_IDLE,
         clear_errors,
         mode == E_STOP,
@@ -401,7 +369,6 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
             gait_now,
             lock_now,
             identify_now,
-            ease_now,
             calm_now,
         ),
         outputs,

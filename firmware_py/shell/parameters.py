@@ -19,7 +19,6 @@ from firmware_py.core import (
     calm,
     crank,
     detector,
-    ease,
     estimator,
     gait,
     hold,
@@ -409,15 +408,6 @@ TABLE: tuple[Parameter, ...] = (
         0.5,
         "below limit.speed_rad_s before it starts: a turn of a free crank",
     ),
-    Parameter(
-        "ease.depth", "1", 0.0, 0.5, 0.0, "of the speed, where a blow on the way up has not come; 0: off"
-    ),
-    Parameter("ease.late_deg", "deg", 0.0, 180.0, 30.0, "past the forward dead centre a blow has not come"),
-    Parameter("ease.early_deg", "deg", 180.0, 360.0, 310.0, "until so far past it, when the next may come"),
-    Parameter(
-        "ease.weak_share", "1", 0.01, 10.0, 0.9, "of ω times the gap, 0.56 m/s: a blow below is a weak one"
-    ),
-    Parameter("ease.lag_s", "s", 1e-3, 1.0, 0.06, "a twelfth of a turn: no jolt"),
     Parameter("gait.surprise_spread", "1", 0.0, 100.0, 4.5, "deviations early: a stumble"),
     Parameter("calm.longest_s", "s", 0.0, 100.0, 2.0, "three swings; where a gait is followed; 0: never"),
     Parameter("calm.share", "1", 0.1, 1.0, 0.7, "of the way to the stop: what a leg adds stays below"),
@@ -663,16 +653,6 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
         ),
         crank=crank_config,
         estimator=estimator_config,
-        ease=ease.EaseConfig(
-            tick_s=tick_s,
-            depth=values["ease.depth"],
-            late_rad=math.radians(values["ease.late_deg"]),
-            early_rad=math.radians(values["ease.early_deg"]),
-            weak_m_s=values["ease.weak_share"]
-            * natural_rad_s
-            * abs(values["stop.position_m"] - values["striker.rest_length_m"]),
-            lag_s=values["ease.lag_s"],
-        ),
         identify=identify.IdentifyConfig(
             enabled=values["identify.mode"] > 0.0,
             feeds=values["identify.mode"] > 1.0,
