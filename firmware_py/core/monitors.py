@@ -50,7 +50,7 @@ class Limits(NamedTuple):
 class MonitorConfig(NamedTuple):
     """`…_ticks`: how long a condition has to hold. `parameters_damaged`: these are none to move by.
 
-    `takeover_rad_s`: no crank that has been faster within the last `calm_ticks` is taken over.
+    `takeover_rad_s`: no crank that has been faster within the last `takeover_ticks` is taken over.
     """
 
     watchdogs: Watchdogs
@@ -62,7 +62,7 @@ class MonitorConfig(NamedTuple):
     standstill_rad_s: float
     standstill_ticks: int
     takeover_rad_s: float
-    calm_ticks: int
+    takeover_ticks: int
     parameters_damaged: bool
 
 
@@ -243,7 +243,7 @@ def step(
         encoder.position_rev,
         stuck_ticks,
         low_m_s2,
-        config.calm_ticks if too_fast else max(state.whirl_ticks - n, 0),
+        config.takeover_ticks if too_fast else max(state.whirl_ticks - n, 0),
     )
     watchdog = watchdog_fault(config.watchdogs, new, inputs, crank, estimate)
     limit = limit_fault(config, new, inputs, detector, separated)

@@ -401,7 +401,7 @@ TABLE: tuple[Parameter, ...] = (
         "identify.largest_residual_m_s2", "m/s^2", 0.01, 100.0, 0.5, "a flight with a push is left out"
     ),
     Parameter(
-        "limit.calm_s",
+        "limit.takeover_s",
         "s",
         0.0,
         60.0,
@@ -767,7 +767,7 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             standstill_rad_s=values["limit.standstill_rad_s"],
             standstill_ticks=ticks("limit.standstill_s"),
             takeover_rad_s=values["limit.speed_rad_s"],
-            calm_ticks=ticks("limit.calm_s"),
+            takeover_ticks=ticks("limit.takeover_s"),
             parameters_damaged=damaged,
         ),
         gait=gait.GaitConfig(

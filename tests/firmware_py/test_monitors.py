@@ -177,7 +177,7 @@ def test_a_crank_has_whirled_until_it_has_been_calm_for_its_time(fast: float) ->
 
 
 def test_without_a_time_to_calm_down_in_only_the_present_speed_counts() -> None:
-    config = CONFIG._replace(calm_ticks=0)
+    config = CONFIG._replace(takeover_ticks=0)
     for omega, whirling in ((20.1, True), (20.0, False)):
         crank_state = CRANK._replace(omega_rad_s=omega)
         _, findings = monitors.step(
