@@ -398,8 +398,9 @@ def first_fault(firmware: Records) -> Fault:
 def held_ms(records: Records, until_s: float, period_s: float) -> float | None:
     """The longest a loop was held up in the time before `until_s`; None without two ticks there."""
     t_s = column(records, "t_s")
-    near = t_s[(t_s > until_s - BEFORE_FAULT_S) & (t_s <= until_s + period_s)]
-    return float(np.diff(near).max() - period_s) * 1e3 if len(near) > 1 else None
+    near = (t_s > until_s - BEFORE_FAULT_S) & (t_s <= until_s + period_s)
+    ticks = column(records, "tick")[near]
+    return 1e3 * period_s * float(np.diff(ticks).max() - 1) if len(ticks) > 1 else None
 
 
 def latched_figures(plant: Records, firmware: Records, period_s: float) -> LatchedFigures:
