@@ -4,9 +4,9 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time. It counts modulo 16, and so a sample that lies there all but alone after a long pause is
-taken for an old one whatever its counter says. Once a tick has taken away all that lay there, what comes in
-the next one is of now.
+be late at any time. It counts modulo 16, and so a sample that lies there all but alone is taken for an old one
+after a pause of about a whole turn, as its counter cannot tell. Once a tick has taken away all that lay there,
+what comes in the next one is of now.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,9 @@ from firmware_py.interface.frame import Frame
 
 PATIENCE_TICKS = 25
 """Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
+
+LAST_BEFORE_TICKS = 2
+"""Samples from before the pause that may lie there unread: of the tick after the last one heard, and the next."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
@@ -55,7 +58,9 @@ class Waking:
         if not is_first:
             self._keep_others(frames)
             self._keep_newest(samples, frames)
-        elif 2 * len(samples) >= elapsed_ticks:
+        elif (
+            2 * len(samples) >= elapsed_ticks or elapsed_ticks % codec.COUNTER_MODULUS > LAST_BEFORE_TICKS + 1
+        ):
             self.take(tick, frames)
         else:
             self._keep_others(frames)
@@ -70,8 +75,10 @@ class Waking:
             fresh = [frame for frame in frames if frame.can_id == ACCELEROMETER]
         else:
             now = self._lead + tick
-            near = {(now + jitter) % codec.COUNTER_MODULUS for jitter in (-1, 0, 1)}
-            fresh = [frame for frame in frames if counter_of(frame) in near]
+            by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
+            # The one of this tick if it is there; the next one's may have come as well, while this one waited.
+            near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in (0, 1, -1)]
+            fresh = [frame for frame in near if frame is not None][:1]
         self._keep_newest(fresh, frames)
 
     def _keep_newest(self, samples: Sequence[Frame], frames: Sequence[Frame]) -> None:

@@ -77,6 +77,33 @@ def test_sample_from_before_the_pause_does_not_pass_for_new(pause_ticks: int) ->
     assert len(run.bus.waited_s) == 1
 
 
+@pytest.mark.parametrize("pause_ticks", [5, 7, 12, 24])
+def test_lone_sample_of_now_is_taken_at_once_and_the_next_one_left_alone(pause_ticks: int) -> None:
+    """A firmware that woke up late in its tick and waited for another sample would take the next tick's."""
+    run = Paused()
+    run.plant.sleep_through(pause_ticks, [])
+    run.bus.pending += run.publish()
+    run.bus.arriving = run.publish()
+    run.firmware.step(20 + pause_ticks, pause_ticks + 1)
+    assert run.bus.waited_s == []
+    position_rev = run.firmware.node.inputs.encoder.position_rev
+    run.bus.pending += run.bus.arriving
+    run.firmware.step(21 + pause_ticks, 1)
+    assert run.ages() == (0, 0)
+    assert run.firmware.node.inputs.elapsed_ticks == 1
+    assert run.firmware.node.inputs.encoder.position_rev >= position_rev
+
+
+def test_of_two_samples_the_one_of_this_tick_is_taken() -> None:
+    run = Paused()
+    run.plant.sleep_through(7, [])
+    own = run.publish()
+    run.bus.pending += own + run.publish()
+    run.firmware.step(27, 8)
+    counted = codec.ACCELEROMETER.counter(own[0].data)
+    assert run.firmware.node._acceleration_source.counter == counted
+
+
 def test_nothing_is_done_until_the_sensors_are_back() -> None:
     run = Paused()
     old = run.publish()
