@@ -4,9 +4,9 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time. It counts modulo 16, and so a sample that lies there all but alone is taken for an old one
-after a pause of about a whole turn, as its counter cannot tell. Once a tick has taken away all that lay there,
-what comes in the next one is of now.
+be late at any time. It counts modulo 16, and so a sample that lies there all but alone is taken for an old
+one after a pause of about a whole turn, as its counter cannot tell. Once a tick has taken away all that lay
+there, what comes in the next one is of now.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ PATIENCE_TICKS = 25
 """Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
 
 LAST_BEFORE_TICKS = 2
-"""Samples from before the pause that may lie there unread: of the tick after the last one heard, and the next."""
+"""Samples from before the pause that may lie there unread: of the tick after the last one heard, the next."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
@@ -58,12 +58,15 @@ class Waking:
         if not is_first:
             self._keep_others(frames)
             self._keep_newest(samples, frames)
-        elif (
-            2 * len(samples) >= elapsed_ticks or elapsed_ticks % codec.COUNTER_MODULUS > LAST_BEFORE_TICKS + 1
-        ):
+        elif 2 * len(samples) >= elapsed_ticks or self._counter_tells:
             self.take(tick, frames)
         else:
             self._keep_others(frames)
+
+    @property
+    def _counter_tells(self) -> bool:
+        """Whether a sample from before the pause has another counter than one of now."""
+        return self.elapsed_ticks % codec.COUNTER_MODULUS > LAST_BEFORE_TICKS + 1
 
     def _keep_others(self, frames: Sequence[Frame]) -> None:
         self.frames += [frame for frame in frames if frame.can_id not in (ACCELEROMETER, ENCODER)]
@@ -76,16 +79,17 @@ class Waking:
         else:
             now = self._lead + tick
             by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
-            # The one of this tick if it is there; the next one's may have come as well, while this one waited.
+            # This tick's if it is there: while it waited, the next one's may have come as well.
             near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in (0, 1, -1)]
             fresh = [frame for frame in near if frame is not None][:1]
         self._keep_newest(fresh, frames)
 
     def _keep_newest(self, samples: Sequence[Frame], frames: Sequence[Frame]) -> None:
-        """Keep the last of `samples`, and the encoder's frame with it."""
+        """Keep the last of `samples`, and the encoder's frame that was sent with it."""
         if samples:
             self.is_fresh = True
-            self.frames += [samples[-1], *[frame for frame in frames if frame.can_id == ENCODER][-1:]]
+            place = max(place for place, frame in enumerate(frames) if frame == samples[-1])
+            self.frames += [samples[-1], *[frame for frame in frames[place:] if frame.can_id == ENCODER][:1]]
 
     @property
     def is_over(self) -> bool:

@@ -100,8 +100,9 @@ def test_of_two_samples_the_one_of_this_tick_is_taken() -> None:
     own = run.publish()
     run.bus.pending += own + run.publish()
     run.firmware.step(27, 8)
-    counted = codec.ACCELEROMETER.counter(own[0].data)
-    assert run.firmware.node._acceleration_source.counter == counted
+    node = run.firmware.node
+    assert node._acceleration_source.counter == codec.ACCELEROMETER.counter(own[0].data)
+    assert node._position == codec.ENCODER_ESTIMATES.decode(own[1].data)
 
 
 def test_nothing_is_done_until_the_sensors_are_back() -> None:
