@@ -17,6 +17,8 @@ BoolArray = NDArray[np.bool_]
 
 WEAKEST_V_M_S = 0.05
 """A touch-down slower than this need not be seen; seeing it is no false alarm either."""
+WEAKEST_PEAK_N = 5.0
+"""Nor one that a soft stop answers with less: 0.05 m/s on the default one are 8 N, a felt pulse has 10."""
 LONGEST_LATENCY_S = 0.040
 """A detection later than this is not of that impact: four contact times of the default stop."""
 ASLEEP_S = 0.005
@@ -31,6 +33,12 @@ class Matching:
 
     truth: IntArray
     detection: IntArray
+
+
+def due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
+    """Which touch-downs have to be seen; shapes (n,). A rigid stop has no force, nan."""
+    strong: BoolArray = (v_m_s >= WEAKEST_V_M_S) & ~(peak_force_n < WEAKEST_PEAK_N)
+    return strong
 
 
 def slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:

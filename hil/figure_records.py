@@ -259,6 +259,9 @@ class Figures:
     impact_v_m_s: Annotated[
         float | None, Quantity("m/s", "median approach speed over the second half of the hold")
     ]
+    impact_impulse_n_s: Annotated[
+        float | None, Quantity("N s", "median impulse of a blow over the second half of the hold")
+    ]
     peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
     felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]
     gait: Annotated[GaitFigures, Quantity("", "the walk: phase, pulses in the window, how it ended")]

@@ -198,7 +198,8 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
     pairs = detection.match(touch_down_s, detected_s)
     found = np.zeros(len(touch_down_s), bool)
     found[pairs.truth] = True
-    due = (column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S) & (touch_down_s <= alive_until_s)
+    due = detection.due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
+    due &= touch_down_s <= alive_until_s
     slept_through = due & ~found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
     due &= ~slept_through
     judged = detected_s <= alive_until_s
@@ -243,12 +244,13 @@ class HoldMotion(NamedTuple):
     impacts_per_period: float | None
     capture_s: float | None
     impact_v_m_s: float | None
+    impact_impulse_n_s: float | None
 
 
 def hold_motion(plant: Records, impacts: Records, hold: Window | None) -> HoldMotion:
-    """Regime, impacts per turn, capture and typical approach speed over the hold."""
+    """Regime, impacts per turn, capture, typical approach speed and impulse over the hold."""
     if hold is None or len(plant) == 0:
-        return HoldMotion(Regime.UNCERTAIN, None, None, None)
+        return HoldMotion(Regime.UNCERTAIN, None, None, None, None)
     strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
     strong_t_s, strong_v_m_s = column(strong, "t_s"), column(strong, "v_m_s")
     inside, hits = hold.holds(column(plant, "t_s")), hold.holds(strong_t_s)
@@ -258,13 +260,14 @@ def hold_motion(plant: Records, impacts: Records, hold: Window | None) -> HoldMo
         t_s, column(plant, "v_m_s")[inside], periods, strong_t_s[hits], strong_v_m_s[hits]
     )
     turns = float(np.ptp(np.unwrap(crank_rad))) / (2.0 * np.pi) if len(crank_rad) else 0.0
-    late = strong_v_m_s[hold.second_half().holds(strong_t_s)]
+    late = strong[hold.second_half().holds(strong_t_s)]
     period_s = (hold.end_s - hold.start_s) / turns if turns > 0.0 else np.inf
     return HoldMotion(
         regime=regime,
         impacts_per_period=float(periods.counts.mean()) if len(periods.counts) else None,
         capture_s=capture(strong_t_s[strong_t_s <= hold.end_s], hold, period_s),
-        impact_v_m_s=float(np.median(late)) if len(late) else None,
+        impact_v_m_s=float(np.median(column(late, "v_m_s"))) if len(late) else None,
+        impact_impulse_n_s=float(np.median(column(late, "impulse_n_s"))) if len(late) else None,
     )
 
 
@@ -481,6 +484,7 @@ def figures_from(traces: RunTraces) -> Figures:
         largest_v_m_s=float(impacts_v_m_s.max()) if len(impacts_v_m_s) else None,
         largest_v_on_the_way_m_s=float(before.max()) if len(before) else None,
         impact_v_m_s=motion.impact_v_m_s,
+        impact_impulse_n_s=motion.impact_impulse_n_s,
         peak_force_n=peak_force(plant, impacts),
         felt=felt_figures(traces, hold),
         gait=gait_figures(traces, hold),

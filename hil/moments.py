@@ -33,7 +33,7 @@ def first_missed(traces: RunTraces) -> float | None:
     touch_down_s = column(traces.impacts, "t_s")
     seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
     pairs = detection.match(touch_down_s, column(seen, "t_s"))
-    missed = column(traces.impacts, "v_m_s") >= detection.WEAKEST_V_M_S
+    missed = detection.due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
     missed[pairs.truth] = False
     return float(touch_down_s[missed][0]) if missed.any() else None
 

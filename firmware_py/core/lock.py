@@ -27,6 +27,9 @@ MOST_TURNS = 15
 
 COUNTS = 65536
 
+AIM_HYSTERESIS = 0.01
+"""As `hysteresis`, where an impulse is asked for: what the mean blow of some strides is uncertain by."""
+
 LARGEST_SHARE = 0.45
 """After the heel strike, which tells the stride that turns are chosen for."""
 
@@ -87,21 +90,25 @@ INITIAL = LockState(
 
 
 @compiled
-def chosen(config: LockConfig, stride_s: float, before: int) -> int:
-    """How many turns a stride; 0 where none gives a ratio within the region."""
+def chosen(config: LockConfig, stride_s: float, before: int, aim_ratio: float) -> int:
+    """How many turns a stride come next to `aim_ratio`, or to the centre where that is 0.
+
+    0 where none gives a ratio within the region.
+    """
     one = TAU / (stride_s * config.natural_rad_s)
-    below = int(config.centre_ratio / one)
-    best = below
-    if below < 1 or abs((below + 1) * one - config.centre_ratio) < abs(below * one - config.centre_ratio):
-        best = below + 1
-    off = abs(best * one - config.centre_ratio)
+    aim = aim_ratio if aim_ratio > 0.0 else config.centre_ratio
+    hysteresis = AIM_HYSTERESIS if aim_ratio > 0.0 else config.hysteresis
+    below = int(aim / one)
+    best = 0
+    for turns in (below, below + 1):
+        fits = 1 <= turns <= MOST_TURNS and config.lowest_ratio <= turns * one <= config.highest_ratio
+        if fits and (best == 0 or abs(turns * one - aim) < abs(best * one - aim)):
+            best = turns
     most = 2.0 * config.margin
     stays = config.lowest_ratio - most <= before * one <= config.highest_ratio + most
-    if stays and abs(before * one - config.centre_ratio) <= off + config.hysteresis:
+    if stays and (best == 0 or abs(before * one - aim) <= abs(best * one - aim) + hysteresis):
         return before
-    if best <= MOST_TURNS and config.lowest_ratio <= best * one <= config.highest_ratio:
-        return best
-    return 0
+    return best
 
 
 @compiled
@@ -142,12 +149,16 @@ def step(
     touch_down: bool,
     age_s: float,
     elapsed_ticks: int,
+    aim_ratio: float,
 ) -> LockState:
-    """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it."""
+    """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it.
+
+    `aim_ratio` is where an impulse asked for lies, or 0.
+    """
     middle = 0.5 * (config.window_start + config.window_end)
     harmonic = 0
     if gait.confidence >= config.lowest_confidence:
-        harmonic = chosen(config, gait.stride.mean_s, state.harmonic)
+        harmonic = chosen(config, gait.stride.mean_s, state.harmonic, aim_ratio)
         change_at = middle - turning_share(config, gait.stride.mean_s)
         if holding and harmonic > 0 and state.harmonic > 0 and not state.phase < change_at <= gait.phase:
             harmonic = state.harmonic

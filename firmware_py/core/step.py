@@ -21,6 +21,7 @@ from firmware_py.core import (
     speed,
     start,
     supervisor,
+    therapy,
 )
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, Inputs
@@ -70,6 +71,7 @@ class Config(NamedTuple):
     monitors: monitors.MonitorConfig
     gait: gait.GaitConfig
     lock: lock.LockConfig
+    therapy: therapy.TherapyConfig
     identify: identify.IdentifyConfig
     calm: calm.CalmConfig
 
@@ -88,6 +90,7 @@ class State(NamedTuple):
     supervisor: supervisor.SupervisorState
     gait: gait.CycleState
     lock: lock.LockState
+    therapy: therapy.TherapyState
     identify: identify.IdentifyState
     calm: calm.CalmState
 
@@ -135,6 +138,7 @@ INITIAL = State(
     supervisor=supervisor.INITIAL,
     gait=gait.INITIAL,
     lock=lock.INITIAL,
+    therapy=therapy.INITIAL,
     identify=identify.INITIAL,
     calm=calm.INITIAL,
 )
@@ -165,13 +169,17 @@ INITIAL_OUTPUTS = Outputs(
 
 
 @compiled
-def refused(valid_ratio: bool, waits_for_crank: bool, otherwise: Refusal) -> Refusal:
+def refused(
+    valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_therapy: Refusal
+) -> Refusal:
     """Why a RUN is not followed, the first reason of all."""
     if not valid_ratio:
         return Refusal.RATIO_OUT_OF_RANGE
     if waits_for_crank:
         return Refusal.CRANK_TOO_FAST
-    return otherwise
+    if by_gait != NO_REFUSAL:
+        return by_gait
+    return by_hold if by_hold != NO_REFUSAL else by_therapy
 
 
 @compiled
@@ -272,7 +280,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         )
         if contact.touch_down:
             estimate = identify.towards(config.identify, identify_now, holding, estimate)
-    lock_now = state.lock
+    lock_now, therapy_now = state.lock, state.therapy
     if follow:
         lock_now = lock.step(
             config.lock,
@@ -285,6 +293,18 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
             contact.touch_down,
             contact.age_s,
             n,
+            state.therapy.aim_ratio,
+        )
+        asked_n_s = inputs.operator.target_impulse_n_s
+        therapy_now = therapy.step(
+            config.therapy,
+            state.therapy,
+            holding,
+            lock_now.harmonic,
+            lock_now.base_ratio + lock_now.trim,
+            asked_n_s if hold.possible(config.hold, asked_n_s) else 0.0,
+            regime_now,
+            detector_now.impulse_n_s,
         )
         target_ratio = lock_now.base_ratio
     hold_now = hold.step(
@@ -331,8 +351,13 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         acting_limit = ActingLimit.RETREAT
     refusal = NO_REFUSAL
     if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
-        regular = lock_now.refusal if follow else hold_now.refusal
-        refusal = refused(valid_ratio, mode == READY and findings.whirling, regular)
+        refusal = refused(
+            valid_ratio,
+            mode == READY and findings.whirling,
+            lock_now.refusal if follow else NO_REFUSAL,
+            hold_now.refusal,
+            therapy_now.refusal,
+        )
     outputs = Outputs(
         mode,
         supervisor_now.fault,
@@ -368,6 +393,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
             supervisor_now,
             gait_now,
             lock_now,
+            therapy_now,
             identify_now,
             calm_now,
         ),

@@ -28,6 +28,7 @@ from firmware_py.core import (
     regime,
     speed,
     start,
+    therapy,
 )
 from firmware_py.core.kalman import ProcessNoise, Row, Transition
 from firmware_py.core.step import Config, DriveConfig
@@ -412,6 +413,14 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("calm.longest_s", "s", 0.0, 100.0, 2.0, "three swings; where a gait is followed; 0: never"),
     Parameter("calm.share", "1", 0.1, 1.0, 0.7, "of the way to the stop: what a leg adds stays below"),
     Parameter("calm.gain", "1", 0.0, 20.0, 1.0, "over w: in step with the striker within a swing"),
+    Parameter(
+        "gait.impulse_tolerance",
+        "1",
+        0.001,
+        1.0,
+        0.15,
+        "of an impulse asked for: strides vary, turns are whole",
+    ),
 )
 """All parameters, in the order of their indices."""
 
@@ -806,6 +815,12 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
             gain_1_s=values["gait.gain_1_s"],
             largest_trim=values["gait.largest_trim"],
             rate_1_s=values["gait.rate_1_s"],
+        ),
+        therapy=therapy.TherapyConfig(
+            lowest_ratio=values["gait.lowest_ratio"],
+            highest_ratio=values["gait.highest_ratio"],
+            impulse_slope_n_s=values["hold.impulse_slope_n_s"],
+            impulse_tolerance=values["gait.impulse_tolerance"],
         ),
         calm=calm.CalmConfig(
             tick_s=tick_s,

@@ -33,19 +33,19 @@ def cycle(stride_s: float, phase: float = 0.5, confidence: float = 0.9) -> gait.
 
 def stepped(state: LockState, seen: gait.CycleState, angle_rad: float = 0.0, ticks: int = 1) -> LockState:
     for _ in range(ticks):
-        state = lock.step(CONFIG, state, seen, True, True, angle_rad, NO_REGIME, False, 0.0, 1)
+        state = lock.step(CONFIG, state, seen, True, True, angle_rad, NO_REGIME, False, 0.0, 1, 0.0)
     return state
 
 
 @pytest.mark.parametrize("ratio", [0.99, 1.12, 1.29])
 @pytest.mark.parametrize("harmonic", [1, 2])
 def test_the_turns_that_are_nearest_to_the_centre_are_taken(ratio: float, harmonic: int) -> None:
-    assert lock.chosen(CONFIG, stride_for(ratio, harmonic), 0) == harmonic
+    assert lock.chosen(CONFIG, stride_for(ratio, harmonic), 0, 0.0) == harmonic
 
 
 def test_many_turns_come_nearer_to_the_centre_than_few() -> None:
     for stride_s in np.linspace(3.0, 9.0, 50):
-        harmonic = lock.chosen(CONFIG, float(stride_s), 0)
+        harmonic = lock.chosen(CONFIG, float(stride_s), 0, 0.0)
         ratio = harmonic / (stride_s * NATURAL_HZ)
         others = [other / (stride_s * NATURAL_HZ) for other in range(1, 20)]
         assert abs(ratio - CONFIG.centre_ratio) == pytest.approx(
@@ -54,25 +54,25 @@ def test_many_turns_come_nearer_to_the_centre_than_few() -> None:
 
 
 def test_where_no_whole_number_of_turns_lies_in_the_region_there_is_none() -> None:
-    assert lock.chosen(CONFIG, stride_for(0.90, 1), 0) == 0
-    assert lock.chosen(CONFIG, stride_for(0.90, 2), 0) == 0
-    assert lock.chosen(CONFIG, 100.0, 0) == 0
+    assert lock.chosen(CONFIG, stride_for(0.90, 1), 0, 0.0) == 0
+    assert lock.chosen(CONFIG, stride_for(0.90, 2), 0, 0.0) == 0
+    assert lock.chosen(CONFIG, 100.0, 0, 0.0) == 0
     assert lock.refused(CONFIG, cycle(1.0), 0) == Refusal.NO_HARMONIC
 
 
 def test_turns_once_taken_are_kept_until_others_are_clearly_better() -> None:
     """Five and six are equally near where r changes from a sixth to a fifth about the centre."""
     even = 2.0 * CONFIG.centre_ratio / (5.0 + 6.0)
-    up = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 6) for one in (even, even * 1.02, even * 1.04)]
-    down = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 5) for one in (even, even * 0.98, even * 0.96)]
+    up = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 6, 0.0) for one in (even, even * 1.02, even * 1.04)]
+    down = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 5, 0.0) for one in (even, even * 0.98, even * 0.96)]
     assert up == [6, 6, 5]
     assert down == [5, 5, 6]
 
 
 def test_turns_once_taken_may_leave_the_region_a_little() -> None:
-    assert lock.chosen(CONFIG, stride_for(0.97, 2), 0) == 0
-    assert lock.chosen(CONFIG, stride_for(0.95, 2), 2) == 2
-    assert lock.chosen(CONFIG, stride_for(0.93, 2), 2) == 0
+    assert lock.chosen(CONFIG, stride_for(0.97, 2), 0, 0.0) == 0
+    assert lock.chosen(CONFIG, stride_for(0.95, 2), 2, 0.0) == 2
+    assert lock.chosen(CONFIG, stride_for(0.93, 2), 2, 0.0) == 0
 
 
 def test_nothing_is_followed_that_is_not_trusted() -> None:
@@ -127,6 +127,7 @@ def test_pulses_are_counted_in_and_out_of_the_window() -> None:
             True,
             age_s,
             1,
+            0.0,
         )
         return state.in_window, state.outside
 

@@ -1,0 +1,111 @@
+"""An impulse asked for while a gait is followed: which turns a stride it takes, and what it says."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from firmware_py.core import lock, therapy
+from firmware_py.core.regime import INITIAL as NO_REGIME
+from firmware_py.core.regime import Period, RegimeState
+from firmware_py.core.therapy import TherapyState
+from firmware_py.interface.enums import Refusal
+from firmware_py.shell.parameters import config_from
+
+WHOLE = config_from(
+    {"gait.follow": 1, "gait.lowest_ratio": 0.98, "gait.centre_ratio": 1.14, "hold.impulse_slope_n_s": 2.0}
+)
+CONFIG, LOCK = WHOLE.therapy, WHOLE.lock
+TURN_ENDED = NO_REGIME._replace(ended=True, last=Period(1, 0.6, 0.5, 30.0))
+STRIDE_S = 20.0 * math.pi / LOCK.natural_rad_s
+"""A tenth of r for each turn a stride: ten of them are r = 1."""
+
+Blow = Callable[[float], float]
+
+
+def linear(slope_n_s: float) -> Blow:
+    """Blows of 0.8 N s at r = 1.1, which grow with r."""
+    return lambda ratio: 0.8 + slope_n_s * (ratio - 1.1)
+
+
+def followed(blow: Blow, target_n_s: float, turns: int) -> tuple[TherapyState, list[int]]:
+    """What comes of `turns` of the crank, each with one blow; and all turns a stride that were taken."""
+    state, taken = therapy.INITIAL, [11]
+    for _ in range(turns):
+        harmonic = lock.chosen(LOCK, STRIDE_S, taken[-1], state.aim_ratio)
+        if harmonic != taken[-1]:
+            taken.append(harmonic)
+        ratio = 0.1 * harmonic
+        state = therapy.step(CONFIG, state, True, harmonic, ratio, target_n_s, TURN_ENDED, blow(ratio))
+    return state, taken
+
+
+def test_a_stride_is_a_tenth_of_the_ratio_for_each_turn() -> None:
+    for aim_ratio, harmonic in ((1.04, 10), (1.06, 11), (1.16, 12), (1.3, 13)):
+        assert lock.chosen(LOCK, STRIDE_S, 0, aim_ratio) == harmonic
+
+
+def test_without_a_request_the_centre_counts() -> None:
+    state, taken = followed(linear(2.0), 0.0, 200)
+    assert (state.aim_ratio, state.refusal, taken) == (0.0, Refusal.NONE, [11])
+
+
+@pytest.mark.parametrize("slope_n_s", [1.2, 2.0, 3.5])
+@pytest.mark.parametrize("harmonic", [10, 11, 12, 13])
+def test_the_turns_whose_blows_come_nearest_are_found_and_kept(slope_n_s: float, harmonic: int) -> None:
+    """Though J' is believed up to two times wrong; no turns are taken twice."""
+    blow = linear(slope_n_s)
+    state, taken = followed(blow, blow(0.1 * harmonic) * 1.01, 400)
+    assert taken[-1] == harmonic
+    assert len(set(taken)) == len(taken)
+    assert state.refusal == Refusal.NONE
+    assert state.impulse_n_s == pytest.approx(blow(0.1 * harmonic))
+
+
+def test_a_request_midway_is_not_hunted_for() -> None:
+    blow = linear(3.0)
+    for share in (0.3, 0.45, 0.5, 0.55, 0.7):
+        target_n_s = blow(1.1) + share * (blow(1.2) - blow(1.1))
+        _, taken = followed(blow, target_n_s, 1000)
+        assert len(taken) <= 3
+
+
+@pytest.mark.parametrize(
+    ("target_n_s", "refusal", "harmonic"),
+    [(1.5, Refusal.IMPULSE_TOO_HIGH, 13), (0.2, Refusal.IMPULSE_TOO_LOW, 10)],
+)
+def test_a_request_that_no_turns_meet_is_told_and_the_nearest_are_kept(
+    target_n_s: float, refusal: Refusal, harmonic: int
+) -> None:
+    state, taken = followed(linear(2.0), target_n_s, 600)
+    assert (state.refusal, taken[-1]) == (refusal, harmonic)
+
+
+def test_nothing_is_told_before_other_turns_had_their_time() -> None:
+    """Five strides of eleven turns until it changes over, then six of thirteen."""
+    refusals = [followed(linear(2.0), 1.5, turns)[0].refusal for turns in (55, 66, 132, 133)]
+    assert refusals == [Refusal.NONE, Refusal.NONE, Refusal.NONE, Refusal.IMPULSE_TOO_HIGH]
+
+
+def test_the_first_stride_does_not_count_and_turns_without_one_blow_never() -> None:
+    state = therapy.INITIAL
+    doubled = TURN_ENDED._replace(last=Period(2, 0.6, 0.5, 30.0))
+
+    def turn(state: TherapyState, blow_n_s: float, regime: RegimeState = TURN_ENDED) -> TherapyState:
+        return therapy.step(CONFIG, state, True, 11, 1.1, 0.8, regime, blow_n_s)
+
+    for _ in range(11):
+        state = turn(state, 5.0)
+    for blow_n_s in (0.7, 0.8, 0.9):
+        state = turn(state, blow_n_s)
+        state = turn(state, 9.0, doubled)
+        state = turn(state, 9.0, NO_REGIME)
+    assert state.impulse_n_s == pytest.approx(0.8)
+    assert state.turns == 14
+
+
+def test_who_stops_holding_begins_anew() -> None:
+    state, _ = followed(linear(2.0), 1.0, 200)
+    assert state.turns > 0
+    for holding, harmonic in ((False, 11), (True, 0)):
+        assert therapy.step(CONFIG, state, holding, harmonic, 1.1, 1.0, TURN_ENDED, 0.8) == therapy.INITIAL
