@@ -9,12 +9,33 @@ import argparse
 import json
 import signal
 
-from hil.clock import NS_PER_S, MonotonicClock
+from hil.clock import NS_PER_S, Clock, MonotonicClock
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.processes import read_start
 from hil.realtime import BASELINE, become_realtime, die_with_parent
 
 PERIOD_NS = NS_PER_S // 1000
+
+
+class BareLoop:
+    """A loop at 1 kHz that does nothing, from `t0_ns` of its clock on."""
+
+    def __init__(self, clock: Clock, t0_ns: int) -> None:
+        self.late_wakeups = 0
+        self._loop = FixedRateLoop(clock, t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
+        self.stop = self._loop.stop
+
+    @property
+    def overruns(self) -> int:
+        """Ticks that it slept through."""
+        return self._loop.overruns
+
+    def run(self, ticks: int) -> None:
+        """Sleep until `ticks` have gone by, or until `stop`."""
+        self._loop.run(ticks, lambda *_: None, self._record)
+
+    def _record(self, _: int, timing: LoopTiming) -> None:
+        self.late_wakeups += timing.wake_latency_us * 1000 > PERIOD_NS / 2
 
 
 def main() -> None:
@@ -26,16 +47,10 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     become_realtime(BASELINE)
     print("ready", flush=True)
-    loop = FixedRateLoop(MonotonicClock(), read_start().t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
+    loop = BareLoop(MonotonicClock(), read_start().t0_ns)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
-    late_wakeups = 0
-
-    def record(_: int, timing: LoopTiming) -> None:
-        nonlocal late_wakeups
-        late_wakeups += timing.wake_latency_us * 1000 > PERIOD_NS / 2
-
-    loop.run(ticks, lambda *_: None, record)
-    print(json.dumps({"overruns": loop.overruns, "late_wakeups": late_wakeups}), flush=True)
+    loop.run(ticks)
+    print(json.dumps({"overruns": loop.overruns, "late_wakeups": loop.late_wakeups}), flush=True)
 
 
 if __name__ == "__main__":
