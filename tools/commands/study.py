@@ -441,6 +441,41 @@ def feasibility(
     course.tell(result, as_json, show)
 
 
+@study.command()
+def pulse(
+    way: Annotated[str, typer.Option(help="turn, subharmonic, gated or all.")] = "all",
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """One pulse a stride: by one crank turn a stride, by subharmonics, or by a crank that rests between."""
+    from tools import pulse_figures
+    from tools.study import pulse as ways
+    from tools.study import store
+
+    chosen = ways.WAYS if way == "all" else (one_of("--way", way, ways.WAYS),)
+    course = Course(out, cores, scheduler)
+    with course.computing():
+        orbits = ways.orbits_found(course.where).to_pylist() if ways.SUBHARMONIC in chosen else []
+        found = ways.compute(course.where, chosen)
+    name = "pulse" if way == "all" else f"pulse-{way}"
+    store.write(out / f"{name}.parquet", found, {"ways": list(chosen)}, {})
+    rows, bands = found.to_pylist(), ways.bands(orbits)
+
+    def show() -> None:
+        if bands:
+            console.print(pulse_figures.bands_table(bands))
+        console.print(pulse_figures.rows_table(rows))
+
+    result = {
+        "pulse": [without_nan(row) for row in rows],
+        "bands": [band._asdict() for band in bands],
+        "figures": pulse_figures.chart(rows, bands, out, name),
+    }
+    course.tell(result, as_json, show)
+
+
 def without_nan(row: dict[str, Any]) -> dict[str, Any]:
     """A row for JSON, which has no NaN: what was not measured is null."""
     return {name: None if value != value else value for name, value in row.items()}  # noqa: PLR0124 - NaN
