@@ -42,8 +42,17 @@ def test_every_tolerance_says_what_it_is() -> None:
 
 
 def test_every_parameter_that_is_tuned_has_a_tolerance() -> None:
-    assert {detector.PARAMETER, estimator.FLOOR, *estimator.GRID, *start.SPACE} <= set(TOLERANCES)
+    assert {detector.PARAMETER, estimator.FLOOR, *estimator.GRID} <= set(TOLERANCES)
     assert set(TOLERANCES) <= set(DEFAULTS)
+    assert not set(start.SPACE) & set(TOLERANCES)
+
+
+@pytest.mark.parametrize("as_good", [True, False])
+def test_a_start_agrees_by_what_it_does(as_good: bool) -> None:
+    """By no value: another rise that performs alike is no disagreement, one that is beaten is."""
+    values = {"start.rise_s": tuned("start.rise_s", 4.5, 4.5, 4.5)}
+    (row,) = rows_of([Tuning("start", "", 41, "", values, {}, default_as_good=as_good)])
+    assert row.passed is as_good
 
 
 def test_the_speed_loops_defaults_are_what_tuning_gives() -> None:
@@ -60,7 +69,7 @@ def test_margins_need_the_start_and_the_estimator() -> None:
     """What they are made of is named, so that a tuning that is left out is not taken for a margin of 0."""
     lonely = Tuning("speed", "", None, "", {"speed.gain_i_n_m": tuned("speed.gain_i_n_m", 1, 1, 1)}, {})
     with pytest.raises(KeyError):
-        margins_of([lonely], effort=None, progress=lambda *_: None)  # type: ignore[arg-type]
+        margins_of(Path(), [lonely], effort=None, progress=lambda *_: None)  # type: ignore[arg-type]
 
 
 def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -78,12 +87,13 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
         seconds=20.0,
         fresh_trials=4,
         hold_trials=1,
+        identify_trials=1,
     )
     monkeypatch.setattr(check, "QUICK", little)
     code = cli.run(["tune", "check", "--quick", "--workers", "1", "--out", str(tmp_path), "--json"])
     payload = json.loads(capsys.readouterr().out)
     rows = {row["parameter"]: row for row in payload["parameters"]}
-    assert set(rows) == set(TOLERANCES)
+    assert set(rows) == set(TOLERANCES) | set(start.SPACE)
     assert len(rows) == len(payload["parameters"])
     for command in ("speed", "identify", "estimator", "detector", "start"):
         path = tmp_path / f"{command}.toml"
@@ -95,7 +105,10 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
     assert [row["parameter"] for row in sure if not row["passed"]] == []
     assert {one["scenario"] for one in payload["safety"]} >= {"bounds", "e-stop-in-the-hold"}
     margins = {one["what"]: one for one in payload["margins"]}
-    assert len(margins) == 7
+    assert len(margins) == 9
+    assert {one["command"] for one in payload["margins"]} == {one["command"] for one in rows.values()}
+    b = margins["error of b from a minute, median"]
+    assert 0.0 < b["default"] < 3.0
     ripple = margins["crank's speed ripple in the hold"]
     assert 0.0 < 10.0 * ripple["default"] < ripple["naive"]
     passed = all(row["passed"] for row in rows.values()) and all(one["passed"] for one in payload["safety"])

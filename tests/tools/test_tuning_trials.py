@@ -9,7 +9,7 @@ from tools.tuning.trials import GOAL, Trial, known_trials, module_of, run_trials
 
 def trial(number: int, named: str = "", b_off: float = 0.0, held: bool = True) -> Trial:
     law, _ = module_of(number)
-    return Trial(number, law, named or law, "", {"damping": b_off}, {"damping": held})
+    return Trial(number, law, named or law, "", {"damping": b_off}, {"damping": held}, {})
 
 
 def test_all_right_is_passed() -> None:

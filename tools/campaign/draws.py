@@ -50,11 +50,12 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One trial's truth, and generators for its sensors' noise and its script."""
+    """One trial's truth, generators for its sensors' noise and its script, and the seed of the latter."""
 
     scene: Scene
     noise: np.random.Generator
     more: np.random.Generator
+    more_seed: tuple[int, ...]
 
 
 def mismatch_of(table: Mapping[str, float]) -> Mismatch:
@@ -132,4 +133,4 @@ def draw(
     housing = _moving_housing(disturbance, until_s, truth)
     if housing:
         drawn["housing"] = housing
-    return Drawn(load_scene(drawn), noise, more)
+    return Drawn(load_scene(drawn), noise, more, (seed, trial, 2))

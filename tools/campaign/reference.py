@@ -5,6 +5,7 @@ kernels. It answers whether an impact attractor exists at a speed, how hard the 
 where an instant start ends, and where a kicked striker would have ended.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ LONGEST_GAP = 2.2
 """Periods between two impacts of a motion that goes on impacting; some orbits strike every other period."""
 JUDGED_S = 8.0
 """The end of a run that decides: twelve periods."""
+KEPT = 2048
+"""Answers, as a tuning runs many candidates on the same truths."""
 TRIES = 12
 """Starts at speed that are tried where the slow way up has lost the attractor."""
 
@@ -96,8 +99,10 @@ def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
     return MotionState(0.0, x_m, v_m_s, crank_rad, 0.0, Phase.FLIGHT)
 
 
-def reference(scene: Scene, omega_rad_s: float, more: np.random.Generator) -> Reference:
-    """What the impact attractor of this truth is at this speed."""
+@lru_cache(KEPT)
+def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Reference:
+    """What the impact attractor of this truth is at this speed; `seed` is of the starts that are tried."""
+    more = np.random.default_rng(seed)
     start = at(scene.striker.rest_length_m, 0.0, 0.0)
     until_s = RAMP_S + HELD_S
     impacts = alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
@@ -121,6 +126,7 @@ def reference(scene: Scene, omega_rad_s: float, more: np.random.Generator) -> Re
     return Reference(False, float("nan"), path_m_s)
 
 
+@lru_cache(KEPT)
 def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
     """Whether the drawn start ends in impacts where the crank turns at full speed at once."""
     impacts = alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)

@@ -100,7 +100,7 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
     """Into the impact regime; the largest blow on the way beside the steady one or those of a slow way up."""
     duration_s = float(numbers["duration_s"])
     omega_rad_s = cell.ratio * config.start.natural_rad_s
-    attractor = reference(drawn.scene, omega_rad_s, drawn.more)
+    attractor = reference(drawn.scene, omega_rad_s, drawn.more_seed)
     done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, traced=True)
     outcome.simulated_s = duration_s
     outcome.counts["drawn"] = 1

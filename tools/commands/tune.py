@@ -1,23 +1,15 @@
 """`vibrohil tune`: the firmware's parameters designed, fitted to a log, or chosen on draws; and compared."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from tools.output import (
-    EXIT_CHECK_FAILED,
-    BadInputError,
-    console,
-    figure,
-    figure_table,
-    print_json,
-    progress_console,
-)
+from tools.commands.tune_tables import show, show_check, show_difference, show_trials
+from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json, progress_console
 
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
@@ -60,6 +52,11 @@ def progress_bar() -> Progress:
         console=progress_console,
         transient=True,
     )
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given; the others have the called function's own defaults."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 class Outputs(NamedTuple):
@@ -151,40 +148,6 @@ def report(payload: Mapping[str, Any], as_json: bool) -> None:
         raise typer.Exit(EXIT_CHECK_FAILED)
 
 
-def show(payload: Mapping[str, Any]) -> None:
-    """Parameters, figures of merit, warnings and what the safety scenarios said."""
-    from firmware_py.shell.parameters import DEFAULTS
-
-    console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}", highlight=False)
-    table = Table(box=None, pad_edge=False)
-    for name in ("parameter", "value", "low", "high", "default", "unit"):
-        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
-    for name, value in payload["parameters"].items():
-        numbers = (value["value"], value["low"], value["high"], DEFAULTS[name])
-        table.add_row(name, *(f"{number:.5g}" for number in numbers), value["unit"])
-    console.print(table)
-    console.print(f"low, high: {payload['range_is']}", highlight=False, style="dim")
-    rows = [
-        (name.replace("_", " "), m["value"], m["unit"]) for name, m in payload["figures_of_merit"].items()
-    ]
-    console.print(figure_table("figures of merit", rows))
-    for warning in payload["warnings"]:
-        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
-    show_safety(payload["safety"])
-    if payload["out"] is None:
-        console.print("[bold red]not written[/]; --force writes it all the same", highlight=False)
-    else:
-        forced = "" if payload["safe"] else "  [bold red]by force[/]"
-        console.print(f"[bold green]written[/]{forced}  {payload['out']}", highlight=False, soft_wrap=True)
-
-
-def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
-    """One line a judgement."""
-    for result in safety:
-        mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
-        console.print(f"safety, {result['scenario']}: {mark}", highlight=False)
-
-
 @tune.command()
 def speed(
     bandwidth_hz: Annotated[
@@ -207,18 +170,17 @@ def speed(
     """PI gains of the crank's speed loop for a bandwidth and a phase margin, measured on the bench."""
     from hil.parameter_file import nested
     from tools.tuning import views
-    from tools.tuning.speed import BANDWIDTH_HZ, PHASE_MARGIN_DEG, Belief, SpeedDesign, tune_speed
+    from tools.tuning.speed import Belief, SpeedDesign, tune_speed
     from tools.tuning.speed_figure import draw_speed
     from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
 
-    given = {"inertia_kg_m2": inertia_kg_m2, "tracker_rad_s": tracker_rad_s}
-    belief = Belief(**{name: value for name, value in given.items() if value is not None})
+    belief = Belief(**given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
     points: dict[str, Any] = {}
     Loop = tuple[SpeedDesign, MeasuredLoop | None]
 
     def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Loop]":
         tuning, design = tune_speed(
-            belief, bandwidth_hz or BANDWIDTH_HZ, phase_margin_deg or PHASE_MARGIN_DEG
+            belief, **given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
         )
         if not measure:
             return tuning, (design, None)
@@ -315,31 +277,6 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
         raise typer.Exit(EXIT_CHECK_FAILED)
 
 
-def show_trials(payload: Mapping[str, Any]) -> None:
-    """Rates with bounds, then errors with limits, then what was named wrongly."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds"):
-        table.add_column(name, justify="left" if name == "" else "right", no_wrap=True)
-
-    def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
-        bounds = f"{100.0 * share['low']:.1f}–{100.0 * share['high']:.1f} %"
-        table.add_row(name, f"{share['hits']} of {share['n']}", bounds, *errors)
-
-    row("[bold]law named[/]", payload["named_right"])
-    for law, share in payload["named_by_law"].items():
-        row(f"  {law}", share)
-    for name, share in payload["within"].items():
-        errors = (f"{share[key]:.2g}" for key in ("p50", "p95", "worst"))
-        held = f"{100.0 * share['in_bounds']['value']:.0f} %"
-        row(name, share, f"{share['limit']:g} {share['unit']}", *errors, held)
-    console.print(table)
-    for one in payload["wrong"]:
-        named = one["named"] or one["why"]
-        console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}", highlight=False)
-    mark = "[green]goals met[/]" if payload["passed"] else "[bold red]a goal is missed[/]"
-    console.print(f"{mark}; outcomes in {payload['out']}", highlight=False, soft_wrap=True)
-
-
 @tune.command()
 def detector(
     cost_miss: Annotated[float, typer.Option(help="What a blow that is not seen costs.")] = 1.0,
@@ -356,8 +293,7 @@ def detector(
 ) -> None:
     """The floor of the blow detector from what misses and false alarms cost, on drawn modules."""
     from tools.tuning import views
-    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
-    from tools.tuning.detector import TRIALS, tune_detector
+    from tools.tuning.detector import tune_detector
     from tools.tuning.detector_figure import draw_detector
 
     conclude(
@@ -365,11 +301,8 @@ def detector(
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
-            trials=trials or TRIALS,
-            seed=TUNING_SEED if seed is None else seed,
-            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
             progress=lambda done, total: progress("draws", done / total),
-            workers=workers,
+            **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
         ),
         draw_detector,
         views.of_detector,
@@ -403,20 +336,17 @@ def estimator(
 ) -> None:
     """Q and R of the estimator from logs, by the likelihood of what touch-downs say; no truth is used."""
     from tools.tuning import views
-    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
-    from tools.tuning.estimator import FRESH_TRIALS, MODULES, tune_estimator
+    from tools.tuning.estimator import tune_estimator
     from tools.tuning.estimator_figure import draw_estimator
 
     conclude(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_estimator(
             logs or (),
-            modules=modules or MODULES,
-            seed=TUNING_SEED if seed is None else seed,
-            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
-            fresh_trials=FRESH_TRIALS if fresh_trials is None else fresh_trials,
             progress=lambda done, total: progress("logs", done / total),
-            workers=workers,
+            **given(
+                modules=modules, fresh_trials=fresh_trials, seed=seed, fresh_seed=fresh_seed, workers=workers
+            ),
         ),
         draw_estimator,
         views.of_estimator,
@@ -427,8 +357,10 @@ def estimator(
 @tune.command()
 def start(
     candidates: Annotated[int | None, typer.Option(help="How many are tried in all.", min=2)] = None,
-    trials: Annotated[int | None, typer.Option(help="Draws for each candidate.", min=12)] = None,
-    fresh_trials: Annotated[int | None, typer.Option(help="Draws to judge the best on.", min=12)] = None,
+    trials: Annotated[int | None, typer.Option(help="Draws for each candidate.", min=8)] = None,
+    fresh_trials: Annotated[
+        int | None, typer.Option(help="Draws to choose among the best, and to judge on.", min=8)
+    ] = None,
     journal: Annotated[
         Path | None,
         typer.Option(help="What was tried; the same command goes on with it. By default beside the file."),
@@ -444,21 +376,22 @@ def start(
 ) -> None:
     """Ramp, capture speed and hold loop for starts that fail least, then overshoot, time and energy."""
     from tools.tuning import views
-    from tools.tuning.candidates import FRESH_SEED, TUNING_SEED
-    from tools.tuning.start import CANDIDATES, FRESH_TRIALS, TRIALS, tune_start
+    from tools.tuning.start import tune_start
     from tools.tuning.start_figure import draw_start
 
     conclude(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_start(
             journal or out.with_suffix(".journal"),
-            candidates=candidates or CANDIDATES,
-            trials=trials or TRIALS,
-            fresh_trials=fresh_trials or FRESH_TRIALS,
-            seed=TUNING_SEED if seed is None else seed,
-            fresh_seed=FRESH_SEED if fresh_seed is None else fresh_seed,
             progress=lambda done, total: progress("draws", done / total),
-            workers=workers,
+            **given(
+                candidates=candidates,
+                trials=trials,
+                fresh_trials=fresh_trials,
+                seed=seed,
+                fresh_seed=fresh_seed,
+                workers=workers,
+            ),
         ),
         draw_start,
         views.of_start,
@@ -504,31 +437,6 @@ def check(
         raise typer.Exit(EXIT_CHECK_FAILED)
 
 
-def show_check(payload: Mapping[str, Any]) -> None:
-    """Defaults beside tuned values, defaults beside naive ones, and what was said."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("parameter", "tune", "default", "tuned", "unit", "tolerance", ""):
-        table.add_column(name, justify="right" if name in ("default", "tuned") else "left")
-    for row in payload["parameters"]:
-        mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"
-        numbers = (f"{row[key]:.4g}" for key in ("default", "tuned"))
-        table.add_row(row["parameter"], row["command"], *numbers, row["unit"], row["tolerance"], mark)
-    console.print(table)
-    margins = Table(box=None, pad_edge=False)
-    for name in ("on fresh draws", "default", "naive", "unit", "naive is"):
-        margins.add_column(name, justify="right" if name in ("default", "naive") else "left")
-    for one in payload["margins"]:
-        margins.add_row(
-            one["what"], figure(one["default"]), figure(one["naive"]), one["unit"], one["naive_is"]
-        )
-    console.print(margins)
-    for warning in payload["warnings"]:
-        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
-    show_safety(payload["safety"])
-    mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
-    console.print(f"{mark}; files in {payload['out']}", highlight=False, soft_wrap=True)
-
-
 @tune.command()
 def diff(
     a: Annotated[Path, typer.Argument(help="A parameter file.")],
@@ -562,47 +470,3 @@ def diff(
         show_difference(payload, a, b)
     if any(one["passed"]["a"] and not one["passed"]["b"] for one in payload["suite"]):
         raise typer.Exit(EXIT_CHECK_FAILED)
-
-
-def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
-    """Parameters, figures of merit, verdicts and figures of the scenarios."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("parameter", a.name, b.name, "change", "unit"):
-        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right", no_wrap=True)
-    for change in payload["changed"]:
-        relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"
-        sides = (
-            f"{change[side]:.5g}" if change[f"named_in_{side}"] else f"default {change[side]:.5g}"
-            for side in ("a", "b")
-        )
-        table.add_row(change["name"], *sides, relative, change["unit"])
-    if payload["changed"]:
-        console.print(table)
-    else:
-        console.print("no parameter differs")
-    if payload["figures_of_merit"]:
-        console.print(_side_by_side("figure of merit", payload["figures_of_merit"], a, b))
-    for one in payload["suite"]:
-        verdicts = (
-            "[green]passed[/]"
-            if one["passed"][side]
-            else f"[red]failed ({', '.join(one['failed'][side])})[/]"
-            for side in ("a", "b")
-        )
-        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts), highlight=False)
-        if one["figures"]:
-            console.print(_side_by_side("figure", one["figures"], a, b))
-        else:
-            console.print("  no figure differs by more than half a per cent")
-    for side, path in (("a", a), ("b", b)):
-        if payload["safe"][side] is False:
-            console.print(f"[bold red]{path} was written by force[/]: a safety scenario fails with it")
-
-
-def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for name in (title, a.name, b.name, "unit"):
-        table.add_column(name, justify="left" if name in (title, "unit") else "right")
-    for name, one in figures.items():
-        table.add_row(name.replace("_", " "), figure(one["a"]), figure(one["b"]), one["unit"])
-    return table

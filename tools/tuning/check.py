@@ -2,10 +2,11 @@
 
 Every tuning runs as its command does by default. A default passes where it lies within a stated tolerance of
 the tuned value, or, where several values cannot be told from each other by what the tuning looks at, among
-those. Naive values stand beside the defaults on drawn modules that had no part in any choice.
+those. Those of the start pass together, where fresh draws do not tell them to be worse. Naive values stand
+beside the defaults on drawn modules that had no part in any choice.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +17,10 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.bench import in_lockstep
 from hil.scenario import load_scenario
 from tools.campaign.results import counts_of, values_of
-from tools.tuning import detector, estimator, start
+from tools.tuning import detector, estimator, start, trials
 from tools.tuning.candidates import FRESH_SEED, run_candidates
 from tools.tuning.identify import tune_identify
-from tools.tuning.result import Tuning
+from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import tune_speed
 
 RECORDED = "soft-start-multistable"
@@ -29,9 +30,13 @@ HOLD_RATIO = (("viscous",), (1.3,), (0.0,))
 NO_FEED_FORWARD = {"speed.load_share": 0.0}
 TIMID_FLOOR = {detector.PARAMETER: 0.1}
 """Seven times the sensor's noise: what a threshold is often set to."""
+LEAST_SQUARES = "least squares on the equations alone"
 HASTY = "up to speed in 0.5 s"
 
+TIMID = "a floor of seven times the noise"
+
 Progress = Callable[[str, float], None]
+Merits = Mapping[str, Merit]
 
 
 class Tolerance(NamedTuple):
@@ -82,9 +87,10 @@ TOLERANCES: dict[str, Tolerance] = {
     estimator.MEMORY: GRID_STEP,
     estimator.STOP: GRID_STEP,
     estimator.FLOOR: Tolerance(1.15),
-    **{name: Tolerance(in_range=True) for name in start.SPACE},
 }
 """Goals of identification; one step of the estimator's grid and of the detector's list."""
+TOGETHER = "all together as good on fresh draws"
+"""Of a tuning that compares performance: its values may trade for one another."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,7 @@ class Row:
 class Margin:
     """A figure with the default and with a naive value, on fresh draws; the less the better."""
 
+    command: str
     what: str
     unit: str
     default: float
@@ -126,6 +133,7 @@ class Effort:
     seconds: float = estimator.SECONDS
     fresh_trials: int = estimator.FRESH_TRIALS
     hold_trials: int = 24
+    identify_trials: int = 40
 
 
 QUICK = Effort(
@@ -138,6 +146,7 @@ QUICK = Effort(
     seconds=30.0,
     fresh_trials=4,
     hold_trials=2,
+    identify_trials=4,
 )
 """Says whether everything still runs and agrees, and less about by how much."""
 
@@ -192,33 +201,45 @@ def _emptied(folder: Path) -> Path:
 
 def rows_of(found: Sequence[Tuning]) -> list[Row]:
     """Every tuned parameter beside its default."""
-    return [
-        Row(
-            parameter=name,
-            command=tuning.command,
-            unit=value.unit,
-            default=DEFAULTS[name],
-            tuned=value.value,
-            low=value.low,
-            high=value.high,
-            tolerance=str(TOLERANCES[name]),
-            passed=TOLERANCES[name].holds(DEFAULTS[name], value.value, value.low, value.high),
-        )
-        for tuning in found
-        for name, value in tuning.parameters.items()
-    ]
+    rows = []
+    for tuning in found:
+        for name, value in tuning.parameters.items():
+            if tuning.default_as_good is None:
+                tolerance = str(TOLERANCES[name])
+                passed = TOLERANCES[name].holds(DEFAULTS[name], value.value, value.low, value.high)
+            else:
+                tolerance, passed = TOGETHER, tuning.default_as_good
+            rows.append(
+                Row(
+                    parameter=name,
+                    command=tuning.command,
+                    unit=value.unit,
+                    default=DEFAULTS[name],
+                    tuned=value.value,
+                    low=value.low,
+                    high=value.high,
+                    tolerance=tolerance,
+                    passed=passed,
+                )
+            )
+    return rows
 
 
 def margins_of(
-    found: Sequence[Tuning], effort: Effort, progress: Progress, workers: int | None = None
+    folder: Path, found: Sequence[Tuning], effort: Effort, progress: Progress, workers: int | None = None
 ) -> list[Margin]:
-    """What the defaults are better than, on fresh draws."""
+    """What the defaults are better than, on fresh draws; of identification, what it is better than."""
     merits = {tuning.command: tuning.figures_of_merit for tuning in found}
-    of_start, of_estimator = merits["start"], merits["estimator"]
+    judged = [*_of_estimator(merits["estimator"]), *_of_start(merits["start"])]
+    return [
+        _of_speed(effort, progress, workers),
+        _of_identify(folder, effort, progress, workers),
+        _of_detector(effort, progress, workers),
+        *judged,
+    ]
 
-    def failing(prefix: str) -> float:
-        return 100.0 * of_start[f"{prefix}failures"].value / max(of_start[f"{prefix}eligible"].value, 1.0)
 
+def _of_speed(effort: Effort, progress: Progress, workers: int | None) -> Margin:
     held = run_candidates(
         "hold",
         [{}, NO_FEED_FORWARD],
@@ -228,7 +249,26 @@ def margins_of(
         workers,
         (HOLD_RATIO,),
     )
-    ripples = [float(np.median(values_of(outcomes).get("ripple", [np.nan]))) for outcomes in held]
+    default, naive = (float(np.median(values_of(outcomes).get("ripple", [np.nan]))) for outcomes in held)
+    return Margin("speed", "crank's speed ripple in the hold", "%", default, naive, "no load fed forward")
+
+
+def _of_identify(folder: Path, effort: Effort, progress: Progress, workers: int | None) -> Margin:
+    identified = trials.run_trials(
+        effort.identify_trials,
+        folder / "identify-trials.jsonl",
+        progress=lambda done, total: progress("margin of identify", done / total),
+        workers=workers,
+    )
+    errors = (
+        [abs(error) for errors in some if (error := errors.get("damping")) is not None]
+        for some in ([one.errors for one in identified], [one.plain for one in identified])
+    )
+    tuned, plain = (100.0 * float(np.median(some)) for some in errors)
+    return Margin("identify", "error of b from a minute, median", "%", tuned, plain, LEAST_SQUARES)
+
+
+def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Margin:
     detected = run_candidates(
         "detect",
         [{}, TIMID_FLOOR],
@@ -242,30 +282,42 @@ def margins_of(
         counts = counts_of(outcomes)
         hours = sum(outcome.simulated_s for outcome in outcomes) / 3600.0
         costs.append((counts["misses"] + counts["false_alarms"]) / hours)
-    shown = [
-        Margin("crank's speed ripple in the hold", "%", ripples[0], ripples[1], "no load fed forward"),
-        Margin("misses and false alarms", "1/h", costs[0], costs[1], "a floor of seven times the noise"),
-        Margin("starts that fail", "%", failing("default_"), failing("naive_"), HASTY),
+    return Margin("detector", "misses and false alarms", "1/h", costs[0], costs[1], TIMID)
+
+
+def _of_estimator(merits: Merits) -> list[Margin]:
+    """None where the tuning was not judged on fresh draws."""
+    return [
+        Margin(
+            "estimator",
+            f"error of {name}, RMS",
+            unit,
+            merits[f"fresh_default_{name}_rmse"].value,
+            merits[f"fresh_naive_{name}_rmse"].value,
+            "R is the sensor's noise",
+        )
+        for name, unit in (("x", "mm"), ("v", "m/s"))
+        if f"fresh_{name}_rmse" in merits
     ]
-    shown += [
-        Margin(what, unit, of_start[f"default_{name}"].value, of_start[f"naive_{name}"].value, HASTY)
+
+
+def _of_start(merits: Merits) -> list[Margin]:
+    return [
+        Margin(
+            "start",
+            what,
+            unit,
+            merits[f"default_{name}"].value,
+            merits[f"naive_{name}"].value,
+            naive_is=HASTY,
+        )
         for what, name, unit in (
+            (f"starts that fail, of {merits['default_eligible'].value:g}", "failures", "1"),
+            ("hardest twentieth of blows, steady ones = 1", "hardest_overshoot", "1"),
             ("largest blow of all starts, steady ones = 1", "largest_overshoot", "1"),
             ("until 95 % of starts have captured", "capture_p95", "s"),
         )
     ]
-    if "fresh_x_rmse" in of_estimator:
-        shown += [
-            Margin(
-                f"error of {name}, RMS",
-                unit,
-                of_estimator[f"fresh_default_{name}_rmse"].value,
-                of_estimator[f"fresh_naive_{name}_rmse"].value,
-                "R is the sensor's noise",
-            )
-            for name, unit in (("x", "mm"), ("v", "m/s"))
-        ]
-    return shown
 
 
 def check_defaults(
@@ -277,7 +329,7 @@ def check_defaults(
     """The JSON object of `tune check`, and the tunings."""
     found = tunings(folder, effort, progress, workers)
     rows = rows_of(found)
-    margins = margins_of(found, effort, progress, workers)
+    margins = margins_of(folder, found, effort, progress, workers)
     return {
         "command": "check",
         "parameters": [asdict(row) for row in rows],

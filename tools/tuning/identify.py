@@ -43,6 +43,7 @@ from tools.tuning.laws import (
     READING,
     Fit,
     Law,
+    Striker,
     begun,
     candidates,
     fitting,
@@ -97,6 +98,8 @@ class Identified:
 
     fits: dict[Law, Fit]
     law: Law
+    plain: Striker
+    """The same law by least squares on the equations as they are: no weights, no likelihood."""
     bounds: dict[str, tuple[float, float]]
     blows: tuple[Blow, ...]
     flights: int
@@ -150,6 +153,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
     return Identified(
         fits={name: one.fit for name, one in fitted.items()} | {law: fit},
         law=law,
+        plain=solved(matrices, law),
         bounds=_bounds(flown, noise) | _bounds_of_blows(blows, noise),
         blows=blows,
         flights=len(flights),

@@ -24,7 +24,11 @@ class Merit(NamedTuple):
 
 @dataclass(frozen=True)
 class Tuning:
-    """`source`: a run's folder, or what it was designed for; `range_is`: what low and high mean."""
+    """`source`: a run's folder, or what it was designed for; `range_is`: what low and high mean.
+
+    `default_as_good`: whether the defaults together perform as well on fresh draws; None where that was not
+    asked and values are compared.
+    """
 
     command: str
     source: str
@@ -33,6 +37,7 @@ class Tuning:
     parameters: dict[str, Value]
     figures_of_merit: dict[str, Merit]
     warnings: tuple[str, ...] = ()
+    default_as_good: bool | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -49,6 +54,7 @@ class Tuning:
             "parameters": {name: value._asdict() for name, value in self.parameters.items()},
             "figures_of_merit": {name: merit._asdict() for name, merit in self.figures_of_merit.items()},
             "warnings": list(self.warnings),
+            "default_as_good": self.default_as_good,
         }
 
 

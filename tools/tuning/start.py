@@ -1,30 +1,45 @@
 """The soft start for reliability first: ramp, capture speed and hold loop, searched by Optuna in lockstep.
 
 Candidates run the start-up campaign, all on the same draws of truth and state. There are four aims: the share
-of starts that fail where an impact attractor exists, the largest blow on the way beside the steady one, the
-time until 95 % are captured, and the energy that takes. Optuna (Akiba et al., KDD 2019) searches all four at
-once; what no other candidate beats in all of them is the Pareto front. Of that the winner is taken in the
-order of the aims, an overshoot within `OVERSHOOT` counting as none: a faster ramp wins only where it loses
-no start. The front's first few, the default and a naive start are judged on seeds that had no part in it.
+of starts that fail, the hardest twentieth of blows on the way beside the steady ones, the time until 95 % are
+captured, and the energy that takes. What draws cannot tell apart in an aim is equal in it (`aims`).
 
-The search is kept in a journal beside the parameter file: the same command goes on where it was killed.
+First the default runs with each parameter alone at both ends of what may be searched. Where the starts stay
+alike the parameter is free: it keeps its default, and that is said. The others are searched by Optuna (Akiba
+et al., KDD 2019) in all four aims at once; what no other candidate beats in all of them is the Pareto front.
+Its first few and the default run on more draws, and the best is taken aim by aim, then its neighbours, until
+none is better. Winner, default and a naive start are judged on seeds that had no part in it.
+
+What is free and what was searched is kept in a journal beside the parameter file: the same command goes on
+where it was killed.
 """
 
 import hashlib
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
-from tools.campaign.outcome import Outcome
-from tools.campaign.results import counts_of, values_of
+from tools.campaign.campaigns import NO_IMPULSE, Condition
 from tools.campaign.statistics import wilson
+from tools.tuning.aims import (
+    BLOW,
+    CAPTURE_S,
+    ENERGY_J,
+    FAILED,
+    FloatArray,
+    choose,
+    differing,
+    hardest,
+    late,
+    starts_of,
+)
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.result import Merit, Tuning, tuned
 
@@ -44,28 +59,44 @@ SPACE: dict[str, tuple[float, float, float]] = {
     HOLD_RATE: (0.01, 0.06, 0.01),
 }
 """Lowest, highest and step of what is searched; a finer step makes no difference that draws could tell."""
+DEFAULT = {name: DEFAULTS[name] for name in SPACE}
 NAIVE = {RISE: 0.5, AGAIN: 0.5}
 """Up to speed as fast as the motor follows."""
+CONDITIONS: tuple[Condition, ...] = (
+    (("viscous",), (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
+    (("coulomb", "stribeck"), (1.1, 1.2), NO_IMPULSE),
+)
+"""Those of the campaign in which there is an impact attractor to start into."""
 CANDIDATES = 24
 BATCH = 6
 """Candidates that are asked for at a time: they share the start of the processes."""
-TRIALS = 60
-"""Five of each friction law and ratio."""
-FRESH_TRIALS = 120
-FINALISTS = 3
-OVERSHOOT = 1.05
+TRIALS = 64
+"""Eight of each friction law and ratio."""
+FRESH_TRIALS = 400
+FINALISTS = 5
+"""Beside the default."""
+ROUNDS = 6
+"""Of the final at most: the first, then neighbours."""
+BEST_PLACE, DEFAULT_PLACE = 0, 1
+"""Of those that are judged on fresh draws."""
+
+DIGITS = 6
+"""Of a step's multiples."""
 
 Progress = Callable[[int, int], None]
+Run = Callable[[Sequence[Mapping[str, float]]], list[FloatArray]]
+"""Candidates' starts on the final's draws."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A candidate and what it came to; `overshoot` is the largest of all starts."""
+    """A candidate and what it came to; `overshoot` is the mean of the hardest twentieth of blows."""
 
     parameters: dict[str, float]
     eligible: int
     failures: int
     overshoot: float
+    largest: float
     capture_p50_s: float
     capture_p95_s: float
     energy_p50_j: float
@@ -73,14 +104,8 @@ class Ramp:
 
     @property
     def aims(self) -> tuple[float, float, float, float]:
-        """Each the less the better: failures, overshoot, time, energy."""
+        """Each the less the better, in their order: failures, overshoot, time, energy."""
         return (self.failures / max(self.eligible, 1), self.overshoot, self.capture_p95_s, self.energy_p50_j)
-
-    @property
-    def rank(self) -> tuple[float, float, float, float]:
-        """Smaller is better: failures, overshoot beyond what is allowed, capture, energy."""
-        failed, overshoot, capture_s, energy_j = self.aims
-        return (failed, max(overshoot, OVERSHOOT), capture_s, energy_j)
 
     @property
     def success_low(self) -> float:
@@ -88,19 +113,22 @@ class Ramp:
         return wilson(self.eligible - self.failures, self.eligible).low
 
 
-def ramp(parameters: Mapping[str, float], outcomes: Sequence[Outcome]) -> Ramp:
+def ramp(parameters: Mapping[str, float], starts: FloatArray) -> Ramp:
     """What a candidate's starts came to."""
-    counts, values = counts_of(outcomes), values_of(outcomes)
-    captures = np.array(values.get("capture", [math.inf]))
-    blows = [*values.get("overshoot", []), *values.get("overshoot_low", [])]
+
+    def of(figure: Callable[[FloatArray], Any], row: int) -> float:
+        values = starts[row][np.isfinite(starts[row])]
+        return float(figure(values)) if len(values) else math.inf
+
     return Ramp(
         parameters=dict(parameters),
-        eligible=counts["eligible"],
-        failures=counts["eligible"] - counts["success"],
-        overshoot=max(blows, default=math.inf),
-        capture_p50_s=float(np.median(captures)),
-        capture_p95_s=float(np.percentile(captures, 95)),
-        energy_p50_j=float(np.median(values.get("energy", [math.inf]))),
+        eligible=starts.shape[1],
+        failures=round(float(np.sum(starts[FAILED]))),
+        overshoot=of(hardest, BLOW),
+        largest=of(np.max, BLOW),
+        capture_p50_s=of(np.median, CAPTURE_S),
+        capture_p95_s=of(late, CAPTURE_S),
+        energy_p50_j=of(np.median, ENERGY_J),
     )
 
 
@@ -137,63 +165,124 @@ def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":
             load_if_exists=True,
         )
         study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials), multivariate=True)
-    default = {key: DEFAULTS[key] for key in SPACE}
-    if all(one.parameters != default for one in finished(study)):
-        study.enqueue_trial(default, skip_if_exists=False)
+    if all(one.parameters != DEFAULT for one in finished(study)):
+        study.enqueue_trial(DEFAULT, skip_if_exists=False)
     return study
 
 
-def asked(study: "optuna.Study", count: int) -> list[tuple["optuna.Trial", dict[str, float]]]:
-    """So many candidates of the search space."""
+def asked(
+    study: "optuna.Study", count: int, free: Sequence[str]
+) -> list[tuple["optuna.Trial", dict[str, float]]]:
+    """So many candidates of the search space; what is free keeps its default."""
     found = []
     for _ in range(count):
         trial = study.ask()
         values = {
-            name: trial.suggest_float(name, low, high, step=step) for name, (low, high, step) in SPACE.items()
+            name: round(trial.suggest_float(name, low, high, step=step), DIGITS)
+            for name, (low, high, step) in SPACE.items()
+            if name not in free
         }
-        found.append((trial, values))
+        found.append((trial, {**DEFAULT, **values}))
     return found
 
 
 def finished(study: "optuna.Study") -> list[Ramp]:
     """What the journal knows; a candidate that was not finished when the search was killed is none."""
-    return [
-        Ramp(parameters=dict(trial.params), **trial.user_attrs["ramp"])
-        for trial in study.trials
-        if trial.values is not None
-    ]
+    return [Ramp(**trial.user_attrs["ramp"]) for trial in study.trials if trial.values is not None]
+
+
+def judged(
+    candidates: Sequence[Mapping[str, float]], seed: int, trials: int, progress: Progress, workers: int | None
+) -> list[FloatArray]:
+    """Each candidate's starts, all on the same draws."""
+    found = run_candidates("start-up", candidates, seed, trials, progress, workers, CONDITIONS)
+    return [starts_of(outcomes) for outcomes in found]
 
 
 def searched(
-    study: "optuna.Study", candidates: int, trials: int, seed: int, progress: Progress, workers: int | None
+    study: "optuna.Study",
+    free: Sequence[str],
+    candidates: int,
+    trials: int,
+    seed: int,
+    progress: Progress,
+    workers: int | None,
 ) -> list[Ramp]:
     """Ask, run, tell, until so many candidates are known."""
     known = finished(study)
     while len(known) < candidates:
         progress(len(known) * trials, candidates * trials)
-        batch = asked(study, min(BATCH, candidates - len(known)))
+        batch = asked(study, min(BATCH, candidates - len(known)), free)
         begun = len(known) * trials
 
         def told(done: int, _: int, begun: int = begun) -> None:
             progress(begun + done, candidates * trials)
 
-        outcomes = run_candidates(
-            "start-up",
-            [values for _, values in batch],
-            seed,
-            trials,
-            told,
-            workers,
-        )
-        for (trial, values), some in zip(batch, outcomes, strict=True):
+        found = judged([values for _, values in batch], seed, trials, told, workers)
+        for (trial, values), some in zip(batch, found, strict=True):
             one = ramp(values, some)
-            numbers = {
-                key: value for key, value in vars(one).items() if key not in ("parameters", "on_front")
-            }
-            trial.set_user_attr("ramp", numbers)
+            trial.set_user_attr("ramp", vars(one))
             study.tell(trial, [min(aim, 1e9) for aim in one.aims])
         known = finished(study)
     return known
+
+
+# --- the choice ---------------------------------------------------------------------------------------
+
+
+class Final(NamedTuple):
+    """The best of so many, how many are like it, and what each parameter alone may be."""
+
+    best: dict[str, float]
+    finalists: int
+    alike: int
+    alone: dict[str, list[float]]
+
+
+def screened(run: Run) -> tuple[str, ...]:
+    """The parameters that are free: the default with each alone at both of its ends starts alike."""
+    ends = [(name, end) for name, (low, high, _) in SPACE.items() for end in (low, high)]
+    default, *at_ends = run([DEFAULT, *({**DEFAULT, name: end} for name, end in ends)])
+    moved = {name for (name, _), some in zip(ends, at_ends, strict=True) if differing(some, default)}
+    return tuple(name for name in SPACE if name not in moved)
+
+
+def final(tried: Sequence[Ramp], free: Sequence[str], run: Run) -> Final:
+    """The default and the front's first few, then the best one's neighbours, until none is better."""
+    front = sorted((one for one in tried if one.on_front), key=lambda one: one.aims)
+    finalists: list[dict[str, float]] = []
+    starts: list[FloatArray] = []
+    new = [DEFAULT, *[one.parameters for one in front if one.parameters != DEFAULT][:FINALISTS]]
+    for _ in range(ROUNDS):
+        finalists += new
+        starts += run(new)
+        choice = choose(starts)
+        best = finalists[choice.best]
+        new = [one for one in neighbours(best, free) if one not in finalists]
+        if not new:
+            break
+    alone = {
+        name: [
+            one[name]
+            for one, some in zip(finalists, starts, strict=True)
+            if {**one, name: best[name]} == best and not differing(some, starts[choice.best])
+        ]
+        for name in SPACE
+    }
+    for name in free:
+        alone[name] += SPACE[name][:2]
+    return Final(best, len(finalists), len(choice.alike), alone)
+
+
+def neighbours(one: Mapping[str, float], free: Sequence[str]) -> list[dict[str, float]]:
+    """A step up and one down in each parameter that is not free."""
+    return [
+        {**one, name: round(value, DIGITS)}
+        for name, (low, high, step) in SPACE.items()
+        if name not in free
+        for value in (one[name] - step, one[name] + step)
+        if low <= round(value, DIGITS) <= high
+    ]
 
 
 def tune_start(
@@ -206,59 +295,57 @@ def tune_start(
     progress: Progress = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Ramp]]:
-    """The start that fails least, and all that were tried."""
-    refuse_same_seeds(seed, fresh_seed)
-    asked_for = json.dumps({"space": SPACE, "trials": trials, "seed": seed}, sort_keys=True)
+    """The start that fails least, and all that were tried; `fresh_trials` choose among the best as well."""
+    final_seed = seed + 1
+    refuse_same_seeds(final_seed, fresh_seed)
+    asked_for = json.dumps({"space": SPACE, "draws": [trials, fresh_trials, seed]}, sort_keys=True)
     study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
-    tried = with_front(searched(study, candidates, trials, seed, progress, workers))
-    front = sorted((one for one in tried if one.on_front), key=lambda one: one.rank)
-    finalists = [one.parameters for one in front[:FINALISTS]]
-    default = {name: DEFAULTS[name] for name in SPACE}
-    everyone = [*finalists, default, {**default, **NAIVE}]
-    judged = [
-        ramp(parameters, outcomes)
-        for parameters, outcomes in zip(
-            everyone,
-            run_candidates("start-up", everyone, fresh_seed, fresh_trials, progress, workers),
-            strict=True,
-        )
-    ]
-    fresh, (before, naive) = min(judged[:-2], key=lambda one: one.rank), judged[-2:]
-    warnings_ = []
-    if fresh.rank > before.rank:
-        warnings_.append("on fresh draws the default is better: keep it, or search with more trials")
-    if fresh.failures:
-        warnings_.append(f"{fresh.failures} of {fresh.eligible} fresh starts fail")
-    # Those that fail as seldom and strike no harder than allowed.
-    least = min(one.rank[:2] for one in tried)
-    as_good = [one.parameters for one in tried if one.rank[:2] == least]
+
+    def run(some: Sequence[Mapping[str, float]]) -> list[FloatArray]:
+        return judged(some, final_seed, fresh_trials, progress, workers)
+
+    if "free" not in study.user_attrs:
+        study.set_user_attr("free", screened(run))
+    free = tuple(study.user_attrs["free"])
+    tried = with_front(searched(study, free, candidates, trials, seed, progress, workers))
+    best, finalists, alike, alone = final(tried, free, run)
+    everyone = [best, DEFAULT, {**DEFAULT, **NAIVE}]
+    fresh = judged(everyone, fresh_seed, fresh_trials, progress, workers)
+    after, before, naive = (ramp(one, starts) for one, starts in zip(everyone, fresh, strict=True))
+    as_good = choose(fresh[:2]).alike
     tuning = Tuning(
         command="start",
         source=(
-            f"campaign start-up, {trials} trials for each of {len(tried)} candidates, {len(front)} on the "
-            f"Pareto front; judged on {fresh_trials} trials of seed {fresh_seed}"
+            f"campaign start-up, {trials} trials for each of {len(tried)} candidates, {fresh_trials} of seed "
+            f"{final_seed} for {finalists} finalists; judged on {fresh_trials} of seed {fresh_seed}"
         ),
         seed=seed,
-        range_is="candidates that fail as seldom and strike no harder than allowed",
-        parameters={
-            name: tuned(
-                name,
-                fresh.parameters[name],
-                min(fresh.parameters[name], *(one[name] for one in as_good)),
-                max(fresh.parameters[name], *(one[name] for one in as_good)),
-            )
-            for name in SPACE
-        },
+        range_is=f"values with which, alone, {fresh_trials} starts tell no difference",
+        parameters={name: tuned(name, best[name], min(alone[name]), max(alone[name])) for name in SPACE},
         figures_of_merit={
-            **merits("", fresh),
+            **merits("", after),
             **merits("default_", before),
             **merits("naive_", naive),
             "candidates": Merit(float(len(tried)), "1"),
-            "on_the_front": Merit(float(len(front)), "1"),
+            "on_the_front": Merit(float(sum(one.on_front for one in tried)), "1"),
+            "finalists": Merit(float(finalists), "1"),
+            "finalists_alike": Merit(float(alike), "1"),
         },
-        warnings=tuple(warnings_),
+        warnings=tuple(_warnings(free, as_good, after, fresh_trials)),
+        default_as_good=DEFAULT_PLACE in as_good,
     )
     return tuning, tried
+
+
+def _warnings(free: Sequence[str], as_good: Sequence[int], fresh: Ramp, trials: int) -> Iterator[str]:
+    """What is free, what the default does better, and what fails."""
+    for name in free:
+        low, high, _ = SPACE[name]
+        yield f"{name} is free: at {low:g} as at {high:g} {trials} starts tell no difference"
+    if BEST_PLACE not in as_good:
+        yield "on fresh draws the default is better: keep it, or search with more trials"
+    if fresh.failures:
+        yield f"{fresh.failures} of {fresh.eligible} fresh starts fail"
 
 
 def merits(prefix: str, one: Ramp) -> dict[str, Merit]:
@@ -267,7 +354,8 @@ def merits(prefix: str, one: Ramp) -> dict[str, Merit]:
         f"{prefix}eligible": Merit(float(one.eligible), "1"),
         f"{prefix}failures": Merit(float(one.failures), "1"),
         f"{prefix}success_low": Merit(one.success_low, "1"),
-        f"{prefix}largest_overshoot": Merit(one.overshoot, "1"),
+        f"{prefix}hardest_overshoot": Merit(one.overshoot, "1"),
+        f"{prefix}largest_overshoot": Merit(one.largest, "1"),
         f"{prefix}capture_p50": Merit(one.capture_p50_s, "s"),
         f"{prefix}capture_p95": Merit(one.capture_p95_s, "s"),
         f"{prefix}energy_p50": Merit(one.energy_p50_j, "J"),

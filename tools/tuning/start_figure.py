@@ -5,7 +5,7 @@ from pathlib import Path
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.tuning.result import Tuning
-from tools.tuning.start import OVERSHOOT, RISE, SPACE, Ramp
+from tools.tuning.start import RISE, SPACE, Ramp
 
 
 def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
@@ -21,7 +21,7 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     rises = [one.parameters[RISE] for one in tried]
     aims = (
         ([100.0 * one.failures / max(one.eligible, 1) for one in tried], "starts that fail [%]"),
-        ([one.overshoot for one in tried], "largest blow on the way, of the steady one"),
+        ([one.overshoot for one in tried], "hardest twentieth of blows, of the steady one"),
         ([one.energy_p50_j for one in tried], "energy until captured, median [J]"),
     )
     times = [one.capture_p95_s for one in tried]
@@ -46,7 +46,6 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
             )
         axes.set(xlabel="95 % are captured within [s]", ylabel=name)
         axes.grid(alpha=0.3)
-    panels[1].axhline(OVERSHOOT, color="black", lw=0.8, ls="--")
     panels[0].legend(fontsize=8)
     figure.colorbar(dots, ax=panels, label="rise [s]")
     figure.savefig(path, dpi=110)

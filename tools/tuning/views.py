@@ -98,7 +98,12 @@ def of_start(tried: Sequence[Ramp]) -> Told:
     """The aims of each candidate, one after the other; those of the Pareto front again."""
     numbers = list(range(len(tried)))
     front = [number for number, one in enumerate(tried) if one.on_front]
-    names = ("starts that fail [%]", "largest blow [of steady]", "95 % captured within [s]", "energy [J]")
+    names = (
+        "starts that fail [%]",
+        "hardest twentieth of blows [of steady]",
+        "95 % captured within [s]",
+        "energy [J]",
+    )
     aims = np.array([one.aims for one in tried]) * np.array([100.0, 1.0, 1.0, 1.0])
     return Told(
         "candidate",

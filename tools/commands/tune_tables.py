@@ -1,0 +1,132 @@
+"""What `vibrohil tune` prints: values beside defaults, rates, margins, safety verdicts, differences."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from tools.output import console, figure, figure_table
+
+
+def columns(*titles: str) -> Table:
+    """An empty table without lines: numbers to the right, text, marked by a leading <, to the left."""
+    table = Table(box=None, pad_edge=False)
+    for title in titles:
+        table.add_column(title.removeprefix("<"), justify="left" if title.startswith("<") else "right")
+    return table
+
+
+def show(payload: Mapping[str, Any]) -> None:
+    """Parameters, figures of merit, warnings and what the safety scenarios said."""
+    from firmware_py.shell.parameters import DEFAULTS
+
+    console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}", highlight=False)
+    table = columns("<parameter", "value", "low", "high", "default", "<unit")
+    for name, value in payload["parameters"].items():
+        numbers = (value["value"], value["low"], value["high"], DEFAULTS[name])
+        table.add_row(name, *(f"{number:.5g}" for number in numbers), value["unit"])
+    console.print(table)
+    console.print(f"low, high: {payload['range_is']}", highlight=False, style="dim")
+    rows = [
+        (name.replace("_", " "), m["value"], m["unit"]) for name, m in payload["figures_of_merit"].items()
+    ]
+    console.print(figure_table("figures of merit", rows))
+    for warning in payload["warnings"]:
+        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
+    show_safety(payload["safety"])
+    if payload["out"] is None:
+        console.print("[bold red]not written[/]; --force writes it all the same", highlight=False)
+    else:
+        forced = "" if payload["safe"] else "  [bold red]by force[/]"
+        console.print(f"[bold green]written[/]{forced}  {payload['out']}", highlight=False, soft_wrap=True)
+
+
+def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
+    """One line a judgement."""
+    for result in safety:
+        mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
+        console.print(f"safety, {result['scenario']}: {mark}", highlight=False)
+
+
+def show_trials(payload: Mapping[str, Any]) -> None:
+    """Rates with bounds, then errors with limits, then what was named wrongly."""
+    table = columns("<", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds")
+
+    def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
+        bounds = f"{100.0 * share['low']:.1f}–{100.0 * share['high']:.1f} %"
+        table.add_row(name, f"{share['hits']} of {share['n']}", bounds, *errors)
+
+    row("[bold]law named[/]", payload["named_right"])
+    for law, share in payload["named_by_law"].items():
+        row(f"  {law}", share)
+    for name, share in payload["within"].items():
+        errors = (f"{share[key]:.2g}" for key in ("p50", "p95", "worst"))
+        held = f"{100.0 * share['in_bounds']['value']:.0f} %"
+        row(name, share, f"{share['limit']:g} {share['unit']}", *errors, held)
+    console.print(table)
+    for one in payload["wrong"]:
+        named = one["named"] or one["why"]
+        console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}", highlight=False)
+    mark = "[green]goals met[/]" if payload["passed"] else "[bold red]a goal is missed[/]"
+    console.print(f"{mark}; outcomes in {payload['out']}", highlight=False, soft_wrap=True)
+
+
+def show_check(payload: Mapping[str, Any]) -> None:
+    """Defaults beside tuned values, defaults beside naive ones, and what was said."""
+    table = columns("<parameter", "<tune", "default", "tuned", "<unit", "<tolerance", "<")
+    for row in payload["parameters"]:
+        mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"
+        numbers = (f"{row[key]:.4g}" for key in ("default", "tuned"))
+        table.add_row(row["parameter"], row["command"], *numbers, row["unit"], row["tolerance"], mark)
+    console.print(table)
+    margins = columns("<on fresh draws", "<tune", "default", "naive", "<unit", "<naive is")
+    for one in payload["margins"]:
+        numbers = (figure(one[key]) for key in ("default", "naive"))
+        margins.add_row(one["what"], one["command"], *numbers, one["unit"], one["naive_is"])
+    console.print(margins)
+    for warning in payload["warnings"]:
+        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
+    show_safety(payload["safety"])
+    mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
+    console.print(f"{mark}; files in {payload['out']}", highlight=False, soft_wrap=True)
+
+
+def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
+    """Parameters, figures of merit, verdicts and figures of the scenarios."""
+    table = columns("<parameter", a.name, b.name, "change", "<unit")
+    for change in payload["changed"]:
+        relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"
+        sides = (
+            f"{change[side]:.5g}" if change[f"named_in_{side}"] else f"default {change[side]:.5g}"
+            for side in ("a", "b")
+        )
+        table.add_row(change["name"], *sides, relative, change["unit"])
+    if payload["changed"]:
+        console.print(table)
+    else:
+        console.print("no parameter differs")
+    if payload["figures_of_merit"]:
+        console.print(_side_by_side("figure of merit", payload["figures_of_merit"], a, b))
+    for one in payload["suite"]:
+        verdicts = (
+            "[green]passed[/]"
+            if one["passed"][side]
+            else f"[red]failed ({', '.join(one['failed'][side])})[/]"
+            for side in ("a", "b")
+        )
+        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts), highlight=False)
+        if one["figures"]:
+            console.print(_side_by_side("figure", one["figures"], a, b))
+        else:
+            console.print("  no figure differs by more than half a per cent")
+    for side, path in (("a", a), ("b", b)):
+        if payload["safe"][side] is False:
+            console.print(f"[bold red]{path} was written by force[/]: a safety scenario fails with it")
+
+
+def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
+    table = columns(f"<{title}", a.name, b.name, "<unit")
+    for name, one in figures.items():
+        table.add_row(name.replace("_", " "), figure(one["a"]), figure(one["b"]), one["unit"])
+    return table

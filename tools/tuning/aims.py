@@ -1,0 +1,110 @@
+"""What a start is judged by, one aim after the other, and which candidates can be told apart.
+
+Candidates meet the same draws and are compared pair by pair: the bootstrap (Efron 1979) draws the same trials
+again for both. One is worse in an aim where the lower 95 % bound of the difference is above the aim's
+resolution. What is less, or may be chance, counts as equal, and the next aim decides.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.campaign.outcome import Outcome
+
+FloatArray = NDArray[np.float64]
+
+FAILED, BLOW, CAPTURE_S, ENERGY_J = range(4)
+"""Rows of starts: 1 for one that fails, largest blow by the steady one, time and energy to capture."""
+RESAMPLES = 500
+LOWER_PERCENTILE = 2.5
+HARDEST = 0.05
+"""Of starts, whose mean blow counts: the largest of all is one draw, which another seed does not give."""
+QUANTILE = 0.95
+
+
+class Aim(NamedTuple):
+    """A figure of starts, the less the better; a difference up to `resolution` is none."""
+
+    name: str
+    unit: str
+    row: int
+    of: Callable[[FloatArray], FloatArray]
+    """Over the last axis."""
+    resolution: float
+
+
+def hardest(values: FloatArray) -> FloatArray:
+    """The mean of the hardest twentieth; what is missing counts as the smallest."""
+    count = max(1, round(HARDEST * values.shape[-1]))
+    return np.asarray(np.mean(np.sort(np.nan_to_num(values, nan=0.0), axis=-1)[..., -count:], axis=-1))
+
+
+def late(values: FloatArray) -> FloatArray:
+    """What 95 % stay below."""
+    return np.asarray(np.nanquantile(values, QUANTILE, axis=-1))
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    return np.asarray(np.mean(values, axis=-1))
+
+
+def _median(values: FloatArray) -> FloatArray:
+    return np.asarray(np.nanmedian(values, axis=-1))
+
+
+AIMS = (
+    Aim("failures", "1", FAILED, _mean, 0.0),
+    Aim("overshoot", "1", BLOW, hardest, 0.01),
+    Aim("capture", "s", CAPTURE_S, late, 0.1),
+    Aim("energy", "J", ENERGY_J, _median, 0.05),
+)
+"""Reliability first. A hundredth of a blow, 0.1 s and 0.05 J are worth nothing to a wearer."""
+
+
+def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
+    """The eligible starts by draw, shape (4, starts); NaN where there is nothing to measure."""
+    return np.array(
+        [
+            [
+                float(one.why != ""),
+                one.metrics.get("overshoot", one.metrics.get("overshoot_low", np.nan)),
+                one.metrics.get("capture", np.nan),
+                one.metrics.get("energy", np.nan),
+            ]
+            for one in outcomes
+            if one.eligible
+        ]
+    ).T
+
+
+def is_worse(one: FloatArray, other: FloatArray, aim: Aim) -> bool:
+    """Whether `one` is told to be worse than `other` in an aim."""
+    count = one.shape[1]
+    draws = np.random.default_rng(count).integers(0, count, (RESAMPLES, count))
+    differences = aim.of(one[aim.row][draws]) - aim.of(other[aim.row][draws])
+    return bool(np.percentile(differences, LOWER_PERCENTILE) > aim.resolution)
+
+
+class Choice(NamedTuple):
+    """The best of some candidates, and all that no aim tells from the best in it."""
+
+    best: int
+    alike: tuple[int, ...]
+
+
+def choose(candidates: Sequence[FloatArray]) -> Choice:
+    """Aim by aim those that are told to be worse than the best in it drop out; the last aim's best wins."""
+    left = list(range(len(candidates)))
+    best = left[0]
+    for aim in AIMS:
+        figures = {one: float(aim.of(candidates[one][aim.row])) for one in left}
+        best = min(left, key=figures.__getitem__)
+        left = [one for one in left if not is_worse(candidates[one], candidates[best], aim)]
+    return Choice(best, tuple(left))
+
+
+def differing(one: FloatArray, other: FloatArray) -> list[Aim]:
+    """The aims in which two candidates are told apart."""
+    return [aim for aim in AIMS if is_worse(one, other, aim) or is_worse(other, one, aim)]
