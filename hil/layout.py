@@ -320,6 +320,12 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
                 legend=None,
             ),
             plot(
+                "Push-off: the ankle's moment, close up [N m/kg]",
+                Line("/plant", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
                 "Shank's rate, close up [rad/s]",
                 Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", BELIEF),
                 Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),

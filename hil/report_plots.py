@@ -317,6 +317,11 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
         histogram_axes.set_ylabel("in the hold")
         histogram_axes.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
         histogram_axes.tick_params(labelbottom=False)
+        ankle = histogram_axes.twinx()
+        ankle.plot(*push_off_curve(traces.plant), color=TRUTH, lw=1.2)
+        ankle.set_ylabel("ankle [N m/kg]", color=TRUTH)
+        ankle.grid(visible=False)
+        ankle.spines["right"].set_visible(True)
         for which, marker, color, label in (
             (inside, "o", OTHER, "pulse in the window"),
             (known & ~inside, "x", ALARM, "outside"),
@@ -362,8 +367,20 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
         else f"Of {found.strides} strides {100.0 * found.in_window:.0f} % have a pulse in the window "
         f"(green), with {found.outside_per_stride:.2f} others a stride."
     )
+    text += " The curve is the ankle's moment over the body's mass, which pushes off."
     ending = "" if found.end is None else f" The dotted line is the {found.end}."
     return Plot("Pulses over the gait cycle", f"{text} The hold is shaded on the right.{ending}", svg)
+
+
+def push_off_curve(plant: Records) -> tuple[FloatArray, FloatArray]:
+    """The ankle's mean moment, N m/kg, in each hundredth of the gait cycle, %, that was walked."""
+    phase, moment = column(plant, "gait.phase"), column(plant, "gait.ankle_n_m_kg")
+    known = np.isfinite(phase)
+    places = np.minimum((100.0 * phase[known]).astype(int), 99)
+    counts = np.bincount(places, minlength=100)
+    sums: FloatArray = np.bincount(places, weights=moment[known], minlength=100).astype(np.float64)
+    walked = np.flatnonzero(counts)
+    return walked.astype(np.float64) + 0.5, sums[walked] / counts[walked]
 
 
 def _held(t_s: FloatArray, figures: Figures) -> NDArray[np.bool_]:

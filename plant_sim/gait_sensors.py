@@ -19,6 +19,7 @@ from plant_sim.parts.walking import (
     Leg,
     Walking,
     along_axis,
+    ankle_n_m_kg,
     cycles_at,
     leg_at,
     row_at,
@@ -44,6 +45,7 @@ class GaitTruth(NamedTuple):
     `tripping` is true while a stumble's knock acts.
 
     The specific force at the module's place: along the shank upward, across it, along the striker's axis.
+    `ankle_n_m_kg` is the calf's moment about the ankle over the body's mass, 0 in standing; it pushes off.
     """
 
     state: LegState
@@ -57,6 +59,7 @@ class GaitTruth(NamedTuple):
     axis_m_s2: float
     heel_load: float
     toe_load: float
+    ankle_n_m_kg: float
 
 
 class GaitReading(NamedTuple):
@@ -81,7 +84,7 @@ def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
     motion = float(leg.lean_rad), float(leg.lean_rad_s), *felt
     full = max(row[FROM_SIZE], row[TO_SIZE])
     if full == 0.0:
-        return GaitTruth(LegState.STANDING, False, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD)
+        return GaitTruth(LegState.STANDING, False, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD, 0.0)
     phase = cycles_at(row, t_s) % 1.0
     in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
     s = min((t_s - row[BEGIN_S]) / row[LENGTH_S], 1.0)
@@ -97,6 +100,7 @@ def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
         *motion,
         float(walks * heel_load(in_curves) + rest),
         float(walks * toe_load(in_curves) + rest),
+        float(size * ankle_n_m_kg(in_curves)),
     )
 
 

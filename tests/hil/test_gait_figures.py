@@ -12,7 +12,7 @@ from hil.figure_records import GaitFigures
 from hil.figures import figures_of
 from hil.gait_figures import push_off
 from hil.log_reader import tables
-from hil.report_plots import plots
+from hil.report_plots import plots, push_off_curve
 from hil.rerun_log import RunLog, rebuild
 from hil.run_traces import read_run
 from hil.rundir import finish
@@ -35,6 +35,7 @@ def walk(until_s: float = 100.0, tripping_s: float = -1.0) -> MadeUpRun:
         "gait.tripping": np.abs(t_s - tripping_s) < 0.04,
         "gait.phase": phase,
         "gait.stride_hz": np.where(walking, 1.0 / STRIDE_S, 0.0),
+        "gait.ankle_n_m_kg": np.where(walking, np.nan_to_num(phase), 0.0),
         "felt_force_n": np.zeros(len(t_s)),
     }
     run.firmware |= {
@@ -164,6 +165,14 @@ def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     assert "Pulses over the gait cycle" not in {
         plot.title for plot in plots(read_run(other), figures_of(other))
     }
+
+
+def test_push_off_is_averaged_over_the_cycle_where_somebody_walks(tmp_path) -> None:
+    """The made-up moment is the phase itself."""
+    traces = read_run(write_run(walk(until_s=5.0), tmp_path / "run"))
+    percent, moment = push_off_curve(traces.plant)
+    assert len(percent) == 100
+    assert moment == pytest.approx(0.01 * percent, abs=0.006)
 
 
 def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:

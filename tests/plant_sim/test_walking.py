@@ -58,6 +58,29 @@ def test_the_shank_does_what_the_normative_curves_do() -> None:
     assert max(rates) == pytest.approx(172.0, abs=5.0)
 
 
+def test_the_calf_pushes_off_in_late_stance_alone() -> None:
+    """Rounded landmarks of a natural cadence: toes let down, push-off of 1.6 N m/kg, an idle swing."""
+    shares = np.linspace(0.0, 1.0, 501)[:-1]
+    moment = np.array([at.ankle_n_m_kg for at in cycle(STEADY, list(shares))])
+    assert np.max(moment) == pytest.approx(1.6, abs=0.05)
+    assert shares[np.argmax(moment)] == pytest.approx(0.47, abs=0.01)
+    assert np.min(moment) == pytest.approx(-0.1, abs=0.02)
+    assert shares[np.argmin(moment)] == pytest.approx(0.05, abs=0.02)
+    assert np.max(np.abs(moment[(shares > 0.65) & (shares < 0.97)])) < 0.05
+    assert moment[shares < 0.6].mean() > 10.0 * np.abs(moment[shares > 0.65]).mean()
+
+
+@pytest.mark.parametrize(("hertz", "peak"), [(0.45, 0.85), (0.9, 1.0), (1.2, 1.1)])
+def test_push_off_grows_with_the_cadence_and_follows_the_warp(hertz: float, peak: float) -> None:
+    shares = np.linspace(0.0, 1.0, 501)[:-1]
+    gait = STEADY | {"pace": [{"at_s": 0.0, "stride_hz": hertz}], "stance_share": 0.56}
+    moment = np.array([at.ankle_n_m_kg for at in cycle(gait, list(shares))])
+    assert np.max(moment) == pytest.approx(1.61 * peak, abs=0.02)
+    assert shares[np.argmax(moment)] < 0.43
+    standing = gait_at(walking_of(STEADY | {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}), 1.0)
+    assert standing.ankle_n_m_kg == 0.0
+
+
 def test_the_ankle_stands_still_in_stance_and_travels_a_stride_in_swing() -> None:
     walking = walking_of(STEADY)
     stride_m, hertz = walking.rows[2, w.FROM_STRIDE_M], walking.rows[2, w.FROM_HZ]
