@@ -1,5 +1,6 @@
 """What came of one pulse a stride: two tables and a chart."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,6 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from tools.output import figure as number
 from tools.study.figures import new_figure, save
 from tools.study.pulse import GATED, STARTS, TURN, WALK, Band
 
@@ -15,55 +15,51 @@ Row = Mapping[str, Any]
 
 
 def bands_table(bands: Sequence[Band]) -> Table:
-    """The widest bands of each number of turns."""
-    table = Table(title="subharmonics on a standing leg: widest bands", title_justify="left", box=None)
-    for name in ("turns a blow", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)"):
+    """Where subharmonics are."""
+    table = Table(title="one blow in n turns, standing leg, hard stop", title_justify="left", box=None)
+    for name in ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)"):
         table.add_column(name)
-    for turns in sorted({band.turns for band in bands}):
-        own = sorted((band for band in bands if band.turns == turns), key=lambda band: -band.width)
-        for band in own[:3]:
-            table.add_row(
-                str(turns),
-                f"{band.gap_over_amplitude:g}",
-                f"{band.low:.2f}–{band.high:.2f}",
-                f"{100 * band.width:.1f} %",
-                f"{100 * band.share:.0f} %",
-                f"{band.v_share:.2f}",
-            )
-    return table
-
-
-def rows_table(rows: Sequence[Row]) -> Table:
-    """A line a module, ground and cadence."""
-    table = Table(title="strides with one blow, in the window", title_justify="left", box=None)
-    for name in ("way", "module", "axis", "turns", "ground", "Hz", "strides", "right", "none", "several"):
-        table.add_column(name)
-    for name in ("phase σ", "N s", "felt N", "leg alone 1/s", "W drive", "W copper"):
-        table.add_column(name)
-    for row in rows:
-        if row["strides"] == 0:
-            table.add_row(*_named(row), "no such orbit")
-            continue
+    for band in sorted(bands, key=lambda one: (one.turns, one.low)):
         table.add_row(
-            *_named(row),
-            str(row["strides"]),
-            *(f"{100 * row[name]:.1f} %" for name in ("right", "without", "several", "phase_std")),
-            number(row["impulse_n_s"]),
-            f"{row['felt_low_n']:.1f}–{row['felt_high_n']:.1f}",
-            *(number(row[name]) for name in ("leg_alone_hz", "drive_w", "copper_w")),
+            str(band.turns),
+            f"{band.gap_over_amplitude:g}",
+            f"{band.low:.2f}–{band.high:.2f}",
+            f"{100 * band.width:.1f} %",
+            f"{100 * band.share:.0f} %",
+            f"{band.v_share:.2f}",
         )
     return table
 
 
-def _named(row: Row) -> list[str]:
-    return [
-        row["way"],
-        row["module"],
-        row["axis"],
-        str(row["turns"] or "—"),
-        row["ground"],
-        f"{row['stride_hz']:g}",
-    ]
+def rows_table(rows: Sequence[Row]) -> Table:
+    """A row a module and ground, a column a cadence: strides that come out right; and what is felt."""
+    table = Table(title="strides with one blow, in the window [%]", title_justify="left", box=None)
+    cadences = sorted({row["stride_hz"] for row in rows})
+    for name in ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]"):
+        table.add_column(name)
+    kinds = dict.fromkeys((label_of(row), row["ground"]) for row in rows)
+    for label, ground in kinds:
+        own = [row for row in rows if (label_of(row), row["ground"]) == (label, ground)]
+        shares = {row["stride_hz"]: share_text(row) for row in own}
+        felt = [row[name] for row in own for name in ("felt_low_n", "felt_high_n") if is_known(row[name])]
+        table.add_row(
+            label if ground == WALK.name else f"{label}, {ground}",
+            *(shares.get(hz, "") for hz in cadences),
+            f"{min(felt):.1f}–{max(felt):.1f}" if felt else "—",
+        )
+    return table
+
+
+def is_known(value: float | None) -> bool:
+    """Whether it was measured."""
+    return value is not None and not math.isnan(value)
+
+
+def share_text(row: Row) -> str:
+    """Per cent of the strides; 100 is all of them, a dash no such orbit."""
+    if row["strides"] == 0:
+        return "—"
+    return "100" if row["right"] == 1.0 else f"{min(100.0 * row['right'], 99.9):.3g}"
 
 
 def label_of(row: Row) -> str:
@@ -90,12 +86,9 @@ def _shares(axes: Any, walks: Sequence[Row], labels: Sequence[str]) -> None:
     cadences = sorted({row["stride_hz"] for row in walks})
     shares = np.full((len(labels), len(cadences)), np.nan)
     for row in walks:
-        if row["strides"] > 0:
-            place = labels.index(label_of(row)), cadences.index(row["stride_hz"])
-            shares[place] = 100.0 * row["right"]
-            # In print 100 is all of them.
-            text = "100" if row["right"] == 1.0 else f"{min(shares[place], 99.9):.3g}"
-            axes.text(place[1], place[0], text, ha="center", va="center", fontsize=8)
+        place = labels.index(label_of(row)), cadences.index(row["stride_hz"])
+        shares[place] = 100.0 * row["right"] if row["strides"] > 0 else math.nan
+        axes.text(place[1], place[0], share_text(row), ha="center", va="center", fontsize=8)
     axes.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, alpha=0.6, aspect="auto")
     axes.set_xticks(range(len(cadences)), [f"{hz:g}" for hz in cadences])
     axes.set_yticks(range(len(labels)), labels, fontsize=8)

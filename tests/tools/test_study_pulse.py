@@ -209,3 +209,25 @@ def test_an_unknown_way_is_refused() -> None:
     result = CliRunner().invoke(app, ["study", "pulse", "--way", "luck"])
     assert isinstance(result.exception, BadInputError)
     assert "wanted one of turn, subharmonic, gated" in str(result.exception)
+
+
+def test_tables_and_chart_show_every_way_and_a_cadence_without_an_orbit(tmp_path) -> None:
+    from tools import pulse_figures
+    from tools.output import console
+
+    kind = made("r 0.87", pulse.SUBHARMONIC)._replace(ratio=1.2)
+    none = {"kind": kind._asdict(), "stride_hz": 0.8, "ground": WALK._asdict()}
+    rows = pulse.made_piece(none)[0].to_pylist()
+    assert rows[0]["strides"] == 0
+    counted = pulse.judged([walked([0.5, 1.5, 2.5])], 0)
+    named = {"way": pulse.GATED, "module": "walking", "axis": "outward", "turns": 0, "ground": WALK.name}
+    rows.append({**named, "stride_hz": 0.9, "leg_alone_hz": math.nan, **counted})
+    bands = [pulse.Band(2, 2.5, 0.8, 0.94, 1.0, 1.13)]
+    with console.capture() as shown:
+        console.print(pulse_figures.rows_table(rows), pulse_figures.bands_table(bands), width=120)
+    lines = [line.split() for line in shown.get().splitlines()]
+    assert ["2", "turns:", "r", "0.87", "—", "—"] in lines
+    assert ["gated:", "walking", "60", "25.0–25.0"] in lines
+    assert ["2", "2.5", "0.80–0.94", "8.0", "%", "100", "%", "1.13"] in lines
+    assert all(path.endswith(("svg", "png")) for path in pulse_figures.chart(rows, bands, tmp_path, "pulse"))
+    assert (tmp_path / "pulse.svg").stat().st_size > 0

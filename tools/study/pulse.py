@@ -23,21 +23,26 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from firmware_py.core import gait
+from firmware_py.core.compiled import source_hash
+from firmware_py.core.inputs import GaitInput
+from firmware_py.shell.parameters import config_from
+from hil.scenario import read_scenario
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.walking import BEGIN_S, Walking, cycles_at, row_at
 from plant_sim.plant import Impact, Plant
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.solvers.orbits import CLASSIFY, Outcome
 from tools.campaign.draws import DEFAULT_SEED, Mismatch, draw
-from tools.study import store, work
+from tools.study import pulse_gate, store, work
 from tools.study.cases import Case, case
 from tools.study.feasibility import SOFTEST_M_S, STEP_S, Driven, pulses_n
 from tools.study.orbits import State, follow
+from tools.study.pulse_gate import WINDOW_MIDDLE
 
 Vector = NDArray[np.float64]
 
 WINDOW = (0.45, 0.60)
-WINDOW_MIDDLE = 0.525
 STRIDES_HZ = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1)
 WALKERS = {"turn": 2, "subharmonic": 2, "gated": 6}
 JUDGED = 40
@@ -455,12 +460,6 @@ def drawn_scene(module: str, stride_hz: float, walker: int) -> Scene:
 
 def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + JUDGED + 2) -> Walked:
     """A walk under the gate, a tick at a time."""
-    from firmware_py.core import gait
-    from firmware_py.core.inputs import GaitInput
-    from firmware_py.shell.parameters import config_from
-    from hil.scenario import read_scenario
-    from tools.study import pulse_gate
-
     config = config_from(read_scenario(SCENES[module][1])["firmware"])
     gate = pulse_gate.Gate(config.calm, config.lock.lowest_confidence)
     plant = Plant(drawn_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
@@ -541,8 +540,6 @@ def gated_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 def compute(where: work.Where, ways: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ) -> pa.Table:
     """The rows of some ways, in their order."""
-    from firmware_py.core.compiled import source_hash
-
     made = [
         {"kind": kind._asdict(), "stride_hz": hz, "ground": ground._asdict()}
         for kind in MADE
