@@ -7,7 +7,8 @@ Parameters are chosen on seeds below `FIRST_CAMPAIGN_SEED` and judged again on o
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import nullcontext
 
 from tools.campaign.campaigns import CAMPAIGNS, Condition
 from tools.campaign.cells import cells_of
@@ -40,8 +41,13 @@ def run_candidates(
     progress: Progress,
     workers: int | None = None,
     conditions: tuple[Condition, ...] | None = None,
+    opened: ProcessPoolExecutor | None = None,
 ) -> list[list[Outcome]]:
-    """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same draws."""
+    """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same draws.
+
+    `opened`: processes to use again, which know what they have compiled and what these draws are without a
+    controller.
+    """
     chosen = CAMPAIGNS[campaign]
     table = {"conditions": conditions or chosen.conditions, **chosen.numbers}
     count = workers or os.cpu_count() or 1
@@ -55,7 +61,7 @@ def run_candidates(
         rests += [(number, batch) for batch in rest]
     found: list[list[Outcome]] = [[] for _ in candidates]
     done, total = 0, trials * len(candidates)
-    with pool(count) as executor:
+    with nullcontext(opened) if opened else pool(count) as executor:
         # The first batch has everything compiled; the others find it in the cache.
         for some in (firsts[:1], [*firsts[1:], *rests]):
             futures = {executor.submit(run_batch, batch): number for number, batch in some}

@@ -17,8 +17,10 @@ where it was killed.
 import hashlib
 import json
 import math
+import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +29,7 @@ import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.campaigns import NO_IMPULSE, Condition
+from tools.campaign.processes import pool
 from tools.campaign.statistics import wilson
 from tools.tuning.aims import (
     BLOW,
@@ -191,12 +194,20 @@ def finished(study: "optuna.Study") -> list[Ramp]:
     return [Ramp(**trial.user_attrs["ramp"]) for trial in study.trials if trial.values is not None]
 
 
-def judged(
-    candidates: Sequence[Mapping[str, float]], seed: int, trials: int, progress: Progress, workers: int | None
-) -> list[FloatArray]:
-    """Each candidate's starts, all on the same draws."""
-    found = run_candidates("start-up", candidates, seed, trials, progress, workers, CONDITIONS)
-    return [starts_of(outcomes) for outcomes in found]
+class Judge(NamedTuple):
+    """Runs candidates, always in the same processes."""
+
+    executor: ProcessPoolExecutor
+    workers: int | None
+
+    def __call__(
+        self, candidates: Sequence[Mapping[str, float]], seed: int, trials: int, progress: Progress
+    ) -> list[FloatArray]:
+        """Each candidate's starts, all on the same draws."""
+        found = run_candidates(
+            "start-up", candidates, seed, trials, progress, self.workers, CONDITIONS, self.executor
+        )
+        return [starts_of(outcomes) for outcomes in found]
 
 
 def searched(
@@ -206,7 +217,7 @@ def searched(
     trials: int,
     seed: int,
     progress: Progress,
-    workers: int | None,
+    judged: Judge,
 ) -> list[Ramp]:
     """Ask, run, tell, until so many candidates are known."""
     known = finished(study)
@@ -218,7 +229,7 @@ def searched(
         def told(done: int, _: int, begun: int = begun) -> None:
             progress(begun + done, candidates * trials)
 
-        found = judged([values for _, values in batch], seed, trials, told, workers)
+        found = judged([values for _, values in batch], seed, trials, told)
         for (trial, values), some in zip(batch, found, strict=True):
             one = ramp(values, some)
             trial.set_user_attr("ramp", vars(one))
@@ -301,16 +312,19 @@ def tune_start(
     asked_for = json.dumps({"space": SPACE, "draws": [trials, fresh_trials, seed]}, sort_keys=True)
     study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
 
-    def run(some: Sequence[Mapping[str, float]]) -> list[FloatArray]:
-        return judged(some, final_seed, fresh_trials, progress, workers)
+    with pool(workers or os.cpu_count() or 1) as executor:
+        judged = Judge(executor, workers)
 
-    if "free" not in study.user_attrs:
-        study.set_user_attr("free", screened(run))
-    free = tuple(study.user_attrs["free"])
-    tried = with_front(searched(study, free, candidates, trials, seed, progress, workers))
-    best, finalists, alike, alone = final(tried, free, run)
-    everyone = [best, DEFAULT, {**DEFAULT, **NAIVE}]
-    fresh = judged(everyone, fresh_seed, fresh_trials, progress, workers)
+        def run(some: Sequence[Mapping[str, float]]) -> list[FloatArray]:
+            return judged(some, final_seed, fresh_trials, progress)
+
+        if "free" not in study.user_attrs:
+            study.set_user_attr("free", screened(run))
+        free = tuple(study.user_attrs["free"])
+        tried = with_front(searched(study, free, candidates, trials, seed, progress, judged))
+        best, finalists, alike, alone = final(tried, free, run)
+        everyone = [best, DEFAULT, {**DEFAULT, **NAIVE}]
+        fresh = judged(everyone, fresh_seed, fresh_trials, progress)
     after, before, naive = (ramp(one, starts) for one, starts in zip(everyone, fresh, strict=True))
     as_good = choose(fresh[:2]).alike
     tuning = Tuning(
