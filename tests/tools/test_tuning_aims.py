@@ -24,7 +24,6 @@ def starts(
         (starts(blow=1.2, capture_s=9.0), starts(failing=20, blow=1.0, capture_s=3.0)),
         (starts(capture_s=9.0), starts(blow=1.1, capture_s=3.0)),
         (starts(capture_s=3.0, energy_j=4.0), starts(capture_s=9.0)),
-        (starts(capture_s=3.0, energy_j=4.0, blow=1.005), starts(capture_s=9.0)),
         (starts(energy_j=2.0), starts()),
         (starts(energy_j=2.0, capture_s=6.05), starts()),
         (starts(failing=2, capture_s=3.0), starts()),
@@ -33,7 +32,6 @@ def starts(
         "a start that fails outweighs all else",
         "then the blows on the way",
         "then time",
-        "a hundredth of a blow is none",
         "then energy",
         "a tenth of a second is none",
         "two failures in so many are chance",
@@ -46,7 +44,7 @@ def test_the_aims_decide_in_their_order(better: FloatArray, worse: FloatArray) -
 
 def test_what_cannot_be_told_apart_is_alike() -> None:
     assert choose([starts(), starts(), starts(blow=1.1)]).alike == (0, 1)
-    assert choose([starts(blow=1.004, energy_j=3.02), starts()]).alike == (0, 1)
+    assert choose([starts(capture_s=6.05, energy_j=3.02), starts()]).alike == (0, 1)
 
 
 def test_one_outlier_decides_nothing() -> None:

@@ -81,8 +81,8 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
         detector_trials=11,
         floors_m_s2=(0.8, 1.5),
         start_candidates=1,
-        start_trials=12,
-        start_fresh_trials=12,
+        start_trials=8,
+        start_fresh_trials=8,
         modules=2,
         seconds=20.0,
         fresh_trials=4,
@@ -90,6 +90,7 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
         identify_trials=1,
     )
     monkeypatch.setattr(check, "QUICK", little)
+    monkeypatch.setattr(start, "ROUNDS", 1)
     code = cli.run(["tune", "check", "--quick", "--workers", "1", "--out", str(tmp_path), "--json"])
     payload = json.loads(capsys.readouterr().out)
     rows = {row["parameter"]: row for row in payload["parameters"]}

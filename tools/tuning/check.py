@@ -89,7 +89,7 @@ TOLERANCES: dict[str, Tolerance] = {
     estimator.FLOOR: Tolerance(1.15),
 }
 """Goals of identification; one step of the estimator's grid and of the detector's list."""
-TOGETHER = "all together as good on fresh draws"
+TOGETHER = "together as good"
 """Of a tuning that compares performance: its values may trade for one another."""
 
 
