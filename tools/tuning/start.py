@@ -75,6 +75,8 @@ BATCH = 6
 """Candidates that are asked for at a time: they share the start of the processes."""
 TRIALS = 64
 """Eight of each friction law and ratio."""
+SCREENING_TRIALS = 320
+"""Enough to see what changes nothing."""
 FRESH_TRIALS = 1200
 """So many tell blows that are 3 % harder; a quarter of them hardly those that are 5 % harder."""
 FINALISTS = 5
@@ -308,7 +310,7 @@ def tune_start(
     workers: int | None = None,
 ) -> tuple[Tuning, list[Ramp]]:
     """The start that fails least, and all that were tried; `fresh_trials` choose among the best as well."""
-    final_seed = seed + 1
+    final_seed, screening_trials = seed + 1, min(SCREENING_TRIALS, fresh_trials)
     refuse_same_seeds(final_seed, fresh_seed)
     asked_for = json.dumps({"space": SPACE, "draws": [trials, fresh_trials, seed]}, sort_keys=True)
     study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
@@ -316,14 +318,14 @@ def tune_start(
     with pool(workers or os.cpu_count() or 1) as executor:
         judged = Judge(executor, workers)
 
-        def run(some: Sequence[Mapping[str, float]]) -> list[FloatArray]:
-            return judged(some, final_seed, fresh_trials, progress)
-
         if "free" not in study.user_attrs:
-            study.set_user_attr("free", screened(run))
+            found = screened(lambda some: judged(some, final_seed, screening_trials, progress))
+            study.set_user_attr("free", found)
         free = tuple(study.user_attrs["free"])
         tried = with_front(searched(study, free, candidates, trials, seed, progress, judged))
-        best, finalists, alike, alone = final(tried, free, run)
+        best, finalists, alike, alone = final(
+            tried, free, lambda some: judged(some, final_seed, fresh_trials, progress)
+        )
         everyone = [best, DEFAULT, {**DEFAULT, **NAIVE}]
         fresh = judged(everyone, fresh_seed, fresh_trials, progress)
     after, before, naive = (ramp(one, starts) for one, starts in zip(everyone, fresh, strict=True))
@@ -335,7 +337,7 @@ def tune_start(
             f"{final_seed} for {finalists} finalists; judged on {fresh_trials} of seed {fresh_seed}"
         ),
         seed=seed,
-        range_is=f"values with which, alone, {fresh_trials} starts tell no difference",
+        range_is="values with which, alone, the draws tell no difference",
         parameters={name: tuned(name, best[name], min(alone[name]), max(alone[name])) for name in SPACE},
         figures_of_merit={
             **merits("", after),
@@ -346,7 +348,7 @@ def tune_start(
             "finalists": Merit(float(finalists), "1"),
             "finalists_alike": Merit(float(alike), "1"),
         },
-        warnings=tuple(_warnings(free, as_good, after, fresh_trials)),
+        warnings=tuple(_warnings(free, as_good, after, screening_trials)),
         default_as_good=DEFAULT_PLACE in as_good,
     )
     return tuning, tried
