@@ -76,6 +76,14 @@ def test_a_tick_is_the_shortest_watch_over_the_gaits_sensors() -> None:
     )
 
 
+def test_nothing_counts_where_nothing_is_wrong() -> None:
+    """A count that did not begin at 0 would shorten its deadline."""
+    state, _ = watch(ticks=3)
+    counts = {name: value for name, value in state._asdict().items() if name.endswith("_ticks")}
+    assert len(counts) == 9
+    assert set(counts.values()) == {0}
+
+
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
     assert findings == Findings(
