@@ -4,9 +4,9 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time. It counts modulo 16, and so a sample that lies there all but alone is taken for an old
-one after a pause of about a whole turn, as its counter cannot tell. Once a tick has taken away all that lay
-there, what comes in the next one is of now.
+be late at any time. It counts modulo 16: where some sample from before the pause may have the counter of now,
+nothing that lies there is taken; what comes in the next tick is of now. The bus may have been held up for
+longer than the loop, and then all that was sent since the last sample heard may lie there.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,16 @@ PATIENCE_TICKS = 25
 """Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
 
 LAST_BEFORE_TICKS = 2
-"""Samples from before the pause that may lie there unread: of the tick after the last one heard, the next."""
+"""The last sample from before the pause that may lie there: so many ticks after the last tick before it."""
+
+JITTER = (0, 1, -1)
+"""Ticks by which a counter may be off: this tick's sample if it is there, as the next one's may have come."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
+
+STEADY_SAMPLES = 2
+"""No more come in a tick of sensors that keep their pace: they are of now, whatever their counter says, as the
+one it is compared with may have been misjudged."""
 
 
 def counter_of(frame: Frame) -> int | None:
@@ -43,6 +50,7 @@ class Waking:
 
     def __init__(self, last_tick: int, last_frames: Sequence[Frame]) -> None:
         counters = [counter for counter in map(counter_of, last_frames) if counter is not None]
+        self._last_tick = last_tick
         self._lead = counters[-1] - last_tick if counters else None
         self._left_ticks = PATIENCE_TICKS
         self.frames: list[Frame] = []
@@ -55,18 +63,20 @@ class Waking:
         self.elapsed_ticks += elapsed_ticks
         self._left_ticks -= 1
         samples = [frame for frame in frames if frame.can_id == ACCELEROMETER]
-        if not is_first:
+        all_there = len(samples) + LAST_BEFORE_TICKS >= tick - self._last_tick
+        if is_first and not all_there and not self._counter_tells(tick):
             self._keep_others(frames)
+            return
+        self.take(tick, frames)
+        if not is_first and not self.is_fresh and len(samples) <= STEADY_SAMPLES:
             self._keep_newest(samples, frames)
-        elif 2 * len(samples) >= elapsed_ticks or self._counter_tells:
-            self.take(tick, frames)
-        else:
-            self._keep_others(frames)
 
-    @property
-    def _counter_tells(self) -> bool:
-        """Whether a sample from before the pause has another counter than one of now."""
-        return self.elapsed_ticks % codec.COUNTER_MODULUS > LAST_BEFORE_TICKS + 1
+    def _counter_tells(self, tick: int) -> bool:
+        """Whether no sample from before the pause has the counter of one of now."""
+        newest = self.elapsed_ticks - LAST_BEFORE_TICKS
+        oldest = tick - self._last_tick - 1
+        turns = range(0, oldest + codec.COUNTER_MODULUS, codec.COUNTER_MODULUS)
+        return not any(newest <= turn + jitter <= oldest for turn in turns for jitter in JITTER)
 
     def _keep_others(self, frames: Sequence[Frame]) -> None:
         self.frames += [frame for frame in frames if frame.can_id not in (ACCELEROMETER, ENCODER)]
@@ -79,8 +89,7 @@ class Waking:
         else:
             now = self._lead + tick
             by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
-            # This tick's if it is there: while it waited, the next one's may have come as well.
-            near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in (0, 1, -1)]
+            near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in JITTER]
             fresh = [frame for frame in near if frame is not None][:1]
         self._keep_newest(fresh, frames)
 

@@ -77,6 +77,33 @@ def test_sample_from_before_the_pause_does_not_pass_for_new(pause_ticks: int) ->
     assert len(run.bus.waited_s) == 1
 
 
+@pytest.mark.parametrize(("silent_ticks", "pause_ticks"), [(10, 16), (9, 17), (10, 6), (11, 20), (3, 14)])
+def test_what_a_bus_held_up_before_the_pause_does_not_pass_for_new(
+    silent_ticks: int, pause_ticks: int
+) -> None:
+    """The bus stops first, then the machine: a backlog of more than a turn of the counter lies there."""
+    run = Paused()
+    backlog = []
+    for tick in range(20, 20 + silent_ticks):
+        backlog += run.publish()
+        run.firmware.step(tick, 1)
+    assert run.ages() == (silent_ticks, silent_ticks)
+    run.plant.sleep_through(pause_ticks - 1, [])
+    run.bus.pending += backlog
+    tick = 19 + silent_ticks + pause_ticks
+    run.firmware.step(tick, pause_ticks)
+    frames: list[Frame] = []
+    while run.firmware.node.inputs.elapsed_ticks == 1:
+        frames = run.publish()
+        run.bus.pending += frames
+        tick += 1
+        run.firmware.step(tick, 1)
+    own = codec.ENCODER_ESTIMATES.decode(frames[1].data)
+    assert run.ages() == (0, 0)
+    assert run.firmware.node.inputs.encoder.position_rev == pytest.approx(own.position_rev, abs=1e-6)
+    assert run.firmware.node.inputs.elapsed_ticks == tick - 19 - silent_ticks
+
+
 @pytest.mark.parametrize("pause_ticks", [5, 7, 12, 24])
 def test_lone_sample_of_now_is_taken_at_once_and_the_next_one_left_alone(pause_ticks: int) -> None:
     """A firmware that woke up late in its tick and waited for another sample would take the next tick's."""
