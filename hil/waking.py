@@ -27,7 +27,7 @@ JITTER = (0, 1, -1)
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
 STEADY_SAMPLES = 2
-"""No more come in a tick of sensors that keep their pace: they are of now, whatever their counter says, as the
+"""No more come in a tick of sensors that keep their pace: they are of now whatever their counter says, as the
 one it is compared with may have been misjudged."""
 
 
