@@ -72,12 +72,15 @@ def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, 
         """How wide the widest row of the stop's colour is in the plot of the striker."""
         return int(drawn_in(seen[STRIKER_ROWS], VIEWER_STOP).sum(axis=1).max())
 
+    def start_rows(seen: Picture) -> int:
+        """How high the lane of the run-up is, some 20 rows where it is drawn."""
+        return int((drawn_in(seen[LANE_ROWS], VIEWER_START).sum(axis=1) > 1000).sum())
+
     command = view.viewer_command(run_dir / "run.rrd", web=True)
     with served(command, rerun_environment()) as (address, _):
         browser.open(address, dark=True)
-        picture = browser.look_until(lambda seen: stop_line(seen) > 1000)
-    start = drawn_in(picture[LANE_ROWS], VIEWER_START).sum(axis=1)
-    assert (start > 1000).sum() >= 15, "the lane of the run-up, some 20 rows high"
+        # The page is drawn piece by piece.
+        picture = browser.look_until(lambda seen: stop_line(seen) > 1000 and start_rows(seen) >= 15)
     assert drawn_in(picture[STRIKER_ROWS], VIEWER_TRUTH, 40).sum() > 200, "the striker's position"
     # What the page's policy stops does not even become a request.
     asked = {urlsplit(url).hostname for url in browser.requests}
