@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from hil import junit, run_folder, rundir
 from hil.bench import ClockName, Outcome, Progress, run_scenario
+from hil.realtime import die_with_parent
 from hil.report import write_suite_report
 from hil.scenario import Scenario, load_scenario, scenario_names
 from hil.seeds import at_another_moment, merged
@@ -76,7 +77,8 @@ def verdicts(
         return
     # Long ones first, so that no process is left with one at the end.
     ordered = sorted(cases, key=lambda case: -case.scenario.duration_s)
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, context, initializer=die_with_parent) as pool:
         runs: dict[Future[dict[str, Any]], Case] = {
             pool.submit(judged, case, clock, bus): case for case in ordered
         }

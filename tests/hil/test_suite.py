@@ -1,8 +1,12 @@
 """A suite: which scenarios run, what it leaves behind, and what one that breaks off does to it."""
 
 import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 from xml.etree import ElementTree
 
 import pytest
@@ -16,6 +20,8 @@ from hil.seeds import at_another_moment, merged
 from hil.suite import Case, judged, run_suite, scenarios_for
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
+
+T = TypeVar("T")
 
 MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
 
@@ -113,6 +119,32 @@ def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Pa
         "suite.json",
     ]
     assert "3 of 3 seeds" in Path(result["report"]).read_text()
+
+
+def test_the_workers_of_a_killed_suite_end_with_it(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("vibrohil")
+    names = ["quick-start-below-the-band", "e-stop-in-the-hold", "--jobs", "2", "--out", str(tmp_path)]
+    suite_process = subprocess.Popen(
+        [program, "suite", *names], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    mine = Path(f"/proc/{suite_process.pid}/task/{suite_process.pid}/children")
+    try:
+        # Two that run, and multiprocessing's tracker of resources.
+        workers = waited_for(lambda: found if len(found := mine.read_text().split()) == 3 else None)
+        time.sleep(1.0)
+    finally:
+        suite_process.kill()
+        suite_process.wait()
+    waited_for(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
+
+
+def waited_for(look: Callable[[], T | None], timeout_s: float = 60.0) -> T:
+    """What `look` finds, once it finds something."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (found := look()):
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.05)
+    return found
 
 
 def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:

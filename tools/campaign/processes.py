@@ -13,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from hil.realtime import die_with_parent
 from tools.campaign.cells import Cell
 from tools.campaign.outcome import Outcome
 from tools.output import BadInputError
@@ -51,6 +52,12 @@ def prepare() -> None:
         )
 
 
+def begin_worker() -> None:
+    """A worker of this machine: it ends with the program that started it."""
+    prepare()
+    die_with_parent()
+
+
 def run_batch(batch: Batch) -> list[Outcome]:
     """Run some trials, in a worker."""
     prepare()
@@ -78,7 +85,7 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     os.environ[VARIABLE] = "1"
     try:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=prepare) as executor:
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_worker) as executor:
             yield executor
     finally:
         if before is None:
