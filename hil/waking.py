@@ -21,8 +21,9 @@ PATIENCE_TICKS = 25
 LAST_BEFORE_TICKS = 2
 """The last sample from before the pause that may lie there: so many ticks after the last tick before it."""
 
-JITTER = (0, 1, -1)
-"""Ticks by which a counter may be off: this tick's sample if it is there, as the next one's may have come."""
+AT_ONCE, AT_LAST = (0, 1), (0, 1, -1)
+"""Ticks by which a counter may be off, best first: this tick's sample, or the next one's, which may have come
+as well; the one before only if none of these comes, as it would leave the firmware a tick behind."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
@@ -53,6 +54,7 @@ class Waking:
         self._last_tick = last_tick
         self._lead = counters[-1] - last_tick if counters else None
         self._left_ticks = PATIENCE_TICKS
+        self._held: list[Frame] = []
         self.frames: list[Frame] = []
         self.elapsed_ticks = 0
         self.is_fresh = False
@@ -64,11 +66,13 @@ class Waking:
         self._left_ticks -= 1
         samples = [frame for frame in frames if frame.can_id == ACCELEROMETER]
         all_there = len(samples) + LAST_BEFORE_TICKS >= tick - self._last_tick
+        self._keep_others(frames)
         if is_first and not all_there and not self._counter_tells(tick):
-            self._keep_others(frames)
             return
-        self.take(tick, frames)
-        if not is_first and not self.is_fresh and len(samples) <= STEADY_SAMPLES:
+        self._keep_newest(self._near(tick, frames, AT_ONCE), frames)
+        if self._near(tick, frames, AT_LAST):
+            self._held = [frame for frame in frames if frame.can_id in (ACCELEROMETER, ENCODER)]
+        elif not is_first and len(samples) <= STEADY_SAMPLES:
             self._keep_newest(samples, frames)
 
     def _counter_tells(self, tick: int) -> bool:
@@ -76,22 +80,25 @@ class Waking:
         newest = self.elapsed_ticks - LAST_BEFORE_TICKS
         oldest = tick - self._last_tick - 1
         turns = range(0, oldest + codec.COUNTER_MODULUS, codec.COUNTER_MODULUS)
-        return not any(newest <= turn + jitter <= oldest for turn in turns for jitter in JITTER)
+        return not any(newest <= turn + jitter <= oldest for turn in turns for jitter in AT_LAST)
 
     def _keep_others(self, frames: Sequence[Frame]) -> None:
         self.frames += [frame for frame in frames if frame.can_id not in (ACCELEROMETER, ENCODER)]
 
     def take(self, tick: int, frames: Sequence[Frame]) -> None:
-        """Keep the samples of `tick` among frames that have arrived, and all that are no samples."""
+        """What came while waiting for the samples of `tick`, and last of all those that were held back."""
         self._keep_others(frames)
+        held = [*self._held, *frames]
+        self._keep_newest(self._near(tick, held, AT_LAST), held)
+
+    def _near(self, tick: int, frames: Sequence[Frame], jitters: Sequence[int]) -> list[Frame]:
+        """The sample whose counter is that of `tick`, or nearly; all of them where no counter is known."""
         if self._lead is None:
-            fresh = [frame for frame in frames if frame.can_id == ACCELEROMETER]
-        else:
-            now = self._lead + tick
-            by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
-            near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in JITTER]
-            fresh = [frame for frame in near if frame is not None][:1]
-        self._keep_newest(fresh, frames)
+            return [frame for frame in frames if frame.can_id == ACCELEROMETER]
+        now = self._lead + tick
+        by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
+        near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in jitters]
+        return [frame for frame in near if frame is not None][:1]
 
     def _keep_newest(self, samples: Sequence[Frame], frames: Sequence[Frame]) -> None:
         """Keep the last of `samples`, and the encoder's frame that was sent with it."""

@@ -121,6 +121,26 @@ def test_lone_sample_of_now_is_taken_at_once_and_the_next_one_left_alone(pause_t
     assert run.firmware.node.inputs.encoder.position_rev >= position_rev
 
 
+def test_the_sample_of_the_tick_before_gives_way_to_one_that_is_just_coming() -> None:
+    """Taken at once it would leave the firmware a tick behind, until two come in one tick."""
+    run = Paused()
+    run.bus.pending += run.publish()  # of the tick that the firmware slept through
+    own = run.publish()
+    run.bus.arriving = list(own)
+    run.firmware.step(21, 2)
+    assert run.firmware.node._position == codec.ENCODER_ESTIMATES.decode(own[1].data)
+    assert len(run.bus.waited_s) == 1
+
+
+def test_the_sample_of_the_tick_before_is_better_than_none() -> None:
+    run = Paused()
+    before = run.publish()
+    run.bus.pending += before
+    run.firmware.step(21, 2)
+    assert run.firmware.node._position == codec.ENCODER_ESTIMATES.decode(before[1].data)
+    assert run.firmware.node.inputs.elapsed_ticks == 2
+
+
 def test_of_two_samples_the_one_of_this_tick_is_taken() -> None:
     run = Paused()
     run.plant.sleep_through(7, [])
