@@ -180,7 +180,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("start.highest_ratio", "1", 0.01, 10.0, 1.45, "beyond the fold there are no impacts"),
     Parameter("start.capture_ratio", "1", 0.0, 10.0, 0.85, "from here on impacts are what is wanted"),
     Parameter("start.dip_ratio", "1", 0.1, 10.0, 1.05, "below 1.1 motion without impacts does not exist"),
-    Parameter("start.rise_s", "s", 0.1, 100.0, 5.0, "2 s capture r = 1.35 nominally; more than twice that"),
+    Parameter("start.rise_s", "s", 0.1, 100.0, 4.0, "2 s capture r = 1.35 nominally; twice that"),
     Parameter("start.dip_s", "s", 0.1, 100.0, 1.0, "down to the dip"),
     Parameter("start.again_s", "s", 0.1, 100.0, 2.0, "from the dip up again: captures r = 1.35 nominally"),
     Parameter("start.stop_s", "s", 0.1, 100.0, 1.0, "to standstill: at most 4 blows, the last within 2 s"),
