@@ -12,15 +12,19 @@ from firmware_py.shell.parameters import config_from
 from hil.scenario import read_scenario
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Impact
-from plant_sim.scene import load_scene
+from plant_sim.scene import load_scene, read_scene
 from tools.cli import app
 from tools.output import BadInputError
-from tools.study import pulse, pulse_gate
 from tools.study.feasibility import STEP_S, Driven
-from tools.study.pulse import GROUNDS, MADE, WALK, Made, Walked
-from tools.study.pulse_gate import Gate, GateState, Stage
+from tools.study.pulse import gate
+from tools.study.pulse.gate import WINDOW_MIDDLE, Gate, GateState, Stage
+from tools.study.pulse.gated import SCENES, SETTLING, gated
+from tools.study.pulse.judging import GATED, SUBHARMONIC, TURN, Walked, judged
+from tools.study.pulse.orbits import Band, bands_of, once_in
+from tools.study.pulse.turns import GROUNDS, MADE, WALK, Ground, Made, locked, made_for, made_piece
+from tools.study.pulse.turns import scene as scene_of
 
-FIRMWARE = read_scenario(pulse.SCENES["walking"][1])["firmware"]
+FIRMWARE = read_scenario(SCENES["walking"][1])["firmware"]
 CONFIG = config_from(FIRMWARE)
 GATE = Gate(CONFIG.calm, CONFIG.lock.lowest_confidence)
 OMEGA = CONFIG.calm.natural_rad_s
@@ -48,7 +52,7 @@ def test_a_crank_that_sets_out_at_resonance_pumps_as_the_closed_form_says() -> N
     assert solved.y[0][tau < 2.0 * math.pi].max() == pytest.approx(2.41, abs=0.01)
     assert solved.y[0].max() == pytest.approx(5.52, abs=0.03)
     for gap in (2.42, 3.0, 3.38, 5.4):
-        at = pulse_gate.blow_at_rad(gap)
+        at = gate.blow_at_rad(gap)
         assert np.interp(at, tau, solved.y[0]) == pytest.approx(gap, abs=1e-3)
         assert solved.y[0][tau < at].max() < gap + 1e-3
 
@@ -58,8 +62,8 @@ def test_pumping_is_the_mirror_of_braking(psi: float) -> None:
     """In step half a turn from each other; the piston's power on the striker differs in its sign alone."""
     swing_m = 2.0 * A
     striker = (L0 + swing_m * math.cos(psi), -swing_m * OMEGA * math.sin(psi))
-    assert pulse_gate._pumping(GATE, 1.0, psi + math.pi, striker) == pytest.approx(OMEGA)
-    behind = pulse_gate._pumping(GATE, 1.0, psi + math.pi - 0.1, striker)
+    assert gate._pumping(GATE, 1.0, psi + math.pi, striker) == pytest.approx(OMEGA)
+    behind = gate._pumping(GATE, 1.0, psi + math.pi - 0.1, striker)
     assert behind == pytest.approx(OMEGA * (1.0 + 0.1 * CONFIG.calm.gain))
     power = [A * math.sin(theta) * striker[1] for theta in (psi + math.pi, psi)]
     assert power[0] == pytest.approx(-power[1])
@@ -68,10 +72,10 @@ def test_pumping_is_the_mirror_of_braking(psi: float) -> None:
 
 def test_at_rest_the_crank_is_led_to_its_rear_dead_centre_and_damps_only_backward_swings() -> None:
     still = (L0 - A, 0.0)
-    assert pulse_gate._resting(GATE, PARKED, still) == pytest.approx(0.0, abs=1e-9)
-    assert pulse_gate._resting(GATE, PARKED + 0.2, still) < 0.0
-    assert pulse_gate._resting(GATE, PARKED, (L0 - A, -A * OMEGA)) > 0.0
-    assert pulse_gate._resting(GATE, PARKED, (L0 - A, A * OMEGA)) == pytest.approx(0.0, abs=1e-9)
+    assert gate._resting(GATE, PARKED, still) == pytest.approx(0.0, abs=1e-9)
+    assert gate._resting(GATE, PARKED + 0.2, still) < 0.0
+    assert gate._resting(GATE, PARKED, (L0 - A, -A * OMEGA)) > 0.0
+    assert gate._resting(GATE, PARKED, (L0 - A, A * OMEGA)) == pytest.approx(0.0, abs=1e-9)
 
 
 # --- the gate ----------------------------------------------------------------------------------------------
@@ -79,18 +83,18 @@ def test_at_rest_the_crank_is_led_to_its_rear_dead_centre_and_damps_only_backwar
 
 def at_phase(state: GateState, phase: float, confidence: float = 1.0, touch_down: bool = False) -> GateState:
     """A tick of a stride of 1 s with the striker at rest under a parked crank."""
-    return pulse_gate.step(GATE, state, (phase, confidence, 1.0), PARKED, (L0 - A, 0.0), touch_down)
+    return gate.step(GATE, state, (phase, confidence, 1.0), PARKED, (L0 - A, 0.0), touch_down)
 
 
 def test_the_crank_sets_out_by_its_lead_before_the_middle_once_a_stride() -> None:
-    first = pulse_gate.initial(GATE)
-    sets_out = pulse_gate.WINDOW_MIDDLE - first.lead_s
-    assert first.lead_s * OMEGA == pytest.approx(pulse_gate.blow_at_rad(0.022 / A))
+    first = gate.initial(GATE)
+    sets_out = WINDOW_MIDDLE - first.lead_s
+    assert first.lead_s * OMEGA == pytest.approx(gate.blow_at_rad(0.022 / A))
     assert at_phase(first, sets_out - 0.01).stage == Stage.REST
     assert at_phase(first, sets_out + 0.01, confidence=0.1).stage == Stage.REST
     pumping = at_phase(first, sets_out + 0.01)
     assert (pumping.stage, pumping.armed) == (Stage.PUMP, False)
-    struck = at_phase(pumping, pulse_gate.WINDOW_MIDDLE, touch_down=True)
+    struck = at_phase(pumping, WINDOW_MIDDLE, touch_down=True)
     assert struck.stage != Stage.PUMP
     assert at_phase(struck, sets_out + 0.05).stage != Stage.PUMP
     assert at_phase(struck, (sets_out + 0.6) % 1.0).armed
@@ -98,26 +102,26 @@ def test_the_crank_sets_out_by_its_lead_before_the_middle_once_a_stride() -> Non
 
 @pytest.mark.parametrize("late", [-0.04, 0.0, 0.05])
 def test_a_late_blow_lets_the_next_one_set_out_earlier(late: float) -> None:
-    first = pulse_gate.initial(GATE)
-    pumping = at_phase(first, pulse_gate.WINDOW_MIDDLE - first.lead_s + 0.01)
-    struck = at_phase(pumping, pulse_gate.WINDOW_MIDDLE + late, touch_down=True)
+    first = gate.initial(GATE)
+    pumping = at_phase(first, WINDOW_MIDDLE - first.lead_s + 0.01)
+    struck = at_phase(pumping, WINDOW_MIDDLE + late, touch_down=True)
     assert struck.lead_s - first.lead_s == pytest.approx(GATE.lead_gain * late)
 
 
 def test_a_blow_that_does_not_come_ends_the_pumping() -> None:
-    first = pulse_gate.initial(GATE)
-    state = at_phase(first, pulse_gate.WINDOW_MIDDLE - first.lead_s + 0.01)
+    first = gate.initial(GATE)
+    state = at_phase(first, WINDOW_MIDDLE - first.lead_s + 0.01)
     ticks = 0
     while state.stage == Stage.PUMP:
-        state = at_phase(state, pulse_gate.WINDOW_MIDDLE)
+        state = at_phase(state, WINDOW_MIDDLE)
         ticks += 1
     assert ticks * CONFIG.calm.tick_s == pytest.approx(2.0 * first.lead_s, abs=0.002)
 
 
 def test_the_brake_is_the_firmwares_own() -> None:
-    state = pulse_gate.initial(GATE)._replace(stage=Stage.BRAKE, armed=False)
+    state = gate.initial(GATE)._replace(stage=Stage.BRAKE, armed=False)
     striker = (L0 + 0.02, -0.4)
-    after = pulse_gate.step(GATE, state, (0.6, 1.0, 1.0), 1.0, striker, False)
+    after = gate.step(GATE, state, (0.6, 1.0, 1.0), 1.0, striker, False)
     assert after.stage == Stage.BRAKE
     assert after.braking.stage == calm.CalmStage.BRAKE
     assert after.target_rad_s == after.braking.target_omega_rad_s
@@ -129,7 +133,7 @@ def test_the_brake_is_the_firmwares_own() -> None:
 def walked(phases: Sequence[float]) -> Walked:
     """A blow at each of these cycles of an even walk of a stride a second; a pulse of 25 N after each."""
     gait = {"axis": "outward", "variability": 0.0, "pace": [{"at_s": 0.0, "stride_hz": 1.0}]}
-    scene = load_scene(pulse.read_scene("walking") | {"gait": gait})
+    scene = load_scene(read_scene("walking") | {"gait": gait})
     walking = scene.parts().housing
     assert isinstance(walking, Walking)
     t_s = STEP_S * np.arange(1, 2501)
@@ -141,25 +145,25 @@ def walked(phases: Sequence[float]) -> Walked:
 
 
 def test_a_stride_is_right_with_one_blow_and_that_in_the_window() -> None:
-    found = pulse.judged([walked([0.5, 1.5, 2.3, 3.46, 3.9])], 0)
+    found = judged([walked([0.5, 1.5, 2.3, 3.46, 3.9])], 0)
     assert found["strides"] == 5
     assert (found["right"], found["without"], found["several"]) == (0.4, 0.2, 0.2)
     assert (found["felt_low_n"], found["felt_high_n"]) == (25.0, 25.0)
-    assert pulse.judged([walked([1.5, 3.5])], 0)["without"] == 0.6
-    assert pulse.judged([walked([1.5, 3.5])], 3)["strides"] == 2
+    assert judged([walked([1.5, 3.5])], 0)["without"] == 0.6
+    assert judged([walked([1.5, 3.5])], 3)["strides"] == 2
 
 
 def test_neighbouring_ratios_make_a_band_and_single_ones_none() -> None:
     def row(turns: int, ratio: float) -> dict[str, float]:
         return {"turns": turns, "gap_over_amplitude": 2.5, "ratio": ratio, "share": 1.0, "v_share": 1.1}
 
-    found = pulse.bands([row(2, 0.8), row(2, 0.82), row(2, 0.84), row(2, 0.9), row(3, 0.86)])
+    found = bands_of([row(2, 0.8), row(2, 0.82), row(2, 0.84), row(2, 0.9), row(3, 0.86)])
     assert [(band.turns, band.low, band.high) for band in found] == [(2, 0.8, 0.84)]
     assert found[0].width == pytest.approx(0.02 / 0.82)
 
 
 def test_once_in_n_turns_is_one_blow_a_cycle() -> None:
-    assert [pulse.once_in(*pair) for pair in ((3, 1.0 / 3.0), (1, 1.0), (2, 1.0), (4, 0.5))] == [3, 0, 0, 0]
+    assert [once_in(*pair) for pair in ((3, 1.0 / 3.0), (1, 1.0), (2, 1.0), (4, 0.5))] == [3, 0, 0, 0]
 
 
 # --- what each way gives -----------------------------------------------------------------------------------
@@ -168,12 +172,12 @@ def test_once_in_n_turns_is_one_blow_a_cycle() -> None:
 def test_a_gate_gives_one_blow_a_stride_in_push_off_where_the_swing_is_quick_enough() -> None:
     """On a walker that the study has not, at two cadences; Table 1's module needs longer than a stride."""
     for hertz in (0.7, 1.0):
-        found = pulse.judged([pulse.gated("walking", hertz, 100, pulse.SETTLING + 14)], pulse.SETTLING)
+        found = judged([gated("walking", hertz, 100, SETTLING + 14)], SETTLING)
         assert found["strides"] >= 12
         assert found["right"] >= 0.95
         assert 8.0 < found["felt_low_n"] < found["felt_high_n"] < 20.0
         assert found["phase_std"] < 0.02
-    slow = pulse.judged([pulse.gated("table1", 0.8, 100, pulse.SETTLING + 14)], pulse.SETTLING)
+    slow = judged([gated("table1", 0.8, 100, SETTLING + 14)], SETTLING)
     assert slow["right"] < 0.6
 
 
@@ -181,28 +185,28 @@ def made(name: str, way: str) -> Made:
     return next(kind for kind in MADE if (kind.name, kind.way, kind.axis) == (name, way, "outward"))
 
 
-def right(kind: Made, ground: pulse.Ground) -> float:
+def right(kind: Made, ground: Ground) -> float:
     """The share of strides that come out right at 0.8 Hz, of one walker."""
-    found = pulse.made_for(kind, 0.8)
+    found = made_for(kind, 0.8)
     assert found is not None
     module, start = found
-    scene = pulse.scene(module, kind.axis, 0.8, start, ground)
-    return float(pulse.judged([pulse.locked(scene, kind.turns, 3, 90.0)], 50)["right"])
+    scene = scene_of(module, kind.axis, 0.8, start, ground)
+    return float(judged([locked(scene, kind.turns, 3, 90.0)], 50)["right"])
 
 
 def test_a_subharmonic_that_is_found_is_followed_but_not_on_a_walk() -> None:
-    kind = made("r 0.87", pulse.SUBHARMONIC)
+    kind = made("r 0.87", SUBHARMONIC)
     assert right(kind, GROUNDS[0]) == 1.0
     assert right(kind, WALK) < 0.5
 
 
 def test_one_turn_a_stride_needs_a_spring_for_its_cadence() -> None:
-    kind = made("60 mm", pulse.TURN)
+    kind = made("60 mm", TURN)
     assert right(kind, WALK) > 0.9
-    module, _ = pulse.made_for(kind, 0.8) or pytest.fail("no module")
+    module, _ = made_for(kind, 0.8) or pytest.fail("no module")
     assert module.natural_rad_s == pytest.approx(2.0 * math.pi * 0.8 / 1.1)
-    fixed = made("60 mm, for 0.8 Hz", pulse.TURN)
-    assert pulse.made_for(fixed, 1.1) == pulse.made_for(kind, 0.8)
+    fixed = made("60 mm, for 0.8 Hz", TURN)
+    assert made_for(fixed, 1.1) == made_for(kind, 0.8)
 
 
 def test_an_unknown_way_is_refused() -> None:
@@ -212,22 +216,22 @@ def test_an_unknown_way_is_refused() -> None:
 
 
 def test_tables_and_chart_show_every_way_and_a_cadence_without_an_orbit(tmp_path) -> None:
-    from tools import pulse_figures
     from tools.output import console
+    from tools.study.pulse import figures
 
-    kind = made("r 0.87", pulse.SUBHARMONIC)._replace(ratio=1.2)
+    kind = made("r 0.87", SUBHARMONIC)._replace(ratio=1.2)
     none = {"kind": kind._asdict(), "stride_hz": 0.8, "ground": WALK._asdict()}
-    rows = pulse.made_piece(none)[0].to_pylist()
+    rows = made_piece(none)[0].to_pylist()
     assert rows[0]["strides"] == 0
-    counted = pulse.judged([walked([0.5, 1.5, 2.5])], 0)
-    named = {"way": pulse.GATED, "module": "walking", "axis": "outward", "turns": 0, "ground": WALK.name}
+    counted = judged([walked([0.5, 1.5, 2.5])], 0)
+    named = {"way": GATED, "module": "walking", "axis": "outward", "turns": 0, "ground": WALK.name}
     rows.append({**named, "stride_hz": 0.9, "leg_alone_hz": math.nan, **counted})
-    bands = [pulse.Band(2, 2.5, 0.8, 0.94, 1.0, 1.13)]
+    bands = [Band(2, 2.5, 0.8, 0.94, 1.0, 1.13)]
     with console.capture() as shown:
-        console.print(pulse_figures.rows_table(rows), pulse_figures.bands_table(bands), width=120)
+        console.print(figures.rows_table(rows), figures.bands_table(bands), width=120)
     lines = [line.split() for line in shown.get().splitlines()]
     assert ["2", "turns:", "r", "0.87", "—", "—"] in lines
     assert ["gated:", "walking", "60", "25.0–25.0"] in lines
     assert ["2", "2.5", "0.80–0.94", "8.0", "%", "100", "%", "1.13"] in lines
-    assert all(path.endswith(("svg", "png")) for path in pulse_figures.chart(rows, bands, tmp_path, "pulse"))
+    assert all(path.endswith(("svg", "png")) for path in figures.chart(rows, bands, tmp_path, "pulse"))
     assert (tmp_path / "pulse.svg").stat().st_size > 0

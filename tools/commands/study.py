@@ -62,7 +62,7 @@ class Stopwatch:
         return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
 
 
-class Course:
+class StudyJob:
     """One study from its options to its result: where it is computed, at what cost, and how it is told."""
 
     def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
@@ -137,11 +137,11 @@ def sweep(
         chosen = cases.whole_range(presets, laws)
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude_m(amplitude)) for case in chosen]
-    course = Course(out, cores, scheduler)
+    job = StudyJob(out, cores, scheduler)
     if scheduler is None:
-        course.warm(chosen)
-    with course.computing():
-        found = diagrams(chosen, course.where)
+        job.warm(chosen)
+    with job.computing():
+        found = diagrams(chosen, job.where)
     pictures = []
     for name in presets:
         shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
@@ -155,7 +155,7 @@ def sweep(
         "figures": pictures,
         "rrd": rrd and str(rrd),
     }
-    course.tell(result, as_json, lambda: show_sweep(found))
+    job.tell(result, as_json, lambda: show_sweep(found))
 
 
 @study.command()
@@ -198,12 +198,12 @@ def basin(
     size = (SOFT_SIZE if soft else INSTANT_SIZE) if size is None else size
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    course = Course(out, cores, scheduler)
+    job = StudyJob(out, cores, scheduler)
     if not (scheduler or soft):
-        course.warm([case])
+        job.warm([case])
     compute = soft_start.compute if soft else basins.compute
-    with course.computing():
-        found = [compute(case, positive("--ratio", ratio), one, size, course.where) for one in planes]
+    with job.computing():
+        found = [compute(case, positive("--ratio", ratio), one, size, job.where) for one in planes]
     pictures = []
     for one in found:
         across, up = basins.axes(case, one.plane, size)
@@ -223,7 +223,7 @@ def basin(
             title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}, {one.start} start"
             console.print(figure_table(title, rows))
 
-    course.tell({"basins": [one.as_json() for one in found], "figures": pictures}, as_json, show)
+    job.tell({"basins": [one.as_json() for one in found], "figures": pictures}, as_json, show)
 
 
 @study.command("map")
@@ -250,11 +250,11 @@ def chart(
     maps.check(case, second)
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    course = Course(out, cores, scheduler)
+    job = StudyJob(out, cores, scheduler)
     if scheduler is None:
-        course.warm([case])
-    with course.computing():
-        paths = work.run("map", maps.piece, maps.specs(case, second, size), course.where)
+        job.warm([case])
+    with job.computing():
+        paths = work.run("map", maps.piece, maps.specs(case, second, size), job.where)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reliability, regimes, from_rest = (
         np.asarray(table[name].to_numpy(zero_copy_only=False)).reshape(size, size)
@@ -280,7 +280,7 @@ def chart(
         ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
         ("cells where every start strikes", 100.0 * summary["share_certain_to_strike"], "%"),
     ]
-    course.tell(
+    job.tell(
         {"map": summary, "figures": pictures},
         as_json,
         lambda: console.print(figure_table(f"{case.label}, over r and {second}", rows)),
@@ -303,11 +303,11 @@ def portrait(
 
     one_of("--preset", preset, cases.PRESETS)
     chosen = [cases.case(preset, law) for law in cases.LAWS]
-    course = Course(out, cores, scheduler)
+    job = StudyJob(out, cores, scheduler)
     if scheduler is None:
-        course.warm(chosen)
-    with course.computing():
-        pairs = [pair(diagram) for diagram in diagrams(chosen, course.where)]
+        job.warm(chosen)
+    with job.computing():
+        pairs = [pair(diagram) for diagram in diagrams(chosen, job.where)]
     samples = out / f"portrait-{preset}.parquet"
     store.write(samples, as_table(pairs), {"cases": [case.parameters() for case in chosen]}, {})
     if rrd is not None:
@@ -326,7 +326,7 @@ def portrait(
         "samples": str(samples),
         "rrd": rrd and str(rrd),
     }
-    course.tell(result, as_json, lambda: None)
+    job.tell(result, as_json, lambda: None)
 
 
 @study.command()
@@ -351,11 +351,11 @@ def claims(
     from tools.study.evidence import CONTACTS_S, Evidence
     from tools.study.portraits import pair
 
-    course = Course(out, cores, scheduler)
+    job = StudyJob(out, cores, scheduler)
     rigid = [cases.case("table1", law) for law in cases.LAWS]
-    course.warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
-    with course.computing():
-        evidence = Evidence(course.where)
+    job.warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
+    with job.computing():
+        evidence = Evidence(job.where)
         judged = judge(evidence)
     pictures = figures.regime_bars(evidence.diagrams, out, "regimes")
     for preset in cases.PRESETS:
@@ -381,7 +381,7 @@ def claims(
         console.print(table)
 
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
-    course.tell(result, as_json, show)
+    job.tell(result, as_json, show)
 
 
 @study.command()
@@ -406,9 +406,9 @@ def feasibility(
     presets = tuple(table.MODULES)
     if preset != "all":
         presets = (one_of("--preset", preset, presets),)
-    course = Course(out, cores, scheduler)
-    with course.computing():
-        found = table.compute(course.where, presets)
+    job = StudyJob(out, cores, scheduler)
+    with job.computing():
+        found = table.compute(job.where, presets)
     name = "feasibility" if preset == "all" else f"feasibility-{preset}"
     store.write(out / f"{name}.parquet", found, {"presets": list(presets)}, {})
     rows = found.to_pylist()
@@ -438,7 +438,7 @@ def feasibility(
         "page": str(written),
         "figures": pictures,
     }
-    course.tell(result, as_json, show)
+    job.tell(result, as_json, show)
 
 
 @study.command()
@@ -450,30 +450,32 @@ def pulse(
     as_json: Json = False,
 ) -> None:
     """One pulse a stride: by one crank turn a stride, by subharmonics, or by a crank that rests between."""
-    from tools import pulse_figures
-    from tools.study import pulse as ways
     from tools.study import store
+    from tools.study.pulse import figures
+    from tools.study.pulse.judging import SUBHARMONIC, WAYS
+    from tools.study.pulse.orbits import bands_of, orbits_found
+    from tools.study.pulse.ways import compute
 
-    chosen = ways.WAYS if way == "all" else (one_of("--way", way, ways.WAYS),)
-    course = Course(out, cores, scheduler)
-    with course.computing():
-        orbits = ways.orbits_found(course.where).to_pylist() if ways.SUBHARMONIC in chosen else []
-        found = ways.compute(course.where, chosen)
+    chosen = WAYS if way == "all" else (one_of("--way", way, WAYS),)
+    job = StudyJob(out, cores, scheduler)
+    with job.computing():
+        orbits = orbits_found(job.where).to_pylist() if SUBHARMONIC in chosen else []
+        found = compute(job.where, chosen)
     name = "pulse" if way == "all" else f"pulse-{way}"
     store.write(out / f"{name}.parquet", found, {"ways": list(chosen)}, {})
-    rows, bands = found.to_pylist(), ways.bands(orbits)
+    rows, bands = found.to_pylist(), bands_of(orbits)
 
     def show() -> None:
         if bands:
-            console.print(pulse_figures.bands_table(bands))
-        console.print(pulse_figures.rows_table(rows))
+            console.print(figures.bands_table(bands))
+        console.print(figures.rows_table(rows))
 
     result = {
         "pulse": [without_nan(row) for row in rows],
         "bands": [band._asdict() for band in bands],
-        "figures": pulse_figures.chart(rows, bands, out, name),
+        "figures": figures.chart(rows, bands, out, name),
     }
-    course.tell(result, as_json, show)
+    job.tell(result, as_json, show)
 
 
 def without_nan(row: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,9 @@ import numpy as np
 from rich.table import Table
 
 from tools.study.figures import new_figure, save
-from tools.study.pulse import GATED, STARTS, TURN, WALK, Band
+from tools.study.pulse.judging import GATED, TURN
+from tools.study.pulse.orbits import STARTS, Band
+from tools.study.pulse.turns import WALK
 
 Row = Mapping[str, Any]
 

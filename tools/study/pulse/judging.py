@@ -1,0 +1,100 @@
+"""Which strides have one blow in the push-off window, and what those blows are like."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from plant_sim.parts.walking import BEGIN_S, Walking, cycles_at, row_at
+from plant_sim.plant import Impact
+from tools.study.feasibility import SOFTEST_M_S, Driven, pulses_n
+from tools.study.pulse.gate import WINDOW_MIDDLE
+
+WINDOW = (0.45, 0.60)
+STRIDES_HZ = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1)
+TURN, SUBHARMONIC, GATED = "turn", "subharmonic", "gated"
+WAYS = (TURN, SUBHARMONIC, GATED)
+WALKERS = {TURN: 2, SUBHARMONIC: 2, GATED: 6}
+JUDGED = 40
+"""Strides of each walk that are judged."""
+
+COLUMNS = (
+    ("way", pa.string()),
+    ("module", pa.string()),
+    ("ground", pa.string()),
+    ("axis", pa.string()),
+    ("stride_hz", pa.float64()),
+    ("turns", pa.int64()),
+    ("spring_n_m", pa.float64()),
+    ("amplitude_m", pa.float64()),
+    ("gap_m", pa.float64()),
+    ("strides", pa.int64()),
+    ("right", pa.float64()),
+    ("without", pa.float64()),
+    ("several", pa.float64()),
+    ("phase_std", pa.float64()),
+    ("impulse_n_s", pa.float64()),
+    ("felt_low_n", pa.float64()),
+    ("felt_median_n", pa.float64()),
+    ("felt_high_n", pa.float64()),
+    ("leg_alone_hz", pa.float64()),
+    ("torque_n_m", pa.float64()),
+    ("drive_w", pa.float64()),
+    ("copper_w", pa.float64()),
+)
+
+
+class Walked(NamedTuple):
+    """A walk's end: its motion, the strides' beginnings, and what the motor gave."""
+
+    run: Driven
+    walking: Walking
+    torque_n_m: float = math.nan
+    drive_w: float = math.nan
+    copper_w: float = math.nan
+
+
+def cycles(walking: Walking, t_s: float) -> float:
+    """Cycles since the walk's first heel strike."""
+    return cycles_at(walking.rows[row_at(walking.rows, t_s)], t_s)
+
+
+def hits(impacts: Sequence[Impact]) -> list[Impact]:
+    """Those that are none of a graze."""
+    return [blow for blow in impacts if blow.v_m_s >= SOFTEST_M_S]
+
+
+def judged(walks: Sequence[Walked], first: int) -> dict[str, Any]:
+    """Strides of all walks from the `first` on: how many have one blow in the window, and what it is like."""
+    counts, right, phases, impulses, felt = [], 0, [], [], []
+    for walked in walks:
+        blows = hits(walked.run.impacts)
+        at = np.array([cycles(walked.walking, blow.t_s) for blow in blows])
+        last = math.floor(cycles(walked.walking, walked.run.t_s[-1]))
+        for stride in range(first, min(first + JUDGED, last)):
+            own = np.flatnonzero(np.floor(at) == stride)
+            counts.append(len(own))
+            phases += (at[own] - stride).tolist()
+            impulses += [blows[k].impulse_n_s for k in own]
+            right += len(own) == 1 and WINDOW[0] <= at[own[0]] - stride <= WINDOW[1]
+        begins_s = walked.walking.rows[first, BEGIN_S]
+        felt.append(pulses_n(walked.run, float(begins_s)))
+    number, forces = np.array(counts), np.concatenate(felt)
+    off = (np.array(phases) - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
+    low, middle, high = np.quantile(forces, (0.0, 0.5, 1.0)).tolist() if len(forces) else (math.nan,) * 3
+    return {
+        "strides": len(number),
+        "right": float(right) / len(number),
+        "without": float(np.mean(number == 0)),
+        "several": float(np.mean(number > 1)),
+        "phase_std": float(np.std(off)) if len(off) else math.nan,
+        "impulse_n_s": float(np.median(impulses)) if impulses else math.nan,
+        "felt_low_n": low,
+        "felt_median_n": middle,
+        "felt_high_n": high,
+        "torque_n_m": float(max(walked.torque_n_m for walked in walks)),
+        "drive_w": float(np.mean([walked.drive_w for walked in walks])),
+        "copper_w": float(np.mean([walked.copper_w for walked in walks])),
+    }
