@@ -351,11 +351,12 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         acting_limit = ActingLimit.RETREAT
     refusal = NO_REFUSAL
     if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
+        lost_again = retreated and start_now.attempts > 1  # a step below, too: it cannot be held
         refusal = refused(
             valid_ratio,
             mode == READY and findings.whirling,
             lock_now.refusal if follow else NO_REFUSAL,
-            hold_now.refusal,
+            Refusal.RATIO_TOO_HIGH if lost_again else hold_now.refusal,
             therapy_now.refusal,
         )
     outputs = Outputs(

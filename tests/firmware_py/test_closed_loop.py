@@ -9,7 +9,16 @@ from records import HEALTHY, leaves, replaced
 
 from firmware_py.core.step import INITIAL, step
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Regime
+from firmware_py.interface.enums import (
+    MOVING,
+    ActingLimit,
+    AxisState,
+    Fault,
+    Mode,
+    OperatorRequest,
+    Refusal,
+    Regime,
+)
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.parameters import config_from
 
@@ -141,6 +150,24 @@ def test_where_there_is_no_impact_regime_it_is_said_within_30_s() -> None:
         assert bench.tick < 30_400
     assert bench.node.outputs.fault == Fault.START_FAILED
     assert bench.node.outputs.torque_n_m == 0.0
+
+
+def test_a_ratio_at_which_there_are_no_blows_is_refused_after_the_second_loss() -> None:
+    """Coulomb μ = 0.17 has its fold below r = 1.3; before, the speed asked for may still be had."""
+    scene = scene_with(drive={"amplitude_m": 0.03}, friction={"law": "coulomb", "mu": 0.17})
+    belief = {
+        "friction.mu": 0.15,
+        "friction.b_n_s_m": 0.0,
+        "drive.amplitude_m": 0.03,
+        "hold.gain_phase": 0.01,
+    }
+    bench = Bench(belief, scene, ratio=1.35).started()
+    bench.run(24.0)
+    seen = zip(bench.states, bench.outputs, strict=True)
+    trying = [(s.start.attempts, o.refusal, o.acting_limit) for s, o in seen if o.mode in MOVING]
+    assert {refusal for attempts, refusal, _ in trying if attempts < 2} == {Refusal.NONE}
+    again = [(refusal, limit) for attempts, refusal, limit in trying if attempts == 2]
+    assert set(again) == {(Refusal.RATIO_TOO_HIGH, ActingLimit.RETREAT)}
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.35])

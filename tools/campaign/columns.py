@@ -40,7 +40,9 @@ bus has; then the force on a wearer, N, and where in the gait cycle the firmware
     SUM_NIS,
     LEAST_EIGENVALUE,
     LEAST_AT,
+    REFUSED_AT,
     SUMS,
-) = range(11)
+) = range(12)
 """Places of Record.sums, over the ticks of mode RUN from a given tick on; of an endless run also the
-smallest eigenvalue of the estimate's covariance, and in which tick."""
+smallest eigenvalue of the estimate's covariance, and in which tick; the tick in which a ratio was first
+refused as too high."""

@@ -22,7 +22,7 @@ from firmware_py.core.inputs import (
     PowerInput,
 )
 from firmware_py.core.step import Config, Outputs, State, step
-from firmware_py.interface.enums import Mode, OperatorRequest
+from firmware_py.interface.enums import Mode, OperatorRequest, Refusal
 from hil.drive_node import DriveConfig
 from plant_sim.parts.drive import motor_current_a
 from plant_sim.parts.parts import Parts
@@ -38,6 +38,7 @@ from tools.campaign.columns import (
     LEAST_EIGENVALUE,
     MODES,
     PERIODS,
+    REFUSED_AT,
     SUM_NIS,
     SUM_OMEGA,
     SUM_OMEGA_2,
@@ -155,7 +156,7 @@ def record(duration_s: float, tick_s: float, traced: bool) -> Record:
     """Room for a run: up to 20 detections, periods and turns a second, 64 changes of mode."""
     rows = 64 + round(20.0 * duration_s)
     sums = np.zeros(SUMS)
-    sums[LEAST_EIGENVALUE] = np.inf
+    sums[LEAST_EIGENVALUE] = sums[REFUSED_AT] = np.inf
     return Record(
         detections=np.zeros((rows, 3)),
         periods=np.zeros((rows, 4)),
@@ -380,6 +381,8 @@ def _book(record: Record, tick: int, outputs: Outputs) -> None:
         row[0], row[1] = tick, outputs.regime.value
         row[2], row[3] = outputs.period_impacts, outputs.impact_phase_rad
         record.counts[PERIODS] += 1
+    if outputs.refusal == Refusal.RATIO_TOO_HIGH:
+        record.sums[REFUSED_AT] = min(record.sums[REFUSED_AT], tick)
 
 
 @subroutine

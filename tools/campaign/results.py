@@ -30,8 +30,8 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 """Shares of added-up counts: numerator, denominator.
 
-Where no attractor exists at the speed asked for, `hopeless_settled`: the firmware has said so by a fault, or
-keeps impacts at another speed.
+Where no attractor exists at the speed asked for, `hopeless_settled`: the firmware has said so, by a fault or
+by refusing the ratio as too high, or keeps impacts at another speed.
 """
 
 

@@ -109,7 +109,8 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
         outcome.why = "no impact attractor at this speed"
         ended = done.modes[-1]
         outcome.counts["hopeless"] = 1
-        said = ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
+        refused = np.isfinite(done.sums[columns.REFUSED_AT])
+        said = refused or ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
         outcome.counts["hopeless_settled"] = int(said or elsewhere)
         return
