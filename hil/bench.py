@@ -300,6 +300,9 @@ class RealTimeRun:
         said = {name: child.stop().strip() for name, child in self.children.items()}
         nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}
         run_folder.note(self.run_dir, nodes=nodes)
+        for name, one in nodes.items():
+            if lost := one.get("lost_records", 0):
+                self.outcome.reasons.append(f"{name}: no room on the disk for its last {lost} records")
         self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")
 
     def write_outcome(self) -> None:

@@ -19,6 +19,7 @@ from hil.loop import LoopTiming
 from hil.nodes import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.operator import OPERATOR_PERIOD_S
 from hil.scenario import Scenario
+from hil.trace import TraceError
 
 Progress = Callable[[float, str], None]
 """Told how much of the run is done, 0…1, and what is being done."""
@@ -81,3 +82,5 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
                 progress(tick / scenario.ticks, "running in lockstep")
     for node in (plant, firmware, operator):
         node.close()
+    if lost := plant_node.lost_records + firmware_node.lost_records:
+        raise TraceError(f"no room on the disk of {run_dir} for the last {lost} records")

@@ -200,5 +200,9 @@ def run_loop(
     finally:
         leave_realtime()
         runner.close()
-    summary = {"overruns": loop.overruns, **asdict(node_bus.counters)}
+    summary = {
+        "overruns": loop.overruns,
+        "lost_records": runner.lost_records,
+        **asdict(node_bus.counters),
+    }
     print(json.dumps(summary), file=sys.stdout if sync else sys.stderr, flush=True)

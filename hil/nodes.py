@@ -21,10 +21,6 @@ from hil.waking import Waking
 from plant_sim.gait_sensors import GaitTruth
 from plant_sim.scene import Scene
 
-LONGEST_PREALLOCATED_S = 120.0
-"""Traces of longer runs grow while the loop runs, 8 MB at a time."""
-
-
 OF_A_WALK = ("gait", "lock")
 """Parts of the firmware's state that are recorded only where somebody may walk."""
 
@@ -58,8 +54,8 @@ class Pace(NamedTuple):
 
     @property
     def expected_records(self) -> int:
-        """Records that a trace makes room for at the start."""
-        return round(min(self.duration_s or 0.0, LONGEST_PREALLOCATED_S) / self.period_s)
+        """Records of a whole run, where its length is known."""
+        return self.ticks or 0
 
 
 def empty(bus: NodeBus) -> None:
@@ -118,6 +114,11 @@ class PlantRunner:
             self._trace.append(self.node.record, self.node.gait, timing)
         for impact in impacts:
             self._impacts.append(impact)
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return sum(trace.lost for trace in (self._trace, self._impacts) if trace is not None)
 
     def close(self) -> None:
         """Close the traces."""
@@ -210,6 +211,11 @@ class FirmwareRunner:
             t_s = (tick + 0.5) * self._period_s
             state = self._recorded(node.state)
             self._trace.append(tick, t_s, node.inputs, *state, node.outputs, node.counters, timing)
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return 0 if self._trace is None else self._trace.lost
 
     def close(self) -> None:
         """Close the trace."""

@@ -8,13 +8,16 @@ the file is in the guest's memory: pages of a mapped file that go to hostfs mean
     magic (8 bytes) | header bytes (u32) | record bytes (u32) | records (u64) | columns as JSON | records
 
 with the records starting on a page boundary, packed, little-endian. The count is written after its record.
+A disk that is full costs the records from then on, not the process that writes them: it may be a controller.
 """
 
+import errno
 import json
 import mmap
 import os
 import shutil
 import struct
+import sys
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
@@ -31,6 +34,8 @@ COUNT = struct.Struct("<Q")
 COUNT_OFFSET = 16
 WINDOW_BYTES = 8 << 20
 """The file grows by so much at a time: some ten seconds of a hundred columns at 1 kHz."""
+LARGEST_FIRST_WINDOW_BYTES = 256 << 20
+"""So much at most is in memory from the start: some two minutes of what the firmware knows."""
 
 MEMORY = Path("/dev/shm")
 """Where traces lie during a run under user-mode Linux."""
@@ -131,7 +136,8 @@ class TraceWriter:
 
     `fields` are pairs of a name and a type; a NamedTuple is flattened to dotted names, without a prefix
     where its name is empty. With `expected_records` the file has its full size from the start, all in
-    memory, and nothing grows and no page is missing while a loop runs.
+    memory, and nothing grows and no page is missing while a loop runs; of a long run that holds for its
+    beginning. `lost` counts records that found no room on the disk.
     """
 
     def __init__(
@@ -141,34 +147,40 @@ class TraceWriter:
         expected_records: int = 0,
         resume: bool = False,
     ) -> None:
-        """`resume`: go on after the last record of a trace whose writer was killed, where there is one."""
+        """`resume`: go on after the last record of a trace whose writer was killed, where there is one.
+
+        Raises TraceError where the disk has no room for `expected_records`.
+        """
+        self._name = path.name
         self.columns = [column for name, kind in fields for column in flatten(name, kind)]
         names = [column.name for column in self.columns]
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             raise TraceError(f"trace {path.name} names columns twice: {', '.join(twice)}")
         self.record_bytes = struct.calcsize("<" + "".join(column.code for column in self.columns))
-        self.count = 0
+        self.count = self.lost = 0
         self._pack = compile_packer(fields)
         described = json.dumps([[column.name, column.code] for column in self.columns]).encode()
         page = mmap.ALLOCATIONGRANULARITY
         self._header_bytes = -(-(PREAMBLE.size + len(described)) // page) * page
+        expected_bytes = expected_records * self.record_bytes
         if resume and path.exists():
             self._resume(path.resolve(), described)
         else:
-            self._create(path, described)
+            home = MEMORY / f"vibrohil-{os.getpid()}-{path.name}" if is_user_mode_linux() else path
+            refuse_full_disk(home, expected_bytes)
+            self._create(path, home, described)
         self._window: mmap.mmap | None = None
         self._offset = 0
         self._last_offset = -1
-        window = self._open_window(max(WINDOW_BYTES, expected_records * self.record_bytes))
+        window = self._open_window(max(WINDOW_BYTES, min(expected_bytes, LARGEST_FIRST_WINDOW_BYTES)))
         if expected_records and self.count == 0:
             # Fetches each page, writable. Not where the file grows: that is thousands at once, within a loop.
             np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] = 0
 
-    def _create(self, path: Path, described: bytes) -> None:
-        """Begin a file with its header."""
+    def _create(self, path: Path, home: Path, described: bytes) -> None:
+        """Begin a file with its header, at `home`; `path` leads there."""
         # The file takes its name once its header is whole: a reader never meets half of one.
-        home = MEMORY / f"vibrohil-{os.getpid()}-{path.name}" if is_user_mode_linux() else path
         unfinished = home.with_name(f"{home.name}.new")
         self._file = unfinished.open("w+b")
         self._file.truncate(self._header_bytes)
@@ -196,27 +208,40 @@ class TraceWriter:
         start = self._header_bytes + self.count * self.record_bytes
         aligned = start // mmap.ALLOCATIONGRANULARITY * mmap.ALLOCATIONGRANULARITY
         length = max(length, start - aligned + self.record_bytes)
-        if self._window is not None:
-            self._window.close()
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(self._file.fileno(), aligned, length)
         else:
             self._file.truncate(aligned + length)
+        if self._window is not None:
+            self._window.close()
         self._window = mmap.mmap(self._file.fileno(), length, offset=aligned)
         self._offset = start - aligned
         self._last_offset = length - self.record_bytes
         return self._window
 
     def append(self, *values: Any) -> None:
-        """Write one record, one value a field."""
+        """Write one record, one value a field; where the disk is full it is lost, and counted."""
         offset = self._offset
         if offset > self._last_offset:
-            self._open_window(WINDOW_BYTES)
+            if not self._has_grown():
+                self.lost += 1
+                return
             offset = self._offset
         self._pack(self._window, offset, *values)
         self._offset = offset + self.record_bytes
         self.count += 1
         COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
+
+    def _has_grown(self) -> bool:
+        """Whether there is room for more; once there is none, nobody asks again: each time takes long."""
+        if self.lost == 0:
+            try:
+                self._open_window(WINDOW_BYTES)
+            except OSError as error:
+                if error.errno != errno.ENOSPC:
+                    raise
+                print(f"{self._name}: {error.strerror}; nothing is recorded from now on", file=sys.stderr)
+        return self._offset <= self._last_offset
 
     def close(self) -> None:
         """Give back the space that no record took."""
@@ -233,6 +258,19 @@ class TraceWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def refuse_full_disk(home: Path, needed_bytes: int) -> None:
+    """Raise TraceError where a file of so many bytes has no room."""
+    free_bytes = shutil.disk_usage(home.parent).free
+    if needed_bytes > free_bytes:
+        memory = (
+            "; give the inner kernel more, as in vibrohil kernel --memory 4G" if home.parent == MEMORY else ""
+        )
+        raise TraceError(
+            f"{home} of the whole run takes {needed_bytes / 1e9:.2f} GB, and {free_bytes / 1e9:.2f} GB "
+            f"are free: shorten the run or make room{memory}"
+        )
 
 
 def bring_home(run_dir: Path) -> None:

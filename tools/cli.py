@@ -59,10 +59,11 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from firmware_py.shell.parameters import ParameterError
     from hil.bus import BusError
     from hil.scenario import ScenarioError
+    from hil.trace import TraceError
     from hil.uml import UmlError
     from plant_sim.scene import SceneError
 
-    return (BadInputError, SceneError, ScenarioError, ParameterError, BusError, UmlError)
+    return (BadInputError, SceneError, ScenarioError, ParameterError, BusError, TraceError, UmlError)
 
 
 def refuse(message: str, as_json: bool) -> int:

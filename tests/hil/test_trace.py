@@ -1,5 +1,6 @@
 """Traces: what comes back, while a writer writes and after it was killed."""
 
+import errno
 import os
 import random
 import signal
@@ -150,6 +151,33 @@ def test_a_trace_of_other_columns_cannot_go_on_and_one_that_is_not_there_begins(
     assert trace.read(path)["x"].tolist() == [1.0]
     with pytest.raises(trace.TraceError, match="other columns"):
         trace.TraceWriter(path, [("y", float)], resume=True)
+
+
+def test_a_full_disk_costs_the_last_records_and_not_the_writer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    allocate, room = os.posix_fallocate, 30_000
+
+    def until_full(descriptor: int, offset: int, length: int) -> None:
+        if offset + length > room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        allocate(descriptor, offset, length)
+
+    monkeypatch.setattr(trace, "WINDOW_BYTES", 5000)
+    monkeypatch.setattr(os, "posix_fallocate", until_full)
+    path = tmp_path / "a.trace"
+    with trace.TraceWriter(path, [("tick", int)]) as writer:
+        for tick in range(5000):
+            writer.append(tick)
+    assert 0 < writer.lost < 5000
+    np.testing.assert_array_equal(trace.read(path)["tick"], np.arange(5000 - writer.lost))
+    assert capsys.readouterr().err == "a.trace: No space left on device; nothing is recorded from now on\n"
+
+
+def test_a_run_whose_trace_has_no_room_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(trace.TraceError, match=r"takes 8000000.00 GB, and \d+\.\d\d GB are free: shorten"):
+        trace.TraceWriter(tmp_path / "a.trace", [("tick", int)], expected_records=10**15)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_record_of_a_hundred_columns_takes_five_microseconds_at_most(tmp_path: Path) -> None:
