@@ -38,7 +38,7 @@ test: setup $(INSTALLED_DEV) ## all tests: first on all cores, then, one by one,
 	@$(BIN)/python -m pytest -m "realtime or uml"
 
 tune: setup ## every tuning command: the defaults are what they come to, within tolerances
-	@echo "tune: speed, identify, estimator, detector, start; some forty minutes on two cores, goes on where it was stopped"
+	@echo "tune: speed, identify, estimator, detector, start; some twenty-five minutes on two cores, goes on where it was stopped"
 	@$(BIN)/vibrohil tune check --out runs/tuned
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts

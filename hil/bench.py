@@ -25,7 +25,7 @@ from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
-from hil.processes import Child, ChildError
+from hil.processes import Child, ChildError, ChildRefusalError
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
@@ -229,6 +229,8 @@ class RealTimeRun:
                 said = child.wait_ready(READY_TIMEOUT_S)
             except ChildError as error:
                 self.outcome.reasons.append(str(error))
+                if isinstance(error, ChildRefusalError):
+                    raise
                 raise BenchError(str(error)) from error
             if said:
                 allowed[name] = json.loads(said)

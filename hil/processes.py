@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 READY = "ready"
 """The first line a child prints once it is warmed up and on the bus; more words may follow it."""
+BAD_INPUT_STATUS = 4
+"""The program's exit status where its input is at fault."""
 
 STOP_TIMEOUT_S = 3.0
 SHOWN_LINES = 12
@@ -46,6 +48,10 @@ def read_start() -> Start:
 
 class ChildError(RuntimeError):
     """A child that ended, or stayed silent, when it should have been running."""
+
+
+class ChildRefusalError(ChildError):
+    """A process that ends as its input is at fault, which its last line tells."""
 
 
 class Child:
@@ -115,7 +121,10 @@ class Child:
             byte = os.read(descriptor, 1)
             if not byte:
                 self._process.wait(STOP_TIMEOUT_S)
-                raise ChildError(f"{self.how_it_ended()} before it was ready\n{self.last_errors()}".rstrip())
+                refused = self._process.poll() == BAD_INPUT_STATUS
+                raise (ChildRefusalError if refused else ChildError)(
+                    f"{self.how_it_ended()} before it was ready\n{self.last_errors()}".rstrip()
+                )
             line += byte
         return line.decode().rstrip("\n")
 

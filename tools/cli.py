@@ -58,12 +58,16 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     """The errors that blame the input; looked up only once one has been raised."""
     from firmware_py.shell.parameters import ParameterError
     from hil.bus import BusError
+    from hil.processes import ChildRefusalError
     from hil.scenario import ScenarioError
     from hil.trace import TraceError
     from hil.uml import UmlError
     from plant_sim.scene import SceneError
 
-    return (BadInputError, SceneError, ScenarioError, ParameterError, BusError, TraceError, UmlError)
+    return (
+        *(BadInputError, SceneError, ScenarioError, ParameterError),
+        *(BusError, TraceError, UmlError, ChildRefusalError),
+    )
 
 
 def refuse(message: str, as_json: bool) -> int:

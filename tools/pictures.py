@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.shell.parameters import DEFAULTS
 from hil.bench import run_scenario
 from hil.run_traces import RunTraces, column, read_run
 from hil.scenario import load_scenario
@@ -180,7 +181,7 @@ def start_up(path: Path) -> None:
     map_.legend(loc="lower right", fontsize=8)
 
     for run, axes, colour, name in (
-        (soft, slow, TRUTH, "soft: S-curve of 5 s"),
+        (soft, slow, TRUTH, f"soft: S-curve of {DEFAULTS['start.rise_s']:g} s"),
         (instant, fast, BELIEF, "as good as instant: 0.1 s"),
     ):
         shown = within(of_plant(run, "omega_rad_s"), START_S)

@@ -18,7 +18,7 @@ import pytest
 from firmware_py.interface.enums import Mode
 from hil import trace
 from hil.bench import run_scenario
-from hil.processes import Child, ChildError
+from hil.processes import Child, ChildError, ChildRefusalError
 from hil.scenario import Scenario, load_scenario
 
 QUICK = [
@@ -207,6 +207,13 @@ def test_child_that_fails_before_it_is_ready_is_quoted(tmp_path: Path) -> None:
     with pytest.raises(ChildError, match=r"child ended with status 1 before it was ready\nno such sensor"):
         failing.wait_ready(10.0)
     failing.stop()
+
+
+def test_child_that_blames_its_input_is_told_from_one_that_fails(tmp_path: Path) -> None:
+    refusing = child("import sys; print('error: no room', file=sys.stderr); raise SystemExit(4)", tmp_path)
+    with pytest.raises(ChildRefusalError, match="error: no room"):
+        refusing.wait_ready(10.0)
+    refusing.stop()
 
 
 def test_child_that_fails_later_says_why_and_one_that_is_killed_does_not(tmp_path: Path) -> None:
