@@ -199,7 +199,7 @@ def test_it_reports_what_it_does(run: tuple[Walked, Walk]) -> None:
     bench, _ = run
     steady = [report for report in bench.reports if report.harmonic == 2]
     assert steady[-1].pulses_in_window >= 15
-    assert 15 <= steady[-1].pulses_outside <= 25
+    assert 15 <= steady[-1].pulses_outside <= 28
     assert steady[-1].stride_hz == pytest.approx(0.8, abs=0.04)
     assert {report.gait_state for report in steady} == {GaitState.STANCE, GaitState.SWING}
     assert bench.reports[-1].gait_state == GaitState.STANDING

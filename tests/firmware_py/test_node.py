@@ -251,7 +251,7 @@ def test_parameters_are_not_written_while_it_moves() -> None:
     bench.run(0.5, keep=False)
     index = INDEX["start.rise_s"]
     answer = ask(bench.node, ParameterRequest(index, 1, 6.0), 0)
-    assert answer == ParameterValue(index, ParameterStatus.NOT_WHILE_MOVING, 5.0)
+    assert answer == ParameterValue(index, ParameterStatus.NOT_WHILE_MOVING, DEFAULTS["start.rise_s"])
 
 
 def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
