@@ -52,11 +52,6 @@ class Pace(NamedTuple):
         """Ticks of the whole run."""
         return None if self.duration_s is None else round(self.duration_s / self.period_s)
 
-    @property
-    def expected_records(self) -> int:
-        """Records of a whole run, where its length is known."""
-        return self.ticks or 0
-
 
 def empty(bus: NodeBus) -> None:
     """Take away what was sent before a node began."""
@@ -86,7 +81,7 @@ class PlantRunner:
             gait = [("gait", GaitTruth)] if scene.gait is not None else []
             fields = [("", PlantRecord), *gait, ("", LoopTiming)]
             again = first_tick > 0
-            expected = 0 if again else pace.expected_records
+            expected = 0 if again else pace.ticks or 0
             self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again)
             self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)], resume=again)
 
@@ -161,7 +156,7 @@ class FirmwareRunner:
                 ("", LoopTiming),
             ]
             again = first_tick > 0
-            expected = 0 if again else pace.expected_records
+            expected = 0 if again else pace.ticks or 0
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, expected, again)
 
     def _power_up(self, tick: int) -> None:

@@ -18,8 +18,9 @@ import pytest
 from firmware_py.interface.enums import Mode
 from hil import trace
 from hil.bench import run_scenario
-from hil.processes import Child, ChildError, ChildRefusalError
+from hil.processes import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from hil.scenario import Scenario, load_scenario
+from tools.output import EXIT_BAD_INPUT
 
 QUICK = [
     "script.duration_s=3.0",
@@ -214,6 +215,7 @@ def test_child_that_blames_its_input_is_told_from_one_that_fails(tmp_path: Path)
     with pytest.raises(ChildRefusalError, match="error: no room"):
         refusing.wait_ready(10.0)
     refusing.stop()
+    assert BAD_INPUT_STATUS == EXIT_BAD_INPUT
 
 
 def test_child_that_fails_later_says_why_and_one_that_is_killed_does_not(tmp_path: Path) -> None:
