@@ -18,7 +18,7 @@ from hil.checks import Check
 from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
 from hil.operator import Command, Request
 from hil.parameter_file import merged, read_parameters
-from hil.settings import SettingError, apply_settings
+from hil.settings import SettingError, Settings, apply_settings
 from plant_sim.complaints import complaints, nearest
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.scene_tables import Table
@@ -202,7 +202,7 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
 
 
 def load_scenario(
-    source: str | Path, settings: Sequence[str] = (), parameter_files: Sequence[Path] = ()
+    source: str | Path, settings: Settings = (), parameter_files: Sequence[Path] = ()
 ) -> Scenario:
     """A checked scenario from a name or a file, with tuned parameters and, over them, `KEY=VALUE` changes.
 
@@ -214,7 +214,7 @@ def load_scenario(
     return check_scenario(changed(document, settings), scenario_path(source).stem)
 
 
-def changed(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+def changed(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
     """`document` with `KEY=VALUE` changes."""
     try:
         return apply_settings(document, settings)

@@ -1,9 +1,12 @@
-"""`--set KEY=VALUE`: dotted changes to a scene, the firmware's parameters or a script, as TOML values."""
+"""Changes to a scene, the firmware's parameters or a script by dotted keys: `--set`, or a Python mapping."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
+
+Settings = Sequence[str] | Mapping[str, Any]
+"""`KEY=VALUE` texts whose values are TOML, or values by their dotted keys."""
 
 
 class SettingError(ValueError):
@@ -18,17 +21,30 @@ def parse_value(text: str) -> Any:
         return text
 
 
-def apply_settings(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """A copy of `document` with each `a.b.c=value` of `settings` in place.
-
-    The first word must be one of the document's own tables (such as scene, firmware, script); tables below
-    it are made as needed.
-    """
-    changed: dict[str, Any] = deepcopy(dict(document))
+def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
+    """The dotted key and the value of each setting."""
+    if isinstance(settings, Mapping):
+        yield from settings.items()
+        return
     for setting in settings:
         path, separator, text = setting.partition("=")
-        keys = path.strip().split(".")
-        if not separator or len(keys) < 2 or not all(keys):
+        if not separator:
+            raise SettingError(
+                f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
+            )
+        yield path.strip(), parse_value(text.strip())
+
+
+def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
+    """A copy of `document` with each value of `settings` in its place.
+
+    The first word of a key must be one of the document's own tables (such as scene, firmware, script);
+    tables below it are made as needed.
+    """
+    changed: dict[str, Any] = deepcopy(dict(document))
+    for setting, value in keys_and_values(settings):
+        keys = setting.split(".")
+        if len(keys) < 2 or not all(keys):
             raise SettingError(
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
             )
@@ -42,5 +58,5 @@ def apply_settings(document: Mapping[str, Any], settings: Sequence[str]) -> dict
                 raise SettingError(
                     f"--set {setting!r}: {'.'.join(keys[: depth + 1])} is a value, not a table"
                 )
-        table[keys[-1]] = parse_value(text.strip())
+        table[keys[-1]] = deepcopy(value)
     return changed

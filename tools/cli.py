@@ -59,6 +59,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from firmware_py.shell.parameters import ParameterError
     from hil.bus import BusError
     from hil.processes import ChildRefusalError
+    from hil.recorded_run import RunError
     from hil.scenario import ScenarioError
     from hil.trace import TraceError
     from hil.uml import UmlError
@@ -66,7 +67,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
     return (
         *(BadInputError, SceneError, ScenarioError, ParameterError),
-        *(BusError, TraceError, UmlError, ChildRefusalError),
+        *(BusError, TraceError, UmlError, ChildRefusalError, RunError),
     )
 
 

@@ -18,8 +18,8 @@ from hil.figure_records import CATALOGUE, value_of
 from hil.lanes import ALARM
 from hil.layout import overlay
 from hil.log_reader import MEASURED
+from hil.recorded_run import Run
 from hil.rerun_log import APPLICATION_ID, colors
-from tools.inspection import LoggedRun
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
@@ -92,7 +92,7 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
     return found
 
 
-def first_difference(a: LoggedRun, b: LoggedRun) -> Difference | None:
+def first_difference(a: Run, b: Run) -> Difference | None:
     """The first difference of two runs; among equal times the earlier in the chain of causes."""
     names = [name for name in TRACES if name in a.names or name in b.names]
     if all(run.traces.run.get("clock") != "real" for run in (a, b)):
@@ -113,7 +113,7 @@ def first_difference(a: LoggedRun, b: LoggedRun) -> Difference | None:
     return found
 
 
-def figures_side_by_side(a: LoggedRun, b: LoggedRun) -> dict[str, dict[str, Any]]:
+def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
     """Every figure of both runs, by dotted name: a, b, b less a where both are numbers, and the unit."""
     rows = {}
     for spec in CATALOGUE.values():
@@ -126,7 +126,7 @@ def figures_side_by_side(a: LoggedRun, b: LoggedRun) -> dict[str, dict[str, Any]
     return rows
 
 
-def compare(a: LoggedRun, b: LoggedRun) -> dict[str, Any]:
+def compare(a: Run, b: Run) -> dict[str, Any]:
     """Both runs' figures, whether all their signals are equal, and where they first are not."""
     difference = first_difference(a, b)
     return {
@@ -138,7 +138,7 @@ def compare(a: LoggedRun, b: LoggedRun) -> dict[str, Any]:
     }
 
 
-def write_overlay(a: LoggedRun, b: LoggedRun, difference: Difference | None, path: Path) -> None:
+def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
     """Both runs in one recording, all of one under /a and of the other under /b, with plots of both."""
     path.parent.mkdir(parents=True, exist_ok=True)
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)

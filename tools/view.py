@@ -1,64 +1,23 @@
 """Opening a run in the Rerun viewer, in a window or in a browser, for this machine alone."""
 
 import os
-import shutil
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import webbrowser
 from pathlib import Path
 
-from hil.log_reader import repair
-from hil.rerun_log import LOG_NAME, rebuild
+from hil.recorded_run import log_of
 from hil.rerun_program import RerunError, rerun_environment, rerun_program
 from tools import quiet_viewer
 from tools.output import BadInputError, progress_console
 
-RUNS = Path("runs")
 LOOPBACK = "127.0.0.1"
 LIVE_PORT = 9876
 """Where Rerun's viewers listen for runs that are going on; its own default."""
 LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
 OPENING_S = 20.0
-
-
-def newest_run() -> Path:
-    """The run folder that was begun last."""
-    begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.stat().st_mtime)
-    if not begun:
-        raise BadInputError(
-            f"no run in {RUNS}/; make one with `vibrohil run soft-start-multistable`, or name one"
-        )
-    return begun[-1].parent
-
-
-def log_of(run: Path | None) -> Path:
-    """The log to open: of a folder, a file, or the newest run; whole, whatever was killed.
-
-    A run that has not ended may still be written to; a copy of its log is opened.
-    """
-    place = newest_run() if run is None else run
-    if place.suffix == ".rrd":
-        if not place.exists():
-            raise BadInputError(f"{place} is not there; name a run folder or an .rrd file")
-        repair(place)
-        return place
-    if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
-        raise BadInputError(f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace")
-    log = place / LOG_NAME
-    if not log.exists():
-        return rebuild(place)
-    if not (place / "outcome.json").exists():
-        copy = Path(tempfile.mkdtemp(prefix="vibrohil-view-")) / LOG_NAME
-        shutil.copyfile(log, copy)
-        log = copy
-    try:
-        repair(log)
-    except RerunError:
-        return rebuild(place)
-    return log
 
 
 def viewer_command(log: Path, web: bool) -> list[str]:

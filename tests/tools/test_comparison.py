@@ -8,9 +8,9 @@ import pytest
 from short_run import make_run
 
 from hil.log_reader import tables
+from hil.recorded_run import open_run
 from tools import cli
 from tools.comparison import Difference, compare, first_in_table
-from tools.inspection import open_run
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
 

@@ -21,6 +21,7 @@ IN_ORDER = (
     "tutorial.md",
     "how-to/write-a-scenario.md",
     "how-to/read-a-log.md",
+    "how-to/write-tests.md",
     "how-to/compare-two-runs.md",
     "how-to/tune.md",
 )

@@ -11,11 +11,12 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Fault, Mode, Regime
 from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
+from hil import recorded_run
 from hil.log_reader import tables
+from hil.recorded_run import open_run
 from hil.run_traces import BusLog
 from hil.seen_on_bus import tick_numbers, ticks_seen
-from tools import cli, view
-from tools.inspection import open_run
+from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 START_S = 1_700_000_000.0
@@ -80,7 +81,7 @@ def test_what_is_not_understood_is_counted(imported):
     assert result["frames"] == result["known"] + 3 == len([*frames()]) + 3
     assert result["duration_s"] == pytest.approx((TICKS - 1) * 1e-3 + 2e-4, abs=1e-4)
     assert result["firmware_seen"]
-    assert view.log_of(out) == out / "run.rrd"
+    assert recorded_run.log_of(out) == out / "run.rrd"
 
 
 def test_modes_estimate_and_impacts_come_from_the_frames(imported):

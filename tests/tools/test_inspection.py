@@ -11,9 +11,9 @@ from pyarrow import csv, feather, parquet
 from short_run import make_run
 
 from hil import trace
+from hil.recorded_run import open_run
 from hil.run_traces import read_bus
 from tools import cli
-from tools.inspection import open_run
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 

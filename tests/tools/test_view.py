@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hil import recorded_run
+from hil.recorded_run import RunError
 from hil.rerun_log import LOG_NAME, RunLog
 from hil.rerun_program import rerun, rerun_environment
 from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces
@@ -74,7 +76,7 @@ def test_usage_data_is_switched_off():
 
 def test_a_cut_log_is_mended_before_it_is_opened(log):
     log.write_bytes(log.read_bytes()[:-200])
-    assert view.log_of(log) == log
+    assert recorded_run.log_of(log) == log
     assert rerun(["rrd", "verify", log]).returncode == 0
 
 
@@ -82,16 +84,16 @@ def test_a_run_that_goes_on_is_not_touched(log):
     (log.parent / "plant.trace").touch()
     log.write_bytes(log.read_bytes()[:-200])
     before = log.read_bytes()
-    opened = view.log_of(log.parent)
+    opened = recorded_run.log_of(log.parent)
     assert opened != log
     assert log.read_bytes() == before
     assert rerun(["rrd", "verify", opened]).returncode == 0
 
 
 def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
-    monkeypatch.setattr(view, "RUNS", tmp_path / "runs")
-    with pytest.raises(BadInputError, match="no run in"):
-        view.log_of(None)
+    monkeypatch.setattr(recorded_run, "RUNS", tmp_path / "runs")
+    with pytest.raises(RunError, match="no run in"):
+        recorded_run.log_of(None)
     for age_s, name in ((100, "older"), (0, "newer")):
         run_dir = tmp_path / "runs" / name
         run_dir.mkdir(parents=True)
@@ -99,13 +101,13 @@ def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
         (run_dir / "outcome.json").write_text("{}")
         (run_dir / LOG_NAME).write_bytes(log.read_bytes())
         os.utime(run_dir / "run.json", (time.time() - age_s,) * 2)
-    assert view.log_of(None) == tmp_path / "runs" / "newer" / LOG_NAME
+    assert recorded_run.log_of(None) == tmp_path / "runs" / "newer" / LOG_NAME
 
 
 @pytest.mark.parametrize("name", ["nothing.rrd", "nothing"])
 def test_what_is_no_run_is_refused(tmp_path, name):
-    with pytest.raises(BadInputError, match=name):
-        view.log_of(tmp_path / name)
+    with pytest.raises(RunError, match=name):
+        recorded_run.log_of(tmp_path / name)
 
 
 def test_without_a_display_the_browser_is_recommended(log, monkeypatch):

@@ -35,8 +35,8 @@ def compare(
     if is_suite(a) or is_suite(b):
         compare_suites(a, b, must_be_equal, as_json)
         return
+    from hil.recorded_run import open_run
     from tools import comparison
-    from tools.inspection import open_run
 
     runs = open_run(a), open_run(b)
     result = comparison.compare(*runs)

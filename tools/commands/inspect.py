@@ -19,7 +19,7 @@ from tools.output import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from tools.inspection import LoggedRun
+    from hil.recorded_run import Run
 
 
 def register(app: typer.Typer) -> None:
@@ -42,7 +42,8 @@ def inspect(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Recompute a run's figures and verdict from its log, or take tables and plots out of it."""
-    from tools.inspection import DEFAULT_SIGNALS, open_run, plot_signals, write_table
+    from hil.recorded_run import open_run
+    from tools.inspection import DEFAULT_SIGNALS, plot_signals, write_table
 
     if to is not None and table is None:
         raise BadInputError("--to needs --table NAME; `vibrohil inspect RUN` lists the tables")
@@ -85,7 +86,7 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
     console.print(shown)
 
 
-def show_figures(logged: "LoggedRun") -> None:
+def show_figures(logged: "Run") -> None:
     """Print every figure with its meaning, the checks, and what tables there are."""
     from hil.figure_records import CATALOGUE, value_of
     from tools.commands.run import show_checks

@@ -1,0 +1,92 @@
+"""A pytest plug-in that comes with the package: tests of the firmware as plain functions.
+
+    def test_start(bench):
+        run = bench.run("soft-start-multistable", set={"firmware.start.rise_s": 3.0})
+        assert run.regime == "impact"
+
+The same file runs on any clock and bus: `pytest --vibrohil-clock real --vibrohil-bus vcan`. The folders of a
+test that fails are kept and named in pytest's report; those of a test that passes are removed.
+"""
+
+import shutil
+from collections.abc import Generator, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from hil.bench import ClockName
+    from hil.recorded_run import Run
+    from hil.settings import Settings
+
+KEPT = pytest.StashKey[list[Path]]()
+"""The run folders of a test."""
+FAILED = pytest.StashKey[bool]()
+
+
+class Bench:
+    """What a test runs scenarios with: `hil.run` on the clock and the bus that pytest was started with."""
+
+    def __init__(self, clock: "ClockName", bus: str, folders: list[Path]) -> None:
+        self.clock: ClockName = clock
+        self.bus = bus
+        self._folders = folders
+
+    def run(
+        self,
+        scenario: str | Path,
+        *,
+        set: "Settings" = (),
+        parameters: Sequence[str | Path] = (),
+        seed: int = 1,
+    ) -> "Run":
+        """Run one scenario, by its name or its file, and return it judged; see `hil.run`."""
+        import hil
+
+        run = hil.run(scenario, clock=self.clock, bus=self.bus, seed=seed, set=set, parameters=parameters)
+        self._folders.append(run.folder)
+        return run
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The clock and the bus of all tests of this session."""
+    group = parser.getgroup("vibrohil", "vibrohil: runs on the bench")
+    group.addoption(
+        "--vibrohil-clock",
+        choices=("lockstep", "real"),
+        default="lockstep",
+        help="clock of the runs: lockstep (default, deterministic, fast) or real time",
+    )
+    group.addoption(
+        "--vibrohil-bus",
+        default="auto",
+        metavar="SPEC",
+        help="in real time: the bus, such as vcan, local or socketcan:can0 (default: auto)",
+    )
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """The bench, for `bench.run(scenario)`."""
+    folders: list[Path] = []
+    request.node.stash[KEPT] = folders
+    config = request.config
+    yield Bench(config.getoption("vibrohil_clock"), config.getoption("vibrohil_bus"), folders)
+    if not request.node.stash.get(FAILED, False):
+        for folder in folders:
+            shutil.rmtree(folder)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Name the run folders of a test that failed."""
+    report: pytest.TestReport = yield
+    if report.when == "call" and report.failed:
+        item.stash[FAILED] = True
+        folders: Any = item.stash.get(KEPT, [])
+        if folders:
+            report.sections.append(("vibrohil: run folders kept", "\n".join(map(str, folders))))
+    return report

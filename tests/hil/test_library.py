@@ -1,0 +1,99 @@
+"""The bench from Python, and as a pytest plug-in."""
+
+import numpy as np
+import pytest
+
+import hil
+from hil.scenario import ScenarioError
+
+pytest_plugins = ["pytester"]
+
+SCENARIO = """
+title = "The module stands still for half a second"
+scene = "table1-motor-soft"
+
+[script]
+duration_s = 0.5
+
+[[checks]]
+name = "impact_count"
+high = 0
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "still.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(scenario):
+    return hil.run(scenario, set={"script.duration_s": 1.0}, out=scenario.parent / "run")
+
+
+def test_a_run_is_an_object_with_verdict_signals_and_impacts(run):
+    assert run.passed
+    assert run.verdict["scenario"] == "still"
+    assert run.impacts == ()
+    t_s, x_m = run.signal("plant.x_m")
+    assert len(t_s) == run.figures.ticks == 1000
+    np.testing.assert_allclose(np.diff(t_s), 1e-3)
+    assert np.all(x_m < 0.18)
+    assert run.table("firmware").num_rows == 1000
+
+
+def test_a_finished_run_is_opened_by_its_folder(run):
+    again = hil.open_run(run.folder)
+    assert again.verdict == run.verdict
+
+
+def test_a_run_whose_checks_fail_is_returned_and_says_so(scenario, tmp_path):
+    failing = tmp_path / "failing.toml"
+    failing.write_text(SCENARIO.replace("high = 0", "low = 1"))
+    run = hil.run(failing, out=tmp_path / "run")
+    assert not run.passed
+    assert [check["passed"] for check in run.verdict["checks"]] == [False]
+
+
+def test_what_cannot_run_raises_a_sentence():
+    with pytest.raises(ScenarioError, match="starts with 'plant'"):
+        hil.run("soft-start-multistable", set={"plant.mass_kg": 1.0})
+    with pytest.raises(ScenarioError, match="no named scenario"):
+        hil.run("soft-strat")
+    with pytest.raises(AttributeError, match="walk"):
+        _ = hil.walk
+
+
+TESTS = """
+def test_that_passes(bench):
+    assert bench.run("still.toml").passed
+
+
+def test_that_fails(bench):
+    run = bench.run("still.toml", set={"script.duration_s": 0.25})
+    assert run.impacts, "no impact"
+"""
+
+
+def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester):
+    (pytester.path / "still.toml").write_text(SCENARIO)
+    pytester.makepyfile(TESTS)
+    result = pytester.runpytest_subprocess("-p", "hil.pytest_plugin", "-p", "no:cacheprovider")
+    result.assert_outcomes(passed=1, failed=1)
+    kept = list((pytester.path / "runs").iterdir())
+    assert [hil.open_run(folder).figures.duration_s for folder in kept] == [0.25]
+    result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0].name}*"])
+
+
+def test_the_clock_of_the_session_is_that_of_its_runs(pytester):
+    pytester.makepyfile(
+        """
+        def test_clock(bench):
+            assert (bench.clock, bench.bus) == ("real", "local")
+        """
+    )
+    options = ("--vibrohil-clock", "real", "--vibrohil-bus", "local")
+    result = pytester.runpytest_subprocess("-p", "hil.pytest_plugin", "-p", "no:cacheprovider", *options)
+    result.assert_outcomes(passed=1)
