@@ -77,6 +77,19 @@ ODRIVE: dict[int, tuple[int, dict[int, tuple[int, bool]]]] = {
     0x19: (8, {0: FLOAT}),
 }
 
+# All numbers of CANSimple 0.6.10 that a drive acts on, and Start_Anticogging of 0.5.
+ACTED_ON_BY_DRIVES = frozenset(
+    {0x02, 0x04, 0x06, 0x07, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x11, 0x12, 0x13, 0x16, 0x18, 0x19, 0x1A}
+    | {0x1B, 0x1F}
+)
+FOUND_BY = frozenset({0x00, 0x01, 0x06})
+"""Get_Version, Heartbeat and Address: ODrive's programs take their sender for a drive."""
+
+BROADCAST_NODE = 63
+"""Drives without a node number answer here."""
+
+OWN_NODE = {"Drive": 0, "Sensors": 1, "Operator": 2, "Firmware": 3}
+
 
 def attribute(message: Message, name: str) -> Any:
     assert message.dbc is not None
@@ -210,6 +223,38 @@ def test_drive_frames_are_odrives() -> None:
         assert all(signal.scale == 1 and signal.offset == 0 for signal in message.signals), message.name
         assert message.comment is not None
         assert message.comment.startswith("ODrive CANSimple 0.6")
+
+
+def own_messages() -> list[Message]:
+    return [message for message in MESSAGES if message.frame_id >= 0x20]
+
+
+@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
+def test_every_sender_has_its_node_number() -> None:
+    for message in own_messages():
+        assert [message.frame_id >> 5] == [OWN_NODE[sender] for sender in message.senders], message.name
+
+
+@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
+def test_no_frame_of_ours_belongs_to_another_drive() -> None:
+    """Every node number that the documents leave to other drives, and the one of drives without a number."""
+    others = set(range(BROADCAST_NODE + 1)) - set(OWN_NODE.values())
+    assert [message.name for message in MESSAGES if message.frame_id >> 5 in others] == []
+
+
+@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
+def test_no_frame_of_ours_is_a_command_to_any_drive_or_looks_like_one() -> None:
+    """Not even a drive left on one of our own node numbers stops, reboots or is found because of us."""
+    for message in own_messages():
+        assert message.frame_id & 0x1F not in ACTED_ON_BY_DRIVES | FOUND_BY, message.name
+
+
+@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
+def test_documents_name_the_node_numbers_that_must_stay_free() -> None:
+    for node in ("Sensors", "Operator", "Firmware"):
+        comment = database().get_node_by_name(node).comment
+        assert comment is not None
+        assert comment.startswith(f"Node number {OWN_NODE[node]}.")
 
 
 def test_identifiers_are_distinct_and_of_11_bits() -> None:
