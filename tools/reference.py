@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from firmware_py.interface import codec, enums
+from firmware_py.interface.dbc import database
 from firmware_py.interface.layout import Signal, SignalKind
 from firmware_py.shell.parameters import TABLE
 from hil.faults import tables
@@ -60,7 +61,9 @@ def frames() -> str:
     parts = [
         "Classic CAN, 1 Mbit/s, 11-bit identifiers, little-endian. The only source is "
         "`firmware_py/interface/vibro.dbc`. A protected frame ends in a rolling counter and a CRC-8 "
-        "(SAE J1850 over the identifier's low byte and the data)."
+        "(SAE J1850 over the identifier's low byte and the data).",
+        "## Nodes",
+        table(["node", "meaning"], (row(node.name, node.comment) for node in database().nodes)),
     ]
     for one in sorted(codec.CODECS.values(), key=lambda one: one.can_id):
         sent = "on an event" if one.period_s is None else f"every {1e3 * one.period_s:g} ms"

@@ -103,11 +103,11 @@ class SetAbsolutePosition(NamedTuple):
     position_rev: float
 
 
-# --- sensors ------------------------------------------------------------------------------------------
+# --- sensors, node 1 ----------------------------------------------------------------------------------
 
 
 class Accelerometer(NamedTuple):
-    """0x080, sensors → all, every tick. Low range ±16 g, high range ±200 g, both on the striker's axis."""
+    """0x028, sensors → all, every tick. Low range ±16 g, high range ±200 g, both on the striker's axis."""
 
     striker_low_m_s2: float
     striker_high_m_s2: float
@@ -115,13 +115,13 @@ class Accelerometer(NamedTuple):
 
 
 class CoarsePosition(NamedTuple):
-    """0x081, sensors → all, every 20 ms where the scene has one."""
+    """0x029, sensors → all, every 20 ms where the scene has one."""
 
     striker_position_m: float
 
 
 class GaitSensors(NamedTuple):
-    """0x082, sensors → all, every 5 ms where somebody walks in the scene.
+    """0x02A, sensors → all, every 5 ms where somebody walks in the scene.
 
     The shank's rate is positive where its top goes forward; `along_m_s2` is the specific force along the
     shank, upward positive, gravity included.
@@ -133,11 +133,11 @@ class GaitSensors(NamedTuple):
     toe_contact: int
 
 
-# --- operator -----------------------------------------------------------------------------------------
+# --- operator, node 2 ---------------------------------------------------------------------------------
 
 
 class OperatorCommand(NamedTuple):
-    """0x0C0, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω.
+    """0x048, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω.
 
     A `target_impulse_n_s` above 0 is what the blows on the stop are to give, from the ratio on.
     """
@@ -148,18 +148,18 @@ class OperatorCommand(NamedTuple):
 
 
 class ParameterRequest(NamedTuple):
-    """0x0C1, operator → firmware."""
+    """0x049, operator → firmware."""
 
     parameter_index: int
     operation: int
     value: float
 
 
-# --- firmware -----------------------------------------------------------------------------------------
+# --- firmware, node 3 ---------------------------------------------------------------------------------
 
 
 class FirmwareHeartbeat(NamedTuple):
-    """0x110, firmware → all, every 100 ms."""
+    """0x068, firmware → all, every 100 ms."""
 
     mode: int
     fault: int
@@ -169,7 +169,7 @@ class FirmwareHeartbeat(NamedTuple):
 
 
 class StrikerEstimate(NamedTuple):
-    """0x111, firmware → all, every 10 ms."""
+    """0x069, firmware → all, every 10 ms."""
 
     position_m: float
     velocity_m_s: float
@@ -177,7 +177,7 @@ class StrikerEstimate(NamedTuple):
 
 
 class RegimeReport(NamedTuple):
-    """0x112, firmware → all, once a drive period. The phase is past the crank's forward dead centre."""
+    """0x06A, firmware → all, once a drive period. The phase is past the crank's forward dead centre."""
 
     regime: int
     impacts: int
@@ -186,7 +186,7 @@ class RegimeReport(NamedTuple):
 
 
 class ImpactEvent(NamedTuple):
-    """0x113, firmware → all, one an impact. `age_s`: from touch-down to this frame's tick."""
+    """0x074, firmware → all, one an impact. `age_s`: from touch-down to this frame's tick."""
 
     age_s: float
     approach_speed_m_s: float
@@ -194,7 +194,7 @@ class ImpactEvent(NamedTuple):
 
 
 class FaultEvent(NamedTuple):
-    """0x114, firmware → all, one a fault or refusal. `disarm_reason` repeats the drive's, if it gave one."""
+    """0x075, firmware → all, one a fault or refusal. `disarm_reason` repeats the drive's, if it gave one."""
 
     fault: int
     disarm_reason: int
@@ -202,7 +202,7 @@ class FaultEvent(NamedTuple):
 
 
 class ParameterValue(NamedTuple):
-    """0x115, firmware → all: the answer to a parameter request."""
+    """0x077, firmware → all: the answer to a parameter request."""
 
     parameter_index: int
     status: int
@@ -210,7 +210,7 @@ class ParameterValue(NamedTuple):
 
 
 class GaitReport(NamedTuple):
-    """0x116, firmware → all, every 40 ms where the firmware hears gait sensors.
+    """0x07C, firmware → all, every 40 ms where the firmware hears gait sensors.
 
     The phase runs from 0 at heel strike to 1; `harmonic` is the crank's turns a stride, 0 where it is not
     locked. Both counts of pulses wrap: whoever sends them takes them modulo 256.

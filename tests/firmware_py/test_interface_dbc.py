@@ -229,27 +229,23 @@ def own_messages() -> list[Message]:
     return [message for message in MESSAGES if message.frame_id >= 0x20]
 
 
-@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
 def test_every_sender_has_its_node_number() -> None:
     for message in own_messages():
         assert [message.frame_id >> 5] == [OWN_NODE[sender] for sender in message.senders], message.name
 
 
-@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
 def test_no_frame_of_ours_belongs_to_another_drive() -> None:
     """Every node number that the documents leave to other drives, and the one of drives without a number."""
     others = set(range(BROADCAST_NODE + 1)) - set(OWN_NODE.values())
     assert [message.name for message in MESSAGES if message.frame_id >> 5 in others] == []
 
 
-@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
 def test_no_frame_of_ours_is_a_command_to_any_drive_or_looks_like_one() -> None:
     """Not even a drive left on one of our own node numbers stops, reboots or is found because of us."""
     for message in own_messages():
         assert message.frame_id & 0x1F not in ACTED_ON_BY_DRIVES | FOUND_BY, message.name
 
 
-@pytest.mark.xfail(strict=True, reason="our identifiers are other drives' commands")
 def test_documents_name_the_node_numbers_that_must_stay_free() -> None:
     for node in ("Sensors", "Operator", "Firmware"):
         comment = database().get_node_by_name(node).comment

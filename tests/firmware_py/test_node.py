@@ -112,7 +112,7 @@ def test_a_sender_that_is_stuck_never_counts_as_heard_again() -> None:
 
 def test_frames_of_others_are_passed_over() -> None:
     one = node()
-    one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x115, b"\x01")], 1)
+    one.tick([Frame(0x7FF, b""), codec.encode(SetInputTorque(0.3)), Frame(0x077, b"\x01")], 1)
     assert one.counters == one.counters._replace(frames=0, rejected_crc=0, rejected_length=0)
 
 

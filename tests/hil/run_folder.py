@@ -171,7 +171,7 @@ def make_run() -> MadeUpRun:
         "target_ratio": np.full(n // 100, 1.3),
         "estop": np.zeros(n // 100, bool),
     }
-    lines = [f"({t:.6f}) vcan0 080#{ACCELEROMETER}\n({t + 5e-4:.6f}) vcan0 00E#{TORQUE}\n" for t in t_s]
+    lines = [f"({t:.6f}) vcan0 028#{ACCELEROMETER}\n({t + 5e-4:.6f}) vcan0 00E#{TORQUE}\n" for t in t_s]
     return MadeUpRun(
         plant=plant,
         firmware=firmware,

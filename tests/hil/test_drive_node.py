@@ -110,7 +110,7 @@ def test_each_command_feeds_the_watchdog_and_nothing_else_does() -> None:
     assert drive.armed
     for _ in range(50):
         drive.elapse(TICK_S, 0.0, 0.0)
-        drive.handle([limits(1.0, 1.0), ARM, Frame(0x110, bytes(6)), Frame(0x0E, b"short")], 0.0)
+        drive.handle([limits(1.0, 1.0), ARM, Frame(0x068, bytes(6)), Frame(0x0E, b"short")], 0.0)
     assert not drive.armed
     assert drive.rejected == 50
 

@@ -244,7 +244,7 @@ def test_an_unknown_column_is_an_error_that_names_its_neighbours():
 
 
 def test_a_cut_last_line_of_the_bus_log_is_left_out():
-    log = parse_candump(b"(5.100000) can0 080#00FF\n(5.200000) can0 081#0")
+    log = parse_candump(b"(5.100000) can0 028#00FF\n(5.200000) can0 029#0")
     assert log.t_s == pytest.approx([5.1])
     assert log.payloads == (b"\x00\xff",)
 

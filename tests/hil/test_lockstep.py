@@ -92,7 +92,7 @@ def test_can_log_has_each_frame_at_its_time(quick_run: Path) -> None:
     lines = (quick_run / "can.log").read_text().splitlines()
     stamps = [float(line[1 : line.index(")")]) for line in lines]
     assert stamps == sorted(stamps)
-    accelerometer = [stamp for stamp, line in zip(stamps, lines, strict=True) if " 080#" in line]
+    accelerometer = [stamp for stamp, line in zip(stamps, lines, strict=True) if " 028#" in line]
     np.testing.assert_allclose(accelerometer, np.arange(3000) * 1e-3, atol=1e-9)
     torque = [stamp for stamp, line in zip(stamps, lines, strict=True) if " 00E#" in line]
     np.testing.assert_allclose(torque, np.arange(3000) * 1e-3 + 0.5e-3, atol=1e-9)

@@ -39,9 +39,9 @@ def ticks_of(can_id: int, period_s: float, ticks: int) -> list[int]:
 @pytest.mark.parametrize(
     ("can_id", "period_s", "every"),
     [
-        (0x080, 1e-3, 1),  # both sensors: every tick, however long
+        (0x028, 1e-3, 1),  # both sensors: every tick, however long
         (0x009, 1e-3, 1),
-        (0x080, 0.25e-3, 1),
+        (0x028, 0.25e-3, 1),
         (0x009, 4e-3, 1),
         (0x014, 1e-3, 10),  # current
         (0x014, 0.5e-3, 20),

@@ -107,10 +107,10 @@ def test_frames_are_logged_raw_and_by_the_names_of_the_dbc(log_path):
 
 def test_frames_that_cannot_be_decoded_are_named(tmp_path):
     made_up = make_run()
-    made_up.can_log = "(0.100000) can0 080#FFFFFFFFFFFFFFFF\n(0.200000) can0 7AB#00\n"
+    made_up.can_log = "(0.100000) can0 028#FFFFFFFFFFFFFFFF\n(0.200000) can0 7AB#00\n"
     log = tables(rebuild(write_run(made_up, tmp_path)))
     texts = [text[0] for text in log["/can/rejected"]["TextLog:text"].to_pylist()]
-    assert texts[0].startswith("0x080: ")
+    assert texts[0].startswith("0x028: ")
     assert texts[1] == "0x7AB: not in the DBC"
 
 

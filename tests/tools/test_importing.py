@@ -76,7 +76,7 @@ def imported(request, tmp_path_factory):
 def test_what_is_not_understood_is_counted(imported):
     out, result = imported
     assert result["unknown"] == {"0x7AB": 2}
-    assert result["refused"] == {"0x111": 1}
+    assert result["refused"] == {"0x069": 1}
     assert result["skipped"] == {"remote frame": 1}
     assert result["frames"] == result["known"] + 3 == len([*frames()]) + 3
     assert result["duration_s"] == pytest.approx((TICKS - 1) * 1e-3 + 2e-4, abs=1e-4)
