@@ -25,6 +25,9 @@ def suite(verdict: Mapping[str, Any]) -> Element:
         errors=str(int(bool(reasons))),
         time=f"{verdict['duration_s']:.3f}",
     )
+    origin = SubElement(element, "properties")
+    for key, value in verdict.get("provenance", {}).items():
+        SubElement(origin, "property", name=key, value=str(value))
     run = SubElement(element, "testcase", classname=verdict["scenario"], name="runs to its end")
     if reasons:
         SubElement(run, "error", message="; ".join(reasons))

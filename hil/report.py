@@ -87,6 +87,7 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
     page = template("report.html.j2").render(
         verdict=verdict,
         title=traces.scenario.get("title", verdict["scenario"]),
+        changes=traces.run.get("changes", []),
         checks=[{**check, "shown": shown(check["value"], check["unit"])} for check in verdict["checks"]],
         headlines=[
             tile(headline, content)

@@ -158,7 +158,8 @@ class RunLog:
         self._last: dict[str, int] = {}
         self._pending_bits: dict[int, float] = {}
         self._end_s = 0.0
-        self.recording.send_recording_name(f"{run.get('scenario', 'run')} ({run.get('clock', '?')})")
+        name = " ".join([run.get("scenario", "run"), *run.get("changes", [])])
+        self.recording.send_recording_name(f"{name} ({run.get('clock', '?')})")
         self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
         self._document("about/run", json.dumps(dict(run), indent=2), "json")
         self._document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")

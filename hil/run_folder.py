@@ -1,20 +1,18 @@
 """The run folder before and during a run; hil.rundir makes the verdict of it afterwards."""
 
 import json
-import platform
 import time
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from hil import provenance
 from hil.realtime import is_user_mode_linux
 from hil.scenario import Scenario
 
 RUNS = Path("runs")
-REPORTED_PACKAGES = ("vibrohil", "numpy", "numba", "filterpy", "python-can", "cantools", "rerun-sdk")
 MADE_BY_A_RUN = (
     *("*.trace", "*.trace.new", "can.log", "*.rrd", "*.log"),
     *("run.json", "outcome.json", "processes.json", "verdict.json"),
@@ -48,7 +46,6 @@ def create(scenario: Scenario, out_dir: Path | None, clock: str, bus: Mapping[st
     run_dir.mkdir(parents=True, exist_ok=True)
     clear(run_dir)
     (run_dir / "scenario.toml").write_text(tomli_w.dumps(scenario.document))
-    versions = {name: version(name) for name in REPORTED_PACKAGES}
     note(
         run_dir,
         scenario=scenario.name,
@@ -59,7 +56,9 @@ def create(scenario: Scenario, out_dir: Path | None, clock: str, bus: Mapping[st
         period_s=scenario.period_s,
         user_mode_linux=is_user_mode_linux(),
         created=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        versions={"python": platform.python_version(), "kernel": platform.release(), **versions},
+        changes=list(scenario.changes),
+        **provenance.commit(),
+        versions=provenance.versions(),
     )
     return run_dir
 

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from hil import junit
+from hil import junit, provenance
 from hil.checks import CheckResult, checks_of, evaluate
 from hil.figure_records import Figures
 from hil.figures import figures_from
@@ -52,7 +52,7 @@ def reasons_of(traces: RunTraces) -> list[str]:
 
 def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
     """The verdict on a run from what it left behind, and its checks' results."""
-    content = figures.as_json()
+    content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
     results = evaluate(checks_of(traces.scenario), content)
     return verdict_of(content, results, reasons_of(traces), out), results
 

@@ -18,7 +18,7 @@ from hil.checks import Check
 from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
 from hil.operator import Command, Request
 from hil.parameter_file import merged, read_parameters
-from hil.settings import SettingError, Settings, apply_settings
+from hil.settings import SettingError, Settings, apply_settings, as_texts
 from plant_sim.complaints import complaints, nearest
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.scene_tables import Table
@@ -153,6 +153,8 @@ class Scenario:
     faults: tuple[Fault, ...]
     checks: tuple[Check, ...]
     document: Mapping[str, Any]
+    changes: tuple[str, ...]
+    """What was changed over the file: parameter files by name, and settings as KEY=VALUE."""
 
     @property
     def period_s(self) -> float:
@@ -211,7 +213,8 @@ def load_scenario(
     document = read_scenario(source)
     if parameter_files:
         document["firmware"] = merged(document["firmware"], parameter_files)
-    return check_scenario(changed(document, settings), scenario_path(source).stem)
+    changes = (*map(str, parameter_files), *as_texts(settings))
+    return check_scenario(changed(document, settings), scenario_path(source).stem, changes)
 
 
 def changed(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
@@ -222,8 +225,8 @@ def changed(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
         raise ScenarioError(str(error)) from error
 
 
-def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
-    """A checked scenario from raw tables."""
+def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str] = ()) -> Scenario:
+    """A checked scenario from raw tables; `changes` says what was changed over its file."""
     try:
         table = ScenarioTable.model_validate(document)
     except ValidationError as error:
@@ -248,6 +251,7 @@ def check_scenario(document: Mapping[str, Any], name: str) -> Scenario:
         faults=tuple(table.script.faults),
         checks=tuple(table.checks),
         document=document,
+        changes=tuple(changes),
     )
 
 

@@ -39,7 +39,7 @@ def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
         key = "duration_s" if line is script else "at_s"
         if line is script or line[key] >= first_s:
             line[key] = round(line[key] + by_ticks * scenario.period_s, 6)
-    return check_scenario(document, scenario.name)
+    return check_scenario(document, scenario.name, scenario.changes)
 
 
 def margin(check: Check, value: Any) -> float:

@@ -35,6 +35,11 @@ def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
         yield path.strip(), parse_value(text.strip())
 
 
+def as_texts(settings: Settings) -> list[str]:
+    """The settings as a person reads them, KEY=VALUE."""
+    return [f"{key}={value}" for key, value in keys_and_values(settings)]
+
+
 def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
     """A copy of `document` with each value of `settings` in its place.
 

@@ -101,7 +101,9 @@ def longer(scenario: "Scenario", by: str) -> "Scenario":
         by_s = duration_s(by)
     except ValueError as error:
         raise BadInputError(f"--soak: {error}") from error
-    return check_scenario(prolonged(scenario.document, by_s), scenario.name)
+    return check_scenario(
+        prolonged(scenario.document, by_s), scenario.name, [*scenario.changes, f"soak={by}"]
+    )
 
 
 def show(verdict: dict[str, Any]) -> None:

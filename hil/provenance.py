@@ -1,0 +1,48 @@
+"""Where a run comes from: the commit of the code, whether it was edited since, and the machine's versions."""
+
+import platform
+import subprocess
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("vibrohil", "numpy", "numba", "filterpy", "python-can", "cantools", "rerun-sdk")
+"""Packages whose versions a run reports."""
+GIT_TIMEOUT_S = 5.0
+
+
+def git(*arguments: str) -> str | None:
+    """What git says in the folder of this code; None where this code is in no checkout or git is missing."""
+    here = Path(__file__).parent
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(here), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=GIT_TIMEOUT_S,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+@cache
+def commit() -> dict[str, Any]:
+    """The commit's hash and whether files differ from it; both None outside of a checkout."""
+    if git("ls-files", "--error-unmatch", "__init__.py") is None:
+        return {"commit": None, "edited": None}
+    status = git("status", "--porcelain")
+    return {"commit": git("rev-parse", "HEAD"), "edited": None if status is None else bool(status)}
+
+
+KEYS = ("commit", "edited", "changes", "seed")
+"""What run.json, verdict and JUnit say of where a run comes from."""
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of Python, the kernel and the packages that a run rests on."""
+    packages = {name: version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), "kernel": platform.release(), **packages}

@@ -1,0 +1,50 @@
+"""A run says where it comes from: the commit, what was edited since, what was changed over its scenario."""
+
+import json
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import hil
+from hil import provenance
+
+SCENARIO = """
+title = "The module stands still"
+scene = "table1-motor-soft"
+
+[script]
+duration_s = 0.1
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("provenance")
+    (folder / "still.toml").write_text(SCENARIO)
+    return hil.run(folder / "still.toml", set={"script.duration_s": 0.2}, seed=3, out=folder / "run")
+
+
+def test_a_run_names_its_commit_and_its_changes(run):
+    here = Path(provenance.__file__).parent
+    head = subprocess.run(
+        ["git", "-C", here, "rev-parse", "HEAD"], capture_output=True, text=True, check=False
+    )
+    document = json.loads((run.folder / "run.json").read_text())
+    assert document["commit"] == (head.stdout.strip() or None)
+    assert document["changes"] == ["script.duration_s=0.2"]
+    assert run.verdict["provenance"] == {key: document[key] for key in provenance.KEYS}
+
+
+def test_report_and_junit_say_so_too(run):
+    assert "with script.duration_s=0.2" in (run.folder / "report.html").read_text()
+    suite = ElementTree.parse(run.folder / "junit.xml").getroot()[0]
+    origin = {one.get("name"): one.get("value") for one in suite.findall("properties/property")}
+    assert origin["changes"] == "['script.duration_s=0.2']"
+    assert origin["seed"] == "3"
+
+
+def test_outside_of_a_checkout_there_is_no_commit(monkeypatch):
+    monkeypatch.setattr(provenance, "git", lambda *_: None)
+    assert provenance.commit.__wrapped__() == {"commit": None, "edited": None}
