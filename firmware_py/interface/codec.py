@@ -1,66 +1,101 @@
-"""Records to frames and back: one `FrameCodec` a record, made from `vibro.dbc` on import."""
+"""Records to frames and back, as the bench uses them: `packing.py` with identity, timing and errors."""
 
-from collections.abc import Mapping
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic
+from typing import Any, Generic, TypeVar
 
-from firmware_py.interface import records
+from firmware_py.interface import packing, records
 from firmware_py.interface.dbc import database
 from firmware_py.interface.errors import FrameError, FrameErrorReason
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.generate import Decoder, Encoder, R, decoder, encoder
-from firmware_py.interface.layout import LayoutError, Signal, layout_of
+from firmware_py.interface.generate import checked_hints, snake
+from firmware_py.interface.layout import Layout, Signal, layout_of
+from firmware_py.interface.refusals import unencodable, unusable
 
 __all__ = ["CODECS", "CODEC_BY_ID", "FrameCodec", "FrameError", "FrameErrorReason", "decode", "encode"]
 
+R = TypeVar("R", bound=tuple[Any, ...])
+
 COUNTER_MODULUS = 16
+
+_OK = FrameErrorReason.NONE
+_WORD = struct.Struct("<q")
+_to_bytes, _from_bytes, _new = _WORD.pack, _WORD.unpack, tuple.__new__
 
 
 @dataclass(frozen=True, slots=True)
 class FrameCodec(Generic[R]):
     """One frame: who sends it and how often, and the way between its record and its bytes.
 
-    `encode(record, counter=0)` saturates quantities at full scale, so that a clipped reading decodes to
-    exactly `signals[field].low` or `.high`; it refuses NaN, infinities and values that are not listed.
-    `decode(data)` refuses a wrong length, a wrong CRC, unlisted values, counts out of range and floats that
-    are not finite. Both raise `FrameError`.
+    `pack` and `unpack` are the functions of `packing.py`, which refuse by status; `encode` and `decode` raise
+    `FrameError` with the signal to blame.
     """
 
     record: type[R]
+    layout: Layout
     can_id: int
     length: int
     sender: str | None  # None: any client of the drive
     period_s: float | None  # None: sent on an event
     protected: bool  # carries a rolling counter and a CRC-8
     signals: Mapping[str, Signal]
-    encode: Encoder[R]
-    decode: Decoder[R]
+    pack: Callable[[R, int], tuple[int, bool]]
+    unpack: Callable[[int, int], tuple[R, FrameErrorReason]]
+
+    def encode(self, record: R, counter: int = 0) -> Frame:
+        """Return the frame. `counter` counts this identifier's frames; its lowest bits are sent.
+
+        Quantities saturate at full scale, so that a clipped reading decodes to exactly `signals[field].low`
+        or `.high`; NaN, infinities and values that are not listed are refused.
+        """
+        try:
+            word, sendable = self.pack(record, counter)
+            data = _to_bytes(word)
+        except (TypeError, ValueError, OverflowError, struct.error) as error:
+            raise unencodable(self.layout, _fields(self.record), record) from error
+        if not sendable:
+            raise unencodable(self.layout, _fields(self.record), record)
+        return _new(Frame, (self.can_id, data if self.length == 8 else data[: self.length]))
+
+    def decode(self, data: bytes) -> R:
+        """Return the record; refuse a wrong length or CRC, unlisted values, counts out of range and floats
+        that are not finite.
+        """
+        length = len(data)
+        word = _from_bytes(data)[0] if length == 8 else int.from_bytes(data, "little")
+        record, reason = self.unpack(length, word)
+        if reason is not _OK:
+            raise unusable(self.layout, data, reason)
+        return record
 
     def counter(self, data: bytes) -> int:
-        """Return the rolling counter, 0…15, of data that has been decoded without an error."""
+        """Return the rolling counter of data that has been decoded without an error."""
         if not self.protected:
             raise TypeError(f"{self.record.__name__} carries no counter; look at .protected first")
-        return data[-2] >> 4
+        return data[-2] >> 8 - self.layout.counter_bits
 
 
 def _codec(record: type[R]) -> FrameCodec[R]:
     layout = layout_of(database().get_message_by_name(record.__name__))
-    fields: tuple[str, ...] = record._fields  # type: ignore[attr-defined]  # every NamedTuple has them
-    if set(fields) != set(layout.signals):
-        raise LayoutError(
-            f"{layout.name}: signals {sorted(layout.signals)}, but the record has {sorted(fields)}"
-        )
+    checked_hints(layout, record)
     return FrameCodec(
         record=record,
+        layout=layout,
         can_id=layout.can_id,
         length=layout.length,
         sender=layout.sender,
         period_s=layout.period_s,
         protected=layout.protected,
         signals=layout.signals,
-        encode=encoder(layout, record),
-        decode=decoder(layout, record),
+        pack=getattr(packing, f"pack_{snake(layout.name)}"),
+        unpack=getattr(packing, f"unpack_{snake(layout.name)}"),
     )
+
+
+def _fields(record: type[tuple[Any, ...]]) -> tuple[str, ...]:
+    """Fields of a NamedTuple class, in order."""
+    return record._fields  # type: ignore[attr-defined,no-any-return]  # every NamedTuple has them
 
 
 DRIVE_HEARTBEAT = _codec(records.DriveHeartbeat)

@@ -1,18 +1,19 @@
 """Why a frame or a record is refused."""
 
-from enum import Enum, auto
+from enum import IntEnum
 
 
-class FrameErrorReason(Enum):
+class FrameErrorReason(IntEnum):
     """What is wrong with a frame (decoding) or with a record (encoding)."""
 
-    UNKNOWN_ID = auto()
-    LENGTH = auto()
-    CRC = auto()
-    RANGE = auto()
-    ENUMERATION = auto()
-    NOT_FINITE = auto()
-    NOT_A_NUMBER = auto()
+    NONE = 0
+    LENGTH = 1
+    CRC = 2
+    RANGE = 3
+    ENUMERATION = 4
+    NOT_FINITE = 5
+    NOT_A_NUMBER = 6
+    UNKNOWN_ID = 7
 
 
 class FrameError(ValueError):

@@ -1,206 +1,259 @@
-"""Writes one frame's encoder and decoder as straight-line Python.
+"""Writes `packing.py`, the codec of every frame in the firmware's subset, out of `vibro.dbc`.
 
-A codec that loops over a description of its signals costs several times what the packing does, in every tick
-of both loops. So each frame gets the few lines that someone would write by hand; `encoder_source` and
-`decoder_source` return them as text to read.
+    python -m firmware_py.interface.generate
+
+A codec that loops over a description of its signals costs several times what the packing does, and a
+microcontroller has no description; so each frame gets the few lines that someone would write by hand. A test
+holds the checked-in file against what this module writes; `ruff format` lays its lines out.
 """
 
-import math
-import struct
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar, cast
+from pathlib import Path
+from typing import Any, get_type_hints
 
-from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
-from firmware_py.interface.frame import Frame
-from firmware_py.interface.layout import Layout, Part, Signal, SignalKind, Word
-from firmware_py.interface.refusals import Refusals
+from firmware_py.interface import records
+from firmware_py.interface.crc import INITIAL, TABLE
+from firmware_py.interface.dbc import database
+from firmware_py.interface.layout import Layout, LayoutError, Signal, SignalKind, layout_of, span
 
-R = TypeVar("R", bound=tuple[Any, ...])
-R_contra = TypeVar("R_contra", bound=tuple[Any, ...], contravariant=True)
-R_co = TypeVar("R_co", bound=tuple[Any, ...], covariant=True)
+TARGET = Path(__file__).with_name("packing.py")
 
+HEADER = '''"""Records to 64-bit words and back: written by `generate.py` out of `vibro.dbc`; do not edit.
 
-class Encoder(Protocol[R_contra]):
-    """Packs a record; quantities saturate at full scale, everything else outside its range is refused."""
+A frame's data is a signed 64-bit word: byte 0 in the lowest bits, unused high bytes 0. All of it is the
+firmware's subset, so that one source runs interpreted, compiled and on a microcontroller.
 
-    def __call__(self, record: R_contra, counter: int = 0) -> Frame:
-        """Return the frame. `counter` counts this identifier's frames; its low four bits are sent."""
+`pack_x(record, counter)` gives `(word, sendable)`. Quantities saturate at full scale, in counts; a record
+with NaN, an infinity or a value outside its list is not sendable, and its word is 0. Frames without a
+rolling counter ignore `counter`.
+`unpack_x(length, word)` gives `(record, reason)`; the record may be used only if the reason is NONE.
+"""
 
+from math import isfinite
 
-class Decoder(Protocol[R_co]):
-    """Unpacks a frame's data."""
-
-    def __call__(self, data: bytes) -> R_co:
-        """Return the record; raise `FrameError` if the data must not be used."""
-
-
-def encoder(layout: Layout, record: type[R]) -> Encoder[R]:
-    """Compile the encoder of a frame."""
-    return cast("Encoder[R]", _compiled(encoder_source(layout, _fields(record)), layout, record))
+from firmware_py.interface.crc import TABLE
+from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
+from firmware_py.interface.records import (
+'''
 
 
-def decoder(layout: Layout, record: type[R]) -> Decoder[R]:
-    """Compile the decoder of a frame."""
-    return cast("Decoder[R]", _compiled(decoder_source(layout, _fields(record)), layout, record))
-
-
-def encoder_source(layout: Layout, fields: Sequence[str]) -> str:
-    """Return the text of `generated(record, counter=0) -> Frame`."""
-    signals = layout.signals
-    lines = ["def generated(record, counter=0):"]
-    if fields:
-        lines += ["    try:", f"        {', '.join(fields)}, = record"]
-        for field in fields:
-            lines += [f"        {line}" for line in _to_counts(signals[field])]
-        lines += [f"        body = pack({', '.join(_packed(word) for word in layout.words if word.parts)})"]
-        lines += ["    except (ValueError, OverflowError, TypeError, struct_error) as error:"]
-        lines += ["        raise unencodable(record, error) from None"]
-    else:
-        lines += ["    body = b''"]
-    if layout.protected:
-        lines += [f"    {_bytes_of(layout)} = body", f"    body += last_byte[{_crc_index(layout)}]"]
-    lines += ["    return new(Frame, (can_id, body))"]
-    return "\n".join(lines) + "\n"
-
-
-def decoder_source(layout: Layout, fields: Sequence[str]) -> str:
-    """Return the text of `generated(data) -> record`."""
-    signals = layout.signals
-    lines = [
-        "def generated(data):",
-        f"    if len(data) != {layout.length}:",
-        "        raise wrong_length(data)",
+def source() -> str:
+    """The text of `packing.py`."""
+    kinds = [
+        kind
+        for kind in vars(records).values()
+        if isinstance(kind, type) and kind.__module__ == records.__name__
     ]
+    pairs = [(kind, layout_of(database().get_message_by_name(kind.__name__))) for kind in kinds]
+    pairs.sort(key=lambda pair: pair[1].can_id)
+    text = HEADER + "".join(f"    {name},\n" for name in sorted(kind.__name__ for kind in kinds)) + ")\n\n"
+    text += "OK = FrameErrorReason.NONE\nLENGTH = FrameErrorReason.LENGTH\nCRC = FrameErrorReason.CRC\n"
+    text += "RANGE = FrameErrorReason.RANGE\nENUMERATION = FrameErrorReason.ENUMERATION\n"
+    text += "NOT_FINITE = FrameErrorReason.NOT_FINITE\n"
+    for _, layout in pairs:
+        text += "\n" + constants(layout)
+    for kind, layout in pairs:
+        text += "\n\n" + pack_source(layout, kind) + "\n\n" + unpack_source(layout, kind)
+    return text
+
+
+def snake(name: str) -> str:
+    """`SetInputTorque` as `set_input_torque`."""
+    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
+
+
+def constants(layout: Layout) -> str:
+    """Identity and timing of a frame."""
+    name = snake(layout.name).upper()
+    text = f"{name}_ID = 0x{layout.can_id:03X}\n{name}_LENGTH = {layout.length}\n"
+    if layout.period_s is not None:
+        text += f"{name}_PERIOD_S = {layout.period_s!r}\n"
     if layout.protected:
-        lines += [f"    {_bytes_of(layout)}, crc = data", f"    if last[{_crc_index(layout)}] != crc:"]
-        lines += ["        raise wrong_crc(data)"]
-    if fields:
-        targets = [
-            f"word_{index}" if word.parts[0].mask else word.parts[0].signal.name
-            for index, word in _kept(layout)
-        ]
-        lines += [f"    {', '.join(targets)}, = unpack(data)"]
-    for index, word in _kept(layout):
-        for part in word.parts:
-            if part.signal.kind is SignalKind.COUNTER:
-                continue
-            if part.mask:
-                lines += [f"    {part.signal.name} = {_shifted_down(f'word_{index}', part)}"]
-            lines += [f"    {line}" for line in _checks(word, part)]
-    values = "".join(f"{_to_value(signals[field])}, " for field in fields)
-    lines += [f"    return new(Record, ({values}))"]
+        text += f"{name}_COUNTER_BITS = {layout.counter_bits}\n"
+    return text
+
+
+def pack_source(layout: Layout, kind: type[Any]) -> str:
+    """The text of `pack_x(record, counter) -> (word, sendable)`."""
+    hints = checked_hints(layout, kind)
+    name = layout.name
+    lines = [
+        f"def pack_{snake(name)}({'record' if hints else '_record'}: {name}, "
+        f"{'counter' if layout.protected else '_counter'}: int) -> tuple[int, bool]:"
+    ]
+    if hints:
+        lines += [f"    {', '.join(hints) if len(hints) > 1 else f'({next(iter(hints))},)'} = record"]
+        conditions = " and ".join(_sendable(layout.signals[field]) for field in hints)
+        lines += [f"    if not ({conditions}):", "        return 0, False"]
+    terms = []
+    for field, signal in layout.signals.items():
+        lines += _to_counts(signal, hints[field] is float)
+        terms.append(_placed(signal, f"{field}_counts" if _has_counts(signal) else field))
+    if layout.protected:
+        start = 8 * (layout.length - 1) - layout.counter_bits
+        terms.append(f"(counter & {(1 << layout.counter_bits) - 1}) << {start}")
+    if not layout.protected:
+        lines += [f"    return {' | '.join(terms) or '0'}, True"]
+        return "\n".join(lines) + "\n"
+    lines += [f"    word = {' | '.join(terms)}", *_lanes(layout.length - 1), *_crc_lines(layout)]
+    top = 8 * (layout.length - 1)
+    sealed = f"(crc ^ 128) - 128 << {top}" if layout.length == 8 else f"crc << {top}"
+    lines += [f"    return word | {sealed}, True"]
     return "\n".join(lines) + "\n"
 
 
-def _to_counts(signal: Signal) -> list[str]:
-    """Lines that turn the field's value into its counts, under the same name."""
+def unpack_source(layout: Layout, kind: type[Any]) -> str:
+    """The text of `unpack_x(length, word) -> (record, reason)`."""
+    hints = checked_hints(layout, kind)
+    name = layout.name
+    empty = f"NO_{snake(name).upper()}"
+    zeros = ", ".join("0.0" if hint is float else "0" for hint in hints.values())
+    lines = [
+        f"{empty} = {name}({zeros})",
+        "",
+        "",
+        f"def unpack_{snake(name)}(length: int, {'word' if hints else '_word'}: int) -> "
+        f"tuple[{name}, FrameErrorReason]:",
+        f"    if length != {layout.length}:",
+        f"        return {empty}, LENGTH",
+    ]
+    lanes: dict[int, str] = {}
+    if layout.protected:
+        lines += _lanes(layout.length) + _crc_lines(layout)
+        last = layout.length - 1
+        lines += [f"    if crc != {_byte(last)}:", f"        return {empty}, CRC"]
+        lanes = {16 * lane: f"lane_{lane}" for lane in range((layout.length + 1) // 2)}
+    for field, signal in layout.signals.items():
+        lines += [f"    {field} = {_from_word(signal, lanes)}"]
+        lines += _checks(signal, empty)
+    values = ", ".join(_to_value(layout.signals[field], hints[field] is float) for field in hints)
+    lines += [f"    return {name}({values}), OK"]
+    return "\n".join(lines) + "\n"
+
+
+def checked_hints(layout: Layout, kind: type[Any]) -> dict[str, type[Any]]:
+    """The record's fields and their types, held against the message's signals."""
+    hints = get_type_hints(kind)
+    if set(hints) != set(layout.signals):
+        raise LayoutError(
+            f"{layout.name}: signals {sorted(layout.signals)}, but the record has {sorted(hints)}"
+        )
+    return hints
+
+
+def _sendable(signal: Signal) -> str:
+    """Condition under which the field's value can be sent."""
     name = signal.name
     if signal.is_float:
-        return [f"if not isfinite({name}):", f"    raise ValueError('{name}')"]
+        return f"-FLOAT32_OVERFLOW < {name} < FLOAT32_OVERFLOW"
     if signal.kind is SignalKind.QUANTITY:
-        value = name if signal.scale == 1 else f"{name} / {signal.scale!r}"
-        return [
-            f"{name} = round({value})",
-            f"if {name} > {signal.high_counts}:",
-            f"    {name} = {signal.high_counts}",
-            f"elif {name} < {signal.low_counts}:",
-            f"    {name} = {signal.low_counts}",
-        ]
+        return f"isfinite({name})"
+    return _listed(signal)
+
+
+def _listed(signal: Signal) -> str:
+    """Condition that a whole number is one of the signal's."""
     if signal.kind is SignalKind.ENUMERATION:
-        return [f"if {name} not in {_constant(signal)}:", f"    raise ValueError('{name}')"]
-    return [
-        f"if not {signal.low_counts} <= {name} <= {signal.high_counts}:",
-        f"    raise ValueError('{name}')",
-    ]
+        values = sorted(signal.values)
+        if values != list(range(values[0], values[-1] + 1)):
+            return f"{signal.name} in {tuple(values)}"
+        return f"{values[0]} <= {signal.name} <= {values[-1]}"
+    return f"{signal.low_counts} <= {signal.name} <= {signal.high_counts}"
 
 
-def _packed(word: Word) -> str:
-    """Expression of a word from its signals' counts."""
-    terms = []
-    for part in word.parts:
-        counts = "(counter & 15)" if part.signal.kind is SignalKind.COUNTER else part.signal.name
-        terms.append(f"{counts} << {part.shift}" if part.shift else counts)
-    return " | ".join(terms)
+def _has_counts(signal: Signal) -> bool:
+    return signal.is_float or signal.kind is SignalKind.QUANTITY
 
 
-def _shifted_down(word: str, part: Part) -> str:
-    """Expression of a small signal's counts out of its byte."""
-    return f"{word} >> {part.shift} & {part.mask}" if part.shift else f"{word} & {part.mask}"
-
-
-def _checks(word: Word, part: Part) -> list[str]:
-    """Lines that refuse counts which the signal cannot have; none if its bits hold nothing else."""
-    signal = part.signal
+def _to_counts(signal: Signal, is_real: bool) -> list[str]:
+    """Lines that turn the field's value into its counts."""
+    name = signal.name
+    counts = f"{name}_counts"
     if signal.is_float:
-        return [f"if not isfinite({signal.name}):", f"    raise not_finite('{signal.name}', {signal.name})"]
-    if signal.kind is SignalKind.ENUMERATION:
-        return [
-            f"if {signal.name} not in {_constant(signal)}:",
-            f"    raise unknown_value('{signal.name}', {signal.name})",
-        ]
-    span = (0, part.mask) if part.mask else (word.low_counts, word.high_counts)
-    if span == (signal.low_counts, signal.high_counts):
+        return [f"    {counts} = float32_bits({name})"]
+    if signal.kind is not SignalKind.QUANTITY:
         return []
-    return [
-        f"if not {signal.low_counts} <= {signal.name} <= {signal.high_counts}:",
-        f"    raise out_of_range('{signal.name}', {signal.name})",
-    ]
+    low, high = signal.low_counts, signal.high_counts
+    scaled, lines = name, []
+    if signal.scale != 1:
+        scaled = f"{name}_scaled"
+        lines = [f"    {scaled} = {name} / {signal.scale!r}"]
+    within = f"round({scaled})" if is_real else scaled
+    beyond = f"{high} if {scaled} > 0 else {low}"
+    return [*lines, f"    {counts} = {within} if {low} < {scaled} < {high} else ({beyond})"]
 
 
-def _to_value(signal: Signal) -> str:
+def _placed(signal: Signal, counts: str) -> str:
+    """Expression of the counts in their place within the word."""
+    mask = (1 << signal.bits) - 1
+    at = signal.start
+    if at + signal.bits == 64:
+        # The word is signed: its top bit is a sign.
+        if signal.is_signed and not signal.is_float:
+            return f"{counts} << {at}"
+        half = 1 << signal.bits - 1
+        return f"({counts} ^ 0x{half:X}) - 0x{half:X} << {at}"
+    if signal.is_signed and not signal.is_float:
+        return f"({counts} & 0x{mask:X}) << {at}" if at else f"{counts} & 0x{mask:X}"
+    return f"{counts} << {at}" if at else counts
+
+
+def _lanes(byte_count: int) -> list[str]:
+    """Lines that split the word's first bytes into lanes of 16 bits."""
+    shifted = (f"word >> {16 * lane}" if lane else "word" for lane in range((byte_count + 1) // 2))
+    return [f"    lane_{lane} = {one} & 0xFFFF" for lane, one in enumerate(shifted)]
+
+
+def _byte(index: int) -> str:
+    return f"lane_{index // 2} >> 8" if index % 2 else f"lane_{index // 2} & 0xFF"
+
+
+def _crc_lines(layout: Layout) -> list[str]:
+    """Lines that leave the checksum of all bytes but the last in `crc`."""
+    lines = []
+    register = str(TABLE[INITIAL ^ (layout.can_id & 0xFF)])
+    for index in range(0, layout.length - 1, 2):
+        step = f"TABLE[{register} ^ {_byte(index)}]"
+        if index + 1 < layout.length - 1:
+            step = f"TABLE[{step} ^ {_byte(index + 1)}]"
+        last = index + 2 >= layout.length - 1
+        lines.append(f"    crc = {step}{' ^ 0xFF' if last else ''}")
+        register = "crc"
+    return lines
+
+
+def _from_word(signal: Signal, lanes: dict[int, str]) -> str:
+    """Expression of the counts out of the word; of a float, its value."""
+    at, bits = signal.start, signal.bits
+    mask = (1 << bits) - 1
+    raw = lanes.get(at, "") if bits == 16 else ""
+    if not raw:
+        raw = f"word >> {at} & 0x{mask:X}" if at else f"word & 0x{mask:X}"
+    if signal.is_float:
+        return f"float32_of({raw})"
+    if signal.is_signed:
+        half = 1 << bits - 1
+        return f"({raw} ^ 0x{half:X}) - 0x{half:X}"
+    return raw
+
+
+def _checks(signal: Signal, empty: str) -> list[str]:
+    """Lines that refuse counts which the signal cannot have; none if its bits hold nothing else."""
+    if signal.is_float:
+        return [f"    if not isfinite({signal.name}):", f"        return {empty}, NOT_FINITE"]
+    if signal.kind is SignalKind.ENUMERATION:
+        return [f"    if not ({_listed(signal)}):", f"        return {empty}, ENUMERATION"]
+    if (signal.low_counts, signal.high_counts) == span(signal.is_signed, signal.bits):
+        return []
+    return [f"    if not ({_listed(signal)}):", f"        return {empty}, RANGE"]
+
+
+def _to_value(signal: Signal, is_real: bool) -> str:
     """Expression of the physical value from the counts."""
-    return signal.name if signal.is_float or signal.scale == 1 else f"{signal.name} * {signal.scale!r}"
+    if signal.is_float or (signal.scale == 1 and not is_real):
+        return signal.name
+    return f"float({signal.name})" if signal.scale == 1 else f"{signal.name} * {signal.scale!r}"
 
 
-def _constant(signal: Signal) -> str:
-    """Name under which the generated code finds the signal's listed values."""
-    return f"values_of_{signal.name}"
-
-
-def _kept(layout: Layout) -> list[tuple[int, Word]]:
-    """Words that struct hands out: all but pad bytes."""
-    return [(index, word) for index, word in enumerate(layout.words) if word.parts]
-
-
-def _bytes_of(layout: Layout) -> str:
-    return ", ".join(f"byte_{index}" for index in range(layout.length - 1))
-
-
-def _crc_index(layout: Layout) -> str:
-    """Expression of the table index that the last protected byte leads to: CRC = table[index] ^ final XOR."""
-    index = str(TABLE[INITIAL ^ (layout.can_id & 0xFF)])
-    for position in range(layout.length - 1):
-        index = f"table[{index}] ^ byte_{position}" if position else f"{index} ^ byte_0"
-    return index
-
-
-def _fields(record: type[tuple[Any, ...]]) -> tuple[str, ...]:
-    """Fields of a NamedTuple class, in order."""
-    return cast("tuple[str, ...]", record._fields)  # type: ignore[attr-defined]  # every NamedTuple has them
-
-
-def _compiled(source: str, layout: Layout, record: type[tuple[Any, ...]]) -> Callable[..., Any]:
-    """Compile generated text with the names that it uses."""
-    refusals = Refusals(layout, _fields(record))
-    names: dict[str, Any] = {
-        "Frame": Frame,
-        "Record": record,
-        "can_id": layout.can_id,
-        "isfinite": math.isfinite,
-        "last": bytes(entry ^ FINAL_XOR for entry in TABLE),
-        "last_byte": [bytes([entry ^ FINAL_XOR]) for entry in TABLE],
-        "new": tuple.__new__,
-        "not_finite": refusals.not_finite,
-        "out_of_range": refusals.out_of_range,
-        "pack": struct.Struct(layout.body_format).pack,
-        "struct_error": struct.error,
-        "table": TABLE,
-        "unencodable": refusals.unencodable,
-        "unknown_value": refusals.unknown_value,
-        "unpack": struct.Struct(layout.body_format + ("x" if layout.protected else "")).unpack,
-        "wrong_crc": refusals.wrong_crc,
-        "wrong_length": refusals.wrong_length,
-    }
-    names |= {_constant(signal): signal.values for signal in layout.signals.values() if signal.values}
-    exec(compile(source, f"<codec of {layout.name}>", "exec"), names)
-    return cast("Callable[..., Any]", names["generated"])
+if __name__ == "__main__":
+    TARGET.write_text(source(), encoding="utf-8")

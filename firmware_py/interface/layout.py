@@ -1,8 +1,7 @@
-"""A frame's layout as plain numbers: what `vibro.dbc` says of a message, checked and ready for struct.
+"""A frame's layout as plain numbers: what `vibro.dbc` says of a message, checked for the codec.
 
-Rules that keep the codec simple, and that this module enforces: little-endian; a signal is either a whole
-8-, 16- or 32-bit word on a byte boundary or lies within one byte; no offsets; a protected frame carries its
-counter in the high half of the last byte but one and its CRC in the last byte.
+Rules that keep the codec simple, and that this module enforces: little-endian; no offsets; a protected frame
+ends in its rolling counter and, as its last byte, its CRC.
 """
 
 import math
@@ -11,8 +10,6 @@ from typing import NamedTuple
 
 from cantools.database.can import Message
 from cantools.database.can import Signal as DbcSignal
-
-_WORDS = {8: "B", 16: "H", 32: "I"}
 
 
 class LayoutError(ValueError):
@@ -31,12 +28,18 @@ class SignalKind(Enum):
 
 
 class Signal(NamedTuple):
-    """One signal. Its physical value is `counts`·`scale`; a float's counts are the value itself."""
+    """One signal. Its physical value is `counts`·`scale`; a float's counts are the value itself.
+
+    `start` is its lowest bit in the frame's 64-bit word, `bits` its width.
+    """
 
     name: str
     kind: SignalKind
     unit: str
     is_float: bool
+    is_signed: bool
+    start: int
+    bits: int
     scale: float
     low_counts: int
     high_counts: int
@@ -53,76 +56,39 @@ class Signal(NamedTuple):
         return math.inf if self.is_float else self.high_counts * self.scale
 
 
-class Part(NamedTuple):
-    """A signal's place within its word."""
-
-    signal: Signal
-    shift: int
-    mask: int  # 0: the signal is the whole word
-
-
-class Word(NamedTuple):
-    """One item of the frame's struct format and the signals within it."""
-
-    code: str
-    low_counts: int
-    high_counts: int
-    parts: tuple[Part, ...]
-
-
 class Layout(NamedTuple):
-    """A message: identity, timing, and its words in order. `words` leaves the CRC byte out."""
+    """A message: identity, timing, and its signals by name, counter and CRC left out."""
 
     name: str
     can_id: int
     length: int
     sender: str | None
     period_s: float | None
-    protected: bool
-    words: tuple[Word, ...]
+    counter_bits: int  # 0: carries neither counter nor CRC
+    signals: dict[str, Signal]
 
     @property
-    def signals(self) -> dict[str, Signal]:
-        """The record's signals by name: all but counter and CRC."""
-        inner = (part.signal for word in self.words for part in word.parts)
-        return {signal.name: signal for signal in inner if signal.kind is not SignalKind.COUNTER}
-
-    @property
-    def body_format(self) -> str:
-        """Struct format of the data without the CRC byte."""
-        return "<" + "".join(word.code for word in self.words)
+    def protected(self) -> bool:
+        """Whether the frame carries a rolling counter and a CRC-8."""
+        return self.counter_bits > 0
 
 
 def layout_of(message: Message) -> Layout:
     """Turn a DBC message into a layout; raise `LayoutError` where it breaks a rule of the codec."""
-    placed = {signal.start: (signal, _signal(message, signal)) for signal in message.signals}
-    protected = any(signal.kind is SignalKind.CRC for _, signal in placed.values())
-    if protected:
-        _check_protection(message, {signal.kind: dbc for dbc, signal in placed.values()})
-    body_bytes = message.length - protected
-    words: list[Word] = []
-    byte = 0
-    while byte < body_bytes:
-        whole = placed.get(8 * byte)
-        if whole is not None and whole[0].length in _WORDS:
-            words.append(_whole_word(*whole))
-            byte += whole[0].length // 8
-        else:
-            words.append(_shared_byte(byte, placed))
-            byte += 1
-    if sum(len(word.parts) for word in words) != len(placed) - protected:
-        raise LayoutError(
-            f"{message.name}: a signal crosses a byte boundary; give it whole bytes or one byte"
-        )
+    signals = [_signal(message, dbc) for dbc in sorted(message.signals, key=lambda dbc: dbc.start)]
+    protection = {signal.kind: signal for signal in signals if signal.kind in _PROTECTING}
     return Layout(
         name=message.name,
         can_id=message.frame_id,
         length=message.length,
         sender=message.senders[0] if message.senders else None,
         period_s=None if message.cycle_time is None else message.cycle_time / 1000,
-        protected=protected,
-        words=tuple(words),
+        counter_bits=_counter_bits(message, protection) if protection else 0,
+        signals={signal.name: signal for signal in signals if signal.kind not in _PROTECTING},
     )
+
+
+_PROTECTING = (SignalKind.COUNTER, SignalKind.CRC)
 
 
 def _signal(message: Message, dbc: DbcSignal) -> Signal:
@@ -135,55 +101,55 @@ def _signal(message: Message, dbc: DbcSignal) -> Signal:
     kind = SignalKind.QUANTITY
     if attribute is not None:
         kind = SignalKind(attribute.definition.choices[int(attribute.value)])
-    values = frozenset(dbc.choices or ()) if kind is SignalKind.ENUMERATION else frozenset()
-    if kind is SignalKind.ENUMERATION and not values:
+    values = frozenset(int(value) for value in dbc.choices or ()) if kind is SignalKind.ENUMERATION else None
+    if values is not None and not values:
         raise LayoutError(f"{where}: an enumeration without values; list them in VAL_")
+    low_counts = high_counts = 0
     if dbc.is_float:
-        return Signal(dbc.name, kind, dbc.unit or "", True, 1, 0, 0, values)
+        if dbc.length != 32:
+            raise LayoutError(f"{where}: a float of {dbc.length} bits; wanted 32")
+    else:
+        low_counts, high_counts = _range(where, dbc)
+    return Signal(
+        name=dbc.name,
+        kind=kind,
+        unit=dbc.unit or "",
+        is_float=dbc.is_float,
+        is_signed=dbc.is_signed,
+        start=dbc.start,
+        bits=dbc.length,
+        scale=1 if dbc.is_float else dbc.scale,
+        low_counts=low_counts,
+        high_counts=high_counts,
+        values=values or frozenset(),
+    )
+
+
+def _range(where: str, dbc: DbcSignal) -> tuple[int, int]:
+    """The DBC's range in counts."""
     if dbc.minimum is None or dbc.maximum is None:
         raise LayoutError(f"{where}: no range; give [minimum|maximum]")
     low_counts, high_counts = round(dbc.minimum / dbc.scale), round(dbc.maximum / dbc.scale)
-    lowest, highest = _span(dbc)
+    lowest, highest = span(dbc.is_signed, dbc.length)
     if low_counts < lowest or high_counts > highest:
         raise LayoutError(f"{where}: range [{dbc.minimum}|{dbc.maximum}] does not fit {dbc.length} bits")
-    return Signal(dbc.name, kind, dbc.unit or "", False, dbc.scale, low_counts, high_counts, values)
+    return low_counts, high_counts
 
 
-def _span(dbc: DbcSignal) -> tuple[int, int]:
-    """Counts that the signal's bits can hold."""
-    if dbc.is_signed:
-        return -(1 << dbc.length - 1), (1 << dbc.length - 1) - 1
-    return 0, (1 << dbc.length) - 1
+def span(is_signed: bool, bits: int) -> tuple[int, int]:
+    """Counts that so many bits can hold."""
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
 
 
-def _whole_word(dbc: DbcSignal, signal: Signal) -> Word:
-    if dbc.is_float:
-        if dbc.length != 32:
-            raise LayoutError(f"{signal.name}: a float of {dbc.length} bits; wanted 32")
-        return Word("f", 0, 0, (Part(signal, 0, 0),))
-    code = _WORDS[dbc.length]
-    return Word(code.lower() if dbc.is_signed else code, *_span(dbc), (Part(signal, 0, 0),))
-
-
-def _shared_byte(byte: int, placed: dict[int, tuple[DbcSignal, Signal]]) -> Word:
-    """Word of one byte with the small unsigned signals within it; a pad byte if there are none."""
-    parts = []
-    for start in range(8 * byte, 8 * byte + 8):
-        if start not in placed:
-            continue
-        dbc, signal = placed[start]
-        shift = start - 8 * byte
-        if shift + dbc.length <= 8 and not dbc.is_signed:
-            parts.append(Part(signal, shift, (1 << dbc.length) - 1))
-    return Word("B", 0, 255, tuple(parts)) if parts else Word("x", 0, 0, ())
-
-
-def _check_protection(message: Message, by_kind: dict[SignalKind, DbcSignal]) -> None:
-    """Hold counter and CRC to their fixed place."""
+def _counter_bits(message: Message, protection: dict[SignalKind, Signal]) -> int:
+    """Width of the counter; it ends where the CRC, the last byte, begins."""
     last_byte = 8 * (message.length - 1)
-    wanted = {SignalKind.COUNTER: (last_byte - 4, 4), SignalKind.CRC: (last_byte, 8)}
-    for kind, (start, length) in wanted.items():
-        signal = by_kind.get(kind)
-        got = None if signal is None else (signal.start, signal.length)
-        if got != (start, length):
-            raise LayoutError(f"{message.name}: {kind.value} at {got}; wanted bit {start}, {length} bits")
+    places = {kind: (one.start, one.start + one.bits) for kind, one in protection.items()}
+    if places.get(SignalKind.CRC) != (last_byte, last_byte + 8):
+        raise LayoutError(f"{message.name}: Crc at bits {places.get(SignalKind.CRC)}; wanted the last byte")
+    start, end = places.get(SignalKind.COUNTER, (0, 0))
+    if end != last_byte:
+        raise LayoutError(
+            f"{message.name}: Counter at bits {start} to {end}; wanted it to end at {last_byte}"
+        )
+    return end - start

@@ -1,9 +1,10 @@
 """The codec against cantools, at its edges, and against damaged frames."""
 
+import ast
 import math
 import timeit
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import pytest
 from crccheck.crc import Crc8SaeJ1850  # type: ignore[import-untyped]  # it carries no types
@@ -11,6 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from firmware_py.interface import codec as codecs
+from firmware_py.interface import generate
 from firmware_py.interface.codec import (
     ACCELEROMETER,
     CODEC_BY_ID,
@@ -324,6 +326,49 @@ def test_whatever_decodes_can_be_sent_again(codec: FrameCodec[Any], noise: bytes
 
 def test_an_unknown_identifier() -> None:
     assert reason(lambda: decode(Frame(0x7FF, bytes(8)))) is FrameErrorReason.UNKNOWN_ID
+
+
+# --- the generated file ----------------------------------------------------------------------------------
+
+
+def test_the_checked_in_codec_is_what_the_dbc_gives() -> None:
+    """Up to its layout, which is ruff's; `python -m firmware_py.interface.generate` writes it again."""
+    written = ast.parse(generate.TARGET.read_text(encoding="utf-8"))
+    assert ast.dump(written) == ast.dump(ast.parse(generate.source()))
+
+
+@given(coded=coded_records())
+def test_a_word_is_the_frames_data(coded: tuple[FrameCodec[Any], Any, int]) -> None:
+    codec, record, counter = coded
+    word, sendable = codec.pack(record, counter)
+    assert sendable
+    data = codec.encode(record, counter).data
+    assert word.to_bytes(8, "little", signed=True) == data.ljust(8, b"\0")
+    assert codec.unpack(codec.length, word) == (codec.decode(data), FrameErrorReason.NONE)
+
+
+@given(codec=st.sampled_from(ALL), word=st.integers(-(2**63), 2**63 - 1), length=st.integers(0, 8))
+def test_no_word_raises_and_a_refused_one_gives_zeros(codec: FrameCodec[Any], word: int, length: int) -> None:
+    record, reason = codec.unpack(length, word)
+    assert type(record) is codec.record
+    if reason is not FrameErrorReason.NONE:
+        assert set(record) <= {0}
+
+
+@given(values=st.lists(st.floats() | st.integers(-(2**40), 2**40), min_size=7, max_size=7))
+def test_packing_never_raises_and_what_is_not_sendable_is_an_empty_word(values: list[float]) -> None:
+    for codec in ALL:
+        hints = get_type_hints(codec.record)
+        taken = [
+            value if hint is float else (int(value) if math.isfinite(value) else 7)
+            for value, hint in zip(values, hints.values(), strict=False)
+        ]
+        word, sendable = codec.pack(codec.record(*taken), 3)
+        assert -(2**63) <= word < 2**63
+        if sendable:
+            assert codec.unpack(codec.length, word)[1] is FrameErrorReason.NONE
+        else:
+            assert word == 0
 
 
 # --- particulars ----------------------------------------------------------------------------------------
