@@ -21,7 +21,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.crank import CrankState
 from firmware_py.core.estimator import EstimatorState
-from firmware_py.core.numbers import at_least, limited, wrapped
+from firmware_py.core.numbers import at_least, clamp, wrap_pi
 
 WAITS_RAD = 0.75 * math.pi
 """Beyond π less this a crank behind the striker waits for its next swing: to wait takes no speed."""
@@ -80,9 +80,9 @@ def step(
     swings = swing_m > config.share * reach_m and since_s < config.longest_s  # what is no number does not
     stage = CalmStage.BRAKE if swings and state.stage != CalmStage.PARK else CalmStage.PARK
     if stage == CalmStage.BRAKE:
-        error_rad = wrapped(math.atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
+        error_rad = wrap_pi(math.atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
         wanted_rad_s = at_least(natural_rad_s * (1.0 + config.gain * error_rad), 0.0)
     else:
-        error_rad = wrapped(-0.5 * math.pi - crank.angle_rad)
-        wanted_rad_s = limited(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)
-    return CalmState(stage, since_s, swing_m, limited(wanted_rad_s, config.highest_rad_s))
+        error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
+        wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)
+    return CalmState(stage, since_s, swing_m, clamp(wanted_rad_s, config.highest_rad_s))

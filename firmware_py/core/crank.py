@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
-from firmware_py.core.numbers import TAU, limited, turned, wrapped
+from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
 
 FASTEST_RAD_S = 1000.0
 """No speed is believed beyond: 25 times what the motor can do."""
@@ -62,11 +62,11 @@ def step(
     )
     measured_rad = 0.0
     if usable:
-        measured_rad = TAU * (encoder.position_rev - math.floor(encoder.position_rev)) - config.zero_rad
+        measured_rad = TAU * fraction(encoder.position_rev) - config.zero_rad
         if state.missed_ticks >= NEVER_TICKS:
             return CrankState(
-                angle_rad=turned(measured_rad),
-                omega_rad_s=limited(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
+                angle_rad=wrap_two_pi(measured_rad),
+                omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
                 disturbance_rad_s2=0.0,
                 innovation_rad=0.0,
                 missed_ticks=0,
@@ -76,24 +76,24 @@ def step(
 
     T = config.tick_s
     dt_s = elapsed_ticks * T
-    a = limited(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
+    a = clamp(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
     angle_rad = state.angle_rad + state.omega_rad_s * dt_s + 0.5 * a * dt_s * dt_s
     omega_rad_s = state.omega_rad_s + a * dt_s
     if not usable:
         return CrankState(
-            angle_rad=turned(angle_rad),
-            omega_rad_s=limited(omega_rad_s, FASTEST_RAD_S),
+            angle_rad=wrap_two_pi(angle_rad),
+            omega_rad_s=clamp(omega_rad_s, FASTEST_RAD_S),
             disturbance_rad_s2=state.disturbance_rad_s2,
             innovation_rad=0.0,
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
         )
-    innovation_rad = wrapped(measured_rad - angle_rad)
+    innovation_rad = wrap_pi(measured_rad - angle_rad)
     if elapsed_ticks > 1:
         # How long a pause was is known to a tick or two only: the encoder says where the crank is, its drive
         # how fast it turns, and the way made in between neither.
         return CrankState(
-            angle_rad=turned(measured_rad),
-            omega_rad_s=limited(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
+            angle_rad=wrap_two_pi(measured_rad),
+            omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
             disturbance_rad_s2=state.disturbance_rad_s2,
             innovation_rad=innovation_rad,
             missed_ticks=0,
@@ -108,9 +108,9 @@ def step(
         k = 0.5 * (1.0 - pole) * (1.0 - pole) * (1.0 - pole)
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
-        turned(angle_rad + g * innovation_rad),
-        limited(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
-        limited(
+        wrap_two_pi(angle_rad + g * innovation_rad),
+        clamp(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
+        clamp(
             state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T),
             config.largest_disturbance_rad_s2,
         ),

@@ -14,7 +14,7 @@ tells r, but there Δ_guard is the larger one and has no say. Without exactly on
 from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
-from firmware_py.core.numbers import limited
+from firmware_py.core.numbers import clamp
 from firmware_py.core.regime import RegimeState
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
@@ -66,7 +66,7 @@ INITIAL = HoldState(
 @compiled
 def phase_step(config: HoldConfig, phase_rad: float) -> float:
     """Δ_guard: by how much the ratio may rise at this phase; below 0 it has to fall."""
-    within_rad = limited(phase_rad, 1.5)
+    within_rad = clamp(phase_rad, 1.5)
     slope_rad = config.phase_slope_rad * (
         1.0 + config.phase_slope_growth * (within_rad if within_rad > 0.0 else 0.0)
     )
@@ -82,7 +82,7 @@ def wanted_step(
         step = config.gain_impulse * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
     else:
         step = target_ratio - ratio
-    return limited(step, config.largest_step)
+    return clamp(step, config.largest_step)
 
 
 @compiled
@@ -158,7 +158,7 @@ def step(
         wanted = wanted_step(config, ratio, target_ratio, target_impulse_n_s, impulse_n_s)
         guard = phase_step(config, regime.last.phase_rad)
         guarded = guard < wanted
-        moved = ratio + limited(guard if guarded else wanted, config.largest_step)
+        moved = ratio + clamp(guard if guarded else wanted, config.largest_step)
         moved = min(moved, config.highest_ratio)
         moved = max(moved, min(config.lowest_ratio, base_ratio))
         wanted_trim = moved - base_ratio
@@ -167,7 +167,7 @@ def step(
         if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.refusing_periods):
             refusal = bound
     dt_s = elapsed_ticks * config.tick_s
-    change = limited(wanted_trim - state.trim, config.rate_1_s * dt_s)
+    change = clamp(wanted_trim - state.trim, config.rate_1_s * dt_s)
     return HoldState(
         state.trim + change,
         change / dt_s,

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
 from firmware_py.core.estimator import Contact, EstimatorState, StrikerBelief, fed
-from firmware_py.core.numbers import limited
+from firmware_py.core.numbers import clamp
 
 SAMPLE_TICKS = 10
 """One reading in so many counts; the integrals see them all."""
@@ -186,7 +186,7 @@ def solved(config: IdentifyConfig, normal: Normal) -> tuple[float, float]:
         return 0.0, 0.0
     spring = (normal.ay * ff - normal.fy * normal.af) / determinant
     friction = (normal.fy * aa - normal.ay * normal.af) / determinant
-    return limited(spring, config.largest_spring), limited(friction, config.largest_friction)
+    return clamp(spring, config.largest_spring), clamp(friction, config.largest_friction)
 
 
 @compiled
@@ -295,8 +295,8 @@ def towards(
     """The estimate with its model a step nearer to what was identified, or to the belief without trust."""
     aims = holding and trusted(config, state)
     to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
-    spring = estimate.spring_share + limited(to_spring - estimate.spring_share, config.spring_step)
-    friction = estimate.friction_share + limited(to_friction - estimate.friction_share, config.friction_step)
+    spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
+    friction = estimate.friction_share + clamp(to_friction - estimate.friction_share, config.friction_step)
     return fed(estimate, spring, friction)
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
 from firmware_py.core.gait import CycleState
-from firmware_py.core.numbers import TAU, limited, wrapped
+from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
 from firmware_py.core.regime import RegimeState
 from firmware_py.interface.enums import Refusal
 
@@ -169,27 +169,27 @@ def step(
 
     blow_rad = state.blow_rad
     if regime.ended and regime.last.impacts == 1:
-        blow_rad += 0.3 * wrapped(regime.last.phase_rad + 0.5 * math.pi - blow_rad)
+        blow_rad += 0.3 * wrap_pi(regime.last.phase_rad + 0.5 * math.pi - blow_rad)
     trim, rate_1_s, error_rad = 0.0, 0.0, 0.0
     if holding:
         wanted = base_ratio + state.trim
         if harmonic > 0:
-            error_rad = wrapped(TAU * harmonic * (gait.phase - middle) + blow_rad - angle_rad)
-            wanted = harmonic * one + limited(
+            error_rad = wrap_pi(TAU * harmonic * (gait.phase - middle) + blow_rad - angle_rad)
+            wanted = harmonic * one + clamp(
                 config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
             )
             wanted = min(
                 max(wanted, config.lowest_ratio - config.margin), config.highest_ratio + config.margin
             )
         dt_s = elapsed_ticks * config.tick_s
-        change = limited(wanted - base_ratio - state.trim, config.rate_1_s * dt_s)
+        change = clamp(wanted - base_ratio - state.trim, config.rate_1_s * dt_s)
         trim = state.trim + change
         rate_1_s = change / dt_s
 
     in_window, outside = state.in_window, state.outside
     if holding and touch_down and harmonic > 0:
         phase = gait.phase - age_s / gait.stride.expected_s
-        if within(config, phase - math.floor(phase)):
+        if within(config, fraction(phase)):
             in_window = (in_window + 1) % COUNTS
         else:
             outside = (outside + 1) % COUNTS

@@ -1,4 +1,8 @@
-"""Scalar arithmetic that fails safe: what is no number never passes a limit."""
+"""Scalar arithmetic with a stated result for every float: what is no number never passes a limit.
+
+Python's own min, max and comparisons let NaN through, math.floor raises on it, and compiled the floor of NaN
+or of a number beyond ±2⁶³ is undefined. Each helper gives the same bits interpreted and compiled.
+"""
 
 import math
 
@@ -6,10 +10,15 @@ from firmware_py.core.compiled import compiled
 
 TAU = 2.0 * math.pi
 
+LARGEST_TO_WRAP = 1e9
+"""In rad or turns: a double resolves 1e-7 there. Nothing that turns comes near it."""
+
 
 @compiled
-def limited(value: float, limit: float) -> float:
-    """`value` within ±`limit` (≥ 0); 0 for NaN, which a min(max()) would let through."""
+def clamp(value: float, limit: float) -> float:
+    """`value` within ±`limit`; 0 if it is NaN, or if `limit` is NaN, negative or infinite."""
+    if not 0.0 <= limit < math.inf:
+        return 0.0
     if -limit <= value <= limit:
         return value
     if value > limit:
@@ -26,13 +35,27 @@ def at_least(value: float, floor: float) -> float:
 
 
 @compiled
-def wrapped(angle_rad: float) -> float:
-    """`angle_rad` in [−π, π)."""
-    return angle_rad - TAU * math.floor((angle_rad + math.pi) / TAU)
+def fraction(turns: float) -> float:
+    """`turns` without its whole turns, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
+    if not -LARGEST_TO_WRAP <= turns <= LARGEST_TO_WRAP:
+        return 0.0
+    rest = turns - math.floor(turns)
+    return rest if rest < 1.0 else 0.0
 
 
 @compiled
-def turned(angle_rad: float) -> float:
-    """`angle_rad` in [0, 2π)."""
+def wrap_pi(angle_rad: float) -> float:
+    """`angle_rad` in (−π, π]; 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
+    if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
+        return 0.0
+    angle = angle_rad - TAU * math.floor((angle_rad + math.pi) / TAU)
+    return angle if -math.pi < angle <= math.pi else math.pi  # beyond by rounding: the seam
+
+
+@compiled
+def wrap_two_pi(angle_rad: float) -> float:
+    """`angle_rad` in [0, 2π); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
+    if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
+        return 0.0
     angle = angle_rad - TAU * math.floor(angle_rad / TAU)
-    return angle if angle < TAU else 0.0
+    return angle if 0.0 <= angle < TAU else 0.0  # beyond by rounding: the seam

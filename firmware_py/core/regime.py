@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
-from firmware_py.core.numbers import at_least, wrapped
+from firmware_py.core.numbers import at_least, wrap_pi
 from firmware_py.interface.enums import Regime
 
 NO_PHASE_RAD = 0.0
@@ -160,7 +160,7 @@ def step(
     if not omega_rad_s >= config.slowest_rad_s:
         return _standing(angle_rad)
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
-    phase_rad = wrapped(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
+    phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
     running = state.running
     if not turned:
         return RegimeState(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from firmware_py.core.compiled import compiled
 from firmware_py.core.crank import CrankState
 from firmware_py.core.estimator import EstimatorState
-from firmware_py.core.numbers import limited
+from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
 
@@ -90,7 +90,7 @@ def known_acceleration(
         return 0.0
     crank_n_m = config.load_share * crank_load(load, crank, estimate, 0.5 * config.tick_s)
     known = (state.acting_n_m - losses_n_m - crank_n_m) / load.inertia_kg_m2
-    return limited(known, 2.0 * config.torque_limit_n_m / load.inertia_kg_m2)
+    return clamp(known, 2.0 * config.torque_limit_n_m / load.inertia_kg_m2)
 
 
 @compiled
@@ -118,8 +118,8 @@ def step(
 ) -> SpeedState:
     """One tick of the loop; the torque it gives is finite and within all limits whatever comes in."""
     load = config.load
-    dry_n_m = load.dry_n_m * limited(target_omega_rad_s, 0.5) / 0.5
-    feedforward_n_m = limited(
+    dry_n_m = load.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
+    feedforward_n_m = clamp(
         load.inertia_kg_m2 * target_acceleration_rad_s2
         + load.viscous_n_m_s * target_omega_rad_s
         + dry_n_m
@@ -130,13 +130,13 @@ def step(
     wanted_n_m = feedforward_n_m + config.gain_p_n_m_s * error_rad_s + state.integral_n_m
 
     acting_limit = NO_LIMIT
-    torque_n_m = limited(wanted_n_m, config.torque_limit_n_m)
+    torque_n_m = clamp(wanted_n_m, config.torque_limit_n_m)
     if torque_n_m != wanted_n_m:
         acting_limit = ActingLimit.TORQUE
     if crank.omega_rad_s > config.speed_limit_rad_s and torque_n_m > 0.0:
         torque_n_m = 0.0
         acting_limit = ActingLimit.SPEED
-    change_n_m = limited(
+    change_n_m = clamp(
         torque_n_m - state.torque_n_m, config.torque_rate_n_m_s * config.tick_s * elapsed_ticks
     )
     if state.torque_n_m + change_n_m != torque_n_m and abs(torque_n_m - state.torque_n_m) > abs(change_n_m):
@@ -146,7 +146,7 @@ def step(
     integral_n_m = state.integral_n_m
     pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
     if acting_limit == NO_LIMIT or not pushes_on:
-        integral_n_m = limited(
+        integral_n_m = clamp(
             integral_n_m + config.gain_i_n_m * error_rad_s * config.tick_s * elapsed_ticks,
             config.torque_limit_n_m,
         )
@@ -154,7 +154,7 @@ def step(
         integral_n_m,
         error_rad_s,
         feedforward_n_m,
-        limited(torque_n_m, config.torque_limit_n_m),
+        clamp(torque_n_m, config.torque_limit_n_m),
         state.torque_n_m,
         acting_limit,
     )

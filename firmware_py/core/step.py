@@ -25,7 +25,7 @@ from firmware_py.core import (
 )
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, Inputs
-from firmware_py.core.numbers import limited
+from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
@@ -366,7 +366,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         refusal,
         regime_now.regime,
         acting_limit,
-        limited(speed_now.torque_n_m, config.speed.torque_limit_n_m),
+        clamp(speed_now.torque_n_m, config.speed.torque_limit_n_m),
         target_rad_s,
         CLOSED_LOOP if moving else AXIS_IDLE,
         clear_errors,

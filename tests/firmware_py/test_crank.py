@@ -5,7 +5,7 @@ import pytest
 
 from firmware_py.core import crank
 from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
-from firmware_py.core.numbers import TAU, at_least, limited, turned, wrapped
+from firmware_py.core.numbers import TAU, wrap_pi
 from firmware_py.shell.parameters import config_from, critically_damped_gains
 
 CONFIG = config_from({}).crank
@@ -21,30 +21,11 @@ def follow(
     return states
 
 
-def test_angles_on_the_circle() -> None:
-    for angle in np.linspace(-20.0, 20.0, 401):
-        assert -math.pi <= wrapped(angle) < math.pi
-        assert 0.0 <= turned(angle) < TAU
-        assert math.cos(wrapped(angle)) == pytest.approx(math.cos(angle), abs=1e-12)
-        assert math.sin(turned(angle)) == pytest.approx(math.sin(angle), abs=1e-12)
-    assert turned(-1e-20) == 0.0
-
-
-def test_a_limit_fails_safe() -> None:
-    assert limited(3.0, 2.0) == 2.0
-    assert limited(-3.0, 2.0) == -2.0
-    assert limited(1.5, 2.0) == 1.5
-    assert limited(math.inf, 2.0) == 2.0
-    assert limited(-math.inf, 2.0) == -2.0
-    assert limited(math.nan, 2.0) == 0.0
-    assert at_least(math.nan, 1.0) == 1.0
-
-
 def test_constant_speed_is_followed_without_lag() -> None:
     t = np.arange(2000) * 1e-3
     last = follow(12.0 * t / TAU)[-1]
     assert last.omega_rad_s == pytest.approx(12.0, rel=1e-6)
-    assert wrapped(last.angle_rad - 12.0 * t[-1]) == pytest.approx(0.0, abs=1e-9)
+    assert wrap_pi(last.angle_rad - 12.0 * t[-1]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_circular_and_a_running_count_give_the_same() -> None:
@@ -102,7 +83,7 @@ def test_what_is_no_position_is_a_missing_one(bad: float) -> None:
     missed = crank.step(CONFIG, state, EncoderInput(bad, 0.0, 0), 1, 0.0)
     assert missed.missed_ticks == 1
     assert missed.omega_rad_s == pytest.approx(12.0, rel=1e-3)
-    assert wrapped(missed.angle_rad - state.angle_rad) == pytest.approx(0.012, rel=1e-2)
+    assert wrap_pi(missed.angle_rad - state.angle_rad) == pytest.approx(0.012, rel=1e-2)
 
 
 def test_gaps_are_bridged_and_counted() -> None:
@@ -130,4 +111,4 @@ def test_a_pause_that_is_misjudged_leaves_the_speed_alone(moved_ticks: int, elap
     position_rev = 12.0 * (t[-1] + moved_ticks * 1e-3) / TAU
     after = crank.step(CONFIG, before, EncoderInput(position_rev, 12.0 / TAU, 0), elapsed_ticks, 0.0)
     assert after.omega_rad_s == pytest.approx(12.0, rel=1e-3)
-    assert wrapped(after.angle_rad - TAU * position_rev) == pytest.approx(0.0, abs=1e-9)
+    assert wrap_pi(after.angle_rad - TAU * position_rev) == pytest.approx(0.0, abs=1e-9)

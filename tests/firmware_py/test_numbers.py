@@ -7,32 +7,73 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from firmware_py.core.numbers import TAU, turned, wrapped
+from firmware_py.core.numbers import TAU, at_least, clamp, fraction, wrap_pi, wrap_two_pi
 
 EVERY_KIND = (0.0, -0.0, 1e-20, -1e-20, 3.0, -3.0, math.pi, -math.pi, TAU, -TAU, 1e3, -1e5, 1e9, -1e9)
-NO_ANGLES = (math.nan, math.inf, -math.inf, 1e19, -1e19, 1e300, -1e300)
+TOO_LARGE = (math.nan, math.inf, -math.inf, 1.1e9, -1.1e9, 1e19, -1e19, 1e300, -1e300)
+FUNCTIONS = (wrap_pi, wrap_two_pi, fraction)
 
 COMPILED = """
 import struct, sys
-from firmware_py.core.numbers import turned, wrapped
-for text in sys.argv[1:]:
-    for function in (wrapped, turned):
-        print(struct.pack("<d", function(float(text))).hex())
+from firmware_py.core.numbers import clamp, fraction, wrap_pi, wrap_two_pi
+values = [float(text) for text in sys.argv[1:]]
+for value in values:
+    for function in (wrap_pi, wrap_two_pi, fraction):
+        print(struct.pack("<d", function(value)).hex())
+    for limit in values:
+        print(struct.pack("<d", clamp(value, limit)).hex())
 """
 
 
-@pytest.mark.xfail(strict=True, reason="math.floor raises on NaN and infinities")
-def test_what_is_no_angle_is_wrapped_to_zero() -> None:
-    for value in NO_ANGLES:
-        assert wrapped(value) == 0.0
-        assert turned(value) == 0.0
+def test_angles_on_the_circle() -> None:
+    near_seams = [
+        k * math.pi + side * d for k in range(-9, 10) for d in (0.0, 1e-16, 1e-9) for side in (-1, 1)
+    ]
+    for angle in [*np.linspace(-20.0, 20.0, 401), *near_seams, *np.geomspace(1.0, 1e9, 500)]:
+        for value in (float(angle), -float(angle)):
+            assert -math.pi < wrap_pi(value) <= math.pi
+            assert 0.0 <= wrap_two_pi(value) < TAU
+            assert 0.0 <= fraction(value) < 1.0
+            assert math.cos(wrap_pi(value)) == pytest.approx(math.cos(value), abs=3e-7)
+            assert math.sin(wrap_two_pi(value)) == pytest.approx(math.sin(value), abs=3e-7)
+    assert wrap_pi(math.pi) == wrap_pi(-math.pi) == math.pi
+    assert wrap_two_pi(-1e-20) == fraction(-1e-20) == 0.0
 
 
-@pytest.mark.xfail(strict=True, reason="interpreted they raise, compiled the floor is an undefined integer")
+def test_what_is_no_angle_is_zero() -> None:
+    for value in TOO_LARGE:
+        assert [function(value) for function in FUNCTIONS] == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "clamped"),
+    [
+        (3.0, 2.0, 2.0),
+        (-3.0, 2.0, -2.0),
+        (1.5, 2.0, 1.5),
+        (math.inf, 2.0, 2.0),
+        (-math.inf, 2.0, -2.0),
+        (math.nan, 2.0, 0.0),
+        (1.0, math.nan, 0.0),
+        (1.0, -2.0, 0.0),
+        (math.inf, math.inf, 0.0),
+        (1.0, 0.0, 0.0),
+    ],
+)
+def test_a_clamp_fails_safe(value: float, limit: float, clamped: float) -> None:
+    assert clamp(value, limit) == clamped
+
+
+def test_a_floor_holds_for_nan() -> None:
+    assert at_least(math.nan, 1.0) == at_least(-3.0, 1.0) == 1.0
+    assert at_least(3.0, 1.0) == 3.0
+
+
 def test_interpreted_and_compiled_give_the_same_bits() -> None:
-    values = EVERY_KIND + NO_ANGLES
+    values = EVERY_KIND + TOO_LARGE
     run = subprocess.run(
         [sys.executable, "-c", COMPILED, *map(repr, values)],
         check=True,
@@ -41,5 +82,12 @@ def test_interpreted_and_compiled_give_the_same_bits() -> None:
         env=os.environ | {"VIBROHIL_COMPILED": "1"},
         cwd=Path(__file__).parents[2],
     )
-    here = [struct.pack("<d", function(value)).hex() for value in values for function in (wrapped, turned)]
+    here = [
+        struct.pack("<d", result).hex()
+        for value in values
+        for result in (
+            *(function(value) for function in FUNCTIONS),
+            *(clamp(value, limit) for limit in values),
+        )
+    ]
     assert run.stdout.split() == here

@@ -23,7 +23,6 @@ def recorded() -> Bench:
     return bench
 
 
-@pytest.mark.xfail(strict=True, reason="a module-wide filterpy object keeps P from call to call")
 def test_a_replay_from_any_snapshot_gives_the_same_bits(recorded: Bench) -> None:
     config = recorded.node.config
     for start in range(500, 3000, 250):
@@ -34,7 +33,6 @@ def test_a_replay_from_any_snapshot_gives_the_same_bits(recorded: Bench) -> None
             assert bits(outputs) == bits(recorded.outputs[k]), k
 
 
-@pytest.mark.xfail(strict=True, reason="a module-wide filterpy object keeps P from call to call")
 def test_another_node_between_two_ticks_changes_nothing(recorded: Bench) -> None:
     """Every tick twice, with a tick of a node of another module in between."""
     other: Config = config_from({"friction.mu": 0.1, "stop.position_m": 0.175, "drive.amplitude_m": 0.025})

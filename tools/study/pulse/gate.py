@@ -20,7 +20,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from firmware_py.core import calm, crank, estimator
-from firmware_py.core.numbers import limited, wrapped
+from firmware_py.core.numbers import clamp, wrap_pi
 
 WINDOW_MIDDLE = 0.525
 """Of the firmware's push-off window, 45 to 60 % of the cycle."""
@@ -142,7 +142,7 @@ def _pumping(gate: Gate, since_s: float, crank_rad: float, striker: tuple[float,
     wanted_rad = natural_rad_s * since_s - 0.5 * math.pi
     if math.hypot(away_m, lag_m) > gate.swinging * believed.amplitude_m:
         wanted_rad = math.atan2(-lag_m, away_m) + math.pi
-    ahead = limited(wrapped(wanted_rad - crank_rad), 1.0)
+    ahead = clamp(wrap_pi(wanted_rad - crank_rad), 1.0)
     return min(natural_rad_s * (1.0 + believed.gain * ahead), believed.highest_rad_s)
 
 
@@ -154,5 +154,5 @@ def _resting(gate: Gate, crank_rad: float, striker: tuple[float, float]) -> floa
     lag_m = striker[1] / natural_rad_s
     back = (away_m * math.sin(gate.ahead_rad) - lag_m * math.cos(gate.ahead_rad)) / believed.amplitude_m
     forward_rad = min(max(back, 0.0), gate.most_rad)
-    error_rad = wrapped(forward_rad - 0.5 * math.pi - crank_rad)
-    return limited(natural_rad_s * gate.park_gain * error_rad, believed.highest_rad_s)
+    error_rad = wrap_pi(forward_rad - 0.5 * math.pi - crank_rad)
+    return clamp(natural_rad_s * gate.park_gain * error_rad, believed.highest_rad_s)
