@@ -1,0 +1,130 @@
+"""What commands write is checked before they work; an unexpected exception is one line and a file."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
+from tools.reference import every_command
+
+FOLDERS = {"run", "suite", "import", "firmware", "plant", "tune check"}
+"""Commands whose --out is a folder; `study`'s is one, too."""
+READ = {("run", "--parameters"), ("suite", "--parameters"), ("suite", "--baseline")}
+"""Options that name a file to read."""
+
+
+def outputs() -> list[tuple[str, str]]:
+    """Every option of the program that takes a path to write to: command, option."""
+    program: Any = typer.main.get_command(cli.app)
+    return [
+        (name, option.opts[0])
+        for name, command in every_command(program)
+        for option in command.params
+        if option.type_descriptor and "Path" in repr(option.type_descriptor.annotation)
+        if option.opts[0].startswith("--") and (name, option.opts[0]) not in READ
+    ]
+
+
+def is_folder(command: str, option: str) -> bool:
+    return option == "--out" and (command in FOLDERS or command.startswith("study "))
+
+
+FILES = [one for one in outputs() if not is_folder(*one)]
+PLOTS = [one for one in FILES if one[1] in ("--plot", "--rrd", "--to")]
+
+
+def refused(command: str, option: str, path: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """What the command says of the path; it must refuse it before any work."""
+    started_s = time.perf_counter()
+    assert cli.run([*command.split(), option, str(path)]) == EXIT_BAD_INPUT
+    assert time.perf_counter() - started_s < 1.0
+    said = " ".join(capsys.readouterr().err.split())
+    assert option in said
+    assert str(path) in said
+    return said
+
+
+def test_the_program_has_outputs_of_both_kinds() -> None:
+    assert ("simulate", "--plot") in PLOTS
+    assert len(FILES) > 15
+    assert len(outputs()) - len(FILES) > 8
+
+
+@pytest.mark.xfail(strict=True, reason="outputs are not checked before the work")
+@pytest.mark.parametrize(("command", "option"), PLOTS)
+def test_a_format_that_nobody_writes_is_refused(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "ending in" in refused(command, option, tmp_path / "x.xyz", capsys)
+
+
+ENDINGS = {"--rrd": ".rrd", "--plot": ".svg", "--to": ".csv"}
+
+
+def file_name(command: str, option: str) -> str:
+    return "x" + (".rrd" if (command, option) == ("compare", "--out") else ENDINGS.get(option, ".toml"))
+
+
+@pytest.mark.xfail(strict=True, reason="outputs are not checked before the work")
+@pytest.mark.parametrize(("command", "option"), FILES)
+def test_a_file_in_a_missing_folder_is_refused(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(command, option, tmp_path / "missing" / file_name(command, option), capsys)
+    assert "mkdir -p" in said
+    assert not (tmp_path / "missing").exists()
+
+
+@pytest.mark.xfail(strict=True, reason="outputs are not checked before the work")
+@pytest.mark.parametrize(("command", "option"), FILES)
+def test_a_folder_is_no_file(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / file_name(command, option)
+    path.mkdir()
+    assert "a folder" in refused(command, option, path, capsys)
+
+
+@pytest.mark.xfail(strict=True, reason="outputs are not checked before the work")
+@pytest.mark.parametrize(("command", "option"), outputs())
+def test_what_may_not_be_written_is_refused(
+    command: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The kernel lets nobody make a file in /proc."""
+    name = "x" if is_folder(command, option) else file_name(command, option)
+    assert "write" in refused(command, option, Path("/proc/1") / name, capsys)
+
+
+@pytest.mark.xfail(strict=True, reason="outputs are not checked before the work")
+@pytest.mark.parametrize(("command", "option"), [one for one in outputs() if is_folder(*one)])
+def test_a_file_is_no_folder(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert "file" in refused(command, option, tmp_path / "file" / "below", capsys)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.xfail(strict=True, reason="an unexpected exception prints its traceback")
+def test_an_unexpected_exception_is_one_line_and_a_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("planted")
+
+    monkeypatch.setattr("plant_sim.simulate.simulate", broken)
+    assert cli.run(["simulate", "table1-viscous"]) == EXIT_INTERNAL_ERROR
+    said = capsys.readouterr().err
+    (written,) = tmp_path.iterdir()
+    assert said.count("\n") == 1
+    assert str(written) in said
+    assert "ZeroDivisionError: planted" in said
+    assert "Traceback" not in said
+    assert "in broken" in written.read_text()
