@@ -4,7 +4,9 @@ Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted, 3 int
 input, 5 nothing ran.
 """
 
+import os
 import sys
+import tempfile
 import traceback
 from importlib import import_module
 
@@ -80,6 +82,25 @@ def refuse(message: str, as_json: bool) -> int:
     return EXIT_BAD_INPUT
 
 
+def report_internal_error(error: Exception, as_json: bool) -> int:
+    """Write the traceback to a file of its own, and say in one line what happened and where that file is."""
+    text = "".join(traceback.format_exception(error))
+    try:
+        descriptor, where = tempfile.mkstemp(prefix="vibrohil-", suffix=".traceback")
+        with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(text)
+    except OSError:  # a full or read-only disk: then it goes to the terminal
+        where = "above"
+        sys.stderr.write(text)
+    summary = " ".join(traceback.format_exception_only(error)[-1].split())
+    message = f"{summary} (a defect of vibrohil; its traceback: {where})"
+    progress_console.print("internal error:", style="bold red", end=" ")
+    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
+    if as_json:
+        print_json({"error": message})
+    return EXIT_INTERNAL_ERROR
+
+
 def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
@@ -93,8 +114,7 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if isinstance(error, bad_input_types()):
             return refuse(str(error), as_json)
-        traceback.print_exc()
-        return EXIT_INTERNAL_ERROR
+        return report_internal_error(error, as_json)
 
 
 def main() -> None:

@@ -140,7 +140,6 @@ def compare(a: Run, b: Run) -> dict[str, Any]:
 
 def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
     """Both runs in one recording, all of one under /a and of the other under /b, with plots of both."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
     recording.save(path, default_blueprint=overlay(None if difference is None else difference.t_s))
     recording.send_recording_name(f"{a.log.parent.name} (a), {b.log.parent.name} (b)")

@@ -8,7 +8,6 @@ from pyarrow import csv, feather, parquet
 from hil.recorded_run import Run
 from tools.output import BadInputError
 
-WRITERS = (".parquet", ".csv", ".arrow")
 DEFAULT_SIGNALS = (
     "plant.x_m",
     "firmware.state.estimator.x_m",
@@ -19,10 +18,7 @@ DEFAULT_SIGNALS = (
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table as its file's ending says."""
-    if path.suffix not in WRITERS:
-        raise BadInputError(f"--to {path}: its ending says no format; end it in {', '.join(WRITERS)}")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write a table to a file ending in one of `tools.outputs.TABLES`."""
     if path.suffix == ".parquet":
         parquet.write_table(table, path)
     elif path.suffix == ".arrow":
@@ -50,8 +46,6 @@ def plot_signals(run: Run, signals: list[str], path: Path) -> None:
 
     drawn = [(name, *run.signal(name)) for name in signals]
     figure = Figure(figsize=(12.0, 1.0 + 1.9 * len(drawn)), layout="constrained")
-    if path.suffix.removeprefix(".") not in figure.canvas.get_supported_filetypes():
-        raise BadInputError(f"--plot {path}: its ending says no format; end it in .png, .svg or .pdf")
     for axes, (name, t_s, values) in zip(
         figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn, strict=True
     ):
@@ -61,5 +55,4 @@ def plot_signals(run: Run, signals: list[str], path: Path) -> None:
         axes.set_title(name, loc="left", fontsize=9)
         axes.grid(alpha=0.3)
     axes.set_xlabel("simulated time [s]")
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)

@@ -7,6 +7,7 @@ import typer
 from rich.table import Table
 
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
+from tools.outputs import RECORDINGS, file_option
 
 
 def register(app: typer.Typer) -> None:
@@ -18,7 +19,8 @@ def compare(
     a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
-        Path | None, typer.Option(help="Write both runs, overlaid, to one .rrd file; open it with view.")
+        Path | None,
+        file_option("Write both runs, overlaid, to one .rrd file; open it with view.", RECORDINGS),
     ] = None,
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from tools.outputs import folder_option
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the program."""
@@ -17,7 +19,7 @@ def firmware(
         typer.Argument(help="A scenario whose firmware parameters to run with; the defaults without one."),
     ] = None,
     bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
-    out: Annotated[Path | None, typer.Option(help="A run folder for the trace; none without it.")] = None,
+    out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
     change: Annotated[
         list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
     ] = None,

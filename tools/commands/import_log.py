@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from tools.output import console, figure_table, print_json
+from tools.outputs import folder_option
 
 
 def register(app: typer.Typer) -> None:
@@ -16,7 +17,7 @@ def register(app: typer.Typer) -> None:
 def import_log(
     log: Annotated[Path, typer.Argument(help="A candump .log, .asc or .blf file.")],
     out: Annotated[
-        Path | None, typer.Option(help="The run folder to make; by default a new one under runs/.")
+        Path | None, folder_option("The run folder to make; by default a new one under runs/.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:

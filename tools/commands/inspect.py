@@ -15,6 +15,7 @@ from tools.output import (
     print_json,
     progress_console,
 )
+from tools.outputs import PICTURES, TABLES, file_option
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,9 +36,9 @@ def inspect(
         str | None, typer.Option(help="Show one table of the log, such as plant or can/Accelerometer.")
     ] = None,
     to: Annotated[
-        Path | None, typer.Option(help="Write that table to a .parquet, .csv or .arrow file.")
+        Path | None, file_option("Write that table to a .parquet, .csv or .arrow file.", TABLES)
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw signals into a .png, .svg or .pdf file.")] = None,
+    plot: Annotated[Path | None, file_option("Draw signals into this file.", PICTURES)] = None,
     signal: Annotated[list[str] | None, typer.Option(help="What to draw, TABLE.COLUMN; repeatable.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:

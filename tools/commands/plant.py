@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from tools.outputs import folder_option
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the program."""
@@ -14,7 +16,7 @@ def register(app: typer.Typer) -> None:
 def plant(
     scenario: Annotated[str, typer.Argument(help="The scenario whose scene to simulate.")],
     bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
-    out: Annotated[Path | None, typer.Option(help="A run folder for the traces; none without it.")] = None,
+    out: Annotated[Path | None, folder_option("A run folder for the traces; none without it.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 1,
     change: Annotated[
         list[str] | None,

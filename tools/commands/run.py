@@ -16,6 +16,7 @@ from tools.output import (
     print_json,
     progress_console,
 )
+from tools.outputs import folder_option
 
 if TYPE_CHECKING:
     from hil.scenario import Scenario
@@ -34,9 +35,7 @@ def run(
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
     ] = "auto",
-    out: Annotated[
-        Path | None, typer.Option(help="The run folder; by default a new one under runs/.")
-    ] = None,
+    out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
     change: Annotated[
         list[str] | None,

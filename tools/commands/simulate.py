@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from tools.output import BadInputError, console, figure_table, print_json
+from tools.outputs import PICTURES, file_option
 
 
 def register(app: typer.Typer) -> None:
@@ -18,7 +19,7 @@ def register(app: typer.Typer) -> None:
 
 
 def simulate(
-    scene: Annotated[str, typer.Argument(help="A scene's name (see --list) or its TOML file.")],
+    scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
     until: Annotated[float, typer.Option(help="Simulated seconds.")] = 10.0,
     torque: Annotated[float, typer.Option(help="Held motor torque in N m, in a scene with a motor.")] = 0.0,
     change: Annotated[
@@ -26,7 +27,7 @@ def simulate(
         typer.Option("--set", help="Change one value of the scene, e.g. scene.drive.ratio=1.1; repeatable."),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw position and phase portrait into this SVG or PNG.")
+        Path | None, file_option("Draw position and phase portrait into this file.", PICTURES)
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:

@@ -13,6 +13,7 @@ import typer
 from rich.table import Table
 
 from tools.output import BadInputError, console, figure, figure_table, print_json
+from tools.outputs import RECORDINGS, file_option, folder_option
 
 if TYPE_CHECKING:
     from tools.study.basin import Basin
@@ -30,13 +31,15 @@ study = typer.Typer(
     no_args_is_help=True,
 )
 
-Out = Annotated[Path, typer.Option(help="Folder of figures and results; a killed study goes on there.")]
+Out = Annotated[Path, folder_option("Folder of figures and results; a killed study goes on there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Cores = Annotated[int | None, typer.Option(help="Cores of this machine to use; all by default.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")
 ]
-Rrd = Annotated[Path | None, typer.Option(help="Write a moving picture to one .rrd file; open it with view.")]
+Rrd = Annotated[
+    Path | None, file_option("Write a moving picture to one .rrd file; open it with view.", RECORDINGS)
+]
 Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
 Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
 Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; the preset's own by default.")]
@@ -332,7 +335,7 @@ def portrait(
 @study.command()
 def claims(
     page: Annotated[
-        Path | None, typer.Option(help="The page to read; claims.md in the folder of results by default.")
+        Path | None, file_option("The page to read; claims.md in the folder of results by default.")
     ] = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
@@ -389,7 +392,7 @@ def feasibility(
     preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
     page: Annotated[
         Path | None,
-        typer.Option(help="The page to read; feasibility.md in the folder of results by default."),
+        file_option("The page to read; feasibility.md in the folder of results by default."),
     ] = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
@@ -415,7 +418,6 @@ def feasibility(
     pictures = feasibility_page.chart(rows, out, name)
     written = page or out / f"{name}.md"
     if page is not None:
-        page.parent.mkdir(parents=True, exist_ok=True)
         pictures.append(shutil.copy(pictures[0], str(page.with_suffix(".svg"))))
     feasibility_page.write(rows, written, written.with_suffix(".svg").name)
     counts = {

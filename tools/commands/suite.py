@@ -8,6 +8,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json, progress_console
+from tools.outputs import folder_option
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +23,7 @@ def suite(
     ] = "lockstep",
     bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
     out: Annotated[
-        Path | None, typer.Option(help="The folder for all runs; by default a new one under runs/.")
+        Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
     seeds: Annotated[

@@ -10,7 +10,8 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tools.output import BadInputError, console, figure, print_json, progress_console
+from tools.output import console, figure, print_json, progress_console
+from tools.outputs import PICTURES, file_option
 
 if TYPE_CHECKING:
     from tools.trade.prices import Price
@@ -28,15 +29,13 @@ def trade(
     parts: Annotated[
         bool, typer.Option("--parts", help="Price the parts of a scene instead: what each costs and changes.")
     ] = False,
-    plot: Annotated[Path | None, typer.Option(help="Draw error against cost into this SVG or PNG.")] = None,
+    plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Price solvers, peers, fidelity and control rate: error against cost, in one run."""
     from tools.trade import control_rate, fidelity, heyoka_peer, pictures, prices
     from tools.trade.cases import CASES
 
-    if plot is not None and plot.suffix not in (".svg", ".png"):
-        raise BadInputError(f"--plot is {plot}: wanted a file ending in .svg or .png, e.g. trade.svg")
     repeats = prices.QUICK_REPEATS if quick else prices.REPEATS
     if parts:
         price_parts(quick, repeats, as_json)

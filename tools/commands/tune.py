@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tools.commands.tune_tables import show, show_check, show_difference, show_trials
 from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json, progress_console
+from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
@@ -28,9 +29,9 @@ tune = typer.Typer(
 Force = Annotated[
     bool, typer.Option("--force", help="Write the file although a safety scenario fails; it then says so.")
 ]
-Plot = Annotated[Path | None, typer.Option(help="Draw what explains the result into this SVG or PNG.")]
+Plot = Annotated[Path | None, file_option("Draw what explains the result into this file.", PICTURES)]
 Rrd = Annotated[
-    Path | None, typer.Option(help="Write the result as a Rerun recording, too; open it with view.")
+    Path | None, file_option("Write the result as a Rerun recording, too; open it with view.", RECORDINGS)
 ]
 Seed = Annotated[int | None, typer.Option(help="Of the draws to choose on, below 10000.", min=0)]
 FreshSeed = Annotated[int | None, typer.Option(help="Of the draws to judge on, from 10000 on.", min=0)]
@@ -69,15 +70,6 @@ class Outputs(NamedTuple):
     as_json: bool
 
 
-def refuse_other_files(outputs: Outputs) -> None:
-    """Before anything is computed."""
-    plot, rrd = outputs.plot, outputs.rrd
-    if plot is not None and plot.suffix not in (".svg", ".png"):
-        raise BadInputError(f"--plot is {plot}: wanted a file ending in .svg or .png, e.g. tune.svg")
-    if rrd is not None and rrd.suffix != ".rrd":
-        raise BadInputError(f"--rrd is {rrd}: wanted a file ending in .rrd, e.g. tune.rrd")
-
-
 def conclude(
     outputs: Outputs,
     work: "Callable[[Callable[[str, float | None], None]], tuple[Tuning, Found]]",
@@ -89,7 +81,6 @@ def conclude(
     """Run a tuning, draw and record what it found, judge it, write its file, print it."""
     from tools.tuning.recording import record_tuning
 
-    refuse_other_files(outputs)
     with progress_bar() as bar:
         task = bar.add_task("at work", total=None)
 
@@ -161,7 +152,7 @@ def speed(
     measure: Annotated[
         bool, typer.Option(help="Measure the loop in lockstep, with sines on the torque's frames.")
     ] = True,
-    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("speed.toml"),
+    out: Annotated[Path, file_option("The parameter file.")] = Path("speed.toml"),
     plot: Plot = None,
     rrd: Rrd = None,
     force: Force = False,
@@ -217,10 +208,10 @@ def identify(
         ),
     ] = None,
     trials_out: Annotated[
-        Path, typer.Option(help="What trials came to, a line each; trials that are in it are not run again.")
+        Path, file_option("What trials came to, a line each; trials that are in it are not run again.")
     ] = Path("identify-trials.jsonl"),
     workers: Workers = None,
-    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("identified.toml"),
+    out: Annotated[Path, file_option("The parameter file.")] = Path("identified.toml"),
     plot: Plot = None,
     rrd: Rrd = None,
     force: Force = False,
@@ -285,7 +276,7 @@ def detector(
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
     workers: Workers = None,
-    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("detector.toml"),
+    out: Annotated[Path, file_option("The parameter file.")] = Path("detector.toml"),
     plot: Plot = None,
     rrd: Rrd = None,
     force: Force = False,
@@ -328,7 +319,7 @@ def estimator(
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
     workers: Workers = None,
-    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("estimator.toml"),
+    out: Annotated[Path, file_option("The parameter file.")] = Path("estimator.toml"),
     plot: Plot = None,
     rrd: Rrd = None,
     force: Force = False,
@@ -363,12 +354,12 @@ def start(
     ] = None,
     journal: Annotated[
         Path | None,
-        typer.Option(help="What was tried; the same command goes on with it. By default beside the file."),
+        file_option("What was tried; the same command goes on with it. By default beside the file."),
     ] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
     workers: Workers = None,
-    out: Annotated[Path, typer.Option(help="The parameter file.")] = Path("start.toml"),
+    out: Annotated[Path, file_option("The parameter file.")] = Path("start.toml"),
     plot: Plot = None,
     rrd: Rrd = None,
     force: Force = False,
@@ -403,7 +394,7 @@ def start(
 def check(
     quick: Annotated[bool, typer.Option("--quick", help="Few draws: whether all runs and agrees.")] = False,
     workers: Workers = None,
-    out: Annotated[Path, typer.Option(help="Folder of what is tuned; a killed search goes on there.")] = Path(
+    out: Annotated[Path, folder_option("Folder of what is tuned; a killed search goes on there.")] = Path(
         "tuned"
     ),
     as_json: Json = False,

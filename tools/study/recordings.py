@@ -74,7 +74,6 @@ def stop_line(recording: rr.RecordingStream, name: str) -> None:
 
 def begun(path: Path, name: str, layout: rrb.Blueprint) -> rr.RecordingStream:
     """An empty recording in a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
     recording.save(path, default_blueprint=layout)
     recording.send_recording_name(name)

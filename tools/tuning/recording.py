@@ -74,7 +74,6 @@ def record_tuning(path: Path, tuning: Tuning, timeline: str, views: Views) -> No
         rrb.TimePanel(timeline=timeline, state="collapsed"),
         collapse_panels=True,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
     recording.save(path, default_blueprint=layout)
     recording.send_recording_name(f"tune {tuning.command}")

@@ -194,7 +194,6 @@ def run_trials(
     done = {number: one for number, one in known_trials(path, key).items() if number < trials}
     missing = [number for number in range(trials) if number not in done]
     progress(len(done), trials)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with one_thread_each(), path.open("a", encoding="utf-8") as file:
         if missing:
             with pool(min(workers or os.cpu_count() or 1, len(missing))) as executor:

@@ -1,0 +1,76 @@
+"""Where a command writes: an option that refuses, before any work, a place that nobody can write to."""
+
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+import typer
+
+from tools.output import BadInputError
+
+PICTURES = (".svg", ".png", ".pdf")
+RECORDINGS = (".rrd",)
+TABLES = (".parquet", ".csv", ".arrow")
+
+
+def file_option(description: str, endings: tuple[str, ...] = ()) -> Any:
+    """A Typer option for a file to write; with `endings`, one that ends in one of them."""
+
+    def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
+        if path is not None:
+            refuse_file(parameter.opts[0], path, endings)
+        return path
+
+    return typer.Option(help=description, callback=check)
+
+
+def folder_option(description: str) -> Any:
+    """A Typer option for a folder to write to; it is made where it is missing."""
+
+    def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
+        if path is not None:
+            refuse_folder(parameter.opts[0], path)
+        return path
+
+    return typer.Option(help=description, callback=check)
+
+
+def refuse_file(option: str, path: Path, endings: tuple[str, ...]) -> None:
+    """Raise BadInputError unless a regular file can be written at `path`."""
+    if endings and path.suffix.lower() not in endings:
+        wanted = " or ".join(endings)
+        raise BadInputError(
+            f"{option} is {path}: wanted a file ending in {wanted}, e.g. {path.stem}{endings[0]}"
+        )
+    try:
+        if path.is_dir():
+            raise BadInputError(f"{option} is {path}: that is a folder; name a file in it")
+        if path.exists() and not path.is_file():
+            raise BadInputError(f"{option} is {path}: that is no regular file; name one, or a new one")
+        if not path.parent.exists():
+            raise BadInputError(f"{option} is {path}: its folder is missing; mkdir -p {path.parent}")
+    except OSError as error:
+        raise BadInputError(f"{option} is {path}: {error.strerror}; name another file") from error
+    refuse_unwritable(option, path, path if path.exists() else path.parent)
+
+
+def refuse_folder(option: str, path: Path) -> None:
+    """Raise BadInputError unless `path` is a folder to write to, or can become one."""
+    try:
+        nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+        if not nearest.is_dir():
+            raise BadInputError(f"{option} is {path}: {nearest} is a file; name a folder")
+    except OSError as error:
+        raise BadInputError(f"{option} is {path}: {error.strerror}; name another folder") from error
+    refuse_unwritable(option, path, nearest)
+
+
+def refuse_unwritable(option: str, path: Path, nearest: Path) -> None:
+    """Raise BadInputError where a trial at `nearest` shows that nothing can be written; it leaves nothing."""
+    try:
+        with TemporaryFile(dir=nearest) if nearest.is_dir() else nearest.open("ab"):
+            pass
+    except OSError as error:
+        raise BadInputError(
+            f"{option} is {path}: {nearest} cannot be written ({error.strerror}); name another place"
+        ) from error
