@@ -9,6 +9,7 @@ import sys
 import tempfile
 import traceback
 from importlib import import_module
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
@@ -25,35 +26,60 @@ from tools.output import (
 
 app = typer.Typer(
     name="vibrohil",
-    help="Hardware-in-the-loop bench for a vibro-impact drive: run, simulate, look.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
 
-COMMANDS = (
-    "run",
-    "suite",
-    "firmware",
-    "plant",
-    "operator",
-    "campaign",
-    "simulate",
-    "view",
-    "inspect",
-    "compare",
-    "study",
-    "trade",
-    "tune",
-    "import_log",
-    "kernel",
-    "schedule",
-    "fuzz",
-    "doctor",
-)
 
-for command in COMMANDS:
-    import_module(f"tools.commands.{command}").register(app)
+def print_version(wanted: bool) -> None:
+    """Print which version of the code this is, and end."""
+    if not wanted:
+        return
+    from hil.provenance import commit, versions
+
+    origin = commit()
+    edited = ", edited since" if origin["edited"] else ""
+    place = f" ({origin['commit'][:12]}{edited})" if origin["commit"] else ""
+    typer.echo(f"vibrohil {versions()['vibrohil']}{place}")
+    raise typer.Exit
+
+
+COMMANDS = {
+    "Test the firmware": ("run", "suite", "campaign", "fuzz"),
+    "Look at runs": ("runs", "view", "inspect", "compare", "import_log"),
+    "Design": ("tune", "trade", "schedule"),
+    "The module alone": ("simulate", "study"),
+    "One node on a bus": ("firmware", "plant", "operator"),
+    "This machine": ("doctor", "kernel", "list_names"),
+}
+"""The modules of the commands, in the groups of the help page."""
+
+
+def register(module: str, group: str) -> None:
+    """Add one module's command, or its group of sub-commands, to the program."""
+    commands, groups = len(app.registered_commands), len(app.registered_groups)
+    import_module(f"tools.commands.{module}").register(app)
+    for command in app.registered_commands[commands:]:
+        command.rich_help_panel = group
+    for sub_commands in app.registered_groups[groups:]:
+        sub_commands.rich_help_panel = group
+
+
+for group, modules in COMMANDS.items():
+    for module in modules:
+        register(module, group)
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version and the commit.", callback=print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Hardware-in-the-loop bench for a vibro-impact drive: run, simulate, look."""
 
 
 def bad_input_types() -> tuple[type[Exception], ...]:

@@ -6,7 +6,7 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import PackageNotFoundError, requires, version
 from multiprocessing import get_context
@@ -50,6 +50,46 @@ class DoctorCheck(NamedTuple):
     """What to do where it is lacking; said of the thing, passed or not."""
     detail: str
     """What was found."""
+
+
+class Conclusion(NamedTuple):
+    """Whether the main job runs here, and a sentence that says what does and what to install for the rest."""
+
+    main_job_runs: bool
+    sentence: str
+
+
+REST = {
+    "user-mode Linux": "real SocketCAN",
+    "viewer": "the Rerun viewer",
+    "SCHED_FIFO": "real time beside other work",
+    "mlockall": "real time without page faults",
+    "timer wake-up": "real time without overruns",
+}
+"""What each check is needed for beyond lockstep and the local bus, the most useful first."""
+
+
+def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
+    """What a person can run on this machine, and the one thing to do for the rest."""
+    by_name = {check.name: check for check in found}
+    for needed in ("Python", "packages"):
+        if not by_name[needed].passed:
+            return Conclusion(False, f"The bench cannot run here yet. {needed}: {by_name[needed].remedy}.")
+    has_can = by_name["CAN in the kernel"].passed
+    lacking = [
+        (check, REST[check.name])
+        for check in sorted(
+            found, key=lambda check: list(REST).index(check.name) if check.name in REST else 0
+        )
+        if check.name in REST and not check.passed and not (has_can and check.name == "user-mode Linux")
+    ]
+    can = "SocketCAN" if has_can else "SocketCAN under `vibrohil kernel`"
+    buses = "" if any(what == "real SocketCAN" for _, what in lacking) else f", and on {can}"
+    runs = f"Here you can run every scenario in lockstep and, in real time, on the local bus{buses}"
+    if not lacking:
+        return Conclusion(True, f"{runs}; nothing is missing.")
+    first, what = lacking[0]
+    return Conclusion(True, f"{runs}. For {what}: {first.remedy}.")
 
 
 def checks() -> list[DoctorCheck]:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 
 from hil.recorded_run import log_of
@@ -56,6 +57,17 @@ def view(run: Path | None, web: bool, live: bool) -> None:
         return
     except subprocess.CalledProcessError as error:
         raise RerunError(f"the viewer ended with status {error.returncode}") from error
+
+
+def view_together(folders: Sequence[Path]) -> None:
+    """Open several runs in one viewer; stay until its window is closed."""
+    if not has_display():
+        raise BadInputError(
+            "no display to open a window on; look at one run in a browser with `vibrohil view --web`"
+        )
+    logs = [str(log_of(folder)) for folder in folders]
+    command = [str(rerun_program()), *logs, "--bind", LOOPBACK, "--port", "auto"]
+    subprocess.run(command, env=rerun_environment(), check=False)
 
 
 def in_browser(command: list[str], shown: str) -> None:

@@ -69,3 +69,33 @@ def test_an_old_python_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor._python().passed
     monkeypatch.setattr(sys, "version_info", (3, 10, 12))
     assert not doctor._python().passed
+
+
+def found_with(**passed: bool) -> list[doctor.DoctorCheck]:
+    names = ("Python", "packages", "CAN in the kernel", *doctor.REST)
+    return [doctor.DoctorCheck(name, passed.get(name, True), f"mend {name}", "found") for name in names]
+
+
+def test_the_conclusion_says_what_runs_and_the_one_thing_that_is_missing() -> None:
+    assert doctor.conclude(found_with()) == doctor.Conclusion(
+        True,
+        "Here you can run every scenario in lockstep and, in real time, on the local bus, and on SocketCAN; "
+        "nothing is missing.",
+    )
+    poor = doctor.conclude(
+        found_with(**{"CAN in the kernel": False, "user-mode Linux": False, "viewer": False})
+    )
+    assert poor.main_job_runs
+    assert poor.sentence.endswith("on the local bus. For real SocketCAN: mend user-mode Linux.")
+    guest = doctor.conclude(found_with(**{"CAN in the kernel": False, "viewer": False}))
+    assert guest.sentence.endswith(
+        "and on SocketCAN under `vibrohil kernel`. For the Rerun viewer: mend viewer."
+    )
+    with_can = doctor.conclude(found_with(**{"user-mode Linux": False}))
+    assert with_can.sentence.endswith("and on SocketCAN; nothing is missing.")
+
+
+def test_without_its_packages_the_bench_does_not_run() -> None:
+    conclusion = doctor.conclude(found_with(packages=False))
+    assert not conclusion.main_job_runs
+    assert conclusion.sentence == "The bench cannot run here yet. packages: mend packages."

@@ -14,13 +14,18 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False) -> None:
-    """Say what this machine can and can't do, and what to do about it."""
+    """Report what this machine can run, and what to install for the rest; exits with 1 where nothing runs.
+
+    Example: vibrohil doctor
+    """
     from tools.doctor import checks as run_checks
+    from tools.doctor import conclude
 
     checks = run_checks()
-    passed = all(check.passed for check in checks)
+    passed, sentence = conclude(checks)
     if as_json:
-        print_json({"checks": [check._asdict() for check in checks], "passed": passed})
+        found = [check._asdict() for check in checks]
+        print_json({"checks": found, "passed": passed, "conclusion": sentence})
     else:
         table = Table(box=None, pad_edge=False)
         for name in ("check", "", "detail", "remedy"):
@@ -29,5 +34,6 @@ def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print one JSON 
             mark = "[green]yes[/]" if check.passed else "[yellow]no[/]"
             table.add_row(check.name, mark, check.detail, "" if check.passed else check.remedy)
         console.print(table)
+        console.print(sentence, highlight=False)
     if not passed:
         raise typer.Exit(EXIT_CHECK_FAILED)

@@ -1,0 +1,90 @@
+"""The catalogue of runs: found below a folder, chosen by their figures, removed only on request."""
+
+import json
+import os
+import time
+
+import pytest
+
+from tools import cli, runs
+from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
+
+VERDICTS = {
+    "good": {"scenario": "one", "passed": True, "impact_v_m_s": 0.91, "fault": "none"},
+    "suite/soft": {"scenario": "two", "passed": False, "impact_v_m_s": 0.5, "fault": "drive-timeout"},
+    "suite/none": {"scenario": "three", "passed": False, "impact_v_m_s": None, "fault": "none"},
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for age_days, (name, verdict) in enumerate(VERDICTS.items()):
+        run = tmp_path / name
+        run.mkdir(parents=True)
+        (run / "run.json").write_text("{}")
+        (run / "verdict.json").write_text(json.dumps(verdict))
+        os.utime(run / "run.json", (time.time() - 86_400.0 * age_days,) * 2)
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "run.json").write_text("{}")
+    (tmp_path / "cut" / "verdict.json").write_text('{"passed": tr')
+    (tmp_path / "foreign").mkdir()
+    return tmp_path
+
+
+def names(found, folder):
+    return [str(run.folder.relative_to(folder)) for run in found]
+
+
+def test_every_run_is_listed_the_newest_first(folder):
+    assert names(runs.listed(folder), folder) == ["cut", "good", "suite/soft", "suite/none"]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "wanted"),
+    [
+        (["passed=true"], ["good"]),
+        (["impact_v_m_s > 0.4"], ["good", "suite/soft"]),
+        (["impact_v_m_s>0.4", "impact_v_m_s<=0.5"], ["suite/soft"]),
+        (["fault != none"], ["suite/soft"]),
+        (["scenario=three"], ["suite/none"]),
+        (["impact_v_m_s = fast"], []),
+    ],
+)
+def test_conditions_choose_runs_by_their_figures(folder, conditions, wanted):
+    assert names(runs.chosen(runs.listed(folder), conditions), folder) == wanted
+
+
+@pytest.mark.parametrize("text", ["impact_v_m_s", "speeed.error < 1", "< 3"])
+def test_a_condition_that_is_none_is_refused(text):
+    with pytest.raises(BadInputError, match="--where"):
+        runs.condition(text)
+
+
+def test_the_command_lists_chooses_and_prunes(folder, capsys):
+    assert cli.run(["runs", str(folder), "--where", "passed=false", "--json"]) == EXIT_PASSED
+    listed = json.loads(capsys.readouterr().out)["runs"]
+    assert [run["scenario"] for run in listed] == ["two", "three"]
+    assert listed[0]["figures"]["fault"] == "drive-timeout"
+    assert cli.run(["runs", str(folder)]) == EXIT_PASSED
+    assert "4 of 4 runs" in capsys.readouterr().out
+    assert cli.run(["runs", str(folder), "--prune", "36h", "--json"]) == EXIT_PASSED
+    assert json.loads(capsys.readouterr().out)["removed"] == [str(folder / "suite" / "none")]
+    assert (folder / "foreign").exists()
+    assert cli.run(["runs", str(folder), "--prune", "old"]) == EXIT_BAD_INPUT
+    assert cli.run(["runs", str(folder / "foreign")]) == EXIT_NOTHING_RAN
+
+
+def test_scenarios_scenes_and_parameters_are_listed_with_their_titles(capsys):
+    for what, name in (
+        ("scenarios", "soft-start-multistable"),
+        ("scenes", "gait"),
+        ("parameters", "start.rise_s"),
+    ):
+        assert cli.run(["list", what, "--json"]) == EXIT_PASSED
+        found = {one["name"]: one["title"] for one in json.loads(capsys.readouterr().out)[what]}
+        assert len(found[name]) > 20
+
+
+def test_the_version_names_the_commit(capsys):
+    assert cli.run(["--version"]) == EXIT_PASSED
+    assert capsys.readouterr().out.startswith("vibrohil 0.1.0")
