@@ -13,7 +13,9 @@ from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
+from typer.models import CommandInfo
 
+from tools.examples import EXAMPLES
 from tools.output import (
     EXIT_BAD_INPUT,
     EXIT_INTERNAL_ERROR,
@@ -61,8 +63,19 @@ def register(module: str, group: str) -> None:
     import_module(f"tools.commands.{module}").register(app)
     for command in app.registered_commands[commands:]:
         command.rich_help_panel = group
+        show_example(command, "")
     for sub_commands in app.registered_groups[groups:]:
         sub_commands.rich_help_panel = group
+        program = sub_commands.typer_instance
+        if program is not None:
+            for command in program.registered_commands:
+                show_example(command, f"{program.info.name} ")
+
+
+def show_example(command: CommandInfo, prefix: str) -> None:
+    """Put the command's example at the end of its help."""
+    name = str(command.name or getattr(command.callback, "__name__", ""))
+    command.epilog = f"Example: {EXAMPLES[prefix + name]}"
 
 
 for group, modules in COMMANDS.items():

@@ -12,6 +12,7 @@ from firmware_py.shell.parameters import TABLE
 from hil.figure_records import CATALOGUE
 from hil.scenario import load_scenario
 from tools import cli, reference
+from tools.examples import EXAMPLES
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -89,21 +90,30 @@ def test_what_is_shown_works(tmp_path, monkeypatch, capsys):
     assert ran >= 12
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_command_and_option_that_is_shown_is_there(page):
+EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
+
+
+@pytest.mark.parametrize(
+    ("place", "shown"),
+    [*((page.name, shown_on(page)) for page in PAGES), ("examples.py", EXAMPLES_SHOWN)],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_every_command_and_option_that_is_shown_is_there(place, shown):
     program = typer.main.get_command(cli.app)
-    for name, *words in shown_on(page):
-        assert name in program.commands, f"{page.name}: vibrohil {name}"
+    for name, *words in shown:
+        if name.startswith("--"):
+            continue
+        assert name in program.commands, f"{place}: vibrohil {name}"
         command = program.commands[name]
         if hasattr(command, "commands") and words and words[0] != "--help":
-            assert words[0] in command.commands, f"{page.name}: vibrohil {name} {words[0]}"
+            assert words[0] in command.commands, f"{place}: vibrohil {name} {words[0]}"
             command = command.commands[words[0]]
         known = {
             option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
         }
         own = words[: words.index("--")] if "--" in words else words
-        shown = {word.partition("=")[0] for word in own if word.startswith("--")}
-        assert shown <= known | {"--help"}, f"{page.name}: vibrohil {name} has no {shown - known}"
+        options = {word.partition("=")[0] for word in own if word.startswith("--")}
+        assert options <= known | {"--help"}, f"{place}: vibrohil {name} has no {options - known}"
 
 
 def test_every_command_is_in_the_readme():

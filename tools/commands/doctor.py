@@ -14,10 +14,7 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False) -> None:
-    """Report what this machine can run, and what to install for the rest; exits with 1 where nothing runs.
-
-    Example: vibrohil doctor
-    """
+    """Report what this machine can run, and what to install for the rest; exits with 1 where nothing runs."""
     from tools.doctor import checks as run_checks
     from tools.doctor import conclude
 

@@ -27,10 +27,7 @@ def list_names(
     ] = "scenarios",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List the scenarios, the scenes or the firmware's parameters, each with its title.
-
-    Example: vibrohil list scenes
-    """
+    """List the scenarios, the scenes or the firmware's parameters, each with its title."""
     found = list({"scenarios": scenarios, "scenes": scenes, "parameters": parameters}[what]())
     if as_json:
         print_json({what: [one._asdict() for one in found]})

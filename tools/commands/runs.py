@@ -38,10 +38,7 @@ def runs(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List the runs with their verdicts and key figures.
-
-    Example: vibrohil runs --where passed=false --show detector.recall
-    """
+    """List the runs with their verdicts and key figures."""
     from tools.runs import age_s, chosen, listed, prune
 
     found = chosen(listed(folder), where or [])
