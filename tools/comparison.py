@@ -5,6 +5,8 @@ Frames are compared where both runs kept the simulated clock: on a real bus they
 came.
 """
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +29,11 @@ TRACES = ("operator", "plant", "impacts/truth", "firmware")
 TICKED = ("operator", "plant", "firmware")
 NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")
+TIMING = frozenset(
+    {"tick_us", "wake_us", "loops", "overruns", "baseline_overruns", "late_wakeups", "long_work", "memory"}
+    | {"realtime_factor", "real_time", "latched"}
+)
+"""Groups of figures that the machine makes, not the module."""
 
 
 class Difference(NamedTuple):
@@ -126,15 +133,36 @@ def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
     return rows
 
 
+def is_timing(name: str) -> bool:
+    """Whether a figure says what the machine took, which differs from run to run."""
+    return name.split(".", maxsplit=1)[0] in TIMING
+
+
+def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The figures that differ: words and missing ones first, then by the size of their relative change."""
+
+    def size(name: str) -> float:
+        row = figures[name]
+        if row["change"] is None:
+            return math.inf
+        return float(abs(row["change"]) / max(abs(row["a"]), abs(row["b"])))
+
+    differing = [name for name, row in figures.items() if row["a"] != row["b"]]
+    return sorted(differing, key=lambda name: (is_timing(name), -size(name)))
+
+
 def compare(a: Run, b: Run) -> dict[str, Any]:
     """Both runs' figures, whether all their signals are equal, and where they first are not."""
     difference = first_difference(a, b)
+    figures = figures_side_by_side(a, b)
     return {
         "a": str(a.log),
         "b": str(b.log),
         "equal": difference is None,
         "first_difference": None if difference is None else difference._asdict(),
-        "figures": figures_side_by_side(a, b),
+        "figures": figures,
+        "largest_changes": largest_changes(figures),
+        "passed": {side: run.passed for side, run in zip(SIDES, (a, b), strict=True)},
     }
 
 

@@ -10,7 +10,7 @@ from short_run import make_run
 from hil.log_reader import tables
 from hil.recorded_run import open_run
 from tools import cli
-from tools.comparison import Difference, compare, first_in_table
+from tools.comparison import Difference, compare, first_in_table, largest_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
 
@@ -47,9 +47,29 @@ def test_another_seed_differs_from_the_first_noisy_sample_on(runs, capsys):
     assert log["/difference"]["StateChange:state"].to_pylist() == [[f"first difference: {first['signal']}"]]
 
 
-def test_people_get_the_difference_in_a_sentence(runs, capsys):
+def test_a_comparison_fits_one_screen_with_verdict_and_fault_first(runs, capsys):
     assert cli.run(["compare", str(runs / "first"), str(runs / "other")]) == EXIT_PASSED
-    assert "first difference at 0.000000 s in plant.striker" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert "first difference at 0.000000 s in plant.striker" in " ".join(lines)
+    assert [line.split()[0] for line in lines[:3]] == ["figure", "verdict", "fault"]
+    assert len(lines) <= 24
+
+
+def test_the_largest_change_comes_first_and_what_the_machine_took_last():
+    def row(a, b):
+        numbers = isinstance(a, float) and isinstance(b, float)
+        return {"a": a, "b": b, "change": b - a if numbers else None}
+
+    figures = {
+        "tick_us.p99": row(10.0, 90.0),
+        "speed.error": row(1e-6, 2e-6),
+        "peak_force_n": row(200.0, 201.0),
+        "impact_count": row(3.0, 3.0),
+        "regime": row("impact", "lost"),
+        "largest_v_m_s": row(-1.0, 1.0),
+    }
+    wanted = ["regime", "largest_v_m_s", "speed.error", "peak_force_n", "tick_us.p99"]
+    assert largest_changes(figures) == wanted
 
 
 def table(t_s, **columns):

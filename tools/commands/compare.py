@@ -9,6 +9,9 @@ from rich.table import Table
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
 from tools.outputs import RECORDINGS, file_option
 
+MOST_CHANGES = 10
+"""Figures that a comparison shows, so that it fits one screen; --json has all."""
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the program."""
@@ -93,17 +96,31 @@ def show_verdicts(result: dict[str, Any]) -> None:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the figures that differ, then where the signals do."""
+    """Print both verdicts, the largest changes, where the signals first differ, and what the machine took."""
+    from tools.comparison import is_timing
+
+    figures, changes = result["figures"], result["largest_changes"]
     table = Table(box=None, pad_edge=False)
     for title in ("figure", "a", "b", "b − a"):
         table.add_column(title, no_wrap=True)
-    differing = {name: row for name, row in result["figures"].items() if row["a"] != row["b"]}
-    for name, row in differing.items():
-        unit = row["unit"]
-        table.add_row(name, *(figure(row[side], unit) for side in ("a", "b", "change")))
-    if differing:
-        console.print(table)
-    console.print(f"{len(result['figures']) - len(differing)} of {len(result['figures'])} figures are equal")
+    words = {side: "passed" if passed else "FAILED" for side, passed in result["passed"].items()}
+    table.add_row("verdict", words["a"], words["b"], "")
+    table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
+    physical = [name for name in changes if not is_timing(name) and name != "fault"]
+    for name in physical[:MOST_CHANGES]:
+        row = figures[name]
+        table.add_row(name, *(figure(row[side], row["unit"]) for side in ("a", "b", "change")))
+    console.print(table)
+    more = f"; the {MOST_CHANGES} largest changes are shown" if len(physical) > MOST_CHANGES else ""
+    equal = len(figures) - len(changes)
+    console.print(f"{equal} of {len(figures)} figures are equal{more}", highlight=False)
+    work = figures["tick_us.p99"]
+    console.print(
+        f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
+        f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
+        style="dim",
+        highlight=False,
+    )
     first = result["first_difference"]
     if first is None:
         console.print("[bold green]equal[/]: every signal, bit by bit, on simulated time")
