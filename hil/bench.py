@@ -112,7 +112,7 @@ def in_lockstep(
     progress(0.0, "compiling kernels")
     warm_plant(scenario.scene)
     warm_firmware(scenario.parameters)
-    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False}
+    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
     run_dir = run_folder.create(scenario, out_dir, "lockstep", bus, seed)
     run_folder.note(run_dir, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})

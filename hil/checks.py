@@ -1,4 +1,7 @@
-"""Checks: bounds on figures, and whether a run met them. A figure that is missing or NaN never passes."""
+"""Checks: bounds on figures, and whether a run met them.
+
+A figure that is missing, NaN, or rests on a log that lacks frames never passes.
+"""
 
 import difflib
 import math
@@ -8,7 +11,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from hil.figure_records import CATALOGUE, value_of
+from hil.figure_records import CATALOGUE, incomplete, value_of
 
 Value = bool | int | float | str
 
@@ -81,12 +84,12 @@ def within(check: Check, value: Any) -> bool:
 
 def evaluate(checks: Iterable[Check], figures: Mapping[str, Any]) -> list[CheckResult]:
     """Each check against the figures, given as `Figures.as_json()`."""
+    doubtful = incomplete(figures)
     results = []
     for check in checks:
         value = value_of(figures, check.name)
-        results.append(
-            CheckResult(check.name, within(check, value), value, CATALOGUE[check.name].unit, check.limit)
-        )
+        passed = within(check, value) and check.name not in doubtful
+        results.append(CheckResult(check.name, passed, value, CATALOGUE[check.name].unit, check.limit))
     return results
 
 

@@ -10,12 +10,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
+from hil.run_traces import LogLoss
+
 
 class Quantity(NamedTuple):
     """A figure's unit, empty for numbers without one and for names, and its meaning."""
 
     unit: str
     meaning: str
+    from_log: bool = False
+    """Whether it rests on can.log, and is incomplete where frames are missing there."""
 
 
 def plain(value: Any) -> Any:
@@ -218,6 +222,16 @@ class GaitFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class LogFigures:
+    """Whether the log holds every frame that was on the bus."""
+
+    frames_lost: Annotated[
+        int | None, Quantity("", "frames the recorder lost; none where the bus does not count them")
+    ]
+    lost_s: Annotated[float | None, Quantity("s", "time around the lost frames, in all")]
+
+
+@dataclass(frozen=True, slots=True)
 class Figures:
     """All figures of a run."""
 
@@ -238,10 +252,13 @@ class Figures:
     wake_us: Annotated[Spread, Quantity("", "wake-up latency of the firmware's loop")]
     loops: Annotated[Loops, Quantity("", "timing of each loop")]
     bus_load: Annotated[
-        float | None, Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing")
+        float | None,
+        Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", from_log=True),
     ]
     realtime_factor: Annotated[float | None, Quantity("", "simulated over elapsed time")]
     memory: Annotated[MemoryFigures, Quantity("", "growth of the processes' own memory")]
+    log: Annotated[LogFigures, Quantity("", "what can.log lacks")]
+    losses: Annotated[tuple[LogLoss, ...], Quantity("", "when the recorder lost frames")]
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
@@ -292,6 +309,7 @@ class FigureSpec(NamedTuple):
     name: str
     unit: str
     meaning: str
+    from_log: bool
 
 
 def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
@@ -301,11 +319,18 @@ def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
         if isinstance(kind, type) and is_dataclass(kind):
             yield from walk(kind, f"{prefix}{name}.")
         elif get_origin(kind) is not tuple:
-            yield FigureSpec(f"{prefix}{name}", quantity.unit, quantity.meaning)
+            yield FigureSpec(f"{prefix}{name}", *quantity)
 
 
 CATALOGUE: Mapping[str, FigureSpec] = {spec.name: spec for spec in walk(Figures)}
 """Every figure a check may name."""
+
+
+def incomplete(figures: Mapping[str, Any]) -> list[str]:
+    """Names of the figures that rest on a log which lacks frames; of `Figures.as_json()`."""
+    if not figures["log"]["frames_lost"]:
+        return []
+    return [spec.name for spec in CATALOGUE.values() if spec.from_log]
 
 
 def value_of(figures: Mapping[str, Any], name: str) -> Any:

@@ -22,6 +22,7 @@ from hil.figure_records import (
     Figures,
     LatchedFigures,
     Latency,
+    LogFigures,
     Loops,
     LoopTiming,
     MemoryFigures,
@@ -430,6 +431,16 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
     )
 
 
+def log_figures(traces: RunTraces, clock: str) -> LogFigures:
+    """What the recorder lost."""
+    if not traces.run.get("counts_losses", clock == "lockstep"):
+        return LogFigures(None, None)
+    return LogFigures(
+        frames_lost=sum(loss.frames for loss in traces.losses),
+        lost_s=sum(loss.to_s - loss.from_s for loss in traces.losses),
+    )
+
+
 def figures_from(traces: RunTraces) -> Figures:
     """All figures of one run."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
@@ -471,6 +482,8 @@ def figures_from(traces: RunTraces) -> Figures:
         bus_load=mean_load(traces.bus.length, duration_s),
         realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
         memory=memory_figures(outcome),
+        log=log_figures(traces, clock),
+        losses=tuple(traces.losses),
         impacts=tuple(
             TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
         ),

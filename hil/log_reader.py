@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from hil.rerun_program import RerunError, rerun
-from hil.run_traces import NO_BUS, NO_RECORDS, BusLog, Records, RunTraces
+from hil.run_traces import NO_BUS, NO_RECORDS, BusLog, LogLoss, Records, RunTraces
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
@@ -106,6 +106,11 @@ def bus_of(table: pa.Table | None) -> BusLog:
     )
 
 
+def losses_of(table: pa.Table | None) -> list[LogLoss]:
+    """When the recorder lost frames."""
+    return [] if table is None else [LogLoss(**loss) for (loss,) in table["loss:record"].to_pylist()]
+
+
 def read_traces(path: Path) -> RunTraces:
     """What `read_run` gives of a run folder, from its log alone."""
     by_entity, texts = tables(path), documents(path)
@@ -118,6 +123,7 @@ def read_traces(path: Path) -> RunTraces:
         run=json.loads(texts.get("run", "{}")),
         outcome=json.loads(texts.get("outcome", "{}")),
         scenario=tomllib.loads(texts.get("scenario", "")),
+        losses=losses_of(by_entity.get("/can/lost")),
     )
 
 

@@ -12,6 +12,7 @@ import os
 import select
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,8 @@ from hil.can_log import CanLog
 from hil.follower import TRACES, Follower
 from hil.processes import READY, read_start, stop_requests
 from hil.rerun_log import LOG_NAME, RunLog
-from hil.run_traces import BusLog, RunTraces, read_json, read_scenario
+from hil.run_folder import write_json
+from hil.run_traces import LOSSES, BusLog, LogLoss, RunTraces, read_json, read_scenario
 
 APPEND_PERIOD_S = 1.0
 DRAIN_PERIOD_S = 0.02
@@ -34,6 +36,7 @@ class Recorder:
     """Follows one run: drains the bus, appends to can.log and run.rrd."""
 
     def __init__(self, run_dir: Path, bus: Bus | None) -> None:
+        self.run_dir = run_dir
         self.bus = bus
         self.follower = Follower(run_dir)
         run = read_json(run_dir / "run.json")
@@ -41,12 +44,14 @@ class Recorder:
         self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
+        self.losses: list[LogLoss] = []
         self._arrived_s: list[float] = []
         self._can_ids: list[int] = []
         self._payloads: list[bytes] = []
 
-    def drain(self) -> None:
-        """Take the frames that have arrived."""
+    def drain(self) -> bool:
+        """Take the frames that have arrived; whether there were any."""
+        before = len(self._payloads)
         while self.bus is not None and (arrived := self.bus.receive_stamped()):
             for wall_ns, frame in arrived:
                 t_us = (wall_ns - self.wall_start_ns) // 1000
@@ -55,6 +60,7 @@ class Recorder:
                     self._arrived_s.append(t_us * 1e-6)
                     self._can_ids.append(frame.can_id)
                     self._payloads.append(frame.data)
+        return len(self._payloads) > before
 
     def append(self) -> None:
         """Bring both logs up to date, and hand them to the operating system."""
@@ -66,13 +72,29 @@ class Recorder:
             payloads=tuple(self._payloads),
         )
         self._arrived_s, self._can_ids, self._payloads = [], [], []
+        lost = self.new_losses()
         self.can_log.flush()
         plant, firmware, impacts, operator = (self.follower.new_records(name) for name in TRACES)
-        self.log.append(RunTraces(plant, firmware, impacts, operator, bus))
+        self.log.append(RunTraces(plant, firmware, impacts, operator, bus, losses=lost))
+
+    def new_losses(self) -> list[LogLoss]:
+        """What the bus has lost since the last call; all of it is written to a file beside can.log."""
+        if self.bus is None or not self.bus.losses:
+            return []
+        new = [
+            LogLoss(max(loss.from_ns - self.wall_start_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
+            for loss in self.bus.losses
+            if (to_ns := loss.to_ns - self.wall_start_ns) > 0  # of this run, not before its start
+        ]
+        self.bus.losses.clear()
+        self.losses += new
+        write_json(self.run_dir / LOSSES, {"losses": [asdict(loss) for loss in self.losses]})
+        return new
 
     def close(self) -> None:
-        """Write what is left and both files' ends."""
-        self.drain()
+        """Write what is left and both files' ends; what the hub still holds is waited for."""
+        while self.bus is not None and self.drain():
+            self.bus.wait(DRAIN_PERIOD_S)
         self.append()
         self.can_log.close()
         self.log.close()
@@ -104,9 +126,10 @@ def main() -> None:
     read_start()
     recorder = Recorder(arguments.run_dir, bus)
     record(recorder, [stopping.fileno(), sys.stdin.fileno()])
+    lost = None if bus is None else bus.counters.lost
     if bus is not None:
         bus.close()
-    print(json.dumps({"frames": recorder.frames}), flush=True)
+    print(json.dumps({"frames": recorder.frames, "lost": lost}), flush=True)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from hil import junit
-from hil.figure_records import CATALOGUE, Figures, value_of
+from hil.figure_records import CATALOGUE, Figures, FigureSpec, value_of
 from hil.report_plots import plots
 from hil.run_traces import RunTraces
 
@@ -61,6 +61,11 @@ def shown(value: Any, unit: str) -> str:
     return f"{text} {unit}".rstrip()
 
 
+def described(spec: FigureSpec, verdict: Mapping[str, Any]) -> str:
+    """What a figure means, and whether it is incomplete."""
+    return f"{spec.meaning}; incomplete: frames lost" if spec.name in verdict["incomplete"] else spec.meaning
+
+
 def tile(headline: Headline, content: Mapping[str, Any]) -> tuple[str, str]:
     """A headline's label and its value as people read it."""
     value = value_of(content, headline.name)
@@ -81,7 +86,7 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
     """Write the page of one run."""
     content = figures.as_json()
     rows = [
-        (spec.name, shown(value_of(content, spec.name), spec.unit), spec.meaning)
+        (spec.name, shown(value_of(content, spec.name), spec.unit), described(spec, verdict))
         for spec in CATALOGUE.values()
     ]
     page = template("report.html.j2").render(

@@ -11,6 +11,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -42,7 +43,7 @@ from hil.lanes import (
 )
 from hil.layout import Mark, Moments, layout
 from hil.moments import marks, moments
-from hil.run_traces import BusLog, Records, RunTraces, column, read_run
+from hil.run_traces import BusLog, LogLoss, Records, RunTraces, column, read_run
 
 APPLICATION_ID = "vibrohil"
 LOG_NAME = "run.rrd"
@@ -191,6 +192,7 @@ class RunLog:
         self._impacts(traces.impacts)
         self._operator(traces.operator)
         self._frames(traces.bus)
+        self._losses(traces.losses)
         self.recording.flush(timeout_sec=self._flush_s)
 
     def conclude(self, outcome: Mapping[str, Any], marks: Sequence[Mark]) -> None:
@@ -322,6 +324,16 @@ class RunLog:
         unfinished = max(self._pending_bits)
         self._bus_load({key: bits for key, bits in self._pending_bits.items() if key < unfinished})
         self._pending_bits = {unfinished: self._pending_bits[unfinished]}
+
+    def _losses(self, losses: Sequence[LogLoss]) -> None:
+        """When can.log lacks frames: from its time on to `to_s`."""
+        if not losses:
+            return
+        from_s = np.array([loss.from_s for loss in losses])
+        self._send("can/lost", from_s, dynamic("loss", pa.array([asdict(loss) for loss in losses])))
+        for loss in losses:
+            lost = f"the recorder lost {loss.frames} frames from here to {loss.to_s:.3f} s"
+            self._events([loss.from_s], [lost], "WARN")
 
     def _decoded(self, bus: BusLog) -> None:
         """Each frame's signals, by the names of the DBC; what is refused is said in `can/rejected`."""

@@ -15,7 +15,7 @@ from hil.scenario import Scenario
 RUNS = Path("runs")
 MADE_BY_A_RUN = (
     *("*.trace", "*.trace.new", "can.log", "*.rrd", "*.log"),
-    *("run.json", "outcome.json", "processes.json", "verdict.json"),
+    *("run.json", "outcome.json", "processes.json", "losses.json", "verdict.json"),
     *("scenario.toml", "junit.xml", "report.html"),
 )
 

@@ -4,7 +4,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,19 @@ Records = NDArray[np.void]
 FloatArray = NDArray[np.float64]
 
 CANDUMP_LINE = re.compile(rb"\((\d+\.\d{6,9})\) \S+ ([0-9A-Fa-f]+)#([0-9A-Fa-f]*)\r?\n")
+
+
+LOSSES = "losses.json"
+"""What the recorder lost, beside can.log; no file where it lost nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogLoss:
+    """Frames that were on the bus and are not in can.log, and the simulated time around them."""
+
+    from_s: float
+    to_s: float
+    frames: int
 
 
 @dataclass(frozen=True)
@@ -44,6 +57,7 @@ class RunTraces:
     run: Mapping[str, Any] = field(default_factory=dict)
     outcome: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
+    losses: Sequence[LogLoss] = ()
 
     @property
     def is_worn(self) -> bool:
@@ -133,4 +147,5 @@ def read_run(run_dir: Path) -> RunTraces:
         run=read_json(run_dir / "run.json"),
         outcome=read_json(run_dir / "outcome.json"),
         scenario=read_scenario(run_dir),
+        losses=[LogLoss(**loss) for loss in read_json(run_dir / LOSSES).get("losses", [])],
     )

@@ -3,6 +3,7 @@
 run.json       what was run: scenario, clock, bus, seed, versions, start
 scenario.toml  the scenario as run
 *.trace        what each process knew at each tick; can.log, what was on the bus
+losses.json    when the recorder lost frames, if it did
 outcome.json   how it ended: elapsed time, a bare loop's overruns, and reasons why it is no proper run
 run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, again and again if need be
 """
@@ -15,7 +16,7 @@ from typing import Any
 
 from hil import junit, provenance
 from hil.checks import CheckResult, checks_of, evaluate
-from hil.figure_records import Figures
+from hil.figure_records import Figures, incomplete
 from hil.figures import figures_from
 from hil.report import write_report
 from hil.rerun_log import LOG_NAME, write_log
@@ -33,6 +34,7 @@ def verdict_of(
     return {
         **figures,
         "checks": [asdict(result) for result in results],
+        "incomplete": incomplete(figures),
         "reasons": list(reasons),
         "passed": not reasons and all(result.passed for result in results),
         "out": str(out),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 import can
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
 
 BITRATE = 1_000_000
 """The bench's bus; interfaces that have no bit rate ignore it."""
@@ -16,7 +16,8 @@ class AdapterBus:
     """A node on `interface:channel` of python-can."""
 
     def __init__(self, interface: str, channel: str, accept: Iterable[int] | None) -> None:
-        self.counters = BusCounters()
+        self.counters = BusCounters(lost=None)
+        self.losses: list[Loss] = []
         self.closing: list[Callable[[], None]] = []
         # Filtered here: python-can ends a read without waiting at the first frame its own filter refuses.
         self._accept = None if accept is None else frozenset(accept)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from firmware_py.interface.frame import Frame
 
@@ -28,14 +28,29 @@ class BusCounters:
     """Frames dropped because the queue stayed full or the bus was gone."""
     foreign: int = 0
     """Frames received that are no classic data frame with an 11-bit identifier."""
+    lost: int | None = 0
+    """Frames that arrived while the receive queue was full; None where the interface does not count them."""
+
+
+class Loss(NamedTuple):
+    """Frames lost before this node received them: how many, and the wall clock in ns around them."""
+
+    from_ns: int
+    to_ns: int
+    frames: int
 
 
 class Bus(Protocol):
     """One node's connection. It never hears its own frames; no call blocks longer than a send may wait."""
 
-    counters: BusCounters
     closing: list[Callable[[], None]]
     """Called when the node leaves, in order."""
+    losses: list[Loss]
+    """Of a bus opened with `stamped`, in order of time; whoever writes them down may empty the list."""
+
+    @property
+    def counters(self) -> BusCounters:
+        """What went wrong so far."""
 
     def send(self, frame: Frame) -> None:
         """Queue one frame; a full queue is waited for shortly, then the frame is dropped and counted."""

@@ -14,9 +14,10 @@ import struct
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
+from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
 from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.realtime import libc
 
@@ -28,8 +29,19 @@ EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
 # Linux's numbers that Python's socket module lacks.
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMPNS = 35
-STAMP = struct.Struct("=QiiqQ")
-"""A control message with a time: its length, level and kind; seconds and nanoseconds."""
+SO_RXQ_OVFL = 40
+SO_MEMINFO = 55
+MEMINFO = struct.Struct("=9I")
+"""The numbers of SO_MEMINFO; the last one counts dropped messages."""
+CONTROL_HEADER = struct.Struct("=Qii")
+"""A control message's length with this header, its level and its kind."""
+STAMP = struct.Struct("=qQ")
+"""A time: seconds and nanoseconds."""
+DROPS = struct.Struct("=I")
+"""Messages that the socket had dropped when this one was queued, modulo 2³²; absent while it is 0."""
+CONTROL_ALIGNMENT = 8
+CONTROL_BYTES = 2 * CONTROL_HEADER.size + STAMP.size + CONTROL_ALIGNMENT
+"""Room for both control messages of a frame."""
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -63,8 +75,15 @@ class BatchHeader(ctypes.Structure):
     _fields_ = (("message", MessageHeader), ("length", ctypes.c_uint))
 
 
+class Arrival(NamedTuple):
+    """What the kernel reports of a frame: wall clock in ns (0: none) and the drops before it (None: 0)."""
+
+    stamp_ns: int
+    drops: int | None
+
+
 class FrameBatch:
-    """Room for a batch of frames and, if `stamped`, their times, with the headers the kernel wants for it."""
+    """Room for a batch of frames, its headers and, if `stamped`, what the kernel reports of each."""
 
     def __init__(self, stamped: bool = False) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
@@ -76,31 +95,37 @@ class FrameBatch:
         for header, vector in zip(self.headers, self._vectors, strict=True):
             header.message.vectors = ctypes.pointer(vector)
             header.message.vector_count = 1
-        self.stamps = bytearray(BATCH * STAMP.size if stamped else 0)
+        self.control = bytearray(BATCH * CONTROL_BYTES if stamped else 0)
         if stamped:
-            address = ctypes.addressof(ctypes.c_char.from_buffer(self.stamps))
+            address = ctypes.addressof(ctypes.c_char.from_buffer(self.control))
             for index, header in enumerate(self.headers):
-                header.message.control = address + index * STAMP.size
-                header.message.control_length = STAMP.size
+                header.message.control = address + index * CONTROL_BYTES
+                header.message.control_length = CONTROL_BYTES
 
-    def take_stamps_ns(self, count: int) -> list[int]:
-        """The first `count` frames' times; 0 for a frame that the kernel gave none.
+    def take_arrivals(self, count: int) -> list[Arrival]:
+        """What the kernel reports of each of the first `count` frames.
 
-        The kernel has put what it used of the room for a time in place of how much there is, so that is set
-        again.
+        The kernel has written the length that it used over the length of the room; the latter is set again.
         """
-        stamps_ns: list[int] = []
-        for header, fields in zip(self.headers, STAMP.iter_unpack(self.stamps), strict=True):
-            if len(stamps_ns) == count:
-                break
-            _, level, kind, seconds, nanoseconds = fields
-            is_stamp = header.message.control_length > 0 and (level, kind) == (
-                socket.SOL_SOCKET,
-                SO_TIMESTAMPNS,
-            )
-            stamps_ns.append(seconds * 1_000_000_000 + nanoseconds if is_stamp else 0)
-            header.message.control_length = STAMP.size
-        return stamps_ns
+        arrivals = []
+        for index in range(count):
+            message = self.headers[index].message
+            arrivals.append(self._arrival(index * CONTROL_BYTES, message.control_length))
+            message.control_length = CONTROL_BYTES
+        return arrivals
+
+    def _arrival(self, start: int, used: int) -> Arrival:
+        stamp_ns, drops = 0, None
+        at = start
+        while at + CONTROL_HEADER.size <= start + used:
+            length, level, kind = CONTROL_HEADER.unpack_from(self.control, at)
+            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
+                seconds, nanoseconds = STAMP.unpack_from(self.control, at + CONTROL_HEADER.size)
+                stamp_ns = seconds * 1_000_000_000 + nanoseconds
+            elif (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL):
+                (drops,) = DROPS.unpack_from(self.control, at + CONTROL_HEADER.size)
+            at += -(-length // CONTROL_ALIGNMENT) * CONTROL_ALIGNMENT
+        return Arrival(stamp_ns, drops)
 
 
 def has_kernel_can() -> bool:
@@ -114,6 +139,12 @@ def has_kernel_can() -> bool:
     return True
 
 
+def count_arrivals(can_socket: socket.socket) -> None:
+    """Ask the kernel for each frame's time, and for the number of those that it dropped before."""
+    can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    can_socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+
+
 def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
     """A kernel CAN socket on `interface` that receives the identifiers of `accept`, or all."""
     can_socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -121,7 +152,7 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
         filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
         can_socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
     if stamped:
-        can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        count_arrivals(can_socket)
     try:
         can_socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:
@@ -158,8 +189,11 @@ class CanSocket:
     def __init__(self, can_socket: socket.socket) -> None:
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
-        self.counters = BusCounters()
+        self._counters = BusCounters()
         self.closing: list[Callable[[], None]] = []
+        self.losses: list[Loss] = []
+        self._noted_drops = 0
+        self._last_ns = time.time_ns()
         self._socket = can_socket
         self._descriptor = can_socket.fileno()
         self._receive_batch = library.recvmmsg
@@ -167,6 +201,12 @@ class CanSocket:
         self._incoming = FrameBatch()
         self._stamped: FrameBatch | None = None
         self._outgoing = FrameBatch()
+
+    @property
+    def counters(self) -> BusCounters:
+        """What went wrong so far."""
+        self._counters.lost = self._drops()
+        return self._counters
 
     def send(self, frame: Frame) -> None:
         """Queue one frame."""
@@ -191,16 +231,16 @@ class CanSocket:
                 continue
             if ctypes.get_errno() not in QUEUE_FULL or attempt == SEND_RETRIES:
                 # Down or unplugged counts as full: the watchdogs at both ends do the rest.
-                self.counters.unsent += count
+                self._counters.unsent += count
                 return
             attempt += 1
-            self.counters.waited += attempt == 1
+            self._counters.waited += attempt == 1
             time.sleep(SEND_RETRY_S)
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived, a batch at most."""
         count = self._take(self._incoming)
-        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self.counters)
+        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters)
 
     def _take(self, batch: FrameBatch) -> int:
         """Fill the batch with what has arrived; how many frames that is."""
@@ -217,13 +257,28 @@ class CanSocket:
         if batch is None:
             batch = self._stamped = FrameBatch(stamped=True)
         count = self._take(batch)
-        stamps_ns = batch.take_stamps_ns(count)
-        content = batch.buffer
-        return [
-            (stamp_ns, frame)
-            for start, stamp_ns in zip(range(0, count * FRAME_BYTES, FRAME_BYTES), stamps_ns, strict=True)
-            for frame in unpack(content[start : start + FRAME_BYTES], self.counters)
-        ]
+        frames = []
+        for index, (stamp_ns, drops) in enumerate(batch.take_arrivals(count)):
+            if drops is not None:
+                self._note_drops(drops, stamp_ns)
+            self._last_ns = stamp_ns
+            content = batch.buffer[index * FRAME_BYTES : (index + 1) * FRAME_BYTES]
+            frames += [(stamp_ns, frame) for frame in unpack(content, self._counters)]
+        if count == 0:
+            self._note_drops(self._drops(), time.time_ns())
+        return frames
+
+    def _drops(self) -> int:
+        """How many frames this socket has dropped so far, modulo 2³²."""
+        numbers = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+        return int(MEMINFO.unpack(numbers)[-1])
+
+    def _note_drops(self, drops: int, until_ns: int) -> None:
+        """Note what was dropped between the last frame and `until_ns`, given the socket's count by then."""
+        new = (drops - self._noted_drops) % (1 << 32)
+        if 0 < new < 1 << 31:
+            self._noted_drops = drops
+            self.losses.append(Loss(self._last_ns, until_ns, new))
 
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or when the time is over."""

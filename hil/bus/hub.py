@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from hil.bus.hub_socket import CONTROL_ID, HELLO, HELLO_DEAF, HELLO_STAMPED
-from hil.bus.wire import CAN_FRAME, FRAME_BYTES
+from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED
+from hil.bus.wire import CAN_FRAME, CONTROL_ID, FRAME_BYTES, LOSS_KIND, STAMP_KIND
 from hil.processes import stop_requests
 from hil.realtime import HUB, become_realtime
 
@@ -37,6 +37,27 @@ class Client:
     received: bytes = b""
     queued: bytearray = field(default_factory=bytearray)
     dropped: int = 0
+    unreported: int = 0
+    """Dropped frames that have not been reported to the node; the times are of the first and the last."""
+    first_drop_ns: int = 0
+    last_drop_ns: int = 0
+
+    @property
+    def loss_report(self) -> bytes:
+        """Their report to the node: a time, their number, a time; empty without any."""
+        if not self.unreported:
+            return b""
+        parts = (
+            (STAMP_KIND, self.first_drop_ns),
+            (LOSS_KIND, self.unreported),
+            (STAMP_KIND, self.last_drop_ns),
+        )
+        return b"".join(control(kind, value) for kind, value in parts)
+
+
+def control(kind: int, value: int) -> bytes:
+    """A control record of the stream between hub and node."""
+    return CAN_FRAME.pack(CONTROL_ID, kind, value.to_bytes(8, "little"))
 
 
 class Hub:
@@ -106,8 +127,8 @@ class Hub:
             if other is client or not other.listening:
                 continue
             if other.stamped:
-                stamp = stamp or CAN_FRAME.pack(CONTROL_ID, 8, time.time_ns().to_bytes(8, "little"))
-                self._pass_on(other, stamp + chunk)
+                stamp = stamp or control(STAMP_KIND, time.time_ns())
+                self._pass_on(other, chunk, stamp)
             else:
                 self._pass_on(other, chunk)
 
@@ -123,10 +144,16 @@ class Hub:
         self._pass_on(client, HELLO)
         return rest
 
-    def _pass_on(self, client: Client, chunk: bytes) -> None:
+    def _pass_on(self, client: Client, frames: bytes, stamp: bytes = b"") -> None:
+        chunk = client.loss_report + stamp + frames
         if client.queued:
-            self._queue(client, chunk)
+            if len(client.queued) + len(chunk) > MAX_QUEUED_BYTES:
+                self._drop(client, len(frames) // FRAME_BYTES)
+                return
+            client.unreported = 0
+            client.queued += chunk
             return
+        client.unreported = 0
         try:
             sent = client.link.send(chunk)
         except BlockingIOError:
@@ -134,14 +161,15 @@ class Hub:
         except ConnectionError:
             return  # its own readable event follows and parts with it
         if sent < len(chunk):
-            self._queue(client, chunk[sent:])
+            client.queued += chunk[sent:]
             self._selector.modify(client.link, selectors.EVENT_READ | selectors.EVENT_WRITE)
 
-    def _queue(self, client: Client, chunk: bytes) -> None:
-        if client.queued and len(client.queued) + len(chunk) > MAX_QUEUED_BYTES:
-            client.dropped += len(chunk) // FRAME_BYTES
-            return
-        client.queued += chunk
+    def _drop(self, client: Client, frames: int) -> None:
+        client.last_drop_ns = time.time_ns()
+        if not client.unreported:
+            client.first_drop_ns = client.last_drop_ns
+        client.unreported += frames
+        client.dropped += frames
 
     def _drain(self, client: Client) -> None:
         try:
@@ -149,7 +177,10 @@ class Hub:
         except (BlockingIOError, ConnectionError):
             return
         del client.queued[:sent]
-        if not client.queued:
+        if not client.queued and client.unreported:
+            client.queued += client.loss_report
+            client.unreported = 0
+        elif not client.queued:
             self._selector.modify(client.link, selectors.EVENT_READ)
 
     def close(self) -> None:

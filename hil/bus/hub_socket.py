@@ -7,11 +7,18 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError
-from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
+from hil.bus.wire import (
+    CAN_FRAME,
+    CONTROL_ID,
+    CONTROL_MARK,
+    FRAME_BYTES,
+    LOSS_KIND,
+    MAX_STANDARD_ID,
+    pack,
+    unpack,
+)
 
-CONTROL_ID = 0xFFFFFFFF
-"""Marks what passes between hub and node beside frames; no CAN frame can carry it."""
 HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
 HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
 """The greeting of a node that wants to know when each frame passed the hub."""
@@ -27,6 +34,8 @@ class HubSocket:
     def __init__(self, path: Path, greeting: bytes = HELLO) -> None:
         self.counters = BusCounters()
         self.closing: list[Callable[[], None]] = []
+        self.losses: list[Loss] = []
+        self._lost = 0
         self._received = b""
         self._unfinished = b""
         self._stamp_ns = 0
@@ -91,14 +100,28 @@ class HubSocket:
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
-        return unpack(self._read(), self.counters)
+        chunk = self._read()
+        if CONTROL_MARK in chunk:
+            return [frame for _, frame in self._stamped(chunk)]
+        return unpack(chunk, self.counters)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """All frames that have arrived, with the hub's wall clock in ns when it passed each on."""
+        return self._stamped(self._read())
+
+    def _stamped(self, chunk: bytes) -> list[tuple[int, Frame]]:
+        """The frames of `chunk` with their times. A loss lies between the times around its count."""
         frames = []
-        for can_id, length, data in CAN_FRAME.iter_unpack(self._read()):
-            if can_id == CONTROL_ID:
-                self._stamp_ns = int.from_bytes(data, "little")
+        for can_id, length, data in CAN_FRAME.iter_unpack(chunk):
+            if can_id == CONTROL_ID and length == LOSS_KIND:
+                self._lost = int.from_bytes(data, "little")
+                self.counters.lost = (self.counters.lost or 0) + self._lost
+            elif can_id == CONTROL_ID:
+                stamp_ns = int.from_bytes(data, "little")
+                if self._lost:
+                    self.losses.append(Loss(self._stamp_ns, stamp_ns, self._lost))
+                    self._lost = 0
+                self._stamp_ns = stamp_ns
             elif can_id <= MAX_STANDARD_ID:
                 frames.append((self._stamp_ns, Frame(can_id, data[:length])))
             else:

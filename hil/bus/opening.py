@@ -45,6 +45,7 @@ class ProvidedBus:
             "bus_address": self.address,
             "bus_reason": self.reason,
             "kernel_can": self.kernel_can,
+            "counts_losses": self.address.partition(":")[0] in ("local", "vcan", "socketcan"),
         }
 
     def close(self) -> None:

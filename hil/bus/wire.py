@@ -12,6 +12,11 @@ from hil.bus.base import BusCounters
 CAN_FRAME = struct.Struct("=IB3x8s")
 FRAME_BYTES = CAN_FRAME.size
 MAX_STANDARD_ID = 0x7FF
+CONTROL_ID = 0xFFFFFFFF
+"""Marks what passes between the hub and a node beside frames; no CAN frame can carry it."""
+CONTROL_MARK = CONTROL_ID.to_bytes(4, "little")
+STAMP_KIND, LOSS_KIND = 8, 9
+"""Control records, by their length field: the wall clock in ns from here on, and a count of lost frames."""
 
 
 def pack(frames: Iterable[Frame]) -> bytes:

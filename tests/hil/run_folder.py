@@ -183,6 +183,7 @@ def make_run() -> MadeUpRun:
             "clock": "real",
             "bus": "local",
             "kernel_can": False,
+            "counts_losses": True,
             "seed": 1,
             "wall_start_s": 1000.0,
             "period_s": T_S,

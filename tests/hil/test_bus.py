@@ -17,7 +17,7 @@ import pytest
 
 from firmware_py.interface.frame import Frame
 from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide
-from hil.bus.can_socket import has_kernel_can
+from hil.bus.can_socket import CanSocket, count_arrivals, has_kernel_can
 from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
 from hil.bus.wire import CAN_FRAME
@@ -104,6 +104,61 @@ def test_node_that_never_reads_costs_the_others_nothing(local: ProvidedBus) -> N
     local.close()
     assert '"forwarded": 50000' in local.said
     assert '"dropped": 0' not in local.said
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_frames_lost_by_a_node_that_does_not_read_are_counted_by_it(
+    local: ProvidedBus, stamped: bool
+) -> None:
+    with joined(local, 1) as (sender,), joined(local, 1, stamped) as (asleep,):
+        began_ns = time.time_ns()
+        for start in range(0, 50_000, 500):
+            sender.send_all([frame(number) for number in range(start, start + 500)])
+            time.sleep(0.001)
+        ended_ns = time.time_ns()
+        arrived = 0
+        while select.select([asleep], [], [], 0.3)[0]:
+            arrived += len(asleep.receive_stamped() if stamped else asleep.receive())
+        assert sender.counters.unsent == 0
+        assert asleep.counters.lost == 50_000 - arrived > 0
+        assert asleep.counters.foreign == 0
+        (loss,) = asleep.losses
+        assert loss.frames == asleep.counters.lost
+        assert began_ns < loss.from_ns < loss.to_ns < ended_ns
+
+
+def datagrams() -> tuple[socket.socket, socket.socket]:
+    """A socket with a short queue and one that sends to it: the kernel counts drops of any datagram alike."""
+    receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiving.bind(("127.0.0.1", 0))
+    receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    count_arrivals(receiving)
+    sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sending.connect(receiving.getsockname())
+    return receiving, sending
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's counts are Linux's")
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_frames_lost_by_the_kernel_are_counted(goes_on: bool) -> None:
+    """The frames after the loss carry the count; without any, the socket itself is asked."""
+    receiving, sending = datagrams()
+    bus = CanSocket(receiving)
+    with sending:
+        for number in range(100):
+            sending.send(CAN_FRAME.pack(number, 1, b"x"))
+        frames = bus.receive_stamped()
+        kept = len(frames)
+        if goes_on:
+            sending.send(CAN_FRAME.pack(0x123, 1, b"y"))
+            frames += bus.receive_stamped()
+            assert frames[-1][1] == Frame(0x123, b"y")
+        else:
+            assert bus.receive_stamped() == []
+        (loss,) = bus.losses
+        assert loss.frames == bus.counters.lost == 100 - kept > 0
+        assert frames[kept - 1][0] == loss.from_ns < loss.to_ns <= time.time_ns()
+        bus.close()
 
 
 def test_full_transmit_queue_is_waited_for_shortly_then_counted(local: ProvidedBus) -> None:

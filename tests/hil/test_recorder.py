@@ -16,7 +16,7 @@ from hil.bus import join, provide
 from hil.log_reader import column_hashes, read_traces, repair
 from hil.processes import Child
 from hil.rerun_log import rebuild
-from hil.run_traces import read_bus
+from hil.run_traces import read_bus, read_run
 from hil.trace import TraceWriter
 
 SPEED_UP = 4
@@ -77,12 +77,37 @@ def test_at_its_end_all_is_written_and_the_same_as_rebuilt(run_dir):
 
     assert not repair(run_dir / "run.rrd"), "an ordered end leaves a whole file"
     bus = read_bus(run_dir / "can.log")
-    assert said == {"frames": 50}
+    assert said == {"frames": 50, "lost": 0}
     assert bus.payloads == (frame.data,) * 50
     assert 0.0 < bus.t_s[0] < bus.t_s[-1] < 30.0
     live = column_hashes(run_dir / "run.rrd")
     whole = column_hashes(rebuild(run_dir))
     assert {name.split(":")[0] for name in whole if live.get(name) != whole[name]} <= {"/stop"}
+
+
+def test_frames_it_lost_while_it_was_held_up_are_in_the_folder(run_dir):
+    with provide("local") as provided:
+        recorder = start(run_dir, "--bus", provided.address)
+        sender = join(provided.address, accept=())
+        frame = codec.encode(SetInputTorque(0.25))
+        sender.send(frame)
+        time.sleep(0.2)
+        os.kill(recorder.pid, signal.SIGSTOP)
+        for _ in range(200):
+            sender.send_all([frame] * 100)
+            time.sleep(0.001)
+        os.kill(recorder.pid, signal.SIGCONT)
+        said = json.loads(recorder.stop())
+        sender.close()
+    assert recorder.succeeded, recorder.last_errors()
+    traces = read_run(run_dir)
+    (loss,) = traces.losses
+    assert said == {"frames": 20_001 - loss.frames, "lost": loss.frames}
+    assert len(traces.bus.t_s) == 20_001 - loss.frames < 20_001
+    t_s = traces.bus.t_s
+    assert t_s[0] + 0.2 < loss.from_s < loss.to_s
+    assert loss.to_s - loss.from_s > 0.05
+    assert read_traces(run_dir / "run.rrd").losses == [loss]
 
 
 def test_killed_it_loses_a_second_at_most_and_the_traces_lose_nothing(run_dir):

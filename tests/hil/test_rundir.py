@@ -8,6 +8,7 @@ import pytest
 from run_folder import make_run, write_run
 
 from hil import junit
+from hil.figures import figures_of
 from hil.report import write_suite_report
 from hil.report_plots import thinned
 from hil.rerun_program import rerun
@@ -102,6 +103,30 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
         "unit": "N",
         "limit": "≤ 100",
     }
+
+
+@pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize("frames", [0, 800])
+def test_what_the_recorder_lost_is_told_and_no_check_passes_on_it(tmp_path, frames):
+    made_up = make_run()
+    made_up.scenario["checks"] = [{"name": "bus_load", "low": 0.01}, {"name": "regime", "equals": "impact"}]
+    write_run(made_up, tmp_path)
+    losses = [{"from_s": 2.0, "to_s": 2.4, "frames": frames}] if frames else []
+    (tmp_path / "losses.json").write_text(json.dumps({"losses": losses}))
+    verdict = finish(tmp_path)
+    assert verdict["losses"] == losses
+    assert verdict["log"] == {"frames_lost": frames, "lost_s": pytest.approx(0.4 if frames else 0.0)}
+    assert verdict["incomplete"] == (["bus_load"] if frames else [])
+    assert [check["passed"] for check in verdict["checks"]] == [not frames, True]
+    page = (tmp_path / "report.html").read_text()
+    assert ("LOG INCOMPLETE" in page) is bool(frames)
+    assert ("can.log lacks 800 frames between 2.000 s and 2.400 s" in page) is bool(frames)
+
+
+def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
+    made_up = make_run()
+    made_up.run["counts_losses"] = False
+    assert figures_of(write_run(made_up, tmp_path)).log.frames_lost is None
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -150,6 +150,12 @@ def show_checks(verdict: dict[str, Any]) -> None:
             f"plant {figure(latched['plant_held_ms'])} ms",
             highlight=False,
         )
+    for loss in verdict.get("losses", []):
+        console.print(
+            f"[yellow]can.log lacks {loss['frames']} frames between {loss['from_s']:.3f} s and "
+            f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]",
+            highlight=False,
+        )
     for reason in verdict.get("reasons", []):
         console.print(f"[bold red]{reason}[/]", highlight=False)
     word = "[bold green]PASSED[/]" if verdict["passed"] else "[bold red]FAILED[/]"
