@@ -4,16 +4,29 @@ At t_k `publish` gives what the sensors see. `advance` then obeys the frames tha
 module to t_{k+1}. Where the loop has skipped ticks, `sleep_through` lets their time pass: the world goes on.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.pacing import Pacer
 from firmware_py.interface.records import Accelerometer, GaitSensors
-from hil.drive_node import COMMANDS, TIME_RESOLUTION_S, Drive, DriveConfig, Telemetry
+from hil import drive as axis
+from hil.drive import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
+from hil.drive_node import COMMANDS, handle
 from hil.faults.plant import PlantFaults
 from hil.faults.tables import Fault
+from hil.reports import (
+    CURRENT,
+    ERRORS,
+    HEARTBEAT,
+    NOTHING,
+    TEMPERATURE,
+    first_reports,
+    look,
+    report_ticks,
+    take,
+    ticks_of,
+)
 from plant_sim.gait_sensors import GaitTruth
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
@@ -70,14 +83,6 @@ class ImpactRecord(NamedTuple):
     crank_rad: float
 
 
-class PeriodicFrame(NamedTuple):
-    """A frame the drive sends every so many ticks."""
-
-    every_ticks: int
-    encode: Callable[[Any], Frame]
-    record: Callable[[Drive, Telemetry], Any]
-
-
 def drive_config(scene: Scene) -> DriveConfig:
     """The drive that fits the scene's motor; the default one where the scene's drive is ideal."""
     drive = scene.parts().drive
@@ -89,12 +94,6 @@ def drive_config(scene: Scene) -> DriveConfig:
         motor.current_limit_a,
         motor.speed_limit_rad_s,
     )
-
-
-def _ticks_of(frame_codec: codec.FrameCodec[Any], period_s: float) -> int:
-    """A frame's period in ticks."""
-    assert frame_codec.period_s is not None
-    return max(1, round(frame_codec.period_s / period_s))
 
 
 class PlantNode:
@@ -110,8 +109,11 @@ class PlantNode:
     ) -> None:
         """`first_tick`: when it is switched on; the module is then as its scene begins."""
         self.plant = Plant(scene, seed=seed)
-        self.drive = Drive(drive_config(scene))
-        self._faults = PlantFaults(faults, seed, self.plant, self.drive.config) if faults else None
+        self.drive_config = drive_config(scene)
+        self.drive: DriveState = axis.power_up(self.drive_config)
+        self.rejected = 0
+        """Frames with an identifier of the drive's commands that could not be read."""
+        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config) if faults else None
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
@@ -119,34 +121,23 @@ class PlantNode:
         """The gait at t_k, where somebody walks."""
         self._began_s = first_tick * period_s
         self._counter = -1
-        self._last_periodic_tick = first_tick - 1
-        self._next_periodic_tick = first_tick
-        self._pacer: Pacer[PeriodicFrame] = Pacer()
+        self._report_ticks = report_ticks(period_s)
+        self._reports = first_reports(first_tick)
         self._reading: SensorReading
-        self._ticks_a_gait_frame = _ticks_of(codec.GAIT_SENSORS, period_s)
+        self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
-        self._periodic = [
-            self._periodic_frame(codec.DRIVE_CURRENT, Drive.current),
-            self._periodic_frame(codec.DRIVE_HEARTBEAT, Drive.heartbeat),
-            self._periodic_frame(codec.DRIVE_ERRORS, Drive.errors),
-            self._periodic_frame(codec.DRIVE_TEMPERATURE, Drive.temperature),
-            self._periodic_frame(codec.DRIVE_SUPPLY, Drive.supply),
-        ]
-
-    def _periodic_frame(
-        self, frame_codec: codec.FrameCodec[Any], record: Callable[[Drive, Telemetry], Any]
-    ) -> PeriodicFrame:
-        return PeriodicFrame(_ticks_of(frame_codec, self.period_s), frame_codec.encode, record)
 
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
         if self._faults is not None:
-            self.drive = self._faults.act(self.tick * self.period_s, self.drive)
+            self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
         reading = self.plant.sense()
         if self._faults is not None:
             reading = self._faults.published(self.tick * self.period_s, reading)
         self._reading = reading
-        estimates = self.drive.encoder_estimates(reading.encoder_position_rev, reading.encoder_velocity_rev_s)
+        estimates = axis.encoder_estimates(
+            self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
+        )
         if self._faults is not None:
             estimates = self._faults.counted(estimates)
         self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
@@ -159,11 +150,9 @@ class PlantNode:
         ]
         if self.plant.has_gait_sensors:
             frames += self._gait_frame()
-        if self.tick >= self._next_periodic_tick:
-            self._queue_periodic_frames()
-        periodic = self._pacer.take()
-        if periodic is not None:
-            frames.append(periodic.encode(periodic.record(self.drive, self._telemetry())))
+        self._reports, report = take(look(self._report_ticks, self._reports, self.tick))
+        if report != NOTHING:
+            frames.append(self._report(report))
         return frames if self._faults is None else self._faults.sent(frames)
 
     def _gait_frame(self) -> list[Frame]:
@@ -180,36 +169,42 @@ class PlantNode:
         )
         return [codec.GAIT_SENSORS.encode(record, number % codec.COUNTER_MODULUS)]
 
-    def _queue_periodic_frames(self) -> None:
-        """Let the drive's frames wait whose period has begun since the last call."""
-        for periodic in self._periodic:
-            if self.tick // periodic.every_ticks != self._last_periodic_tick // periodic.every_ticks:
-                self._pacer.push(periodic)
-        self._last_periodic_tick = self.tick
-        self._next_periodic_tick = min(
-            (self.tick // periodic.every_ticks + 1) * periodic.every_ticks for periodic in self._periodic
-        )
-
-    def _telemetry(self) -> Telemetry:
-        now = self.plant.now
-        return Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
+    def _report(self, report: int) -> Frame:
+        now, config, drive = self.plant.now, self.drive_config, self.drive
+        telemetry = Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
+        if report == CURRENT:
+            return codec.DRIVE_CURRENT.encode(axis.current(config, drive, telemetry))
+        if report == HEARTBEAT:
+            return codec.DRIVE_HEARTBEAT.encode(axis.heartbeat(drive))
+        if report == ERRORS:
+            return codec.DRIVE_ERRORS.encode(axis.errors(drive))
+        if report == TEMPERATURE:
+            return codec.DRIVE_TEMPERATURE.encode(axis.temperature(config, drive))
+        return codec.DRIVE_SUPPLY.encode(axis.supply(config, telemetry))
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""
-        plant, drive = self.plant, self.drive
+        plant, config = self.plant, self.drive_config
         omega_rad_s = plant.now.omega_rad_s
         if self._faults is not None:
             frames = self._faults.heard(frames)
-        drive.handle(frames, self._reading.encoder_position_rev)
-        torque_n_m = drive.torque_n_m(omega_rad_s)
+        self._obey(frames)
+        torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
         self.record = self._record_of(torque_n_m)
         self.gait = plant.gait
-        armed_s = min(self.period_s, drive.watchdog_left_s)
+        armed_s = min(self.period_s, axis.watchdog_left_s(config, self.drive))
         self._move(torque_n_m, armed_s)
-        drive.elapse(armed_s, plant.now.omega_rad_s, plant.now.current_a)
+        now = plant.now
+        self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
         if armed_s < self.period_s - TIME_RESOLUTION_S:
             self._move(0.0, self.period_s - armed_s)
         self.tick += 1
+
+    def _obey(self, frames: Sequence[Frame]) -> None:
+        self.drive, rejected = handle(
+            self.drive_config, self.drive, frames, self._reading.encoder_position_rev
+        )
+        self.rejected += rejected
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.
@@ -217,13 +212,12 @@ class PlantNode:
         The module moves on under the torque of the last command, for as long as a drive would hold it. The
         drive's watchdog does not count the pause: who slept cannot call the others silent.
         """
-        drive = self.drive
         if self._counter < 0:  # not even the first sample was sent
             self._reading = self.plant.sense()
-        drive.handle(frames, self._reading.encoder_position_rev)
+        self._obey(frames)
         pause_s = ticks * self.period_s
-        held_s = min(pause_s, drive.watchdog_left_s)
-        self._move(drive.torque_n_m(self.plant.now.omega_rad_s), held_s)
+        held_s = min(pause_s, axis.watchdog_left_s(self.drive_config, self.drive))
+        self._move(axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s), held_s)
         self._move(0.0, pause_s - held_s)
         self.tick += ticks
         self._counter += ticks  # the sensors went on sampling: what they count is time
@@ -240,8 +234,8 @@ class PlantNode:
             self.tick * self.period_s,
             *self.plant.now,
             torque_n_m,
-            self.drive.axis_state,
-            self.drive.active_errors,
+            self.drive.axis.state,
+            self.drive.axis.errors,
             *self._reading,
         )
 

@@ -128,7 +128,7 @@ class Life:
         self._operator_ticks = round(OPERATOR_PERIOD_S / scenario.period_s)
         self._strangers = Strangers(seed)
         self._commanded: list[Frame] = []
-        drive = self.plant.drive.config
+        drive = self.plant.drive_config
         self._limits_n_m = (
             config.speed.torque_limit_n_m,
             drive.current_limit_a * drive.torque_constant_n_m_a,
@@ -179,7 +179,7 @@ class Life:
         addressed = self._frames[FIRMWARE] - self._not_addressed[FIRMWARE]
         if not self.failures and counters.frames + dropped != addressed:
             self.fail(f"{addressed} frames for the firmware, {counters.frames} taken and {dropped} dropped")
-        dropped += self.plant.drive.rejected
+        dropped += self.plant.rejected
         return Outcome(
             frames=sum(self._frames),
             taken=sum(self._frames) - sum(self._not_addressed) - dropped,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard, get_args
 
-from hil.drive_node import DriveConfig
+from hil.drive import DriveConfig
 from hil.faults.tables import (
     Fault,
     FrictionChanged,

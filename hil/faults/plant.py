@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import EncoderEstimates
-from hil.drive_node import Drive, DriveConfig
+from hil import drive as axis
+from hil.drive import DriveConfig, DriveState
 from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
 from hil.faults.readings import SensorFaults
 from hil.faults.tables import BrownOut, EncoderWrap, Fault, Kick, OverTemperature, PhysicalFault
@@ -42,14 +43,14 @@ class PlantFaults:
         self._faults = [fault for fault in faults if is_physical(fault)]
         self._plant = plant
         self._parts = plant.parts
-        self._config = config
+        self._config = self._acting_config = config
         motor = plant.parts.drive
         self._pole_pairs = motor.pole_pairs if isinstance(motor, MotorDrive) else 0
         self._acting: list[PhysicalFault] = []
         self._counter: TurnCounter | None = None
 
-    def act(self, t_s: float, drive: Drive) -> Drive:
-        """Begin and end what is due by `t_s`; gives the drive, a new one where it has lost its supply."""
+    def act(self, t_s: float, drive: DriveState) -> tuple[DriveConfig, DriveState]:
+        """Begin and end what is due by `t_s`; the drive then, as at power-up where it has lost its supply."""
         acting = [fault for fault in self._faults if fault.acts(t_s)]
         if acting != self._acting:
             began = [fault for fault in acting if fault not in self._acting]
@@ -64,13 +65,14 @@ class PlantFaults:
                     self._counter = TurnCounter(fault.count_rev, fault.wraps_at_rev)
             if not any(isinstance(fault, EncoderWrap) for fault in acting):
                 self._counter = None
-            drive.config = broken_config(self._config, acting)
+            self._acting_config = broken_config(self._config, acting)
+        config = self._acting_config
         if self.is_dead:
-            return Drive(drive.config)
+            return config, axis.power_up(config)
         for fault in acting:
             if isinstance(fault, OverTemperature):
-                drive.motor_degc = fault.motor_degc
-        return drive
+                drive = drive._replace(motor_degc=fault.motor_degc)
+        return config, drive
 
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
         """What the sensors give of a true reading."""

@@ -2,13 +2,16 @@
 
 import math
 import struct
+from collections.abc import Sequence
 
 import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from hil.drive_node import DISARMED, SUCCESS, Drive, DriveConfig, Telemetry
+from hil import drive as axis
+from hil import drive_node
+from hil.drive import DISARMED, SUCCESS, DriveConfig, Telemetry
 
 CONFIG = DriveConfig(
     torque_constant_n_m_a=0.08,
@@ -18,6 +21,28 @@ CONFIG = DriveConfig(
     velocity_limit_rad_s=40.0,
 )
 TICK_S = 1e-3
+
+
+class Drive:
+    """An axis and what its commands have made of it."""
+
+    def __init__(self) -> None:
+        self.state = axis.power_up(CONFIG)
+        self.rejected = 0
+
+    def handle(self, frames: Sequence[Frame], encoder_position_rev: float) -> None:
+        self.state, rejected = drive_node.handle(CONFIG, self.state, frames, encoder_position_rev)
+        self.rejected += rejected
+
+    def elapse(self, dt_s: float, omega_rad_s: float, current_a: float) -> None:
+        self.state = axis.elapse(CONFIG, self.state, dt_s, omega_rad_s, current_a)
+
+    def torque_n_m(self, omega_rad_s: float) -> float:
+        return axis.torque_n_m(CONFIG, self.state, omega_rad_s)
+
+    @property
+    def armed(self) -> bool:
+        return axis.is_armed(self.state)
 
 
 # CANSimple 0.6 by hand, not through the codec: node 0, little-endian.
@@ -40,14 +65,14 @@ VELOCITY_MODE = Frame(0x0B, struct.pack("<II", 2, 1))
 
 
 def armed_drive(torque_n_m: float = 0.0) -> Drive:
-    drive = Drive(CONFIG)
+    drive = Drive()
     drive.handle([ARM, torque(torque_n_m)], 0.0)
-    assert drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
+    assert drive.state.axis.state == AxisState.CLOSED_LOOP_CONTROL
     return drive
 
 
 def test_torque_acts_only_in_closed_loop() -> None:
-    drive = Drive(CONFIG)
+    drive = Drive()
     drive.handle([torque(0.5)], 0.0)
     assert drive.torque_n_m(0.0) == 0.0
     drive.handle([ARM], 0.0)
@@ -60,18 +85,18 @@ def test_torque_acts_only_in_closed_loop() -> None:
 
 def test_commands_may_leave_out_what_means_nothing() -> None:
     """As ODrive's own examples in Python send them, and older clients."""
-    drive = Drive(CONFIG)
-    drive.disarm(AxisError.ESTOP_REQUESTED)
+    drive = Drive()
+    drive.state = axis.disarm(drive.state, AxisError.ESTOP_REQUESTED)
     drive.handle([Frame(0x18, b"")], 0.0)
-    assert drive.active_errors == AxisError.NONE
+    assert drive.state.axis.errors == AxisError.NONE
     drive.handle([Frame(0x07, struct.pack("<I", 8)), Frame(0x0E, struct.pack("<f", 0.25))], 0.0)
     assert (drive.armed, drive.torque_n_m(0.0)) == (True, 0.25)
     drive.handle([Frame(0x19, struct.pack("<f", 0.5))], 0.125)
-    assert drive.position_rev(0.125) == 0.5
+    assert axis.position_rev(drive.state, 0.125) == 0.5
     drive.handle([Frame(0x02, bytes(8))], 0.0)
-    assert drive.active_errors == AxisError.ESTOP_REQUESTED
+    assert drive.state.axis.errors == AxisError.ESTOP_REQUESTED
     drive.handle([Frame(0x18, struct.pack("<I", 1))], 0.0)
-    assert (drive.active_errors, drive.rejected) == (AxisError.NONE, 0)
+    assert (drive.state.axis.errors, drive.rejected) == (AxisError.NONE, 0)
     halves = [
         Frame(0x0B, struct.pack("<I", 1)),
         Frame(0x0D, bytes(4)),
@@ -93,13 +118,13 @@ def test_watchdog_disarms_after_fifty_milliseconds_without_a_command() -> None:
     for _ in range(49):
         drive.elapse(TICK_S, 0.0, 0.0)
     assert drive.armed
-    assert drive.watchdog_left_s == pytest.approx(TICK_S)
+    assert axis.watchdog_left_s(CONFIG, drive.state) == pytest.approx(TICK_S)
     drive.elapse(TICK_S, 0.0, 0.0)
     assert not drive.armed
     assert drive.torque_n_m(0.0) == 0.0
-    assert drive.active_errors == AxisError.WATCHDOG_TIMER_EXPIRED
-    assert drive.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
-    assert drive.procedure_result == DISARMED
+    assert drive.state.axis.errors == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert drive.state.axis.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
+    assert drive.state.axis.procedure_result == DISARMED
 
 
 def test_each_command_feeds_the_watchdog_and_nothing_else_does() -> None:
@@ -116,11 +141,11 @@ def test_each_command_feeds_the_watchdog_and_nothing_else_does() -> None:
 
 
 def test_idle_axis_needs_no_commands() -> None:
-    drive = Drive(CONFIG)
+    drive = Drive()
     for _ in range(1000):
         drive.elapse(TICK_S, 0.0, 0.0)
-    assert drive.active_errors == AxisError.NONE
-    assert drive.watchdog_left_s == math.inf
+    assert drive.state.axis.errors == AxisError.NONE
+    assert axis.watchdog_left_s(CONFIG, drive.state) == math.inf
 
 
 @pytest.mark.parametrize(
@@ -139,23 +164,23 @@ def test_disarmed_axis_stays_so_until_its_errors_are_cleared(cause: str, error: 
     elif cause == "overspeed":
         drive.elapse(TICK_S, -48.1, 0.0)
     elif cause == "hot":
-        drive.motor_degc = 101.0
+        drive.state = drive.state._replace(motor_degc=101.0)
         drive.elapse(TICK_S, 0.0, 0.0)
     else:
         drive.elapse(0.05, 0.0, 0.0)
-    assert (drive.active_errors, drive.disarm_reason) == (error, error)
+    assert (drive.state.axis.errors, drive.state.axis.disarm_reason) == (error, error)
     drive.handle([ARM, torque(0.3)], 0.0)
-    assert drive.axis_state == AxisState.IDLE
-    assert drive.procedure_result == DISARMED
+    assert drive.state.axis.state == AxisState.IDLE
+    assert drive.state.axis.procedure_result == DISARMED
     assert drive.torque_n_m(0.0) == 0.0
-    drive.motor_degc = 25.0
+    drive.state = drive.state._replace(motor_degc=25.0)
     drive.handle([CLEAR], 0.0)
-    assert drive.active_errors == AxisError.NONE
-    assert drive.disarm_reason == error  # kept until the axis is armed again
+    assert drive.state.axis.errors == AxisError.NONE
+    assert drive.state.axis.disarm_reason == error  # kept until the axis is armed again
     drive.handle([ARM, torque(0.3)], 0.0)
-    assert drive.axis_state == AxisState.CLOSED_LOOP_CONTROL
-    assert drive.procedure_result == SUCCESS
-    assert drive.disarm_reason == AxisError.NONE
+    assert drive.state.axis.state == AxisState.CLOSED_LOOP_CONTROL
+    assert drive.state.axis.procedure_result == SUCCESS
+    assert drive.state.axis.disarm_reason == AxisError.NONE
     assert drive.torque_n_m(0.0) == pytest.approx(0.3)
 
 
@@ -204,8 +229,8 @@ def test_torque_that_is_no_number_is_refused(value: float) -> None:
     "rev", [0.0, 0.25, 1.0 - 2.0**-25, math.nextafter(1.0, 0.0), 1.0, -1e-12, -0.25, 86_400.25]
 )
 def test_position_on_the_bus_is_circular(rev: float) -> None:
-    drive = Drive(CONFIG)
-    frame = codec.ENCODER_ESTIMATES.encode(drive.encoder_estimates(rev, 1.5))
+    drive = Drive()
+    frame = codec.ENCODER_ESTIMATES.encode(axis.encoder_estimates(drive.state, rev, 1.5))
     position_rev, velocity_rev_s = struct.unpack("<ff", frame.data)
     assert 0.0 <= position_rev < 1.0
     assert abs((position_rev - rev + 0.5) % 1.0 - 0.5) < 1e-7
@@ -213,27 +238,27 @@ def test_position_on_the_bus_is_circular(rev: float) -> None:
 
 
 def test_absolute_position_moves_the_zero() -> None:
-    drive = Drive(CONFIG)
+    drive = Drive()
     drive.handle([Frame(0x19, struct.pack("<f", 0.25) + bytes(4))], 0.7)
-    assert drive.position_rev(0.7) == pytest.approx(0.25)
-    assert drive.position_rev(0.8) == pytest.approx(0.35)
+    assert axis.position_rev(drive.state, 0.7) == pytest.approx(0.25)
+    assert axis.position_rev(drive.state, 0.8) == pytest.approx(0.35)
 
 
 def test_heartbeat_current_and_supply_say_what_the_motor_does() -> None:
     drive = armed_drive(0.4)
     telemetry = Telemetry(current_a=5.0, torque_n_m=0.4, omega_rad_s=10.0)
-    assert drive.heartbeat(telemetry) == (0, AxisState.CLOSED_LOOP_CONTROL, SUCCESS, 1)
-    assert drive.current(telemetry) == pytest.approx((5.0, 5.0))
-    supply = drive.supply(telemetry)
+    assert axis.heartbeat(drive.state) == (0, AxisState.CLOSED_LOOP_CONTROL, SUCCESS, 1)
+    assert axis.current(CONFIG, drive.state, telemetry) == pytest.approx((5.0, 5.0))
+    supply = axis.supply(CONFIG, telemetry)
     assert supply.voltage_v == 24.0
     assert supply.current_a == pytest.approx(0.05 + (0.4 * 10.0 + 0.4 * 25.0) / 24.0)
 
 
 def test_winding_warms_to_its_steady_temperature() -> None:
-    drive = Drive(CONFIG)
+    drive = Drive()
     for _ in range(20_000):
         drive.elapse(0.1, 0.0, 5.0)
-    assert drive.motor_degc == pytest.approx(25.0 + 3.0 * 0.4 * 25.0, rel=1e-3)
+    assert drive.state.motor_degc == pytest.approx(25.0 + 3.0 * 0.4 * 25.0, rel=1e-3)
     drive.elapse(TICK_S, 0.0, 0.0)
-    temperature = drive.temperature(Telemetry(0.0, 0.0, 0.0))
+    temperature = axis.temperature(CONFIG, drive.state)
     assert 25.0 < temperature.inverter_degc < temperature.motor_degc

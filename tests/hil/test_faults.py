@@ -16,6 +16,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
 from hil import trace
+from hil.drive import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
@@ -251,8 +252,8 @@ def test_a_jammed_crank_stands_and_a_free_one_turns_on() -> None:
 def test_a_hot_winding_disarms_the_drive() -> None:
     warm, _ = driven(fault("over-temperature", motor_degc=99.0), 50)
     hot, _ = driven(fault("over-temperature", motor_degc=101.0), 50)
-    assert (warm.drive.armed, hot.drive.armed) == (True, False)
-    assert hot.drive.disarm_reason == AxisError.MOTOR_OVER_TEMP
+    assert (is_armed(warm.drive), is_armed(hot.drive)) == (True, False)
+    assert hot.drive.axis.disarm_reason == AxisError.MOTOR_OVER_TEMP
 
 
 def test_a_sagging_supply_is_told_and_in_the_end_disarms_the_drive() -> None:
@@ -260,9 +261,9 @@ def test_a_sagging_supply_is_told_and_in_the_end_disarms_the_drive() -> None:
     supplies = [codec.decode(frame) for frame in sent if frame.can_id == codec.DRIVE_SUPPLY.can_id]
     assert [supply.voltage_v for supply in supplies] == [24.0, 15.0, 15.0]
     assert isinstance(supplies[0], DriveSupply)
-    assert low.drive.armed
+    assert is_armed(low.drive)
     dead, _ = driven(fault("supply-sag", supply_v=8.0), 50)
-    assert dead.drive.disarm_reason == AxisError.DC_BUS_UNDER_VOLTAGE
+    assert dead.drive.axis.disarm_reason == AxisError.DC_BUS_UNDER_VOLTAGE
 
 
 def test_a_drive_without_supply_is_silent_and_starts_anew_at_rest() -> None:
@@ -270,7 +271,7 @@ def test_a_drive_without_supply_is_silent_and_starts_anew_at_rest() -> None:
     encoders = [frame for frame in sent if frame.can_id == codec.ENCODER_ESTIMATES.can_id]
     assert len(encoders) == 100
     assert sum(frame.can_id == codec.ACCELEROMETER.can_id for frame in sent) == 200
-    assert node.drive.axis_state == AxisState.IDLE
+    assert node.drive.axis.state == AxisState.IDLE
     assert node.record.motor_torque_n_m == 0.0
 
 

@@ -198,9 +198,9 @@ def test_plant_obeys_what_came_in_its_pause_before_it_moves_on() -> None:
     plant.advance([])
     for tick in range(40):
         firmware.step(tick, 1)
-    plant.drive.since_command_s = 0.04
+    plant.drive = plant.drive._replace(setpoint=plant.drive.setpoint._replace(age_s=0.04))
     plant.sleep_through(40, plant_end.receive())
-    assert plant.drive.since_command_s == 0.0
+    assert plant.drive.setpoint.age_s == 0.0
 
 
 def test_sample_that_was_a_tick_late_before_the_pause_does_not_make_later_ones_wrong() -> None:

@@ -9,7 +9,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode
-from hil.drive_node import Drive
+from hil import drive
 from tools import fuzz
 from tools.cli import run
 
@@ -49,7 +49,7 @@ def test_a_mutation_is_one_to_three_bits_a_shorter_frame_or_a_repetition() -> No
 
 
 def test_a_torque_beyond_its_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Drive, "torque_n_m", lambda self, _: self.input_torque_n_m)
+    monkeypatch.setattr(drive, "torque_n_m", lambda _, state, __: state.setpoint.torque_n_m)
     assert any("the drive gave" in failure.what for failure in fuzz.fuzz(300_000, 1).failures)
 
 

@@ -20,7 +20,7 @@ from firmware_py.core.compiled import COMPILED
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
+PACKAGES = ("firmware_py", "plant_sim", "hil", "tools/campaign")
 
 
 class NotCompiledError(RuntimeError):

@@ -23,8 +23,10 @@ from firmware_py.core.inputs import (
 )
 from firmware_py.core.step import Config, Outputs, State, step
 from firmware_py.interface.enums import Mode, OperatorRequest, Refusal
-from hil.drive_node import DriveConfig
-from plant_sim.parts.drive import motor_current_a
+from hil import drive as axis
+from hil.drive import DriveConfig, DriveState, Telemetry
+from hil.reports import Reports, Ticks, look, take
+from plant_sim.parts.drive import motor_current_a, motor_torque_n_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
@@ -70,11 +72,10 @@ from tools.campaign.columns import (
     WORST_V,
     WORST_X,
 )
-from tools.campaign.drive import Axis, Wishes, elapsed, obeyed, torque_of
 from tools.campaign.kernels import kernel, subroutine
 from tools.campaign.plant import Filters, Module, advance
 from tools.campaign.quantise import Counts, Range, framed, reading, single
-from tools.campaign.shell import Heard, Line, heard_at, sent, told
+from tools.campaign.shell import Heard, Line, Wishes, heard_at, obeyed, sent, told
 
 Vector = NDArray[np.float64]
 
@@ -187,7 +188,9 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     module: Module,
     senses: Senses,
     drive_config: DriveConfig,
-    axis: Axis,
+    drive: DriveState,
+    report_ticks: Ticks,
+    reports: Reports,
     heard: Heard,
     line: Line,
     config: Config,
@@ -218,7 +221,10 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
             0,
         )
         encoder = _encoder(senses, filters, y[2], noise.standard_normal())
-        heard = heard_at(heard, axis, drive_config, tick, motor_current_a(parts.drive, held_n_m, y[3]))
+        current_a = motor_current_a(parts.drive, held_n_m, y[3])
+        telemetry = Telemetry(current_a, motor_torque_n_m(parts.drive, held_n_m, y[3]), y[3])
+        reports, report = take(look(report_ticks, reports, tick))
+        heard = heard_at(heard, report, drive, drive_config, telemetry)
         x_m, v_m_s, omega_rad_s = from_stop_m(parts.wearer, parts.drive, y) + stop_m, y[1], y[3]
         felt_n = felt_force_n(parts.wearer, parts.drive, y)
         gait_input = _gait(gait, gait_input, tick)
@@ -229,13 +235,13 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
         angle_rad = y[2]
 
         # Drive and module until t_{k+1}
-        axis = obeyed(
-            axis, wishes, drive_config, config.drive.speed_limit_rad_s, config.drive.current_limit_a
+        drive = obeyed(
+            drive, wishes, drive_config, config.drive.speed_limit_rad_s, config.drive.current_limit_a
         )
-        held_n_m = torque_of(axis, drive_config, omega_rad_s)
+        held_n_m = axis.torque_n_m(drive_config, drive, omega_rad_s)
         pushes = _moved(plan, parts, filters, module, record, held_n_m, pushes, tick, tick_s)
         current_a = motor_current_a(parts.drive, held_n_m, y[3])
-        axis = elapsed(axis, drive_config, tick_s, y[3], current_a)
+        drive = axis.elapse(drive_config, drive, tick_s, y[3], current_a)
 
         # Operator
         if tick % OPERATOR_TICKS == 0:

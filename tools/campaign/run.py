@@ -8,15 +8,16 @@ from numpy.typing import NDArray
 
 from firmware_py.core.step import INITIAL, Config
 from firmware_py.interface.enums import Fault, Mode
+from hil.drive import power_up
 from hil.operator import ON_THE_BUS, Command
 from hil.plant_node import drive_config
+from hil.reports import first_reports, report_ticks
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene
 from plant_sim.sensing import allocate_sensing
 from plant_sim.simulate import initial_state
 from plant_sim.solvers.memory import IMPACTS
 from tools.campaign import columns, loop
-from tools.campaign.drive import first_axis
 from tools.campaign.gait_frames import gait_frames
 from tools.campaign.loop import Plan, Record, Script, Senses, record
 from tools.campaign.plant import filters, is_supported, module
@@ -114,7 +115,9 @@ def run(
         moving,
         senses,
         drive,
-        first_axis(drive),
+        power_up(drive),
+        report_ticks(tick_s),
+        first_reports(0),
         FIRST_HEARD,
         first_line(),
         config,

@@ -1,8 +1,7 @@
 """The firmware's shell, compiled: what it has heard, and the frames that wait to be sent, one a tick.
 
 It is that of `firmware_py.shell.node` with the frames' pacing: beside the torque of every tick at most one
-frame leaves, so a request to the drive may stand behind others. The drive's own frames are paced likewise:
-where all are due, the current leaves first, then heartbeat, errors, temperature and supply, a tick apart.
+frame leaves, so a request to the drive may stand behind others.
 """
 
 from typing import NamedTuple
@@ -12,15 +11,14 @@ from numpy.typing import NDArray
 
 from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.step import Outputs
-from firmware_py.interface.enums import AxisState, Fault, Mode
-from hil.drive_node import DriveConfig
-from tools.campaign.drive import Axis, Wishes
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, AxisState, Fault, Mode
+from hil import drive as axis
+from hil.drive import ESTOP_REQUESTED, TURN_RAD, DriveConfig, DriveState, Telemetry
+from hil.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
 from tools.campaign.kernels import subroutine
 from tools.campaign.quantise import single
 
-CURRENT_TICKS = 10
 HEARTBEAT_TICKS = 100
-HEARTBEAT_AT, ERRORS_AT, TEMPERATURE_AT, SUPPLY_AT = range(1, 5)
 ESTIMATE_TICKS = 10
 GAIT_TICKS = 40
 RETRY_TICKS = 50
@@ -29,6 +27,17 @@ NEVER = -1_000_000
 NOTHING, OTHER, CLEAR, LIMITS, CLOSE, IDLE = range(6)
 """What waits; OTHER is nothing to the drive."""
 PLACES = 32
+
+
+class Wishes(NamedTuple):
+    """What the firmware's frames of the last tick ask of the drive: a torque, and one more thing at most."""
+
+    torque_n_m: float
+    estop: bool
+    clear_errors: bool
+    limits: bool
+    closed: bool
+    idle: bool
 
 
 class Heard(NamedTuple):
@@ -107,31 +116,55 @@ FIRST_HEARD = Heard(
 
 
 @subroutine
-def heard_at(heard: Heard, axis: Axis, config: DriveConfig, tick: int, current_a: float) -> Heard:
-    """The drive's frames of this tick have arrived; everything else has grown a tick older."""
-    place = tick % HEARTBEAT_TICKS
-    beat, errs = place == HEARTBEAT_AT, place == ERRORS_AT
-    warmth, supply = place == TEMPERATURE_AT, place == SUPPLY_AT
-    ampere = tick % CURRENT_TICKS == 0
-    state = AxisState.CLOSED_LOOP_CONTROL if axis.closed else AxisState.IDLE
-    excess_k = axis.motor_degc - config.ambient_degc
+def heard_at(
+    heard: Heard, report: int, drive: DriveState, config: DriveConfig, telemetry: Telemetry
+) -> Heard:
+    """One of the drive's reports has arrived, or none; everything else has grown a tick older."""
+    beat, errs, ampere = report == HEARTBEAT, report == ERRORS, report == CURRENT
+    warmth, power = report == TEMPERATURE, report == SUPPLY
+    temperature = axis.temperature(config, drive)
     return Heard(
-        axis_state=state if beat else heard.axis_state,
-        axis_error=axis.active_errors if beat else heard.axis_error,
-        disarm_reason=axis.disarm_reason if errs else heard.disarm_reason,
+        axis_state=drive.axis.state if beat else heard.axis_state,
+        axis_error=drive.axis.errors if beat else heard.axis_error,
+        disarm_reason=drive.axis.disarm_reason if errs else heard.disarm_reason,
         heartbeat_age=0 if beat else min(heard.heartbeat_age + 1, NEVER_TICKS),
-        current_a=single(current_a) if ampere else heard.current_a,
+        current_a=single(telemetry.current_a) if ampere else heard.current_a,
         current_age=0 if ampere else min(heard.current_age + 1, NEVER_TICKS),
-        voltage_v=single(config.supply_v) if supply else heard.voltage_v,
-        inverter_degc=single(config.ambient_degc + 0.25 * excess_k) if warmth else heard.inverter_degc,
-        motor_degc=single(axis.motor_degc) if warmth else heard.motor_degc,
+        voltage_v=single(config.supply_v) if power else heard.voltage_v,
+        inverter_degc=single(temperature.inverter_degc) if warmth else heard.inverter_degc,
+        motor_degc=single(temperature.motor_degc) if warmth else heard.motor_degc,
         temperature_age=0 if warmth else min(heard.temperature_age + 1, NEVER_TICKS),
-        supply_age=0 if supply else min(heard.supply_age + 1, NEVER_TICKS),
+        supply_age=0 if power else min(heard.supply_age + 1, NEVER_TICKS),
         request=heard.request,
         target_ratio=heard.target_ratio,
         target_impulse_n_s=heard.target_impulse_n_s,
         operator_age=min(heard.operator_age + 1, NEVER_TICKS),
     )
+
+
+@subroutine
+def obeyed(
+    drive: DriveState,
+    wishes: Wishes,
+    config: DriveConfig,
+    velocity_limit_rad_s: float,
+    current_limit_a: float,
+) -> DriveState:
+    """The drive after the firmware's frames, in the order in which they are sent."""
+    drive = axis.set_torque(drive, wishes.torque_n_m)
+    if wishes.estop:
+        drive = axis.disarm(drive, ESTOP_REQUESTED)
+    if wishes.clear_errors:
+        drive = axis.clear_errors(drive)
+    if wishes.limits:
+        drive = axis.set_limits(
+            config, drive, single(velocity_limit_rad_s / TURN_RAD), single(current_limit_a)
+        )
+    if wishes.idle:
+        drive = axis.request_state(drive, AXIS_IDLE)
+    if wishes.closed:
+        drive = axis.request_state(drive, CLOSED_LOOP)
+    return drive
 
 
 @subroutine

@@ -1,0 +1,83 @@
+"""When the drive reports: each report on its period in `vibro.dbc`, at most one a tick beside the encoder's.
+
+Pure steps that run interpreted and compiled. A report that is due while others wait takes the next place in
+the queue, which is one integer: a digit a report, the next to leave at the low end.
+"""
+
+from typing import Any, NamedTuple
+
+from firmware_py.interface import codec
+from plant_sim.kernels import shared
+
+CURRENT, HEARTBEAT, ERRORS, TEMPERATURE, SUPPLY = range(1, 6)
+"""The reports, and their digits in the queue."""
+CODECS = (
+    codec.DRIVE_CURRENT,
+    codec.DRIVE_HEARTBEAT,
+    codec.DRIVE_ERRORS,
+    codec.DRIVE_TEMPERATURE,
+    codec.DRIVE_SUPPLY,
+)
+"""The reports' frames, in the order in which reports that are due together leave."""
+NOTHING = 0
+DIGIT_BITS, DIGIT = 3, 7
+FULL = 1 << 60
+"""A queue of twenty digits; a further report finds no place."""
+
+Ticks = tuple[int, int, int, int, int]
+"""The reports' periods in ticks."""
+
+
+class Reports(NamedTuple):
+    """Reports that wait, the tick that last looked for due ones, and the first tick that has more."""
+
+    waiting: int
+    looked_tick: int
+    next_tick: int
+
+
+def ticks_of(its_codec: codec.FrameCodec[Any], period_s: float) -> int:
+    """A frame's period in ticks."""
+    assert its_codec.period_s is not None
+    return max(1, round(its_codec.period_s / period_s))
+
+
+def report_ticks(period_s: float) -> Ticks:
+    """The reports' periods in ticks of `period_s`."""
+    current, heartbeat, errors, temperature, supply = (ticks_of(its_codec, period_s) for its_codec in CODECS)
+    return current, heartbeat, errors, temperature, supply
+
+
+def first_reports(tick: int) -> Reports:
+    """Nothing waits when the drive powers up; in `tick` it looks at the clock for the first time."""
+    return Reports(NOTHING, tick - 1, tick)
+
+
+@shared
+def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
+    """Queue the reports whose period has begun since the last look."""
+    if tick < reports.next_tick:
+        return reports
+    waiting, next_tick = reports.waiting, tick + ticks[0]
+    for place in range(len(ticks)):
+        period = tick // ticks[place]
+        if period != reports.looked_tick // ticks[place] and waiting < FULL:
+            waiting = _queued(waiting, place + 1)
+        next_tick = min(next_tick, (period + 1) * ticks[place])
+    return Reports(waiting, tick, next_tick)
+
+
+@shared
+def _queued(waiting: int, report: int) -> int:
+    """The queue with one more report at its end."""
+    end = 1
+    while waiting >= end:
+        end <<= DIGIT_BITS
+    return waiting + report * end
+
+
+@shared
+def take(reports: Reports) -> tuple[Reports, int]:
+    """The report that leaves in this tick, `NOTHING` where none waits, and those that still wait."""
+    left = Reports(reports.waiting >> DIGIT_BITS, reports.looked_tick, reports.next_tick)
+    return left, reports.waiting & DIGIT
