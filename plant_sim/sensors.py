@@ -1,4 +1,7 @@
-"""Readings: what the low-passes hold, then noise and bias, then clipped, then quantised."""
+"""Readings: the low-passes' outputs with noise and bias, clipped and quantised.
+
+The readers are pure and run interpreted and compiled; the noise is passed in.
+"""
 
 import math
 from collections.abc import Iterator
@@ -6,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant_sim.kernels import shared
 from plant_sim.sensing import Sensing
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
 
 TURN_RAD = 2.0 * math.pi
-DRAWN_AT_ONCE = 256
-"""Samples whose noise is drawn together; the stream is that of single draws."""
+NOISE_AT_ONCE = 256
+"""Samples whose noise is made together; the stream is that of single samples."""
 
 
 class SensorReading(NamedTuple):
@@ -24,50 +28,92 @@ class SensorReading(NamedTuple):
     encoder_velocity_rev_s: float
 
 
-class Accelerometer:
-    """The part of an accelerometer behind its low-pass."""
+class AccelerometerReader(NamedTuple):
+    """An accelerometer behind its low-pass, in its own counts. `most`: the largest count either way."""
 
-    def __init__(self, model: AccelerometerModel) -> None:
-        # A Butterworth of second order passes the noise of π/(2√2) f_c.
-        bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * model.bandwidth_hz
-        self._count_m_s2 = model.count_m_s2
-        self._bias = model.bias_m_s2 / model.count_m_s2
-        self._noise = model.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / model.count_m_s2
+    count_m_s2: float
+    bias: float
+    noise: float
+    most: int
+
+
+class Readers(NamedTuple):
+    """All sensors behind their low-passes. The encoder has `encoder_counts` a turn."""
+
+    striker_low: AccelerometerReader
+    striker_high: AccelerometerReader
+    housing: AccelerometerReader
+    encoder_counts: int
+    encoder_noise_rad_s: float
+
+
+def accelerometer_reader(model: AccelerometerModel) -> AccelerometerReader:
+    """The reader of an accelerometer of these numbers."""
+    # A Butterworth of second order passes the noise of π/(2√2) f_c.
+    bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * model.bandwidth_hz
+    return AccelerometerReader(
+        count_m_s2=model.count_m_s2,
+        bias=model.bias_m_s2 / model.count_m_s2,
+        noise=model.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / model.count_m_s2,
         # The positive full scale of two's complement is one count short of the range.
-        self._most = math.ceil(model.range_m_s2 / model.count_m_s2) - 1
+        most=math.ceil(model.range_m_s2 / model.count_m_s2) - 1,
+    )
 
-    def read(self, filtered_m_s2: float, noise: float) -> float:
-        """One reading, m/s², of the low-passed truth and a standard normal; it saturates in counts."""
-        count = round(filtered_m_s2 / self._count_m_s2 + self._bias + self._noise * noise)
-        return min(max(count, -self._most), self._most) * self._count_m_s2
+
+def readers(models: SensorModels) -> Readers:
+    """The readers of a scene's sensors."""
+    return Readers(
+        striker_low=accelerometer_reader(models.striker_low),
+        striker_high=accelerometer_reader(models.striker_high),
+        housing=accelerometer_reader(models.housing),
+        encoder_counts=models.encoder.counts,
+        encoder_noise_rad_s=models.encoder.noise_rad_s,
+    )
+
+
+@shared
+def read_accelerometer(reader: AccelerometerReader, filtered_m_s2: float, noise: float) -> float:
+    """One reading, m/s², of the low-passed truth and a standard normal; it saturates in counts."""
+    count = round(filtered_m_s2 / reader.count_m_s2 + reader.bias + reader.noise * noise)
+    return min(max(count, -reader.most), reader.most) * reader.count_m_s2
+
+
+@shared
+def read_position_rev(readers: Readers, crank_rad: float) -> float:
+    """The encoder's position, circular in [0, 1) revolutions."""
+    counts = readers.encoder_counts
+    return math.floor(crank_rad / TURN_RAD * counts) % counts / counts
+
+
+@shared
+def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -> float:
+    """The encoder's speed estimate of the low-passed truth and a standard normal."""
+    return (filtered_rad_s + readers.encoder_noise_rad_s * noise) / TURN_RAD
 
 
 class Sensors:
     """All sensors of a module, read together."""
 
     def __init__(self, models: SensorModels, sensing: Sensing, noise: np.random.Generator) -> None:
-        self._low = Accelerometer(models.striker_low)
-        self._high = Accelerometer(models.striker_high)
-        self._housing = Accelerometer(models.housing)
-        self._encoder = models.encoder
+        self._readers = readers(models)
         self._readings = sensing.readings
         self._noise = _four_by_four(noise)
 
     def read(self, crank_rad: float) -> SensorReading:
-        """Read every sensor once, with new noise. The encoder is circular, [0, 1) revolutions."""
+        """Read every sensor once, with new noise."""
         low, high, speed_rad_s, housing = self._readings.tolist()
         low_noise, high_noise, housing_noise, speed_noise = next(self._noise)
-        counts = self._encoder.counts
+        readers = self._readers
         return SensorReading(
-            self._low.read(low, low_noise),
-            self._high.read(high, high_noise),
-            self._housing.read(housing, housing_noise),
-            math.floor(crank_rad / TURN_RAD * counts) % counts / counts,
-            (speed_rad_s + self._encoder.noise_rad_s * speed_noise) / TURN_RAD,
+            read_accelerometer(readers.striker_low, low, low_noise),
+            read_accelerometer(readers.striker_high, high, high_noise),
+            read_accelerometer(readers.housing, housing, housing_noise),
+            read_position_rev(readers, crank_rad),
+            read_velocity_rev_s(readers, speed_rad_s, speed_noise),
         )
 
 
 def _four_by_four(noise: np.random.Generator) -> Iterator[list[float]]:
     """Four standard normals a sample, for ever."""
     while True:
-        yield from noise.standard_normal((DRAWN_AT_ONCE, 4)).tolist()
+        yield from noise.standard_normal((NOISE_AT_ONCE, 4)).tolist()

@@ -30,6 +30,13 @@ from plant_sim.parts.drive import motor_current_a, motor_torque_n_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE
+from plant_sim.sensors import (
+    AccelerometerReader,
+    Readers,
+    read_accelerometer,
+    read_position_rev,
+    read_velocity_rev_s,
+)
 from plant_sim.solvers.memory import IMPACTS, PHASE
 from plant_sim.solvers.motion import FLIGHT, felt_force_n, from_stop_m
 from tools.campaign.columns import (
@@ -74,28 +81,25 @@ from tools.campaign.columns import (
 )
 from tools.campaign.kernels import kernel, subroutine
 from tools.campaign.plant import Filters, Module, advance
-from tools.campaign.quantise import Counts, Range, framed, reading, single
+from tools.campaign.quantise import Counts, framed, single
 from tools.campaign.shell import Heard, Line, Wishes, heard_at, obeyed, sent, told
 
 Vector = NDArray[np.float64]
 
 OPERATOR_TICKS = 10
 COMMAND_TICKS = 100
-TURN = 6.283185307179586
 KICK_TICKS = 10
 """A kick is a steady push of so long; the striker's accelerometers feel it."""
 COARSE_NOISE_M = 2e-3
 """A Hall or string sensor's, rms."""
 
 
-class Senses(NamedTuple):
-    """The sensors behind their low-passes. The encoder counts `encoder_counts` a turn."""
+class Scales(NamedTuple):
+    """Scales and limits of signals on the bus."""
 
-    low: Range
-    high: Range
-    housing: Range
-    encoder_counts: float
-    encoder_noise_rad_s: float
+    striker_low: Counts
+    striker_high: Counts
+    housing: Counts
     coarse: Counts
     ratio: Counts
     impulse: Counts
@@ -186,7 +190,8 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     parts: Parts,
     filters: Filters,
     module: Module,
-    senses: Senses,
+    readers: Readers,
+    scales: Scales,
     drive_config: DriveConfig,
     drive: DriveState,
     report_ticks: Ticks,
@@ -215,12 +220,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     for tick in range(ticks):
         # Sensors and drive at t_k
         accelerometer = AccelerometerInput(
-            reading(senses.low, _felt(filters, LOW), noise.standard_normal()),
-            reading(senses.high, _felt(filters, HIGH), noise.standard_normal()),
-            reading(senses.housing, _felt_by_housing(filters), noise.standard_normal()),
+            _reading(readers.striker_low, scales.striker_low, _felt(filters, LOW), noise),
+            _reading(readers.striker_high, scales.striker_high, _felt(filters, HIGH), noise),
+            _reading(readers.housing, scales.housing, _felt_by_housing(filters), noise),
             0,
         )
-        encoder = _encoder(senses, filters, y[2], noise.standard_normal())
+        encoder = _encoder(readers, filters, y[2], noise.standard_normal())
         current_a = motor_current_a(parts.drive, held_n_m, y[3])
         telemetry = Telemetry(current_a, motor_torque_n_m(parts.drive, held_n_m, y[3]), y[3])
         reports, report = take(look(report_ticks, reports, tick))
@@ -228,7 +233,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
         x_m, v_m_s, omega_rad_s = from_stop_m(parts.wearer, parts.drive, y) + stop_m, y[1], y[3]
         felt_n = felt_force_n(parts.wearer, parts.drive, y)
         gait_input = _gait(gait, gait_input, tick)
-        coarse = _coarse(plan, senses, x_m, tick, noise)
+        coarse = _coarse(plan, scales, x_m, tick, noise)
         if y[2] < angle_rad and omega_rad_s > 0.0:
             record.turns[record.counts[TURNS_SEEN]] = tick
             record.counts[TURNS_SEEN] += 1
@@ -245,7 +250,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
         # Operator
         if tick % OPERATOR_TICKS == 0:
-            speech = _speech(speech, script, senses, tick)
+            speech = _speech(speech, script, scales, tick)
             if speech.now:
                 heard = told(heard, speech.request, speech.target_ratio, speech.target_impulse_n_s)
 
@@ -279,19 +284,24 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
 
 @subroutine
-def _encoder(senses: Senses, filters: Filters, angle_rad: float, noise: float) -> EncoderInput:
-    counts = senses.encoder_counts
-    speed_rad_s = filters.states[SPEED_ESTIMATE].real + senses.encoder_noise_rad_s * noise
-    position_rev = (np.floor(angle_rad / TURN * counts) % counts) / counts
-    return EncoderInput(single(position_rev), single(speed_rad_s / TURN), 0)
+def _reading(
+    reader: AccelerometerReader, scale: Counts, filtered_m_s2: float, noise: np.random.Generator
+) -> float:
+    return framed(scale, read_accelerometer(reader, filtered_m_s2, noise.standard_normal()))
 
 
 @subroutine
-def _coarse(plan: Plan, senses: Senses, x_m: float, tick: int, noise: np.random.Generator) -> CoarseInput:
+def _encoder(readers: Readers, filters: Filters, angle_rad: float, noise: float) -> EncoderInput:
+    velocity_rev_s = read_velocity_rev_s(readers, filters.states[SPEED_ESTIMATE].real, noise)
+    return EncoderInput(single(read_position_rev(readers, angle_rad)), single(velocity_rev_s), 0)
+
+
+@subroutine
+def _coarse(plan: Plan, scales: Scales, x_m: float, tick: int, noise: np.random.Generator) -> CoarseInput:
     """A slow absolute sensor's reading where one is fitted and due."""
     if plan.coarse_ticks == 0 or tick % plan.coarse_ticks != 0:
         return CoarseInput(0.0, NEVER_TICKS)
-    return CoarseInput(framed(senses.coarse, x_m + COARSE_NOISE_M * noise.standard_normal()), 0)
+    return CoarseInput(framed(scales.coarse, x_m + COARSE_NOISE_M * noise.standard_normal()), 0)
 
 
 @subroutine
@@ -345,7 +355,7 @@ def _moved(
 
 
 @subroutine
-def _speech(speech: Speech, script: Script, senses: Senses, tick: int) -> Speech:
+def _speech(speech: Speech, script: Script, scales: Scales, tick: int) -> Speech:
     """The operator's look at the script; a command leaves at a change and every `COMMAND_TICKS`."""
     line = speech.next_line
     while line < script.at_tick.size and script.at_tick[line] <= tick:
@@ -362,8 +372,8 @@ def _speech(speech: Speech, script: Script, senses: Senses, tick: int) -> Speech
         line,
         due_tick,
         script.request[line - 1],
-        framed(senses.ratio, script.target_ratio[line - 1]),
-        framed(senses.impulse, script.target_impulse_n_s[line - 1]),
+        framed(scales.ratio, script.target_ratio[line - 1]),
+        framed(scales.impulse, script.target_impulse_n_s[line - 1]),
     )
 
 

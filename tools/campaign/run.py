@@ -15,13 +15,14 @@ from hil.reports import first_reports, report_ticks
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene
 from plant_sim.sensing import allocate_sensing
+from plant_sim.sensors import readers
 from plant_sim.simulate import initial_state
 from plant_sim.solvers.memory import IMPACTS
 from tools.campaign import columns, loop
 from tools.campaign.gait_frames import gait_frames
-from tools.campaign.loop import Plan, Record, Script, Senses, record
+from tools.campaign.loop import Plan, Record, Scales, Script, record
 from tools.campaign.plant import filters, is_supported, module
-from tools.campaign.quantise import accelerometer, signal_counts
+from tools.campaign.quantise import signal_counts
 from tools.campaign.shell import FIRST_HEARD, first_line
 from tools.output import BadInputError
 
@@ -91,12 +92,10 @@ def run(
     tick_s = config.tick_s
     sensing = allocate_sensing(models, initial.omega_rad_s, parts.housing)
     moving = module(parts, initial, 64 + round(IMPACTS_A_SECOND * room_s))
-    senses = Senses(
-        low=accelerometer(models.striker_low, "striker_low_m_s2"),
-        high=accelerometer(models.striker_high, "striker_high_m_s2"),
-        housing=accelerometer(models.housing, "housing_m_s2"),
-        encoder_counts=float(models.encoder.counts),
-        encoder_noise_rad_s=models.encoder.noise_rad_s,
+    scales = Scales(
+        striker_low=signal_counts("Accelerometer", "striker_low_m_s2"),
+        striker_high=signal_counts("Accelerometer", "striker_high_m_s2"),
+        housing=signal_counts("Accelerometer", "housing_m_s2"),
         coarse=signal_counts("CoarsePosition", "striker_position_m"),
         ratio=signal_counts("OperatorCommand", "target_ratio"),
         impulse=signal_counts("OperatorCommand", "target_impulse_n_s"),
@@ -113,7 +112,8 @@ def run(
         parts,
         filters(sensing, tick_s),
         moving,
-        senses,
+        readers(models),
+        scales,
         drive,
         power_up(drive),
         report_ticks(tick_s),
