@@ -99,57 +99,57 @@ CLEAR_ERRORS_LENGTH = 1
 SET_ABSOLUTE_POSITION_ID = 0x019
 SET_ABSOLUTE_POSITION_LENGTH = 8
 
-ACCELEROMETER_ID = 0x080
+ACCELEROMETER_ID = 0x028
 ACCELEROMETER_LENGTH = 8
 ACCELEROMETER_PERIOD_S = 0.001
 ACCELEROMETER_COUNTER_BITS = 4
 
-COARSE_POSITION_ID = 0x081
+COARSE_POSITION_ID = 0x029
 COARSE_POSITION_LENGTH = 4
 COARSE_POSITION_PERIOD_S = 0.02
 COARSE_POSITION_COUNTER_BITS = 4
 
-GAIT_SENSORS_ID = 0x082
+GAIT_SENSORS_ID = 0x02A
 GAIT_SENSORS_LENGTH = 6
 GAIT_SENSORS_PERIOD_S = 0.005
 GAIT_SENSORS_COUNTER_BITS = 4
 
-OPERATOR_COMMAND_ID = 0x0C0
+OPERATOR_COMMAND_ID = 0x048
 OPERATOR_COMMAND_LENGTH = 7
 OPERATOR_COMMAND_PERIOD_S = 0.1
 OPERATOR_COMMAND_COUNTER_BITS = 4
 
-PARAMETER_REQUEST_ID = 0x0C1
+PARAMETER_REQUEST_ID = 0x049
 PARAMETER_REQUEST_LENGTH = 8
 PARAMETER_REQUEST_COUNTER_BITS = 4
 
-FIRMWARE_HEARTBEAT_ID = 0x110
+FIRMWARE_HEARTBEAT_ID = 0x068
 FIRMWARE_HEARTBEAT_LENGTH = 6
 FIRMWARE_HEARTBEAT_PERIOD_S = 0.1
 FIRMWARE_HEARTBEAT_COUNTER_BITS = 4
 
-STRIKER_ESTIMATE_ID = 0x111
+STRIKER_ESTIMATE_ID = 0x069
 STRIKER_ESTIMATE_LENGTH = 8
 STRIKER_ESTIMATE_PERIOD_S = 0.01
 STRIKER_ESTIMATE_COUNTER_BITS = 4
 
-REGIME_REPORT_ID = 0x112
+REGIME_REPORT_ID = 0x06A
 REGIME_REPORT_LENGTH = 7
 REGIME_REPORT_COUNTER_BITS = 4
 
-IMPACT_EVENT_ID = 0x113
+IMPACT_EVENT_ID = 0x074
 IMPACT_EVENT_LENGTH = 8
 IMPACT_EVENT_COUNTER_BITS = 4
 
-FAULT_EVENT_ID = 0x114
+FAULT_EVENT_ID = 0x075
 FAULT_EVENT_LENGTH = 7
 FAULT_EVENT_COUNTER_BITS = 4
 
-PARAMETER_VALUE_ID = 0x115
+PARAMETER_VALUE_ID = 0x077
 PARAMETER_VALUE_LENGTH = 8
 PARAMETER_VALUE_COUNTER_BITS = 4
 
-GAIT_REPORT_ID = 0x116
+GAIT_REPORT_ID = 0x07C
 GAIT_REPORT_LENGTH = 8
 GAIT_REPORT_PERIOD_S = 0.04
 GAIT_REPORT_COUNTER_BITS = 4
@@ -506,7 +506,7 @@ def pack_accelerometer(record: Accelerometer, counter: int) -> tuple[int, bool]:
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[226 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[171 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -523,7 +523,7 @@ def unpack_accelerometer(length: int, word: int) -> tuple[Accelerometer, FrameEr
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[226 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[171 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -558,7 +558,7 @@ def pack_coarse_position(record: CoarsePosition, counter: int) -> tuple[int, boo
     word = striker_position_m_counts & 0xFFFF | (counter & 15) << 20
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
-    crc = TABLE[TABLE[255 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[182 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[crc ^ lane_1 & 0xFF] ^ 0xFF
     return word | crc << 24, True
 
@@ -571,7 +571,7 @@ def unpack_coarse_position(length: int, word: int) -> tuple[CoarsePosition, Fram
         return NO_COARSE_POSITION, LENGTH
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
-    crc = TABLE[TABLE[255 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[182 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[crc ^ lane_1 & 0xFF] ^ 0xFF
     if crc != lane_1 >> 8:
         return NO_COARSE_POSITION, CRC
@@ -612,7 +612,7 @@ def pack_gait_sensors(record: GaitSensors, counter: int) -> tuple[int, bool]:
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[216 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[145 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[crc ^ lane_2 & 0xFF] ^ 0xFF
     return word | crc << 40, True
@@ -627,7 +627,7 @@ def unpack_gait_sensors(length: int, word: int) -> tuple[GaitSensors, FrameError
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[216 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[145 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[crc ^ lane_2 & 0xFF] ^ 0xFF
     if crc != lane_2 >> 8:
@@ -665,7 +665,7 @@ def pack_operator_command(record: OperatorCommand, counter: int) -> tuple[int, b
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[241 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[63 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     return word | crc << 48, True
@@ -681,7 +681,7 @@ def unpack_operator_command(length: int, word: int) -> tuple[OperatorCommand, Fr
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[241 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[63 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     if crc != lane_3 & 0xFF:
@@ -708,7 +708,7 @@ def pack_parameter_request(record: ParameterRequest, counter: int) -> tuple[int,
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[236 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[34 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -725,7 +725,7 @@ def unpack_parameter_request(length: int, word: int) -> tuple[ParameterRequest, 
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[236 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[34 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -768,7 +768,7 @@ def pack_firmware_heartbeat(record: FirmwareHeartbeat, counter: int) -> tuple[in
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[9 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[184 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[crc ^ lane_2 & 0xFF] ^ 0xFF
     return word | crc << 40, True
@@ -783,7 +783,7 @@ def unpack_firmware_heartbeat(length: int, word: int) -> tuple[FirmwareHeartbeat
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[9 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[184 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[crc ^ lane_2 & 0xFF] ^ 0xFF
     if crc != lane_2 >> 8:
@@ -838,7 +838,7 @@ def pack_striker_estimate(record: StrikerEstimate, counter: int) -> tuple[int, b
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[20 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[165 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -855,7 +855,7 @@ def unpack_striker_estimate(length: int, word: int) -> tuple[StrikerEstimate, Fr
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[20 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[165 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -905,7 +905,7 @@ def pack_regime_report(record: RegimeReport, counter: int) -> tuple[int, bool]:
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[51 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[130 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     return word | crc << 48, True
@@ -921,7 +921,7 @@ def unpack_regime_report(length: int, word: int) -> tuple[RegimeReport, FrameErr
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[51 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[130 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     if crc != lane_3 & 0xFF:
@@ -960,7 +960,7 @@ def pack_impact_event(record: ImpactEvent, counter: int) -> tuple[int, bool]:
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[46 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[233 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -977,7 +977,7 @@ def unpack_impact_event(length: int, word: int) -> tuple[ImpactEvent, FrameError
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[46 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[233 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -997,7 +997,7 @@ def pack_fault_event(record: FaultEvent, counter: int) -> tuple[int, bool]:
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
-    crc = TABLE[TABLE[125 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[244 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     return word | crc << 48, True
@@ -1013,7 +1013,7 @@ def unpack_fault_event(length: int, word: int) -> tuple[FaultEvent, FrameErrorRe
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[125 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[244 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8] ^ 0xFF
     if crc != lane_3 & 0xFF:
@@ -1040,7 +1040,7 @@ def pack_parameter_value(record: ParameterValue, counter: int) -> tuple[int, boo
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[96 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[206 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -1057,7 +1057,7 @@ def unpack_parameter_value(length: int, word: int) -> tuple[ParameterValue, Fram
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[96 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[206 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -1111,7 +1111,7 @@ def pack_gait_report(record: GaitReport, counter: int) -> tuple[int, bool]:
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[71 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[1 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
@@ -1128,7 +1128,7 @@ def unpack_gait_report(length: int, word: int) -> tuple[GaitReport, FrameErrorRe
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
     lane_3 = word >> 48 & 0xFFFF
-    crc = TABLE[TABLE[71 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
+    crc = TABLE[TABLE[1 ^ lane_0 & 0xFF] ^ lane_0 >> 8]
     crc = TABLE[TABLE[crc ^ lane_1 & 0xFF] ^ lane_1 >> 8]
     crc = TABLE[TABLE[crc ^ lane_2 & 0xFF] ^ lane_2 >> 8]
     crc = TABLE[crc ^ lane_3 & 0xFF] ^ 0xFF
