@@ -12,6 +12,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from hil.figure_records import CATALOGUE, incomplete, value_of
+from hil.requirements import requirements
 
 Value = bool | int | float | str
 
@@ -34,6 +35,8 @@ class Check(BaseModel):
     high: float | None = None
     equals: Value | None = None
     unit: str | None = None
+    requirement: str | None = None
+    """The id of the requirement that it proves; see docs/requirements.md."""
 
     @model_validator(mode="after")
     def _names_a_figure_and_one_limit(self) -> Self:
@@ -44,6 +47,11 @@ class Check(BaseModel):
             raise ValueError(f"check {self.name!r} names no figure of a run; did you mean {known}?")
         if self.unit is not None and self.unit != spec.unit:
             raise ValueError(f"check {self.name!r} has unit {self.unit!r}; the figure is in {spec.unit!r}")
+        if self.requirement is not None and self.requirement not in requirements():
+            known = ", ".join(requirements())
+            raise ValueError(
+                f"check {self.name!r} proves {self.requirement!r}, no requirement; wanted {known}"
+            )
         bounded = self.low is not None or self.high is not None
         if bounded == (self.equals is not None):
             raise ValueError(f"check {self.name!r} wants either low and/or high, or equals")
@@ -70,6 +78,7 @@ class CheckResult:
     value: Value | None
     unit: str
     limit: str
+    requirement: str | None = None
 
 
 def within(check: Check, value: Any) -> bool:
@@ -89,7 +98,8 @@ def evaluate(checks: Iterable[Check], figures: Mapping[str, Any]) -> list[CheckR
     for check in checks:
         value = value_of(figures, check.name)
         passed = within(check, value) and check.name not in doubtful
-        results.append(CheckResult(check.name, passed, value, CATALOGUE[check.name].unit, check.limit))
+        unit = CATALOGUE[check.name].unit
+        results.append(CheckResult(check.name, passed, value, unit, check.limit, check.requirement))
     return results
 
 

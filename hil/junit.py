@@ -34,9 +34,12 @@ def suite(verdict: Mapping[str, Any]) -> Element:
     for check in checks:
         case = SubElement(element, "testcase", classname=verdict["scenario"], name=check["name"])
         properties = SubElement(case, "properties")
-        for key in ("value", "unit", "limit", "seed", "passed_seeds", "lowest", "highest"):
-            if key in check:
+        for key in ("value", "unit", "limit", "seed", "passed_seeds", "lowest", "highest", "requirement"):
+            if check.get(key) is not None:
                 SubElement(properties, "property", name=key, value=str(check[key]))
+        if check.get("requirement") is not None:
+            page = f"docs/requirements.md#{check['requirement'].lower()}"
+            SubElement(properties, "property", name="requirement_page", value=page)
         if not check["passed"]:
             SubElement(case, "failure", message=f"{check['name']} is {measured(check)}")
     return element

@@ -131,7 +131,9 @@ def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
     }
 
 
-def write_suite_report(path: Path, verdicts: Sequence[Mapping[str, Any]]) -> None:
-    """Write the page of many runs: a table that links to each one's own, the failed ones first."""
+def write_suite_report(
+    path: Path, verdicts: Sequence[Mapping[str, Any]], requirements: Mapping[str, Any]
+) -> None:
+    """Write the page of many runs: a row that links to each run's page, failed ones first; requirements."""
     rows = sorted((row_of(verdict, path.parent) for verdict in verdicts), key=lambda row: bool(row["passed"]))
-    path.write_text(template("suite.html.j2").render(rows=rows), encoding="utf-8")
+    path.write_text(template("suite.html.j2").render(rows=rows, requirements=requirements), encoding="utf-8")

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil import junit, run_folder, rundir
+from hil import junit, requirements, run_folder, rundir
 from hil.bench import ClockName, Outcome, Progress, run_scenario
 from hil.realtime import die_with_parent
 from hil.report import write_suite_report
@@ -139,9 +139,10 @@ def run_suite(
         "wall_s": time.perf_counter() - started,
         "junit": str(xml) if ordered else None,
         "report": str(page) if ordered else None,
+        "requirements": requirements.trace(ordered),
     }
     if ordered:
         xml.write_text(junit.document(ordered), encoding="utf-8")
-        write_suite_report(page, ordered)
+        write_suite_report(page, ordered, result["requirements"])
         run_folder.write_json(folder / RESULT, result)
     return result

@@ -19,6 +19,7 @@ from firmware_py.interface.layout import Signal, SignalKind
 from firmware_py.shell.parameters import TABLE
 from hil.faults import tables
 from hil.figure_records import CATALOGUE
+from hil.requirements import requirements
 from hil.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario, scenario_names
 from plant_sim import scene_tables
 from tools.cli import app
@@ -110,6 +111,30 @@ def figures() -> str:
         "What is known of a run once it is over. A check names one of these, with `low` and/or `high`, or "
         "`equals`. A figure that the run cannot give is null, and a check on it fails.",
         table(["name", "unit", "meaning"], rows),
+    )
+
+
+def requirement_rows() -> Iterator[str]:
+    """A row for each requirement: where it is stated, and how many checks of how many scenarios prove it."""
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    for name, one in requirements().items():
+        proofs = [(scenario.name, check) for scenario in scenarios for check in scenario.checks]
+        proving = [scenario for scenario, check in proofs if check.requirement == name]
+        where = f"[{one.source.partition('#')[0]}]({one.source})"
+        in_scenarios = f"{len(proving)} in {len(set(proving))} scenarios" if proving else "—"
+        tests = ", ".join(f"`{test}`" for test in one.tests) or "—"
+        yield row(f'<a id="{name.lower()}"></a>{name}', one.text, where, in_scenarios, tests)
+
+
+def requirement_page() -> str:
+    """Every requirement and what proves it."""
+    return page(
+        "Requirements",
+        "What the module must do. A scenario's check names its requirement with the key `requirement`. "
+        "`vibrohil suite` writes which checks prove each requirement and whether they passed: on its page, "
+        "in `suite.json` and in JUnit. A requirement that nothing proves, or a scenario's check that proves "
+        "none, fails the tests.",
+        table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
     )
 
 
@@ -279,6 +304,7 @@ PAGES = {
     "scenes.md": scenes,
     "faults.md": faults,
     "command-line.md": commands,
+    "../requirements.md": requirement_page,
 }
 
 

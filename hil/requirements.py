@@ -1,0 +1,45 @@
+"""The requirements that checks prove, from requirements.toml, and the trace between the two."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Requirement(BaseModel):
+    """One sentence that must hold; `tests` are the test files that prove what no scenario can."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    text: str
+    source: str
+    """The page under docs that says so, with its section."""
+    tests: tuple[str, ...] = ()
+
+
+@cache
+def requirements() -> Mapping[str, Requirement]:
+    """Every requirement by its id."""
+    document = tomllib.loads((Path(__file__).parent / "requirements.toml").read_text(encoding="utf-8"))
+    return {name: Requirement.model_validate(table) for name, table in document.items()}
+
+
+def trace(verdicts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """For each requirement the checks that prove it, and whether all passed; None where none did run."""
+    proofs: dict[str, list[dict[str, Any]]] = {name: [] for name in requirements()}
+    for verdict in verdicts:
+        for check in verdict["checks"]:
+            if check.get("requirement") is not None:
+                proof = {key: check[key] for key in ("name", "limit", "passed")}
+                proofs[check["requirement"]].append({"scenario": verdict["scenario"], **proof})
+    return {
+        name: {
+            "text": requirements()[name].text,
+            "passed": all(proof["passed"] for proof in found) if found else None,
+            "checks": found,
+        }
+        for name, found in proofs.items()
+    }
