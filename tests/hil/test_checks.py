@@ -7,7 +7,15 @@ from hil.checks import Check, evaluate
 
 
 def figures(**values):
-    return {"regime": "impact", "real_time": True, "impact_count": 8, "peak_force_n": 250.0, **values}
+    whole = {"log": {"frames_lost": 0}}
+    return {
+        "regime": "impact",
+        "real_time": True,
+        "impact_count": 8,
+        "peak_force_n": 250.0,
+        **whole,
+        **values,
+    }
 
 
 @pytest.mark.parametrize(
