@@ -179,7 +179,7 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
 
 @compiled
 def drive_fault(config: Watchdogs, state: MonitorState, inputs: Inputs) -> Fault:
-    """Whether the drive reports an error, refuses to be enabled or has disarmed itself."""
+    """Whether the drive reports an error, neither closes nor opens its axis, or has disarmed itself."""
     if inputs.drive.axis_error != 0:
         return Fault.DRIVE_ERROR
     if state.enabled and inputs.drive.axis_state != CLOSED_LOOP:
@@ -229,7 +229,7 @@ def step(
     strong = not abs(power.current_a) <= limits.current_a
     odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
     standing = abs(crank.omega_rad_s) < config.standstill_rad_s
-    refused = moving and not closed and not state.enabled
+    refused = (moving and not closed and not state.enabled) or (closed and not moving)
     too_fast = not abs(crank.omega_rad_s) <= config.takeover_rad_s
     new = MonitorState(
         frozen_ticks,

@@ -11,6 +11,7 @@ from firmware_py.core import (
     calm,
     crank,
     detector,
+    drive_link,
     estimator,
     gait,
     hold,
@@ -29,9 +30,7 @@ from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
-    AXIS_IDLE,
     CLOSED_LOOP,
-    E_STOP,
     INIT,
     MOVING,
     NO_FAULT,
@@ -41,7 +40,6 @@ from firmware_py.interface.enums import (
     RUN,
     STOPPING,
     ActingLimit,
-    AxisState,
     Fault,
     Mode,
     Refusal,
@@ -49,18 +47,11 @@ from firmware_py.interface.enums import (
 )
 
 
-class DriveConfig(NamedTuple):
-    """What the drive is told before it closes its loop."""
-
-    speed_limit_rad_s: float
-    current_limit_a: float
-
-
 class Config(NamedTuple):
     """Everything that is settled before the first tick."""
 
     tick_s: float
-    drive: DriveConfig
+    drive_link: drive_link.DriveLinkConfig
     crank: crank.CrankConfig
     estimator: estimator.EstimatorConfig
     detector: detector.DetectorConfig
@@ -88,6 +79,7 @@ class State(NamedTuple):
     speed: speed.SpeedState
     monitors: monitors.MonitorState
     supervisor: supervisor.SupervisorState
+    drive_link: drive_link.DriveLinkState
     gait: gait.CycleState
     lock: lock.LockState
     therapy: therapy.TherapyState
@@ -112,9 +104,7 @@ class Outputs(NamedTuple):
     acting_limit: ActingLimit
     torque_n_m: float
     target_omega_rad_s: float
-    axis_request: AxisState
-    clear_errors: bool
-    estop: bool
+    drive_frame: drive_link.DriveFrame
     impact: bool
     separation: bool
     impact_age_s: float
@@ -136,6 +126,7 @@ INITIAL = State(
     speed=speed.INITIAL,
     monitors=monitors.INITIAL,
     supervisor=supervisor.INITIAL,
+    drive_link=drive_link.INITIAL,
     gait=gait.INITIAL,
     lock=lock.INITIAL,
     therapy=therapy.INITIAL,
@@ -153,9 +144,7 @@ INITIAL_OUTPUTS = Outputs(
     acting_limit=ActingLimit.SAFE_STATE,
     torque_n_m=0.0,
     target_omega_rad_s=0.0,
-    axis_request=AXIS_IDLE,
-    clear_errors=False,
-    estop=False,
+    drive_frame=drive_link.DriveFrame.NOTHING,
     impact=False,
     separation=False,
     impact_age_s=0.0,
@@ -254,6 +243,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         inputs.operator.request,
         inputs.drive.disarm_reason,
         valid_target,
+        drive_link.is_idle(state.drive_link),
         state.start.captured,
         state.start.failed,
         n,
@@ -342,7 +332,9 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         speed_now = speed.safe(state.speed)
 
     asks_clear = inputs.operator.request == ASKS_CLEAR and not findings.operator_lost
-    clear_errors = mode == INIT and asks_clear
+    drive_link_now, drive_frame = drive_link.step(
+        config.drive_link, state.drive_link, mode, inputs.drive, inputs.encoder, asks_clear, n
+    )
     acting_limit = speed_now.acting_limit
     if acting_limit == NO_LIMIT and hold_now.guarded:
         acting_limit = ActingLimit.IMPACT_PHASE
@@ -368,9 +360,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         acting_limit,
         clamp(speed_now.torque_n_m, config.speed.torque_limit_n_m),
         target_rad_s,
-        CLOSED_LOOP if moving else AXIS_IDLE,
-        clear_errors,
-        mode == E_STOP,
+        drive_frame,
         contact.touch_down,
         contact.separation,
         detector_now.since_touch_down_s,
@@ -392,6 +382,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
             speed_now,
             monitors_now,
             supervisor_now,
+            drive_link_now,
             gait_now,
             lock_now,
             therapy_now,

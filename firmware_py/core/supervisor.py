@@ -1,10 +1,10 @@
 """Which mode the firmware is in, and why: one pure transition function.
 
 Nothing moves at power-up: INIT waits until every input is fresh and the drive is well, READY until the
-operator has been seen asking for IDLE and the crank is slow enough to be taken over, and only then does RUN
-start. A fault stays latched with its first reason, and so does an E-stop; both end only by a CLEAR_FAULTS
-that was given after them and whose cause is gone, and end in INIT, from where the whole path to motion is
-gone again. Clearing never arms.
+operator has been seen asking for IDLE, the drive has confirmed that its axis is idle and the crank is slow
+enough to be taken over, and only then does RUN start. A fault stays latched with its first reason, and so
+does an E-stop; both end only by a CLEAR_FAULTS that was given after them and whose cause is gone, and end in
+INIT, from where the whole path to motion is gone again. Clearing never arms.
 """
 
 from typing import NamedTuple
@@ -43,6 +43,7 @@ class Conditions(NamedTuple):
     idle_seen: bool
     clear_armed: bool
     target_valid: bool
+    axis_idle: bool
     whirling: bool
     captured: bool
     standstill: bool
@@ -85,9 +86,8 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
     if mode == READY:
         if not (conditions.inputs_fresh and conditions.operator_fresh):
             return INIT
-        if asks_run and conditions.idle_seen and conditions.target_valid and not conditions.whirling:
-            return SOFT_START
-        return READY
+        may_start = conditions.axis_idle and conditions.idle_seen and conditions.target_valid
+        return SOFT_START if asks_run and may_start and not conditions.whirling else READY
     if mode == STOPPING:
         return READY if conditions.standstill else STOPPING
     if not (asks_run and conditions.target_valid):
@@ -137,6 +137,7 @@ def step(
     request: OperatorRequest,
     disarm_reason: int,
     target_valid: bool,
+    axis_idle: bool,
     captured: bool,
     start_failed: bool,
     elapsed_ticks: int,
@@ -155,6 +156,7 @@ def step(
         state.idle_seen,
         state.clear_armed,
         target_valid,
+        axis_idle,
         findings.whirling,
         captured,
         findings.standstill,

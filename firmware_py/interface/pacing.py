@@ -19,7 +19,7 @@ class Urgency(IntEnum):
     """Which waiting frame goes first; equal ones in the order in which they came."""
 
     AT_ONCE = 0
-    """Leaves in the tick it was made in: an E-stop."""
+    """Stands behind nothing, and is the last to be dropped: a fault, an E-stop."""
     PROMPT = 1
     """Stands behind nothing but those: what tells of an instant."""
     IN_TURN = 2

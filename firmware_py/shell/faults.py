@@ -63,7 +63,8 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.DRIVE_ERROR,
-        "the drive reports an error, leaves closed loop by itself, or does not close it in watchdog.enable_s",
+        "the drive reports an error, leaves closed loop by itself, or neither closes nor opens it in "
+        "watchdog.enable_s",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.15,

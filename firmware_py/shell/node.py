@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from firmware_py.core.compiled import COMPILED
+from firmware_py.core.drive_link import DriveFrame
 from firmware_py.core.inputs import (
     NEVER_TICKS,
     AccelerometerInput,
@@ -27,6 +28,7 @@ from firmware_py.core.step import INITIAL, INITIAL_OUTPUTS, Config, Outputs, Sta
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameCodec, FrameError, FrameErrorReason
 from firmware_py.interface.enums import (
+    AXIS_IDLE,
     CLOSED_LOOP,
     E_STOP,
     FAULT,
@@ -82,12 +84,8 @@ from firmware_py.shell.parameters import (
 TAU = 2.0 * math.pi
 TORQUE_CONTROL = 1
 PASSTHROUGH = 1
-RETRY_S = 0.05
-"""How often a request that the drive has not followed yet is repeated."""
-
-RE_ZERO_REV = 64.0
-"""A count beyond is brought back at rest: float32 resolves 0.003° here, 0.36° after an hour at 4 Hz."""
-STILL_REV_S = 0.02
+REGIME_S = 0.05
+"""The shortest time between two regime reports."""
 
 _REQUESTS = {request.value: request for request in OperatorRequest}
 _AXIS_STATES = {state.value: state for state in AxisState}
@@ -165,7 +163,6 @@ class FirmwareNode:
         self._ticks = 0
         self._sent: dict[int, int] = {}
         self._due_ticks: dict[int, int] = {}
-        self._retry_ticks = max(round(RETRY_S / config.tick_s), 1)
         self._pacer: Pacer[Callable[[], Frame]] = Pacer()
         self._pending_regime = False
         self._requests: list[ParameterRequest] = []
@@ -357,17 +354,17 @@ class FirmwareNode:
     # --- out ----------------------------------------------------------------------------------------
 
     def _frames_out(self, before: Outputs, outputs: Outputs) -> list[Frame]:
-        """The torque, which the drive waits for, and one of the frames that wait."""
-        self._drive_frames(outputs, outputs.mode != before.mode)
+        """The torque, and one more frame: the drive's before all that wait."""
         if outputs.separation:
             self._impact_frame(outputs)
         if outputs.fault not in (before.fault, NO_FAULT):
-            self._send(codec.FAULT_EVENT, FaultEvent(outputs.fault.value, outputs.disarm_reason))
+            event = FaultEvent(outputs.fault.value, outputs.disarm_reason)
+            self._send(codec.FAULT_EVENT, event, Urgency.AT_ONCE)
         if outputs.refusal not in (before.refusal, NO_REFUSAL):
             refused = FaultEvent(Fault.REQUEST_REFUSED.value, 0, outputs.refusal.value)
             self._send(codec.FAULT_EVENT, refused)
         self._pending_regime = self._pending_regime or outputs.period_ended
-        if self._pending_regime and self._spaced(codec.REGIME_REPORT, RETRY_S):
+        if self._pending_regime and self._spaced(codec.REGIME_REPORT, REGIME_S):
             self._pending_regime = False
             self._send(codec.REGIME_REPORT, _regime_report(outputs))
         if self._due(codec.STRIKER_ESTIMATE):
@@ -381,38 +378,34 @@ class FirmwareNode:
                 self._send(codec.PARAMETER_VALUE, self._answer(request, outputs.mode))
             self._requests.clear()
         frames = [codec.SET_INPUT_TORQUE.encode(SetInputTorque(outputs.torque_n_m))]
+        if outputs.drive_frame != DriveFrame.NOTHING:
+            frames.append(codec.encode(self._drive_record(outputs.drive_frame)))
+            return frames
         encode = self._pacer.take()
         if encode is not None:
             frames.append(encode())
         return frames
 
-    def _drive_frames(self, outputs: Outputs, changed: bool) -> None:
-        """Bring the drive's axis to where the core wants it; repeat until its heartbeat agrees."""
-        if outputs.estop and changed:
-            self._send(codec.DRIVE_ESTOP, DriveEstop(), Urgency.AT_ONCE)
-        error = self._heartbeat.axis_error != 0
-        if outputs.clear_errors and error and self._spaced(codec.CLEAR_ERRORS, RETRY_S):
-            self._send(codec.CLEAR_ERRORS, ClearErrors(identify=0))
-        position = self._position
-        resting = outputs.mode == READY and abs(position.velocity_rev_s) < STILL_REV_S
-        if (
-            resting
-            and abs(position.position_rev) >= RE_ZERO_REV
-            and self._spaced(codec.SET_ABSOLUTE_POSITION, 1.0)
-        ):
-            # Whole turns only: the crank's angle stays what it is.
-            turned_rev = position.position_rev - math.floor(position.position_rev)
-            self._send(codec.SET_ABSOLUTE_POSITION, SetAbsolutePosition(turned_rev))
-        state = self._heartbeat.axis_state
-        if state == outputs.axis_request or self._heartbeat_source.heard_tick < 0:
-            return
-        if not (changed or self._spaced(codec.SET_AXIS_STATE, RETRY_S)):
-            return
-        if outputs.axis_request == CLOSED_LOOP:
-            self._send(codec.SET_CONTROLLER_MODE, SetControllerMode(TORQUE_CONTROL, PASSTHROUGH))
-            drive = self.config.drive
-            self._send(codec.SET_LIMITS, SetLimits(drive.speed_limit_rad_s / TAU, drive.current_limit_a))
-        self._send(codec.SET_AXIS_STATE, SetAxisState(outputs.axis_request.value))
+    def _drive_record(self, frame: DriveFrame) -> Any:  # noqa: PLR0911 - a table
+        """The content of a frame that the drive link sends."""
+        limits = self.config.drive_link
+        match frame:
+            case DriveFrame.ESTOP:
+                return DriveEstop()
+            case DriveFrame.CONTROLLER_MODE:
+                return SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
+            case DriveFrame.LIMITS:
+                return SetLimits(limits.speed_limit_rad_s / TAU, limits.current_limit_a)
+            case DriveFrame.CLOSED_LOOP:
+                return SetAxisState(CLOSED_LOOP.value)
+            case DriveFrame.CLEAR_ERRORS:
+                return ClearErrors(identify=0)
+            case DriveFrame.RE_ZERO:
+                # Whole turns only: the crank's angle stays what it is.
+                position_rev = self._position.position_rev
+                return SetAbsolutePosition(position_rev - math.floor(position_rev))
+            case _:
+                return SetAxisState(AXIS_IDLE.value)
 
     def _impact_frame(self, outputs: Outputs) -> None:
         """One impact, whose age counts on while its frame waits."""

@@ -19,6 +19,7 @@ from firmware_py.core import (
     calm,
     crank,
     detector,
+    drive_link,
     estimator,
     gait,
     hold,
@@ -31,7 +32,7 @@ from firmware_py.core import (
     therapy,
 )
 from firmware_py.core.kalman import ProcessNoise, Row, Transition
-from firmware_py.core.step import Config, DriveConfig
+from firmware_py.core.step import Config
 from firmware_py.interface import codec
 
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -656,9 +657,14 @@ def config_of(values: Mapping[str, float], damaged: bool = False) -> Config:
     )
     return Config(
         tick_s=tick_s,
-        drive=DriveConfig(
+        drive_link=drive_link.DriveLinkConfig(
             speed_limit_rad_s=values["limit.drive_speed_rad_s"],
             current_limit_a=values["speed.current_limit_a"],
+            repeat_ticks=max(round(drive_link.REPEAT_S / tick_s), 1),
+            answer_ticks=max(round(drive_link.REPEAT_S / tick_s), 1),
+            arm_ticks=max(round(drive_link.ARM_S / tick_s), 1),
+            re_zero_ticks=max(round(drive_link.RE_ZERO_S / tick_s), 1),
+            fresh_ticks=ticks("watchdog.drive_s"),
         ),
         crank=crank_config,
         estimator=estimator_config,

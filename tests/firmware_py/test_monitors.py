@@ -6,7 +6,7 @@ from records import HEALTHY, replaced
 from firmware_py.core import crank, detector, estimator, monitors
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.monitors import Findings, MonitorState
-from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).monitors
@@ -294,6 +294,13 @@ def test_a_drive_error_and_a_drive_that_lets_go() -> None:
 def test_a_drive_that_does_not_enable() -> None:
     assert watch(HEALTHY, 1000, Mode.SOFT_START)[1].drive == Fault.NONE
     assert watch(HEALTHY, 1001, Mode.SOFT_START)[1].drive == Fault.DRIVE_ERROR
+
+
+def test_a_drive_that_does_not_let_go() -> None:
+    for mode in Mode:
+        refused = Fault.NONE if mode in MOVING else Fault.DRIVE_ERROR
+        assert watch(CLOSED, 1000, mode)[1].drive == Fault.NONE
+        assert watch(CLOSED, 1001, mode)[1].drive == refused
 
 
 def test_standstill_takes_its_time() -> None:

@@ -34,6 +34,14 @@ def node() -> FirmwareNode:
     return FirmwareNode(config_from({}))
 
 
+IDLE = SetAxisState(AxisState.IDLE)
+
+
+def is_drives(record: object) -> bool:
+    """Whether the drive obeys such a record."""
+    return isinstance(record, SetInputTorque | SetAxisState | SetControllerMode | SetLimits)
+
+
 def sample(counter: int, low: float = 1.0) -> Frame:
     return codec.ACCELEROMETER.encode(Accelerometer(low, low, 0.0), counter)
 
@@ -43,7 +51,7 @@ def test_a_silent_bus_leaves_everything_at_rest() -> None:
     for _ in range(500):
         frames = [codec.decode(frame) for frame in one.tick([], 1)]
         assert frames[0] == SetInputTorque(0.0)
-        assert not any(isinstance(record, SetAxisState) for record in frames)
+        assert all(record in (SetInputTorque(0.0), IDLE) for record in frames if is_drives(record))
     assert one.outputs.mode == Mode.INIT
     assert one.inputs.accelerometer.age_ticks == NEVER_TICKS
 
@@ -132,7 +140,9 @@ def test_cyclic_frames_keep_their_periods() -> None:
         (codec.FIRMWARE_HEARTBEAT, 100),
     ):
         ticks = [tick for tick, can_id in sent if can_id == its_codec.can_id]
-        assert ticks == list(range(ticks[0], 1000, period))
+        due = range(0, 1000, period)
+        # A frame to the drive may come before, once in 20 ticks.
+        assert all(0 <= tick - at <= 2 for tick, at in zip(ticks, due, strict=True))
 
 
 def test_a_tick_sends_the_torque_and_at_most_one_other_frame() -> None:
@@ -176,7 +186,7 @@ def test_the_drive_is_enabled_only_on_a_start_and_let_go_on_a_stop() -> None:
         bench.run(0.001, keep=False)
         sent += [codec.decode(frame) for frame in bench.sent]
     assert bench.node.outputs.mode == Mode.READY
-    assert not any(isinstance(record, SetAxisState | SetControllerMode | SetLimits) for record in sent)
+    assert {record for record in sent if is_drives(record)} == {SetInputTorque(0.0), IDLE}
     bench.request = OperatorRequest.RUN
     sent.clear()
     for _ in range(400):

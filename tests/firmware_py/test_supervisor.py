@@ -22,10 +22,10 @@ CALM = Findings(
 
 
 def all_conditions() -> list[Conditions]:
-    flags = itertools.product((False, True), repeat=10)
+    flags = itertools.product((False, True), repeat=11)
     return [
-        Conditions(e, f, i, d, o, r, s, c, t, w, k, z)
-        for (e, i, d, o, s, c, t, w, k, z) in flags
+        Conditions(e, f, i, d, o, r, s, c, t, a, w, k, z)
+        for (e, i, d, o, s, c, t, a, w, k, z) in flags
         for f in (Fault.NONE, Fault.OVERSPEED)
         for r in OperatorRequest
     ]
@@ -48,6 +48,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert (mode, after) == (Mode.READY, Mode.SOFT_START)
             assert wants_run
             assert c.idle_seen
+            assert c.axis_idle
             assert c.inputs_fresh
             assert c.target_valid
             assert not c.whirling
@@ -76,7 +77,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert after == (Mode.READY if c.standstill else Mode.STOPPING)
         if mode == Mode.READY and c.fault == Fault.NONE:
             fresh = c.inputs_fresh and c.operator_fresh
-            starts = wants_run and c.idle_seen and c.target_valid and not c.whirling
+            starts = wants_run and c.idle_seen and c.axis_idle and c.target_valid and not c.whirling
             assert after == ((Mode.SOFT_START if starts else Mode.READY) if fresh else Mode.INIT)
         # Clearing never arms.
         if c.request == OperatorRequest.CLEAR_FAULTS:
@@ -120,8 +121,9 @@ def step(
     estop: bool = False,
     captured: bool = False,
     failed: bool = False,
+    axis_idle: bool = True,
 ) -> SupervisorState:
-    return supervisor.step(state, findings, estop, request, 0x200, True, captured, failed, 1)
+    return supervisor.step(state, findings, estop, request, 0x200, True, axis_idle, captured, failed, 1)
 
 
 def test_nothing_is_remembered_at_power_up() -> None:

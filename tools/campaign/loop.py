@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.core.drive_link import DriveFrame
 from firmware_py.core.estimator import EstimatorState
 from firmware_py.core.inputs import (
     NEVER_TICKS,
@@ -82,7 +83,7 @@ from tools.campaign.columns import (
 from tools.campaign.kernels import kernel, subroutine
 from tools.campaign.plant import Filters, Module, advance
 from tools.campaign.quantise import Counts, framed, single
-from tools.campaign.shell import Heard, Line, Wishes, heard_at, obeyed, sent, told
+from tools.campaign.shell import Heard, heard_at, obeyed, told
 
 Vector = NDArray[np.float64]
 
@@ -197,7 +198,6 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     report_ticks: Ticks,
     reports: Reports,
     heard: Heard,
-    line: Line,
     config: Config,
     state: State,
     script: Script,
@@ -211,7 +211,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     y = module.memory.y
     tick_s = config.tick_s
     stop_m = origin_m(parts.stop, parts.striker)
-    wishes = Wishes(0.0, False, False, False, False, False)
+    torque_n_m, frame, mode = 0.0, DriveFrame.NOTHING, Mode.INIT
     speech = Speech(False, 0, 0, 0, 0.0, 0.0)
     gait_input = GaitInput(0.0, 0.0, False, False, NEVER_TICKS)
     held_n_m = 0.0
@@ -241,7 +241,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
         # Drive and module until t_{k+1}
         drive = obeyed(
-            drive, wishes, drive_config, config.drive.speed_limit_rad_s, config.drive.current_limit_a
+            drive,
+            torque_n_m,
+            frame,
+            drive_config,
+            config.drive_link.speed_limit_rad_s,
+            config.drive_link.current_limit_a,
         )
         held_n_m = axis.torque_n_m(drive_config, drive, omega_rad_s)
         pushes = _moved(plan, parts, filters, module, record, held_n_m, pushes, tick, tick_s)
@@ -256,9 +261,10 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
         # Firmware at t_k + T/2
         state, outputs = step(config, state, _inputs(accelerometer, coarse, encoder, heard, gait_input))
-        if outputs.mode != line.mode:
+        torque_n_m, frame = single(outputs.torque_n_m), outputs.drive_frame
+        if outputs.mode != mode:
             _book_mode(record, tick, outputs)
-        line, wishes = sent(line, outputs, heard, gait_input.age_ticks < NEVER_TICKS, tick)
+        mode = outputs.mode
 
         # Books
         _book(record, tick, outputs)

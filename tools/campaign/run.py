@@ -23,7 +23,7 @@ from tools.campaign.gait_frames import gait_frames
 from tools.campaign.loop import Plan, Record, Scales, Script, record
 from tools.campaign.plant import filters, is_supported, module
 from tools.campaign.quantise import signal_counts
-from tools.campaign.shell import FIRST_HEARD, first_line
+from tools.campaign.shell import FIRST_HEARD
 from tools.output import BadInputError
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,6 @@ def run(
         report_ticks(tick_s),
         first_reports(0),
         FIRST_HEARD,
-        first_line(),
         config,
         INITIAL,
         script,

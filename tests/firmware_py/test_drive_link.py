@@ -1,0 +1,229 @@
+"""The link to the drive's axis: every request against every event, held to rules written independently."""
+
+import itertools
+
+import pytest
+from records import HEALTHY
+
+from firmware_py.core import drive_link
+from firmware_py.core.drive_link import AxisRequest, DriveFrame, DriveLinkState
+from firmware_py.core.inputs import NEVER_TICKS, DriveInput
+from firmware_py.interface.enums import AxisState, Mode
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).drive_link
+ENCODER = HEALTHY.encoder
+STALE = DriveInput(AxisState.IDLE, 0, 0, 50)
+"""A heartbeat that was received long ago, but is no reason for alarm yet."""
+OPENED = DriveInput(AxisState.IDLE, 0, 0, 0)
+CLOSED = DriveInput(AxisState.CLOSED_LOOP_CONTROL, 0, 0, 0)
+SILENT = DriveInput(AxisState.IDLE, 0, 0, CONFIG.fresh_ticks + 1)
+ARMING = (DriveFrame.CONTROLLER_MODE, DriveFrame.LIMITS, DriveFrame.CLOSED_LOOP)
+DISARMING = (DriveFrame.IDLE, DriveFrame.ESTOP)
+ROUNDS = {
+    AxisRequest.OPEN: (DriveFrame.IDLE,),
+    AxisRequest.STOP: (DriveFrame.ESTOP, DriveFrame.IDLE),
+    AxisRequest.CLOSE: ARMING,
+    AxisRequest.KEEP: (),
+}
+REQUESTS = {
+    Mode.INIT: AxisRequest.OPEN,
+    Mode.READY: AxisRequest.OPEN,
+    Mode.SOFT_START: AxisRequest.CLOSE,
+    Mode.RUN: AxisRequest.KEEP,
+    Mode.STOPPING: AxisRequest.KEEP,
+    Mode.FAULT: AxisRequest.OPEN,
+    Mode.E_STOP: AxisRequest.STOP,
+}
+
+
+def step(
+    state: DriveLinkState,
+    mode: Mode,
+    drive: DriveInput = STALE,
+    position_rev: float = 0.0,
+    velocity_rev_s: float = 0.0,
+    asks_clear: bool = False,
+    elapsed_ticks: int = 1,
+) -> tuple[DriveLinkState, DriveFrame]:
+    encoder = ENCODER._replace(position_rev=position_rev, velocity_rev_s=velocity_rev_s)
+    return drive_link.step(CONFIG, state, mode, drive, encoder, asks_clear, elapsed_ticks)
+
+
+def frames(
+    state: DriveLinkState, mode: Mode, ticks: int, drive: DriveInput = STALE
+) -> tuple[DriveLinkState, dict[int, DriveFrame]]:
+    """The state after so many ticks, and what left in which of them."""
+    sent = {}
+    for tick in range(ticks):
+        state, frame = step(state, mode, drive)
+        if frame != DriveFrame.NOTHING:
+            sent[tick] = frame
+    return state, sent
+
+
+def states() -> list[DriveLinkState]:
+    """Every request, unconfirmed and confirmed, at every place of a round and at the edges of its times."""
+    return [
+        DriveLinkState(request, request_ticks, round_ticks, place, confirmed, service_ticks)
+        for request in AxisRequest
+        for request_ticks in (18, 19)
+        for round_ticks in (18, 19, 48, 49)
+        for place in range(4)
+        for confirmed in (False, True)
+        for service_ticks in (48, 49, 998, 999)
+    ]
+
+
+EVENTS = [
+    (DriveInput(axis_state, error, 0, age_ticks), position_rev, velocity_rev_s, asks_clear)
+    for axis_state in (AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL, AxisState.UNDEFINED)
+    for error in (0, 0x200)
+    for age_ticks in (0, 1, CONFIG.fresh_ticks, CONFIG.fresh_ticks + 1)
+    for position_rev, velocity_rev_s in ((0.0, 0.0), (64.0, 0.019), (-64.0, 0.02))
+    for asks_clear in (False, True)
+]
+
+
+def test_nothing_is_remembered_at_power_up() -> None:
+    nothing = DriveLinkState(AxisRequest.OPEN, 0, 0, 0, confirmed=False, service_ticks=NEVER_TICKS)
+    assert nothing == drive_link.INITIAL
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_every_state_under_every_event(mode: Mode) -> None:
+    request = REQUESTS[mode]
+    for state, (drive, position_rev, velocity_rev_s, asks_clear) in itertools.product(states(), EVENTS):
+        after, frame = step(state, mode, drive, position_rev, velocity_rev_s, asks_clear)
+        begins = request != state.request
+        assert after.request == request
+        # Only SOFT_START arms, whatever was waiting.
+        assert mode == Mode.SOFT_START or frame not in ARMING
+        assert mode not in (Mode.RUN, Mode.STOPPING) or frame == DriveFrame.NOTHING
+        # A new request is sent at once.
+        if begins:
+            assert frame == (*ROUNDS[request], DriveFrame.NOTHING)[0]
+        # Confirmed: by a heartbeat of this tick that answers, or by one before that is still fresh.
+        wanted = (
+            AxisState.IDLE
+            if request in (AxisRequest.OPEN, AxisRequest.STOP)
+            else AxisState.CLOSED_LOOP_CONTROL
+        )
+        answered = not begins and drive.age_ticks == 0 and state.request_ticks + 1 >= 20
+        if answered:
+            assert after.confirmed == (drive.axis_state == wanted)
+        else:
+            assert after.confirmed == (not begins and state.confirmed and drive.age_ticks <= 350)
+        # Unconfirmed, a round goes on tick by tick; once it and its period are over, it begins again.
+        if not after.confirmed and not begins:
+            round_of = ROUNDS[request]
+            if state.place < len(round_of):
+                assert frame == round_of[state.place]
+            elif state.round_ticks + 1 >= (50 if request == AxisRequest.CLOSE else 20) and round_of:
+                assert frame == round_of[0]
+            else:
+                assert frame not in (*ARMING, *DISARMING)
+        assert (after.round_ticks == 0) == (frame in ROUNDS[request][:1])
+        if after.confirmed:
+            assert frame not in (*ARMING, *DISARMING)
+        # Errors are cleared in INIT alone, the position is brought back in READY alone.
+        if frame == DriveFrame.CLEAR_ERRORS:
+            assert mode == Mode.INIT
+            assert asks_clear
+            assert drive.axis_error != 0
+            assert state.service_ticks + 1 >= 50
+        if frame == DriveFrame.RE_ZERO:
+            assert mode == Mode.READY
+            assert drive_link.is_idle(after)
+            assert abs(position_rev) >= 64.0
+            assert abs(velocity_rev_s) < 0.02
+            assert state.service_ticks + 1 >= 1000
+        assert (after.service_ticks == 0) == (frame in (DriveFrame.CLEAR_ERRORS, DriveFrame.RE_ZERO))
+
+
+def test_a_silent_drive_is_sent_idle_every_20_ms_for_ever() -> None:
+    for drive in (SILENT, DriveInput(AxisState.UNDEFINED, 0, 0, NEVER_TICKS)):
+        _, sent = frames(drive_link.INITIAL, Mode.INIT, 5000, drive)
+        assert sent == dict.fromkeys(range(0, 5000, 20), DriveFrame.IDLE)
+
+
+def test_arming_is_three_frames_every_50_ms_until_the_axis_is_closed() -> None:
+    state, sent = frames(drive_link.INITIAL, Mode.SOFT_START, 120)
+    assert sent == {50 * k + place: frame for k in range(3) for place, frame in enumerate(ARMING)}
+    state, sent = frames(state, Mode.SOFT_START, 100, CLOSED)
+    assert sent == {}
+    assert state.confirmed
+    assert not drive_link.is_idle(state)
+
+
+@pytest.mark.parametrize("ticks", range(1, 6))
+@pytest.mark.parametrize("mode", [mode for mode in Mode if mode != Mode.SOFT_START])
+def test_arming_ends_with_soft_start_at_every_place_of_its_round(mode: Mode, ticks: int) -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.SOFT_START, ticks)
+    _, sent = frames(state, mode, 500)
+    assert not set(sent.values()) & set(ARMING)
+    if mode not in (Mode.RUN, Mode.STOPPING):
+        assert sent[0] in DISARMING
+
+
+def test_an_e_stop_and_idle_take_turns_until_they_are_confirmed() -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.RUN, 5)
+    state, sent = frames(state, Mode.E_STOP, 60)
+    pairs = {20 * k: (DriveFrame.ESTOP, DriveFrame.IDLE) for k in range(3)}
+    assert sent == {at + place: frame for at, pair in pairs.items() for place, frame in enumerate(pair)}
+    state, frame = step(state, Mode.E_STOP, OPENED)
+    assert frame == DriveFrame.NOTHING
+    assert drive_link.is_idle(state)
+
+
+def test_a_heartbeat_on_its_way_when_the_request_left_confirms_nothing() -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.SOFT_START, 3)
+    state, _ = frames(state, Mode.FAULT, 20, OPENED)
+    assert not state.confirmed
+    state, _ = frames(state, Mode.FAULT, 1, OPENED)
+    assert drive_link.is_idle(state)
+
+
+def test_an_axis_that_closes_by_itself_is_opened_at_once_and_again() -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.READY, 100, OPENED)
+    assert drive_link.is_idle(state)
+    state, frame = step(state, Mode.READY, CLOSED)
+    assert frame == DriveFrame.IDLE
+    state, sent = frames(state, Mode.READY, 60, CLOSED)
+    assert list(sent) == [19, 39, 59]
+
+
+def test_a_confirmation_grows_stale() -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.READY, 100, OPENED)
+    state, frame = step(state, Mode.READY, SILENT)
+    assert frame == DriveFrame.IDLE
+    assert not drive_link.is_idle(state)
+
+
+def test_errors_are_cleared_every_50_ms_and_idle_goes_first() -> None:
+    state, sent = drive_link.INITIAL, []
+    wrong = DriveInput(AxisState.IDLE, 0x200, 0, 50)
+    for _ in range(120):
+        state, frame = step(state, Mode.INIT, wrong, asks_clear=True)
+        sent.append(frame)
+    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.IDLE] == [0, 20, 40, 60, 80, 100]
+    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.CLEAR_ERRORS] == [1, 51, 101]
+
+
+def test_a_far_position_is_brought_back_once_a_second() -> None:
+    state, _ = frames(drive_link.INITIAL, Mode.READY, 100, OPENED)
+    sent = []
+    for _ in range(2001):
+        state, frame = step(state, Mode.READY, OPENED, position_rev=-100.0)
+        sent.append(frame)
+    assert [tick for tick, frame in enumerate(sent) if frame == DriveFrame.RE_ZERO] == [0, 1000, 2000]
+
+
+def test_skipped_ticks_count() -> None:
+    state, _ = step(drive_link.INITIAL, Mode.FAULT, elapsed_ticks=5)
+    state, frame = step(state, Mode.FAULT, elapsed_ticks=19)
+    assert frame == DriveFrame.NOTHING
+    state, frame = step(state, Mode.FAULT, elapsed_ticks=7)
+    assert frame == DriveFrame.IDLE
+    assert state.request_ticks == 31
+    assert state.service_ticks == NEVER_TICKS
