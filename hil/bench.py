@@ -12,20 +12,20 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from hil import run_folder, rundir, trace
+from hil import run_folder
 from hil.bus import ProvidedBus, join, provide
 from hil.clock import NS_PER_S, MonotonicClock
+from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
 from hil.faults.processes import ProcessFaults
 from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
-from hil.processes import Child, ChildError, ChildRefusalError
+from hil.processes import Child
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
@@ -35,7 +35,6 @@ from hil.warm import warm_firmware, warm_plant
 Progress = Callable[[float, str], None]
 ClockName = Literal["real", "lockstep"]
 
-INTERRUPTED = "interrupted by Ctrl-C"
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
@@ -56,21 +55,6 @@ class BenchError(RuntimeError):
     """A run that could not be started."""
 
 
-@dataclass
-class Outcome:
-    """How a run ended; outcome.json."""
-
-    wall_s: float = 0.0
-    """Elapsed from the start to the end of the loops."""
-    reasons: list[str] = field(default_factory=list)
-    """Why the run is no good whatever its checks say: one sentence each."""
-    baseline_overruns: int | None = None
-    memory_growth_mb: dict[str, float] = field(default_factory=dict)
-    """By process since it had settled, in runs that are long enough."""
-    memory_watched_s: float = 0.0
-    """The time from then on."""
-
-
 def run_scenario(
     scenario: Scenario,
     clock: ClockName,
@@ -86,45 +70,66 @@ def run_scenario(
     An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
     `only_if_failed`: a run that has passed leaves its verdict and nothing else.
     """
-    if clock == "lockstep":
-        run_dir, outcome = in_lockstep(scenario, out_dir, seed, progress)
-    else:
+    if clock == "real":
         refuse_other_periods(scenario.period_s)
         refuse_modelled_bus(scenario)
-        with provide(bus) as provided:
-            run_dir = run_folder.create(scenario, out_dir, "real", provided.described, seed)
-            outcome = RealTimeRun(scenario, run_dir, seed, provided, progress, viewer).run()
-        if provided.said:
-            run_folder.note(run_dir, bus_said=json.loads(provided.said))
-    progress(1.0, "writing log and verdict")
-    verdict = rundir.finish(run_dir, only_if_failed)
-    if viewer is not None and clock == "lockstep":
-        show(run_dir, viewer)
-    if INTERRUPTED in outcome.reasons:
-        raise KeyboardInterrupt
-    return verdict
+    with run_folder.claimed(scenario.name, out_dir) as run_dir:
+        run_folder.begin(run_dir, scenario, clock, seed)
+        with ending_with_a_verdict(run_dir, only_if_failed) as ending:
+            if clock == "lockstep":
+                simulate(scenario, run_dir, seed, ending.outcome, progress)
+            else:
+                in_real_time(scenario, run_dir, seed, bus, ending.outcome, progress, viewer)
+            progress(1.0, "writing log and verdict")
+        if viewer is not None and clock == "lockstep":
+            show(run_dir, viewer)
+    return ending.verdict
 
 
 def in_lockstep(
     scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress
 ) -> tuple[Path, Outcome]:
+    """Run in this process and leave the judging to the caller; gives the run folder and how it ended."""
+    outcome = Outcome()
+    with run_folder.claimed(scenario.name, out_dir) as run_dir:
+        run_folder.begin(run_dir, scenario, "lockstep", seed)
+        simulate(scenario, run_dir, seed, outcome, progress)
+        run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    return run_dir, outcome
+
+
+def simulate(scenario: Scenario, run_dir: Path, seed: int, outcome: Outcome, progress: Progress) -> None:
     """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
+    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
+    run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
+    run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
     progress(0.0, "compiling kernels")
     warm_plant(scenario.scene)
     warm_firmware(scenario.parameters)
-    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
-    run_dir = run_folder.create(scenario, out_dir, "lockstep", bus, seed)
-    run_folder.note(run_dir, t0_ns=0, wall_start_s=0.0)
-    run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
-    outcome = Outcome()
     started = time.perf_counter()
     try:
-        run_lockstep(scenario, run_dir, seed, progress)
-    except KeyboardInterrupt:
-        outcome.reasons.append(INTERRUPTED)
-    outcome.wall_s = time.perf_counter() - started
-    run_folder.write_json(run_dir / "outcome.json", vars(outcome))
-    return run_dir, outcome
+        if lost := run_lockstep(scenario, run_dir, seed, progress):
+            outcome.reasons.append(f"no room on the disk for the last {lost} records")
+    finally:
+        outcome.wall_s = time.perf_counter() - started
+
+
+def in_real_time(
+    scenario: Scenario,
+    run_dir: Path,
+    seed: int,
+    bus: str,
+    outcome: Outcome,
+    progress: Progress,
+    viewer: str | None,
+) -> None:
+    """Run on the wall clock, on a bus that is made for it or named."""
+    run_folder.note(run_dir, bus=bus, kernel_can=False)
+    with provide(bus) as provided:
+        run_folder.note(run_dir, **provided.described)
+        RealTimeRun(scenario, run_dir, seed, provided, outcome, progress, viewer).run()
+    if provided.said:
+        run_folder.note(run_dir, bus_said=json.loads(provided.said))
 
 
 def program() -> str:
@@ -145,6 +150,7 @@ class RealTimeRun:
         run_dir: Path,
         seed: int,
         provided: ProvidedBus,
+        outcome: Outcome,
         progress: Progress,
         viewer: str | None = None,
     ) -> None:
@@ -155,14 +161,12 @@ class RealTimeRun:
         self.progress = progress
         self.viewer = viewer
         self.clock = MonotonicClock()
-        self.outcome = Outcome()
+        self.outcome = outcome
         self.children: dict[str, Child] = {}
 
-    def run(self) -> Outcome:
-        """Start, run, stop in order; how it ended is noted whatever happens."""
+    def run(self) -> None:
+        """Start, run, stop in order."""
         with ExitStack() as stack:
-            stack.callback(self.write_outcome)
-            stack.callback(trace.bring_home, self.run_dir)
             stack.callback(self.stop_all)
             self.start_all()
             operator_bus = join(self.provided.address, accept=())
@@ -182,10 +186,8 @@ class RealTimeRun:
                 self.attend(operator, tell_bus, t0_ns)
                 if not self.outcome.reasons:
                     self.await_ends()
-            except KeyboardInterrupt:
-                self.outcome.reasons.append(INTERRUPTED)
-            self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / NS_PER_S
-        return self.outcome
+            finally:
+                self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / NS_PER_S
 
     @property
     def watched(self) -> dict[str, Child]:
@@ -225,14 +227,7 @@ class RealTimeRun:
         run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
         allowed = {}
         for name, child in self.children.items():
-            try:
-                said = child.wait_ready(READY_TIMEOUT_S)
-            except ChildError as error:
-                self.outcome.reasons.append(str(error))
-                if isinstance(error, ChildRefusalError):
-                    raise
-                raise BenchError(str(error)) from error
-            if said:
+            if said := child.wait_ready(READY_TIMEOUT_S):
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 
@@ -306,7 +301,3 @@ class RealTimeRun:
             if lost := one.get("lost_records", 0):
                 self.outcome.reasons.append(f"{name}: no room on the disk for its last {lost} records")
         self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")
-
-    def write_outcome(self) -> None:
-        """outcome.json."""
-        run_folder.write_json(self.run_dir / "outcome.json", vars(self.outcome))

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from hil import rundir
 from hil.figure_records import Figures, TrueImpact
 from hil.figures import figures_from
 from hil.log_reader import TIMELINES, contiguous, read_traces, repair, tables
@@ -25,6 +24,7 @@ from hil.rerun_log import LOG_NAME, rebuild
 from hil.rerun_program import RerunError
 from hil.run_folder import RUNS
 from hil.run_traces import RunTraces
+from hil.verdict import judge
 
 if TYPE_CHECKING:
     import pandas
@@ -179,7 +179,7 @@ class Run:
     @cached_property
     def verdict(self) -> dict[str, Any]:
         """The verdict, computed anew: the keys of `verdict.json`."""
-        return rundir.judge(self.traces, self.figures, self.log.parent)[0]
+        return judge(self.traces, self.figures, self.log.parent)[0]
 
 
 def open_run(run: str | Path | None = None) -> Run:

@@ -8,17 +8,18 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil import junit, requirements, run_folder, rundir
-from hil.bench import ClockName, Outcome, Progress, run_scenario
+from hil import junit, requirements, run_folder
+from hil.bench import ClockName, Progress, run_scenario
 from hil.realtime import die_with_parent
 from hil.report import write_suite_report
-from hil.scenario import Scenario, load_scenario, scenario_names
+from hil.run_traces import read_json
+from hil.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from hil.seeds import at_another_moment, merged
 
 PROCESSES = 2
 """Runs at once in lockstep; more gain little on two cores."""
 
-RESULT = "suite.json"
+RESULT = run_folder.SUITE_NOTE
 """What a suite leaves in its folder for another one to be compared with."""
 
 
@@ -33,7 +34,16 @@ class Case(NamedTuple):
 
 def scenarios_for(names: Sequence[str], clock: ClockName) -> tuple[list[Scenario], list[str]]:
     """The scenarios of these names, all without one, and those left out: real time has no modelled bus."""
-    scenarios = [load_scenario(name) for name in names or scenario_names()]
+    scenarios: list[Scenario] = []
+    given: dict[str, str] = {}
+    for one in dict.fromkeys(names or scenario_names()):
+        scenario = load_scenario(one)
+        if scenario.name in given:
+            raise ScenarioError(
+                f"{given[scenario.name]} and {one} are two scenarios of one name, {scenario.name}; rename one"
+            )
+        given[scenario.name] = one
+        scenarios.append(scenario)
     left_out = [one.name for one in scenarios if clock == "real" and one.bitrate is not None]
     return [one for one in scenarios if one.name not in left_out], left_out
 
@@ -58,13 +68,11 @@ def judged(case: Case, clock: ClockName, bus: str) -> dict[str, Any]:
     scenario, seed, run_dir, one_of_many = case
     try:
         return run_scenario(scenario, clock, bus, run_dir, seed, silent, only_if_failed=one_of_many)
-    except Exception as error:
+    except run_folder.RunFolderError:
+        raise
+    except Exception:
         traceback.print_exc()
-        if not (run_dir / "run.json").exists():
-            run_folder.create(scenario, run_dir, clock, {"bus": bus, "kernel_can": False}, seed)
-        outcome = Outcome(reasons=[f"broke off: {type(error).__name__}: {error}"])
-        run_folder.write_json(run_dir / "outcome.json", vars(outcome))
-        return rundir.finish(run_dir)
+        return read_json(run_dir / run_folder.VERDICT)
 
 
 def verdicts(
@@ -116,33 +124,44 @@ def run_suite(
     Gives what `--json` prints, which is also what suite.json holds.
     """
     scenarios, left_out = scenarios_for(names, clock)
-    folder = run_folder.free_folder("suite") if out_dir is None else out_dir
-    cases = cases_of(scenarios, seeds, folder)
-    started = time.perf_counter()
-    found: dict[str, dict[int, dict[str, Any]]] = {scenario.name: {} for scenario in scenarios}
-    if cases:
-        folder.mkdir(parents=True, exist_ok=True)
-        progress(0.0, f"running {len(cases)} scenarios" if len(seeds) == 1 else f"running {len(cases)} runs")
-    for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes), 1):
-        found[case.scenario.name][case.seed] = verdict
-        seed = f", seed {case.seed}" if case.one_of_many else ""
-        progress(number / len(cases), f"{number}/{len(cases)} {case.scenario.name}{seed}")
-    ordered = [merged(scenario.checks, found[scenario.name]) for scenario in scenarios]
-    page, xml = folder / "index.html", folder / "junit.xml"
     result: dict[str, Any] = {
-        "scenarios": [told(verdict) for verdict in ordered],
-        "passed": bool(ordered) and all(verdict["passed"] for verdict in ordered),
+        "scenarios": [],
+        "passed": False,
         "clock": clock,
-        "bus": ordered[0]["bus"] if ordered else None,
+        "bus": None,
         "seeds": list(seeds),
         "left_out": left_out,
-        "wall_s": time.perf_counter() - started,
-        "junit": str(xml) if ordered else None,
-        "report": str(page) if ordered else None,
-        "requirements": requirements.trace(ordered),
+        "wall_s": 0.0,
+        "junit": None,
+        "report": None,
+        "requirements": requirements.trace([]),
     }
-    if ordered:
+    if not scenarios:
+        return result
+    started = time.perf_counter()
+    with run_folder.claimed("suite", out_dir, RESULT) as folder:
+        cases = cases_of(scenarios, seeds, folder)
+        for case in cases:
+            run_folder.refuse_foreign(case.run_dir)
+        run_folder.add_to_note(folder / RESULT, result)
+        progress(0.0, f"running {len(cases)} scenarios" if len(seeds) == 1 else f"running {len(cases)} runs")
+        found: dict[str, dict[int, dict[str, Any]]] = {scenario.name: {} for scenario in scenarios}
+        for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes), 1):
+            found[case.scenario.name][case.seed] = verdict
+            seed = f", seed {case.seed}" if case.one_of_many else ""
+            progress(number / len(cases), f"{number}/{len(cases)} {case.scenario.name}{seed}")
+        ordered = [merged(scenario.checks, found[scenario.name]) for scenario in scenarios]
+        page, xml = folder / "index.html", folder / "junit.xml"
+        result |= {
+            "scenarios": [told(verdict) for verdict in ordered],
+            "passed": all(verdict["passed"] for verdict in ordered),
+            "bus": ordered[0]["bus"],
+            "wall_s": time.perf_counter() - started,
+            "junit": str(xml),
+            "report": str(page),
+            "requirements": requirements.trace(ordered),
+        }
         xml.write_text(junit.document(ordered), encoding="utf-8")
         write_suite_report(page, ordered, result["requirements"])
-        run_folder.write_json(folder / RESULT, result)
+        run_folder.add_to_note(folder / RESULT, result)
     return result

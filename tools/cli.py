@@ -101,6 +101,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from hil.bus import BusError
     from hil.processes import ChildRefusalError
     from hil.recorded_run import RunError
+    from hil.run_folder import RunFolderError
     from hil.scenario import ScenarioError
     from hil.trace import TraceError
     from hil.uml import UmlError
@@ -108,7 +109,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
     return (
         *(BadInputError, SceneError, ScenarioError, ParameterError),
-        *(BusError, TraceError, UmlError, ChildRefusalError, RunError),
+        *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
     )
 
 

@@ -16,9 +16,9 @@ from hil import run_folder
 from hil.can_log import CanLog
 from hil.rerun_log import rebuild
 from hil.run_traces import read_bus
-from hil.rundir import IMPORTED
 from hil.seen_on_bus import FIELDS, ticks_seen
 from hil.trace import TraceWriter
+from hil.verdict import IMPORTED
 from tools.output import BadInputError
 
 PERIOD_S = 1e-3
@@ -97,29 +97,27 @@ def import_log(path: Path, out_dir: Path | None) -> dict[str, Any]:
         raise BadInputError(f"{path} holds no data frame of classic CAN with an 11-bit identifier")
     frames.sort(key=lambda stamped: stamped[0])
     first_s = frames[0][0]
-    run_dir = run_folder.free_folder(path.stem) if out_dir is None else out_dir
-    run_dir.mkdir(parents=True, exist_ok=True)
-    if any(run_dir.iterdir()):
-        raise BadInputError(f"{run_dir} is not empty; name another folder with --out")
-    with CanLog(run_dir / "can.log") as can_log:
-        for t_s, frame in frames:
-            can_log.write(round((t_s - first_s) * 1e6), (frame,))
-    run_folder.note(
-        run_dir,
-        scenario=path.name,
-        clock=IMPORTED,
-        bus=str(path),
-        kernel_can=False,
-        period_s=PERIOD_S,
-        wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
-    )
-    run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
-    ticks = ticks_seen(read_bus(run_dir / "can.log"), PERIOD_S)
-    if ticks:
-        with TraceWriter(run_dir / "firmware.trace", FIELDS, expected_records=len(ticks)) as writer:
-            for tick in ticks:
-                writer.append(*tick)
-    rebuild(run_dir)
+    with run_folder.claimed(path.stem, out_dir) as run_dir:
+        run_folder.clear(run_dir)
+        run_folder.note(
+            run_dir,
+            scenario=path.name,
+            clock=IMPORTED,
+            bus=str(path),
+            kernel_can=False,
+            period_s=PERIOD_S,
+            wall_start_s=first_s if first_s > EARLIEST_WALL_S else 0.0,
+        )
+        with CanLog(run_dir / "can.log") as can_log:
+            for t_s, frame in frames:
+                can_log.write(round((t_s - first_s) * 1e6), (frame,))
+        run_folder.write_json(run_dir / "outcome.json", {"reasons": []})
+        ticks = ticks_seen(read_bus(run_dir / "can.log"), PERIOD_S)
+        if ticks:
+            with TraceWriter(run_dir / "firmware.trace", FIELDS, expected_records=len(ticks)) as writer:
+                for tick in ticks:
+                    writer.append(*tick)
+        rebuild(run_dir)
     return {
         "log": str(path),
         "out": str(run_dir),

@@ -29,7 +29,7 @@ from hil.figures import figures_of
 from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.plant_node import ImpactRecord, PlantNode
-from hil.run_folder import create, note
+from hil.run_folder import begin, note
 from hil.scenario import ScenarioError, changed, check_scenario, read_scenario, refuse_modelled_bus
 from plant_sim.scene import load_scene
 from plant_sim.sensors import SensorReading
@@ -482,8 +482,9 @@ def test_a_modelled_bus_is_for_lockstep() -> None:
 
 
 def in_lockstep(run_dir: Path, scenario: Any) -> Path:
-    create(scenario, run_dir, "lockstep", {"bus": "in-process", "kernel_can": False}, 1)
-    note(run_dir, wall_start_s=0.0)
+    run_dir.mkdir(exist_ok=True)
+    begin(run_dir, scenario, "lockstep", seed=1)
+    note(run_dir, bus="in-process", kernel_can=False, wall_start_s=0.0)
     run_lockstep(scenario, run_dir, 1, lambda *_: None)
     return run_dir
 

@@ -15,7 +15,7 @@ from hil.log_reader import tables
 from hil.report_plots import plots, push_off_curve
 from hil.rerun_log import RunLog, rebuild
 from hil.run_traces import read_run
-from hil.rundir import finish
+from hil.verdict import finish
 from plant_sim.gait_sensors import LegState
 
 STRIDE_S = 0.4

@@ -9,7 +9,7 @@ from hil import trace
 from hil.checks import evaluate
 from hil.figures import figures_of
 from hil.lockstep import run_lockstep
-from hil.run_folder import create, note
+from hil.run_folder import begin, note
 from hil.scenario import Scenario, changed, check_scenario, load_scenario, read_scenario
 
 MEASURED = ("wake_latency_us", "work_us")
@@ -23,8 +23,9 @@ QUICK = [
 
 
 def run(scenario: Scenario, run_dir: Path, seed: int = 1) -> Path:
-    create(scenario, run_dir, "lockstep", {"bus": "in-process", "kernel_can": False}, seed)
-    note(run_dir, wall_start_s=0.0)
+    run_dir.mkdir(exist_ok=True)
+    begin(run_dir, scenario, "lockstep", seed)
+    note(run_dir, bus="in-process", kernel_can=False, wall_start_s=0.0)
     run_lockstep(scenario, run_dir, seed, lambda *_: None)
     return run_dir
 

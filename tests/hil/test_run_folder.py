@@ -9,6 +9,7 @@ import pytest
 
 from hil import suite
 from hil.bench import run_scenario
+from hil.run_folder import RunFolderError, claimed
 from hil.scenario import Scenario, load_scenario
 from hil.suite import Case, judged, run_suite
 from tools.cli import run
@@ -41,8 +42,8 @@ def run_short(scenario: Scenario, out_dir: Path | None) -> dict[str, Any]:
     return run_scenario(scenario, "lockstep", "auto", out_dir, seed=1, progress=silent)
 
 
-def contents(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in sorted(folder.iterdir())}
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 FOREIGN = {
@@ -53,7 +54,6 @@ FOREIGN = {
 }
 
 
-@pytest.mark.xfail(strict=True, reason="--out removes and overwrites what lies in the folder")
 @pytest.mark.parametrize("run_json", FOREIGN.values(), ids=FOREIGN)
 def test_a_folder_that_no_run_has_made_is_refused_and_left_as_it_is(
     run_json: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -71,7 +71,6 @@ def test_a_folder_that_no_run_has_made_is_refused_and_left_as_it_is(
     assert "--out" in message
 
 
-@pytest.mark.xfail(strict=True, reason="a run removes every *.log and *.rrd of its folder")
 def test_what_a_user_puts_into_a_run_s_folder_stays_there(tmp_path: Path) -> None:
     scenario, out = load_scenario(short(tmp_path)), tmp_path / "out"
     run_short(scenario, out)
@@ -84,12 +83,9 @@ def test_what_a_user_puts_into_a_run_s_folder_stays_there(tmp_path: Path) -> Non
     assert not (out / "operator.trace.new").exists()
 
 
-@pytest.mark.xfail(strict=True, reason="runs that begin in one second take the same folder")
 def test_runs_that_begin_in_one_second_have_a_folder_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hil.run_folder import claimed  # noqa: PLC0415  not there yet
-
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda *_: "20300101-000000")
     together, found = threading.Barrier(8), []
@@ -107,17 +103,13 @@ def test_runs_that_begin_in_one_second_have_a_folder_each(
     assert len(set(found)) == 8
 
 
-@pytest.mark.xfail(strict=True, reason="a second run takes the folder of one that is going on")
 def test_a_folder_in_use_is_refused_until_its_run_is_over(tmp_path: Path) -> None:
-    from hil.run_folder import RunFolderError, claimed  # noqa: PLC0415  not there yet
-
     scenario, out = load_scenario(short(tmp_path)), tmp_path / "out"
     with claimed("rests", out), pytest.raises(RunFolderError, match="in use"):
         run_short(scenario, out)
     assert run_short(scenario, out)["passed"]
 
 
-@pytest.mark.xfail(strict=True, reason="the previous run's traces are judged")
 def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +126,6 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     assert "no compiler" in verdict["reasons"][0]
 
 
-@pytest.mark.xfail(strict=True, reason="a suite runs two scenarios of one name in one folder at once")
 def test_a_suite_refuses_two_scenarios_of_one_name_and_runs_one_given_twice_once(tmp_path: Path) -> None:
     a, b = short(tmp_path / "a"), short(tmp_path / "b")
     arguments = ["suite", str(a), str(b), "--out", str(tmp_path / "out"), "--json"]
@@ -144,14 +135,13 @@ def test_a_suite_refuses_two_scenarios_of_one_name_and_runs_one_given_twice_once
     assert [one["name"] for one in result["scenarios"]] == ["rests"]
 
 
-@pytest.mark.xfail(strict=True, reason="a suite takes any folder")
 def test_a_suite_takes_no_folder_that_is_not_its_own(tmp_path: Path) -> None:
     name = str(short(tmp_path))
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "junit.xml").write_text("mine")
     assert run(["suite", name, "--out", str(mine)]) == EXIT_BAD_INPUT
-    assert contents(mine) == {"junit.xml": "mine"}
+    assert contents(mine) == {"junit.xml": b"mine"}
     own = tmp_path / "own"
     run_suite([name], "lockstep", "auto", own, [1], silent)
     (own / "rests" / "run.json").unlink()

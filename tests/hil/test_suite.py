@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil import suite
+from hil import bench
 from hil.checks import Check, within
 from hil.faults.tables import Fault
 from hil.same_verdicts import compare, read_suite
@@ -87,7 +87,7 @@ def test_a_run_that_breaks_off_has_failed_and_says_why(
     def breaks(*_: object, **__: object) -> None:
         raise RuntimeError("no step is small enough")
 
-    monkeypatch.setattr(suite, "run_scenario", breaks)
+    monkeypatch.setattr(bench, "run_lockstep", breaks)
     verdict = judged(Case(load_scenario("operator-lost"), 1, tmp_path / "run", False), "lockstep", "auto")
     assert verdict["passed"] is False
     assert verdict["reasons"][0] == "broke off: RuntimeError: no step is small enough"
@@ -115,7 +115,7 @@ def test_a_scenario_in_many_seeds_has_one_verdict_and_leaves_little(tmp_path: Pa
     assert left == [
         "index.html",
         "junit.xml",
-        *(f"noisy/seed-{seed}/verdict.json" for seed in (3, 4, 5)),
+        *(f"noisy/seed-{seed}/{name}" for seed in (3, 4, 5) for name in ("run.json", "verdict.json")),
         "suite.json",
     ]
     assert "3 of 3 seeds" in Path(result["report"]).read_text()

@@ -12,8 +12,8 @@ from hil.figure_records import CATALOGUE, value_of
 from hil.figures import figures_from
 from hil.parameter_file import read_document, values_of
 from hil.run_traces import read_run
-from hil.rundir import judge
 from hil.scenario import load_scenario
+from hil.verdict import judge
 
 SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")
 """A start into the multistable band and its hold, a quick start, an emergency: what tuning may spoil."""

@@ -15,8 +15,8 @@ from hil.bench import in_lockstep
 from hil.figures import figures_from
 from hil.parameter_file import nested
 from hil.run_traces import read_run
-from hil.rundir import judge
 from hil.scenario import check_scenario, read_scenario
+from hil.verdict import judge
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 SEED = 1

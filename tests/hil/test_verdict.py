@@ -12,7 +12,7 @@ from hil.figures import figures_of
 from hil.report import write_suite_report
 from hil.report_plots import thinned
 from hil.rerun_program import rerun
-from hil.rundir import finish
+from hil.verdict import finish
 
 # What a program that reads the verdict may rely on.
 KEYS = {

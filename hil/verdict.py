@@ -8,7 +8,6 @@ outcome.json   how it ended: elapsed time, a bare loop's overruns, and reasons w
 run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, again and again if need be
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -20,8 +19,8 @@ from hil.figure_records import Figures, incomplete
 from hil.figures import figures_from
 from hil.report import write_report
 from hil.rerun_log import LOG_NAME, write_log
-from hil.run_folder import clear
-from hil.run_traces import RunTraces, read_run
+from hil.run_folder import RUN_NOTE, VERDICT, clear, write_json
+from hil.run_traces import RunTraces, read_json, read_run
 
 IMPORTED = "imported"
 """The clock of a log that came from a real bench: it has no truth and no scenario."""
@@ -60,19 +59,37 @@ def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any
 
 
 def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
-    """Judge the run in `run_dir`, also one that was cut short, and write its log, verdict and report.
+    """Judge the run in `run_dir`, also one that was cut short, and write its verdict, log and report.
 
-    `only_if_failed`: of a run that has passed the verdict stays, and nothing else.
+    `only_if_failed`: a run that has passed keeps its verdict and `run.json`, and nothing else.
     """
     traces = read_run(run_dir)
     figures = figures_from(traces)
     verdict, results = judge(traces, figures, run_dir)
     if only_if_failed and verdict["passed"]:
-        clear(run_dir)
-    (run_dir / "verdict.json").write_text(json.dumps(verdict, indent=2, allow_nan=False) + "\n")
-    if only_if_failed and verdict["passed"]:
+        clear(run_dir, keep=(RUN_NOTE,))
+        write_json(run_dir / VERDICT, verdict)
         return verdict
-    (run_dir / "junit.xml").write_text(junit.document([verdict]))
+    write(run_dir, verdict)
     write_log(run_dir / LOG_NAME, traces, figures, results)
     write_report(run_dir / "report.html", traces, figures, verdict)
+    return verdict
+
+
+def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
+    """Write verdict.json and junit.xml."""
+    write_json(run_dir / VERDICT, verdict)
+    (run_dir / "junit.xml").write_text(junit.document([verdict]), encoding="utf-8")
+
+
+def prejudge(run_dir: Path, reason: str) -> None:
+    """Leave a failed verdict of a run that has not yet begun; it stands if nobody can write another."""
+    verdict, _ = judge(read_run(run_dir), figures_from(read_run(run_dir)), run_dir)
+    write(run_dir, {**verdict, "reasons": [reason], "passed": False})
+
+
+def amend(run_dir: Path, reasons: Sequence[str]) -> dict[str, Any]:
+    """Fail the run in `run_dir` for these reasons, with the figures that its verdict has."""
+    verdict = {**read_json(run_dir / VERDICT), "reasons": list(reasons), "passed": False}
+    write(run_dir, verdict)
     return verdict
