@@ -10,6 +10,7 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import Counters, powered_up
+from firmware_py.shell.parameters import of_the_build
 from hil.alignment import Alignment
 from hil.faults.memory import ParameterMemory
 from hil.faults.tables import Fault
@@ -139,6 +140,7 @@ class FirmwareRunner:
         """`first_tick`: of a process that takes the place of another, whose trace goes on."""
         self.bus = bus
         self._file = ParameterMemory(parameters, faults, seed)
+        self._build = of_the_build(parameters)
         self._period_s = pace.period_s
         self._power_up(first_tick)
         self._trace = None
@@ -160,7 +162,7 @@ class FirmwareRunner:
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, expected, again)
 
     def _power_up(self, tick: int) -> None:
-        self.node = powered_up(self._file.read(tick * self._period_s))
+        self.node = powered_up(self._file.read(tick * self._period_s), self._build)
         self._alignment = Alignment()
         self._waking: Waking | None = None
         self._last_frames: list[Frame] = []

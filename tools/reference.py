@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from firmware_py.interface import codec, enums
 from firmware_py.interface.dbc import database
 from firmware_py.interface.layout import Signal, SignalKind
-from firmware_py.shell.parameters import TABLE
+from firmware_py.interface.parameter_table import TABLE
 from hil.faults import tables
 from hil.figure_records import CATALOGUE
 from hil.requirements import requirements
@@ -92,14 +92,27 @@ def frames() -> str:
 def parameters() -> str:
     """Every parameter of the firmware."""
     rows = (
-        row(index, f"`{one.name}`", one.unit, f"{one.default:g}", f"{one.low:g} … {one.high:g}", one.meaning)
+        row(
+            index,
+            f"`{one.name}`",
+            one.tier.name.lower(),
+            one.unit,
+            f"{one.default:g}",
+            f"{one.low:g} … " + (f"`{one.at_most}`" if one.at_most else f"{one.high:g}"),
+            one.meaning,
+        )
         for index, one in enumerate(TABLE)
     )
     return page(
         "Firmware parameters",
-        "What the firmware believes and how it is tuned: in a scenario under `[firmware]`, on the command "
-        "line as `--set firmware.NAME=VALUE`, on the bus by index.",
-        table(["index", "name", "unit", "default", "bounds", "meaning"], rows),
+        "The nominal numbers of the module and how the controller is tuned: in a scenario under "
+        "`[firmware]`, on the command line as `--set firmware.NAME=VALUE`, on the bus by index.",
+        "The **tier** says who settles a parameter. **build**: the control period and the hard ceilings; "
+        "they are read on the bus but never written (`NOT_WRITABLE`), and a parameter file that has one is "
+        "refused; a scenario, which describes the bench's build as well, may set them. **module**: the "
+        "nominal numbers of the module and its motor. **tuning**: how the controller behaves. Both are "
+        "written at rest, within their bounds; a bound that is a name is the value of that parameter.",
+        table(["index", "name", "tier", "unit", "default", "bounds", "meaning"], rows),
     )
 
 

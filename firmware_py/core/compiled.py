@@ -21,6 +21,11 @@ COMPILED = os.environ.get("VIBROHIL_COMPILED") == "1"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+def interpreted(function: Function) -> Function:
+    """`function` as Python runs it: for the single call that is not worth compiling."""
+    return cast(Function, getattr(function, "py_func", function))
+
+
 def source_hash() -> str:
     """A hash of all Python sources of the firmware, names included."""
     package = Path(__file__).parents[1]

@@ -45,6 +45,14 @@ INITIAL = CrankState(
 
 
 @compiled
+def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[float, float, float]:
+    """g, h, k of the third-order fading-memory filter with a triple pole (Zarchan & Musoff, table 1.5)."""
+    pole = math.exp(-bandwidth_rad_s * tick_s)
+    rest = 1.0 - pole
+    return 1.0 - pole * pole * pole, 1.5 * rest * rest * (1.0 + pole), 0.5 * rest * rest * rest
+
+
+@compiled
 def step(
     config: CrankConfig,
     state: CrankState,
@@ -102,10 +110,7 @@ def step(
     if state.missed_ticks > 0:
         # A reading after missed ones speaks for the whole time since: the same bandwidth at a longer T.
         T = (state.missed_ticks + 1) * T
-        pole = math.exp(-config.bandwidth_rad_s * T)
-        g = 1.0 - pole * pole * pole
-        h = 1.5 * (1.0 - pole) * (1.0 - pole) * (1.0 + pole)
-        k = 0.5 * (1.0 - pole) * (1.0 - pole) * (1.0 - pole)
+        g, h, k = critically_damped_gains(config.bandwidth_rad_s, T)
     # θ += g e, ω += h e / T, a += 2 k e / T²
     return CrankState(
         wrap_two_pi(angle_rad + g * innovation_rad),

@@ -74,9 +74,44 @@ INITIAL = DetectorState(
     impacts=0,
 )
 
+REFERENCE_M_S = 0.9
+"""The touch-down speed at which the contact time is given."""
+
 FLYING = Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=True)
 SWINGING_OUT = FLYING._replace(settled=False)
 """In the refractory time after a contact."""
+
+
+@compiled
+def _excess_of_dissipation(d: float, k: float) -> float:
+    return (d - math.log1p(d)) - (-k * d - math.log1p(-k * d))
+
+
+@compiled
+def hertz_dissipation(restitution: float) -> float:
+    """d = λ x'⁻ of a Hunt–Crossley stop with this restitution k: d − ln(1 + d) = −k d − ln(1 − k d)."""
+    if restitution >= 1.0:
+        return 0.0
+    k = at_least(restitution, 1e-3)
+    low, high = 1e-9, (1.0 - 1e-12) / k
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if _excess_of_dissipation(middle, k) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@compiled
+def contact_growth(mass_kg: float, contact_s: float, restitution: float) -> float:
+    """`growth` of a(t) = growth · (x'⁻ t)^1.5 at the start of a contact, m/s² by m^1.5.
+
+    Hertz: the elastic contact lasts 2.9432 δ_max/x'⁻ with δ_max = (5 m x'⁻²/(4 K))^(2/5).
+    """
+    deepest_m = contact_s * REFERENCE_M_S / 2.9432
+    stiffness = 1.25 * mass_kg * REFERENCE_M_S * REFERENCE_M_S / math.pow(deepest_m, 2.5)
+    return stiffness / mass_kg * (1.0 + hertz_dissipation(restitution))
 
 
 @compiled

@@ -336,6 +336,29 @@ def sense(
 
 
 @compiled
+def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:
+    """exp(F dt) of x'' = −(c/m) x − (b/m) x', in closed form for weak, critical and strong damping."""
+    sigma = 0.5 * damping_1_s
+    square = stiffness_1_s2 - sigma * sigma
+    decay = math.exp(-sigma * dt_s)
+    cosine, sine_over_omega = 1.0, dt_s
+    if square > 0.0:
+        omega = math.sqrt(square)
+        cosine, sine_over_omega = math.cos(omega * dt_s), math.sin(omega * dt_s) / omega
+    elif square < 0.0:
+        omega = math.sqrt(-square)
+        cosine, sine_over_omega = math.cosh(omega * dt_s), math.sinh(omega * dt_s) / omega
+    return Transition(
+        x_x=decay * (cosine + sigma * sine_over_omega),
+        x_v=decay * sine_over_omega,
+        x_b=0.0,
+        v_x=-decay * stiffness_1_s2 * sine_over_omega,
+        v_v=decay * (cosine - sigma * sine_over_omega),
+        v_b=0.0,
+    )
+
+
+@compiled
 def strapdown(dt_s: float) -> Transition:
     """F of a tick that the accelerometer carries: its bias is what it reads too much."""
     return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)

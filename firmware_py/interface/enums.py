@@ -216,6 +216,18 @@ class ParameterStatus(IntEnum):
     UNKNOWN_INDEX = 1
     OUT_OF_RANGE = 2
     NOT_WHILE_MOVING = 3
+    NOT_WRITABLE = 4
+
+
+class ParameterTier(IntEnum):
+    """Who settles a parameter: the build, the module that it drives, or whoever tunes it.
+
+    Parameters of the build are written neither over the bus nor by a file.
+    """
+
+    BUILD = 0
+    MODULE = 1
+    TUNING = 2
 
 
 # Members that a tick needs, by names of their own: to look one up in its enum costs ten times as much.

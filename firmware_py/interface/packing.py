@@ -699,7 +699,7 @@ def unpack_operator_command(length: int, word: int) -> tuple[OperatorCommand, Fr
 def pack_parameter_request(record: ParameterRequest, counter: int) -> tuple[int, bool]:
     parameter_index, operation, value = record
     if not (
-        0 <= parameter_index <= 65535 and 0 <= operation <= 1 and -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
+        0 <= parameter_index <= 16383 and 0 <= operation <= 1 and -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
     ):
         return 0, False
     value_counts = float32_bits(value)
@@ -734,7 +734,7 @@ def unpack_parameter_request(length: int, word: int) -> tuple[ParameterRequest, 
     value = float32_of(word & 0xFFFFFFFF)
     if not isfinite(value):
         return NO_PARAMETER_REQUEST, NOT_FINITE
-    parameter_index = lane_2
+    parameter_index = word >> 32 & 0x3FFF
     operation = word >> 48 & 0xF
     if not (0 <= operation <= 1):
         return NO_PARAMETER_REQUEST, ENUMERATION
@@ -1029,13 +1029,16 @@ def unpack_fault_event(length: int, word: int) -> tuple[FaultEvent, FrameErrorRe
 
 
 def pack_parameter_value(record: ParameterValue, counter: int) -> tuple[int, bool]:
-    parameter_index, status, value = record
+    parameter_index, status, value, tier = record
     if not (
-        0 <= parameter_index <= 65535 and 0 <= status <= 3 and -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
+        0 <= parameter_index <= 16383
+        and 0 <= status <= 4
+        and -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
+        and 0 <= tier <= 2
     ):
         return 0, False
     value_counts = float32_bits(value)
-    word = value_counts | parameter_index << 32 | status << 48 | (counter & 15) << 52
+    word = value_counts | parameter_index << 32 | tier << 46 | status << 48 | (counter & 15) << 52
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF
     lane_2 = word >> 32 & 0xFFFF
@@ -1047,7 +1050,7 @@ def pack_parameter_value(record: ParameterValue, counter: int) -> tuple[int, boo
     return word | (crc ^ 128) - 128 << 56, True
 
 
-NO_PARAMETER_VALUE = ParameterValue(0, 0, 0.0)
+NO_PARAMETER_VALUE = ParameterValue(0, 0, 0.0, 0)
 
 
 def unpack_parameter_value(length: int, word: int) -> tuple[ParameterValue, FrameErrorReason]:
@@ -1066,11 +1069,14 @@ def unpack_parameter_value(length: int, word: int) -> tuple[ParameterValue, Fram
     value = float32_of(word & 0xFFFFFFFF)
     if not isfinite(value):
         return NO_PARAMETER_VALUE, NOT_FINITE
-    parameter_index = lane_2
-    status = word >> 48 & 0xF
-    if not (0 <= status <= 3):
+    parameter_index = word >> 32 & 0x3FFF
+    tier = word >> 46 & 0x3
+    if not (0 <= tier <= 2):
         return NO_PARAMETER_VALUE, ENUMERATION
-    return ParameterValue(parameter_index, status, value), OK
+    status = word >> 48 & 0xF
+    if not (0 <= status <= 4):
+        return NO_PARAMETER_VALUE, ENUMERATION
+    return ParameterValue(parameter_index, status, value, tier), OK
 
 
 def pack_gait_report(record: GaitReport, counter: int) -> tuple[int, bool]:

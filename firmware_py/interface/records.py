@@ -202,11 +202,15 @@ class FaultEvent(NamedTuple):
 
 
 class ParameterValue(NamedTuple):
-    """0x077, firmware → all: the answer to a parameter request."""
+    """0x077, firmware → all: the answer to a parameter request.
+
+    `tier` is the parameter's; MODULE where there is no such parameter.
+    """
 
     parameter_index: int
     status: int
     value: float
+    tier: int
 
 
 class GaitReport(NamedTuple):

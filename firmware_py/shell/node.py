@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from firmware_py.core.compiled import COMPILED
+from firmware_py.core.configure import config_of
 from firmware_py.core.drive_link import DriveFrame
 from firmware_py.core.inputs import (
     NEVER_TICKS,
@@ -24,6 +25,7 @@ from firmware_py.core.inputs import (
     OperatorInput,
     PowerInput,
 )
+from firmware_py.core.parameters import read_parameter, write_parameter
 from firmware_py.core.step import INITIAL, INITIAL_OUTPUTS, Config, Outputs, State, step
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameCodec, FrameError, FrameErrorReason
@@ -72,14 +74,7 @@ from firmware_py.interface.records import (
     SetLimits,
     StrikerEstimate,
 )
-from firmware_py.shell.parameters import (
-    DEFAULTS,
-    TABLE,
-    ParameterError,
-    config_of,
-    read_back,
-    with_overrides,
-)
+from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
 
 TAU = 2.0 * math.pi
 TORQUE_CONTROL = 1
@@ -150,7 +145,7 @@ class FirmwareNode:
                 "times the interpreted one; unset it to run a node"
             )
         self.config = config
-        self.values = with_overrides(parameters or {})
+        self.parameters = parameters_of(with_overrides(parameters or {}))
         self.state: State = INITIAL
         self.outputs: Outputs = INITIAL_OUTPUTS
         self.counters = Counters(0, 0, 0, 0, 0, 0, 0, 0)
@@ -448,23 +443,19 @@ class FirmwareNode:
 
     def _answer(self, request: ParameterRequest, mode: Mode) -> ParameterValue:
         """Read or write one parameter; a write that is refused changes nothing."""
-        if not 0 <= request.parameter_index < len(TABLE):
-            return ParameterValue(request.parameter_index, ParameterStatus.UNKNOWN_INDEX.value, 0.0)
-        name = TABLE[request.parameter_index].name
+        index = request.parameter_index
         status = ParameterStatus.OK
         if request.operation == ParameterOperation.WRITE:
-            if mode not in _STILL:
-                status = ParameterStatus.NOT_WHILE_MOVING
+            if mode in _STILL:
+                self.parameters, status = write_parameter(self.parameters, index, request.value)
+                # Of damaged parameters one is written, and the others are as unknown as before.
+                self.config = config_of(self.parameters, self.config.monitors.parameters_damaged)
             else:
-                try:
-                    values = with_overrides(self.values | {name: request.value})
-                except ParameterError:
-                    status = ParameterStatus.OUT_OF_RANGE
-                else:
-                    self.values = values
-                    # Of damaged parameters one is written, and the others are as unknown as before.
-                    self.config = config_of(values, self.config.monitors.parameters_damaged)
-        return ParameterValue(request.parameter_index, status.value, self.values[name])
+                status = ParameterStatus.NOT_WHILE_MOVING
+        value, tier, known = read_parameter(self.parameters, index)
+        return ParameterValue(
+            index, known.value if known != ParameterStatus.OK else status.value, value, tier
+        )
 
     def _send(self, its_codec: FrameCodec[Any], record: Any, urgency: Urgency = Urgency.IN_TURN) -> None:
         """Send `record` as it is now, when its turn comes."""
@@ -495,18 +486,18 @@ class FirmwareNode:
         return last is None or (self._ticks - last) * self.config.tick_s >= (its_codec.period_s or 0.0) - 1e-9
 
 
-def powered_up(parameter_file: str) -> FirmwareNode:
-    """A controller that starts with the content of its parameter file.
+def powered_up(parameter_file: str, build: Mapping[str, float] | None = None) -> FirmwareNode:
+    """A controller that starts with the content of its parameter file, and its build's own parameters.
 
     With a damaged one it is there on the bus and says so, with default parameters in place of those it cannot
     read, and does not arm.
     """
     try:
-        values = read_back(parameter_file)
+        values = read_back(parameter_file, build)
     except ParameterError as error:
         print(error, file=sys.stderr)
-        return FirmwareNode(config_of(DEFAULTS, damaged=True))
-    return FirmwareNode(config_of(values), values)
+        return FirmwareNode(config_of(parameters_of(with_overrides(build or {})), True), build)
+    return FirmwareNode(config_of(parameters_of(values), False), values)
 
 
 def _regime_report(outputs: Outputs) -> RegimeReport:

@@ -6,7 +6,7 @@ import pytest
 from firmware_py.core import crank
 from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
 from firmware_py.core.numbers import TAU, wrap_pi
-from firmware_py.shell.parameters import config_from, critically_damped_gains
+from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).crank
 
@@ -58,7 +58,7 @@ def test_few_readings_are_followed_as_fast_as_many(every: int) -> None:
 
 
 def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
-    g, h, k = critically_damped_gains(CONFIG.bandwidth_rad_s, 3e-3)
+    g, h, k = crank.critically_damped_gains(CONFIG.bandwidth_rad_s, 3e-3)
     state = crank.CrankState(0.1, 0.0, 0.0, 0.0, 2)
     after = crank.step(CONFIG, state, EncoderInput(0.2 / TAU, 0.0, 0), 1, 0.0)
     e = after.innovation_rad
@@ -70,7 +70,7 @@ def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
 
 def test_the_tracker_has_a_triple_pole() -> None:
     T = 1e-3
-    g, h, k = critically_damped_gains(200.0, T)
+    g, h, k = crank.critically_damped_gains(200.0, T)
     f = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
     poles = np.linalg.eigvals((np.eye(3) - np.outer([g, h / T, 2 * k / T**2], [1, 0, 0])) @ f)
     np.testing.assert_allclose(poles, math.exp(-200.0 * T), atol=1e-4)

@@ -9,7 +9,7 @@ from firmware_py.core.estimator import Contact, EstimatorConfig, EstimatorState
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
 from firmware_py.core.kalman import Belief, Covariance
 from firmware_py.interface.enums import ContactPhase
-from firmware_py.shell.parameters import config_from, free_flight
+from firmware_py.shell.parameters import config_from
 
 FREE = Contact(ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=True)
 UNHEARD = CoarseInput(0.0, NEVER_TICKS)
@@ -36,7 +36,7 @@ def tick(
     [(87.5, 0.25), (87.5, 2 * math.sqrt(87.5)), (87.5, 60.0), (87.5, 0.0), (1.0, 2.0)],
 )
 def test_the_closed_form_is_the_matrix_exponential(stiffness: float, damping: float) -> None:
-    f = free_flight(stiffness, damping, 1e-3)
+    f = estimator.free_flight(stiffness, damping, 1e-3)
     reference = expm(np.array([[0.0, 1.0], [-stiffness, -damping]]) * 1e-3)
     np.testing.assert_allclose([[f.x_x, f.x_v], [f.v_x, f.v_v]], reference, rtol=1e-12)
 
@@ -53,7 +53,7 @@ def test_bias_is_found_at_rest() -> None:
 
 def test_free_vibration_is_followed_with_unknown_start_and_bias() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = free_flight(87.5, 0.25, 1e-3)
+    f = estimator.free_flight(87.5, 0.25, 1e-3)
     x, v, state, errors = 0.03, 0.2, estimator.INITIAL, []
     for _ in range(8000):
         state = tick(config, state, -87.5 * x - 0.25 * v - 0.35)
@@ -159,7 +159,7 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
 
 def test_gaps_are_bridged_by_the_model() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = free_flight(87.5, 0.25, 1e-3)
+    f = estimator.free_flight(87.5, 0.25, 1e-3)
     x, v, state = 0.03, 0.2, estimator.INITIAL
     for k in range(6000):
         state = tick(config, state, -87.5 * x - 0.25 * v, age=0 if k < 5950 else 5)
@@ -213,7 +213,7 @@ def test_nothing_is_believed_before_the_first_reading() -> None:
 
 def moving_housing(config: EstimatorConfig, seconds: float = 12.0) -> np.ndarray:
     """Errors of x on a housing that is shaken at 1 Hz and whose accelerometer has an offset, the last 4 s."""
-    f = free_flight(87.5, 0.25, 1e-3)
+    f = estimator.free_flight(87.5, 0.25, 1e-3)
     x, v, state, errors = 0.0, 0.0, estimator.INITIAL, []
     for k in range(round(1000 * seconds)):
         shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
@@ -288,7 +288,7 @@ def test_a_blow_within_a_pause_is_taken_into_account() -> None:
 
 def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = free_flight(87.5, 0.25, 1e-3)
+    f = estimator.free_flight(87.5, 0.25, 1e-3)
     x, v, state = 0.03, 0.2, estimator.INITIAL
     for _ in range(5000):
         state = tick(config, state, -87.5 * x - 0.25 * v)
@@ -307,7 +307,7 @@ def test_a_pause_that_begins_within_a_blow_ends_after_newtons_law() -> None:
         x_m=0.182, v_m_s=0.1, p_xx=1e-7, p_vv=1e-4, p_bb=1e-6, touch_down=touch_down, started=True
     )
     x, v = 0.06, -0.45
-    f = free_flight(87.5, 0.25, 1e-3)
+    f = estimator.free_flight(87.5, 0.25, 1e-3)
     for _ in range(60):
         x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
     over = Contact(ContactPhase.FREE, False, True, 5e-4, 0.9, measured=False, settled=False)

@@ -50,6 +50,7 @@ ENUM_OF_SIGNAL: dict[str, type[IntEnum]] = {
     "request": enums.OperatorRequest,
     "operation": enums.ParameterOperation,
     "status": enums.ParameterStatus,
+    "tier": enums.ParameterTier,
     "mode": enums.Mode,
     "fault": enums.Fault,
     "refusal": enums.Refusal,

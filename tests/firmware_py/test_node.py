@@ -8,8 +8,16 @@ from closed_loop import Bench
 
 from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, ParameterStatus
+from firmware_py.interface.enums import (
+    AxisState,
+    Fault,
+    Mode,
+    OperatorRequest,
+    ParameterStatus,
+    ParameterTier,
+)
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.parameter_table import INDEX
 from firmware_py.interface.records import (
     Accelerometer,
     DriveEstop,
@@ -25,7 +33,7 @@ from firmware_py.interface.records import (
     SetLimits,
 )
 from firmware_py.shell.node import FirmwareNode, powered_up
-from firmware_py.shell.parameters import BY_NAME, DEFAULTS, INDEX, config_from, written
+from firmware_py.shell.parameters import BY_NAME, DEFAULTS, config_from, written
 
 G = 9.80665
 
@@ -245,15 +253,27 @@ def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> Parameter
 
 def test_parameters_are_read_and_written_by_index_with_their_bounds_checked() -> None:
     one = FirmwareNode(config_from({"start.rise_s": 4.0}), {"start.rise_s": 4.0})
-    index = INDEX["start.rise_s"]
-    assert ask(one, ParameterRequest(index, 0, 0.0), 0) == ParameterValue(index, ParameterStatus.OK, 4.0)
-    assert ask(one, ParameterRequest(index, 1, 6.0), 1) == ParameterValue(index, ParameterStatus.OK, 6.0)
+    index, tier = INDEX["start.rise_s"], ParameterTier.TUNING
+    assert ask(one, ParameterRequest(index, 0, 0.0), 0) == ParameterValue(
+        index, ParameterStatus.OK, 4.0, tier
+    )
+    assert ask(one, ParameterRequest(index, 1, 6.0), 1) == ParameterValue(
+        index, ParameterStatus.OK, 6.0, tier
+    )
     assert one.config.start.rise_s == 6.0
     too_long = BY_NAME["start.rise_s"].high + 1.0
     refused = ask(one, ParameterRequest(index, 1, too_long), 2)
-    assert refused == ParameterValue(index, ParameterStatus.OUT_OF_RANGE, 6.0)
+    assert refused == ParameterValue(index, ParameterStatus.OUT_OF_RANGE, 6.0, tier)
     assert one.config.start.rise_s == 6.0
-    assert ask(one, ParameterRequest(60_000, 0, 0.0), 3).status == ParameterStatus.UNKNOWN_INDEX
+    assert ask(one, ParameterRequest(16_000, 0, 0.0), 3).status == ParameterStatus.UNKNOWN_INDEX
+
+
+def test_the_control_period_is_read_but_never_written_over_the_bus() -> None:
+    one = FirmwareNode(config_from({}))
+    before, index = one.config, INDEX["control.tick_s"]
+    answer = ask(one, ParameterRequest(index, 1, 0.00025), 0)
+    assert (answer.status, answer.tier) == (ParameterStatus.NOT_WRITABLE, ParameterTier.BUILD)
+    assert one.config == before
 
 
 def test_parameters_are_not_written_while_it_moves() -> None:
@@ -261,7 +281,7 @@ def test_parameters_are_not_written_while_it_moves() -> None:
     bench.run(0.5, keep=False)
     index = INDEX["start.rise_s"]
     answer = ask(bench.node, ParameterRequest(index, 1, 6.0), 0)
-    assert answer == ParameterValue(index, ParameterStatus.NOT_WHILE_MOVING, DEFAULTS["start.rise_s"])
+    assert (answer.status, answer.value) == (ParameterStatus.NOT_WHILE_MOVING, DEFAULTS["start.rise_s"])
 
 
 def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
@@ -351,7 +371,7 @@ def test_a_position_that_has_run_far_is_brought_back_by_whole_turns_at_rest(turn
 
 def test_a_good_parameter_file_is_used() -> None:
     one = powered_up(written(DEFAULTS | {"stop.restitution": 0.43}))
-    assert one.values["stop.restitution"] == 0.43
+    assert one.parameters.stop_restitution == 0.43
     assert one.config == config_from({"stop.restitution": 0.43})
 
 

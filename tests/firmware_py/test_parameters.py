@@ -1,10 +1,20 @@
+import ast
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from firmware_py.core import detector, parameter_values
+from firmware_py.core.configure import config_of
+from firmware_py.core.parameters import read_parameter, write_parameter
+from firmware_py.interface import parameter_table
+from firmware_py.interface.enums import ParameterStatus, ParameterTier
+from firmware_py.interface.parameter_table import INDEX, TABLE
 from firmware_py.shell import parameters
-from firmware_py.shell.parameters import DEFAULTS, INDEX, TABLE, ParameterError, config_from
+from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from
 
 
 def test_the_table_is_in_itself_consistent() -> None:
@@ -61,21 +71,21 @@ def test_what_is_wrong_is_refused_and_named(overrides: dict, words: list[str]) -
 
 @pytest.mark.parametrize("parameter", TABLE, ids=lambda p: p.name)
 def test_bounds_hold_on_both_sides_and_every_bound_gives_a_configuration(
-    parameter: parameters.Parameter,
+    parameter: parameter_table.Parameter,
 ) -> None:
     for bound, step in ((parameter.low, -1.0), (parameter.high, 1.0)):
         beyond = bound + step * max(abs(bound) * 1e-6, 1e-6)
         with pytest.raises(ParameterError):
             parameters.checked(parameter.name, beyond)
         assert parameters.checked(parameter.name, bound) == bound
-        config = parameters.config_of(DEFAULTS | {parameter.name: bound})
+        config = config_of(parameters.parameters_of(DEFAULTS | {parameter.name: bound}), False)
         assert config.tick_s > 0.0
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.05, 0.3, 0.5, 0.9, 1.0])
 def test_hunt_crossley_gives_back_the_restitution(restitution: float) -> None:
     """Integrate m v dv/dδ = −K δ^1.5 (1 + λ v) in closed form: the loading and unloading areas are equal."""
-    d = parameters.hertz_dissipation(restitution)
+    d = detector.hertz_dissipation(restitution)
     if restitution in (0.0, 1.0):
         assert d >= 0.0
         return
@@ -90,7 +100,7 @@ def test_hunt_crossley_gives_back_the_restitution(restitution: float) -> None:
 
 def test_the_start_of_a_contact_is_hertz() -> None:
     """10 ms at 0.9 m/s: integrate the elastic contact and time it."""
-    growth = parameters.contact_growth(0.8, 0.010, 1.0)
+    growth = detector.contact_growth(0.8, 0.010, 1.0)
     x, v, t, h = 0.0, 0.9, 0.0, 1e-6
     while x >= 0.0:
         v -= h * growth * max(x, 0.0) ** 1.5
@@ -99,11 +109,20 @@ def test_the_start_of_a_contact_is_hertz() -> None:
     assert t == pytest.approx(0.010, rel=2e-3)
 
 
-def test_saved_parameters_come_back(tmp_path: Path) -> None:
-    path = tmp_path / "parameters.toml"
+def test_a_parameter_file_comes_back() -> None:
     values = parameters.with_overrides({"stop.restitution": 0.43})
-    parameters.save(path, values)
-    assert parameters.load(path) == values
+    assert parameters.read_back(parameters.written(values)) == values
+
+
+def test_a_parameter_file_has_nothing_of_the_build() -> None:
+    """Those come from the build, whatever the file was written with."""
+    quick = {"control.tick_s": 0.0005}
+    text = parameters.written(parameters.with_overrides(quick))
+    assert "tick_s" not in text
+    assert parameters.read_back(text)["control.tick_s"] == 0.001
+    assert parameters.read_back(text, quick)["control.tick_s"] == 0.0005
+    with pytest.raises(ParameterError, match=r"control.tick_s is settled by the build"):
+        parameters.read_back(text + "\n[control]\ntick_s = 0.00025\n")
 
 
 @pytest.mark.parametrize(
@@ -116,9 +135,88 @@ def test_saved_parameters_come_back(tmp_path: Path) -> None:
         lambda text: text.replace("checksum", "sum"),
     ],
 )
-def test_a_damaged_file_is_refused(tmp_path: Path, damage) -> None:
-    path = tmp_path / "parameters.toml"
-    parameters.save(path, parameters.with_overrides({"stop.restitution": 0.43}))
-    path.write_text(damage(path.read_text()))
+def test_a_damaged_file_is_refused(damage) -> None:
+    text = parameters.written(parameters.with_overrides({"stop.restitution": 0.43}))
     with pytest.raises(ParameterError):
-        parameters.load(path)
+        parameters.read_back(damage(text))
+
+
+def test_the_checked_in_values_are_those_of_the_table() -> None:
+    written = ast.parse(parameter_table.TARGET.read_text(encoding="utf-8"))
+    assert ast.dump(written) == ast.dump(ast.parse(parameter_table.source()))
+
+
+@pytest.mark.parametrize("parameter", TABLE, ids=lambda p: p.name)
+def test_every_parameter_is_read_and_written_by_its_index(parameter: parameter_table.Parameter) -> None:
+    """Of the build none is written; of the others only their own value changes, and only within bounds."""
+    before, index = parameter_values.DEFAULTS, INDEX[parameter.name]
+    value, tier, status = read_parameter(before, index)
+    assert (value, tier, status) == (parameter.default, parameter.tier, ParameterStatus.OK)
+    if parameter.tier is ParameterTier.BUILD:
+        for wanted in (parameter.low, parameter.default, parameter.high):
+            assert write_parameter(before, index, wanted) == (before, ParameterStatus.NOT_WRITABLE)
+        return
+    assert write_parameter(before, index, parameter.default) == (before, ParameterStatus.OK)
+    for wanted in (math.nan, math.inf, -math.inf, math.nextafter(parameter.high, math.inf)):
+        assert write_parameter(before, index, wanted) == (before, ParameterStatus.OUT_OF_RANGE)
+    after, status = write_parameter(before, index, parameter.low)
+    if status is ParameterStatus.OK:
+        assert after == before._replace(**{parameter.field: parameter.low})
+
+
+def test_an_index_that_is_none() -> None:
+    before = parameter_values.DEFAULTS
+    for index in (-1, len(TABLE), 16383):
+        assert read_parameter(before, index) == (0.0, ParameterTier.MODULE, ParameterStatus.UNKNOWN_INDEX)
+        assert write_parameter(before, index, 1.0) == (before, ParameterStatus.UNKNOWN_INDEX)
+
+
+@pytest.mark.parametrize("parameter", [p for p in TABLE if p.at_most], ids=lambda p: p.name)
+def test_no_parameter_is_written_above_its_ceiling(parameter: parameter_table.Parameter) -> None:
+    """By the bus or by a file: torque, current, speed and watchdogs end at the build's numbers."""
+    before = parameter_values.DEFAULTS
+    assert parameter.at_most is not None
+    ceiling = getattr(before, parameter.at_most.replace(".", "_"))
+    at, status = write_parameter(before, INDEX[parameter.name], ceiling)
+    assert status is ParameterStatus.OK
+    above = math.nextafter(ceiling, math.inf)
+    assert write_parameter(at, INDEX[parameter.name], above) == (at, ParameterStatus.OUT_OF_RANGE)
+    with pytest.raises(ParameterError, match=parameter.at_most):
+        parameters.read_back(parameters.written(DEFAULTS | {parameter.name: above}))
+
+
+def test_torque_current_speed_and_watchdogs_have_ceilings() -> None:
+    bounded = {p.name for p in TABLE if p.at_most and p.at_most.startswith("ceiling.")}
+    watchdogs = {p.name for p in TABLE if p.name.startswith("watchdog.")} - {"watchdog.enable_s"}
+    limits = {"speed.torque_limit_n_m", "speed.current_limit_a", "limit.current_a"}
+    speeds = {"limit.overspeed_rad_s", "limit.drive_speed_rad_s"}
+    assert watchdogs | limits | speeds == bounded
+
+
+WRITES = """
+import sys
+from firmware_py.core import parameters
+from firmware_py.core.configure import config_of
+from firmware_py.core.parameter_values import COUNT, DEFAULTS
+for index in range(-1, COUNT + 1):
+    after, status = parameters.write_parameter(DEFAULTS, index, 0.5)
+    print(index, status.value, *(value.hex() for value in after))
+print(repr(config_of(DEFAULTS, False)))
+"""
+
+
+def test_interpreted_and_compiled_write_and_configure_alike() -> None:
+    said = []
+    for compiled in ("0", "1"):
+        environment = os.environ | {"VIBROHIL_COMPILED": compiled}
+        run = subprocess.run(
+            [sys.executable, "-c", WRITES],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=environment,
+            cwd=Path(__file__).parents[2],
+        )
+        said.append(run.stdout.splitlines())
+    assert len(said[0]) == len(TABLE) + 3
+    assert said[0] == said[1]

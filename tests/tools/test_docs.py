@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 import typer
 
-from firmware_py.shell.parameters import TABLE
+from firmware_py.interface.parameter_table import TABLE
 from hil.figure_records import CATALOGUE
 from hil.scenario import load_scenario
 from tools import cli, reference

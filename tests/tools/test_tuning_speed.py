@@ -7,7 +7,8 @@ import control
 import numpy as np
 import pytest
 
-from firmware_py.shell.parameters import DEFAULTS, critically_damped_gains
+from firmware_py.core.crank import critically_damped_gains
+from firmware_py.shell.parameters import DEFAULTS
 from hil.parameter_file import nested
 from tools.output import BadInputError
 from tools.tuning.speed import (

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import butter, lfilter
 
-from firmware_py.shell.parameters import hertz_dissipation
+from firmware_py.core.detector import hertz_dissipation
 
 FloatArray = NDArray[np.float64]
 

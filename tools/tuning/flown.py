@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.core.estimator import free_flight
 from firmware_py.core.kalman import Transition
-from firmware_py.shell.parameters import free_flight
 from tools.tuning.flights import CRANK, Flight
 from tools.tuning.laws import FEWEST_SAMPLES, OUTLYING, Law, Rise, Striker, begun
 

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.interface.records import OperatorCommand
-from firmware_py.shell.parameters import STANDARD_GRAVITY_M_S2, with_overrides
+from firmware_py.shell.parameters import with_overrides
 from hil.run_traces import parse_candump
 from hil.scenario import LARGEST_RATIO
 from hil.seen_on_bus import heard

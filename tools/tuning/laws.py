@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, lstsq, solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
 
-from firmware_py.shell.parameters import free_flight
+from firmware_py.core.estimator import free_flight
 from tools.tuning.flights import (
     CRANK,
     CURVE,

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.shell.parameters import STANDARD_GRAVITY_M_S2, with_overrides
+from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
+from firmware_py.shell.parameters import with_overrides
 from tools.campaign.cells import LAWS, Cell, scene_of
 from tools.campaign.draws import Mismatch, draw
 from tools.campaign.processes import pool, prepare

@@ -1,0 +1,64 @@
+"""The parameter server: reading and writing one parameter by its index, in the firmware's subset.
+
+    read_parameter(parameters, index) -> (value, tier, status)
+    write_parameter(parameters, index, value) -> (parameters, status)
+
+`Parameters` (parameter_values.py) is a NamedTuple of floats in the order of the bus's indices,
+with `DEFAULTS` beside it; `configure.config_of(parameters, damaged)` makes the core's Config of it. A write
+that is refused hands back the parameters as they were. Whether the firmware may be written to at all
+(nothing moves) is the caller's to decide. Names, units, files and error messages are the shell's
+(shell/parameters.py).
+"""
+
+import math
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.parameter_values import COUNT, HIGH, LOW, ORDERED, TIERS, WHOLE, Parameters, with_value
+from firmware_py.interface.enums import ParameterStatus, ParameterTier
+
+BUILD = ParameterTier.BUILD.value
+MODULE = ParameterTier.MODULE.value
+OK = ParameterStatus.OK
+UNKNOWN_INDEX = ParameterStatus.UNKNOWN_INDEX
+OUT_OF_RANGE = ParameterStatus.OUT_OF_RANGE
+NOT_WRITABLE = ParameterStatus.NOT_WRITABLE
+
+
+@compiled
+def within_bounds(index: int, value: float) -> bool:
+    """Whether the parameter at `index` may have this value, whatever the others have; NaN may not."""
+    if not LOW[index] <= value <= HIGH[index]:
+        return False
+    return WHOLE[index] == 0 or value == math.floor(value)
+
+
+@compiled
+def conflict(parameters: Parameters) -> int:
+    """The place in `ORDERED` of the first pair whose first parameter exceeds its second; −1: none does."""
+    for place, (lower, upper) in enumerate(ORDERED):
+        if parameters[lower] > parameters[upper]:
+            return place
+    return -1
+
+
+@compiled
+def read_parameter(parameters: Parameters, index: int) -> tuple[float, int, ParameterStatus]:
+    """The value, its `ParameterTier` and whether there is such a parameter: else 0, MODULE, UNKNOWN_INDEX."""
+    if not 0 <= index < COUNT:
+        return 0.0, MODULE, UNKNOWN_INDEX
+    return parameters[index], TIERS[index], OK
+
+
+@compiled
+def write_parameter(parameters: Parameters, index: int, value: float) -> tuple[Parameters, ParameterStatus]:
+    """The parameters with `value` at `index`, or as they were with the reason for which it is refused."""
+    if not 0 <= index < COUNT:
+        return parameters, UNKNOWN_INDEX
+    if TIERS[index] == BUILD:
+        return parameters, NOT_WRITABLE
+    if not within_bounds(index, value):
+        return parameters, OUT_OF_RANGE
+    written = with_value(parameters, index, value)
+    if conflict(written) >= 0:
+        return parameters, OUT_OF_RANGE
+    return written, OK
