@@ -59,7 +59,7 @@ def scenes() -> Iterator[Named]:
 
 def parameters() -> Iterator[Named]:
     """The firmware's parameters."""
-    from firmware_py.shell.parameters import TABLE
+    from firmware_py.interface.parameter_table import TABLE
 
     for one in TABLE:
         yield Named(one.name, f"{one.default:g} {one.unit}: {one.meaning}")
