@@ -1,94 +1,92 @@
-"""The drive as its bus sees it, CANSimple 0.6, node 0: frames to the commands of `hil.drive`."""
+"""The drive as its bus sees it, CANSimple 0.6, node 0: frames to commands, reports to frames.
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+Pure steps that run interpreted and compiled; what the commands do is in `hil.drive`.
+"""
 
-from firmware_py.interface import codec
-from firmware_py.interface.codec import FrameError
-from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
-    ClearErrors,
-    DriveEstop,
-    SetAbsolutePosition,
-    SetAxisState,
-    SetControllerMode,
-    SetInputTorque,
-    SetInputVelocity,
-    SetLimits,
-)
+from firmware_py.interface import packing
+from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.frame import WordFrame
 from hil import drive as axis
-from hil.drive import ESTOP_REQUESTED, DriveConfig, DriveState
+from hil.drive import ESTOP_REQUESTED, DriveConfig, DriveState, Telemetry
+from hil.reports import CURRENT, ERRORS, HEARTBEAT, TEMPERATURE
+from plant_sim.kernels import shared
 
-COMMAND_TYPES = (
-    DriveEstop,
-    SetAxisState,
-    SetControllerMode,
-    SetInputVelocity,
-    SetInputTorque,
-    SetLimits,
-    ClearErrors,
-    SetAbsolutePosition,
+COMMAND_IDS = (
+    packing.DRIVE_ESTOP_ID,
+    packing.SET_AXIS_STATE_ID,
+    packing.SET_CONTROLLER_MODE_ID,
+    packing.SET_INPUT_VELOCITY_ID,
+    packing.SET_INPUT_TORQUE_ID,
+    packing.SET_LIMITS_ID,
+    packing.CLEAR_ERRORS_ID,
+    packing.SET_ABSOLUTE_POSITION_ID,
 )
-COMMANDS = {codec.CODECS[kind].can_id: codec.CODECS[kind] for kind in COMMAND_TYPES}
-"""The commands of the drive, by identifier."""
-
-HALF_MEANT = {codec.SET_AXIS_STATE.can_id, codec.SET_INPUT_TORQUE.can_id, codec.SET_ABSOLUTE_POSITION.can_id}
-"""Commands whose second half means nothing: CANSimple's clients leave it out."""
-NOTHING_MEANT = {codec.CLEAR_ERRORS.can_id, codec.DRIVE_ESTOP.can_id}
-"""Commands whose data mean nothing to this drive: clients send none, or as much as they like."""
+"""The identifiers of the drive's commands."""
+HALF, WHOLE = 4, 8
 
 
-def at_full_length(frame: Frame, length: int) -> bytes:
-    """A command's data, filled up or cut to `length` where that changes nothing that is meant."""
-    can_id, data = frame
-    if can_id in NOTHING_MEANT or (can_id in HALF_MEANT and len(data) == 4):
-        return data[:length].ljust(length, b"\0")
-    return data
+@shared
+def meant_length(length: int) -> int:
+    """The length of a command whose second half means nothing: CANSimple's clients may leave it out."""
+    return WHOLE if length == HALF else length
 
 
-class Handled(NamedTuple):
-    """The drive after some frames, and how many with its identifiers could not be read."""
+@shared
+def obey(  # noqa: PLR0912 - one command after the other
+    config: DriveConfig, drive: DriveState, frame: WordFrame, encoder_position_rev: float
+) -> tuple[DriveState, bool]:
+    """The drive after a frame, and whether a command could be read; other frames change nothing.
 
-    drive: DriveState
-    rejected: int
+    Data of E-stop and of clear-errors mean nothing to this drive: clients send none, or any.
+    """
+    can_id, length, word = frame
+    reason = FrameErrorReason.NONE
+    if can_id == packing.SET_INPUT_TORQUE_ID:
+        torque, reason = packing.unpack_set_input_torque(meant_length(length), word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_torque(drive, torque.torque_n_m)
+    elif can_id == packing.SET_AXIS_STATE_ID:
+        state, reason = packing.unpack_set_axis_state(meant_length(length), word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.request_state(drive, state.requested_state)
+    elif can_id == packing.SET_CONTROLLER_MODE_ID:
+        mode, reason = packing.unpack_set_controller_mode(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_mode(drive, mode.control_mode, mode.input_mode)
+    elif can_id == packing.SET_LIMITS_ID:
+        limits, reason = packing.unpack_set_limits(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_limits(config, drive, limits.velocity_limit_rev_s, limits.current_limit_a)
+    elif can_id == packing.CLEAR_ERRORS_ID:
+        drive = axis.clear_errors(drive)
+    elif can_id == packing.DRIVE_ESTOP_ID:
+        drive = axis.disarm(drive, ESTOP_REQUESTED)
+    elif can_id == packing.SET_INPUT_VELOCITY_ID:
+        # In torque mode an ODrive takes the feed-forward alone; velocity mode is not modelled.
+        velocity, reason = packing.unpack_set_input_velocity(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_torque(drive, velocity.torque_feedforward_n_m)
+    elif can_id == packing.SET_ABSOLUTE_POSITION_ID:
+        position, reason = packing.unpack_set_absolute_position(meant_length(length), word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
+    return drive, reason == FrameErrorReason.NONE
 
 
-def handle(
-    config: DriveConfig, drive: DriveState, frames: Sequence[Frame], encoder_position_rev: float
-) -> Handled:
-    """Obey the commands among `frames`, in order."""
-    rejected = 0
-    for frame in frames:
-        command_codec = COMMANDS.get(frame.can_id)
-        if command_codec is None:
-            continue
-        try:
-            command = command_codec.decode(at_full_length(frame, command_codec.length))
-        except FrameError:
-            rejected += 1
-            continue
-        drive = _obey(config, drive, command, encoder_position_rev)
-    return Handled(drive, rejected)
-
-
-def _obey(config: DriveConfig, drive: DriveState, command: Any, encoder_position_rev: float) -> DriveState:
-    match command:
-        case SetInputTorque(torque_n_m):
-            drive = axis.set_torque(drive, torque_n_m)
-        case SetInputVelocity(_, torque_feedforward_n_m):
-            # In torque mode an ODrive takes the feed-forward alone; velocity mode is not modelled.
-            drive = axis.set_torque(drive, torque_feedforward_n_m)
-        case SetAxisState(requested_state):
-            drive = axis.request_state(drive, requested_state)
-        case SetControllerMode(control_mode, input_mode):
-            drive = axis.set_mode(drive, control_mode, input_mode)
-        case SetLimits(velocity_limit_rev_s, current_limit_a):
-            drive = axis.set_limits(config, drive, velocity_limit_rev_s, current_limit_a)
-        case ClearErrors():
-            drive = axis.clear_errors(drive)
-        case SetAbsolutePosition(position_rev):
-            drive = axis.set_position(drive, position_rev, encoder_position_rev)
-        case _:
-            assert isinstance(command, DriveEstop)
-            drive = axis.disarm(drive, ESTOP_REQUESTED)
-    return drive
+@shared
+def report_frame(config: DriveConfig, drive: DriveState, telemetry: Telemetry, report: int) -> WordFrame:
+    """The frame of one of the reports of `hil.reports`."""
+    if report == CURRENT:
+        word, _ = packing.pack_drive_current(axis.current(config, drive, telemetry), 0)
+        return WordFrame(packing.DRIVE_CURRENT_ID, packing.DRIVE_CURRENT_LENGTH, word)
+    if report == HEARTBEAT:
+        word, _ = packing.pack_drive_heartbeat(axis.heartbeat(drive), 0)
+        return WordFrame(packing.DRIVE_HEARTBEAT_ID, packing.DRIVE_HEARTBEAT_LENGTH, word)
+    if report == ERRORS:
+        word, _ = packing.pack_drive_errors(axis.errors(drive), 0)
+        return WordFrame(packing.DRIVE_ERRORS_ID, packing.DRIVE_ERRORS_LENGTH, word)
+    if report == TEMPERATURE:
+        word, _ = packing.pack_drive_temperature(axis.temperature(config, drive), 0)
+        return WordFrame(packing.DRIVE_TEMPERATURE_ID, packing.DRIVE_TEMPERATURE_LENGTH, word)
+    word, _ = packing.pack_drive_supply(axis.supply(config, telemetry), 0)
+    return WordFrame(packing.DRIVE_SUPPLY_ID, packing.DRIVE_SUPPLY_LENGTH, word)

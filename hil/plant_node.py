@@ -8,25 +8,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from firmware_py.interface import codec
-from firmware_py.interface.frame import Frame
+from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.records import Accelerometer, GaitSensors
 from hil import drive as axis
 from hil.drive import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
-from hil.drive_node import COMMANDS, handle
+from hil.drive_node import COMMAND_IDS, obey, report_frame
 from hil.faults.plant import PlantFaults
 from hil.faults.tables import Fault
-from hil.reports import (
-    CURRENT,
-    ERRORS,
-    HEARTBEAT,
-    NOTHING,
-    TEMPERATURE,
-    first_reports,
-    look,
-    report_ticks,
-    take,
-    ticks_of,
-)
+from hil.reports import NOTHING, first_reports, look, report_ticks, take, ticks_of
 from plant_sim.gait_sensors import GaitTruth
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
@@ -35,7 +24,7 @@ from plant_sim.scene import Scene
 from plant_sim.scene_tables import MotorTable
 from plant_sim.sensors import SensorReading
 
-ACCEPTED_IDS = tuple(COMMANDS)
+ACCEPTED_IDS = COMMAND_IDS
 """All that this node listens to."""
 CAN_PERIOD_S = 1e-3
 """The fastest frame's period on the real bus; a lockstep run may tick faster or slower."""
@@ -170,17 +159,10 @@ class PlantNode:
         return [codec.GAIT_SENSORS.encode(record, number % codec.COUNTER_MODULUS)]
 
     def _report(self, report: int) -> Frame:
-        now, config, drive = self.plant.now, self.drive_config, self.drive
+        now = self.plant.now
         telemetry = Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
-        if report == CURRENT:
-            return codec.DRIVE_CURRENT.encode(axis.current(config, drive, telemetry))
-        if report == HEARTBEAT:
-            return codec.DRIVE_HEARTBEAT.encode(axis.heartbeat(drive))
-        if report == ERRORS:
-            return codec.DRIVE_ERRORS.encode(axis.errors(drive))
-        if report == TEMPERATURE:
-            return codec.DRIVE_TEMPERATURE.encode(axis.temperature(config, drive))
-        return codec.DRIVE_SUPPLY.encode(axis.supply(config, telemetry))
+        can_id, length, word = report_frame(self.drive_config, self.drive, telemetry, report)
+        return Frame(can_id, bytes_of(word, length))
 
     def advance(self, frames: Sequence[Frame]) -> None:
         """Obey `frames`, note the record of this tick, and move on to the next."""
@@ -201,10 +183,12 @@ class PlantNode:
         self.tick += 1
 
     def _obey(self, frames: Sequence[Frame]) -> None:
-        self.drive, rejected = handle(
-            self.drive_config, self.drive, frames, self._reading.encoder_position_rev
-        )
-        self.rejected += rejected
+        for can_id, data in frames:
+            if can_id in COMMAND_IDS:
+                frame = WordFrame(can_id, len(data), word_of(data))
+                position_rev = self._reading.encoder_position_rev
+                self.drive, was_read = obey(self.drive_config, self.drive, frame, position_rev)
+                self.rejected += not was_read
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.

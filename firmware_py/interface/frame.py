@@ -1,5 +1,6 @@
-"""A classic CAN data frame as both loops handle it: 11-bit identifier and at most eight bytes."""
+"""A classic CAN data frame: 11-bit identifier and at most eight bytes, as bytes or as one 64-bit word."""
 
+import struct
 from typing import NamedTuple
 
 
@@ -8,6 +9,39 @@ class Frame(NamedTuple):
 
     can_id: int
     data: bytes
+
+
+class WordFrame(NamedTuple):
+    """One classic CAN frame as the firmware's tick handles it; three 64-bit integers in memory.
+
+    `word` is signed: byte 0 in its lowest bits, bytes beyond `length` are 0.
+    """
+
+    can_id: int
+    length: int
+    word: int
+
+
+_WORD = struct.Struct("<q")
+
+
+def word_of(data: bytes) -> int:
+    """At most eight bytes as one signed 64-bit word.
+
+    >>> word_of(bytes([1, 2]))
+    513
+    """
+    word: int = _WORD.unpack(data)[0] if len(data) == 8 else int.from_bytes(data, "little")
+    return word
+
+
+def bytes_of(word: int, length: int) -> bytes:
+    """The first `length` bytes of a signed 64-bit word.
+
+    >>> bytes_of(513, 2)
+    b'\\x01\\x02'
+    """
+    return _WORD.pack(word)[:length]
 
 
 def worst_case_bits(length: int) -> int:

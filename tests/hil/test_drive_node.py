@@ -8,10 +8,10 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
-from firmware_py.interface.frame import Frame
+from firmware_py.interface.frame import Frame, WordFrame, word_of
 from hil import drive as axis
-from hil import drive_node
 from hil.drive import DISARMED, SUCCESS, DriveConfig, Telemetry
+from hil.drive_node import obey
 
 CONFIG = DriveConfig(
     torque_constant_n_m_a=0.08,
@@ -31,8 +31,10 @@ class Drive:
         self.rejected = 0
 
     def handle(self, frames: Sequence[Frame], encoder_position_rev: float) -> None:
-        self.state, rejected = drive_node.handle(CONFIG, self.state, frames, encoder_position_rev)
-        self.rejected += rejected
+        for can_id, data in frames:
+            frame = WordFrame(can_id, len(data), word_of(data))
+            self.state, was_read = obey(CONFIG, self.state, frame, encoder_position_rev)
+            self.rejected += not was_read
 
     def elapse(self, dt_s: float, omega_rad_s: float, current_a: float) -> None:
         self.state = axis.elapse(CONFIG, self.state, dt_s, omega_rad_s, current_a)
