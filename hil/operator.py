@@ -101,5 +101,5 @@ class OperatorNode:
     def _queue(self, estop: bool, command: OperatorCommand) -> None:
         if estop:
             self._pacer.push(codec.DRIVE_ESTOP.encode(DriveEstop()), Urgency.AT_ONCE)
-        self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
+        self._counter += 1
         self._pacer.push(codec.OPERATOR_COMMAND.encode(command, self._counter))

@@ -129,7 +129,7 @@ class PlantNode:
         )
         if self._faults is not None:
             estimates = self._faults.counted(estimates)
-        self._counter = (self._counter + 1) % codec.COUNTER_MODULUS
+        self._counter += 1
         frames = [
             codec.ACCELEROMETER.encode(
                 Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
@@ -156,7 +156,7 @@ class PlantNode:
         record = GaitSensors(
             reading.shank_rate_rad_s, reading.along_m_s2, int(reading.heel_contact), int(reading.toe_contact)
         )
-        return [codec.GAIT_SENSORS.encode(record, number % codec.COUNTER_MODULUS)]
+        return [codec.GAIT_SENSORS.encode(record, number)]
 
     def _report(self, report: int) -> Frame:
         now = self.plant.now

@@ -4,7 +4,7 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time. It counts modulo 16: where some sample from before the pause may have the counter of now,
+be late at any time. It counts modulo 256: where a sample from before the pause may have the counter of now,
 nothing that lies there is taken; what comes in the next tick is of now. The bus may have been held up for
 longer than the loop, and then all that was sent since the last sample heard may lie there.
 """
@@ -25,6 +25,7 @@ AT_ONCE, AT_LAST = (0, 1), (0, 1, -1)
 """Ticks by which a counter may be off, best first: this tick's sample, or the next one's, which may have come
 as well; the one before only if none of these comes, as it would leave the firmware a tick behind."""
 
+MODULUS = 1 << codec.ACCELEROMETER.layout.counter_bits
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
 STEADY_SAMPLES = 2
@@ -79,7 +80,7 @@ class Waking:
         """Whether no sample from before the pause has the counter of one of now."""
         newest = self.elapsed_ticks - LAST_BEFORE_TICKS
         oldest = tick - self._last_tick - 1
-        turns = range(0, oldest + codec.COUNTER_MODULUS, codec.COUNTER_MODULUS)
+        turns = range(0, oldest + MODULUS, MODULUS)
         return not any(newest <= turn + jitter <= oldest for turn in turns for jitter in AT_LAST)
 
     def _keep_others(self, frames: Sequence[Frame]) -> None:
@@ -97,7 +98,7 @@ class Waking:
             return [frame for frame in frames if frame.can_id == ACCELEROMETER]
         now = self._lead + tick
         by_counter = {counter_of(frame): frame for frame in frames if frame.can_id == ACCELEROMETER}
-        near = [by_counter.get((now + jitter) % codec.COUNTER_MODULUS) for jitter in jitters]
+        near = [by_counter.get((now + jitter) % MODULUS) for jitter in jitters]
         return [frame for frame in near if frame is not None][:1]
 
     def _keep_newest(self, samples: Sequence[Frame], frames: Sequence[Frame]) -> None:

@@ -30,4 +30,4 @@ def warm_firmware(parameters: Mapping[str, Any]) -> None:
     node = FirmwareNode(config_from(parameters), parameters)
     for tick in range(WARM_TICKS):
         command = OperatorCommand(OperatorRequest.IDLE, 0.0)
-        node.tick([codec.OPERATOR_COMMAND.encode(command, tick % codec.COUNTER_MODULUS)], 1)
+        node.tick([codec.OPERATOR_COMMAND.encode(command, tick)], 1)

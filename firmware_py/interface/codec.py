@@ -17,8 +17,6 @@ __all__ = ["CODECS", "CODEC_BY_ID", "FrameCodec", "FrameError", "FrameErrorReaso
 
 R = TypeVar("R", bound=tuple[Any, ...])
 
-COUNTER_MODULUS = 16
-
 _OK = FrameErrorReason.NONE
 _WORD = struct.Struct("<q")
 _to_bytes, _from_bytes, _new = _WORD.pack, _WORD.unpack, tuple.__new__

@@ -102,7 +102,7 @@ SET_ABSOLUTE_POSITION_LENGTH = 8
 ACCELEROMETER_ID = 0x028
 ACCELEROMETER_LENGTH = 8
 ACCELEROMETER_PERIOD_S = 0.001
-ACCELEROMETER_COUNTER_BITS = 4
+ACCELEROMETER_COUNTER_BITS = 8
 
 COARSE_POSITION_ID = 0x029
 COARSE_POSITION_LENGTH = 4
@@ -500,7 +500,7 @@ def pack_accelerometer(record: Accelerometer, counter: int) -> tuple[int, bool]:
         striker_low_m_s2_counts & 0xFFFF
         | (striker_high_m_s2_counts & 0xFFFF) << 16
         | (housing_m_s2_counts & 0xFFFF) << 32
-        | (counter & 15) << 52
+        | (counter & 255) << 48
     )
     lane_0 = word & 0xFFFF
     lane_1 = word >> 16 & 0xFFFF

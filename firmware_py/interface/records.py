@@ -1,8 +1,9 @@
 """One record a CAN frame, in physical units; `vibro.dbc` gives each its id, scaling, range and period.
 
 The drive's frames are ODrive CANSimple 0.6 (revolutions, float32); the rest is this module's own. Frames of
-the sensors, the firmware and the operator end in a rolling counter (0…15) and a CRC-8, which the codec adds
-and checks and which no record carries.
+the sensors, the firmware and the operator end in a rolling counter (four bits; the accelerometer's has
+eight, as it dates its samples across pauses) and a CRC-8, which the codec adds and checks and which no record
+carries.
 """
 
 from typing import NamedTuple

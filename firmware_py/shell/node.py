@@ -126,8 +126,9 @@ class _Source:
         self.take = take
         self.heard_tick = self.counted_tick = -NEVER_TICKS
         self.counter = -1
+        self.modulus = 1 << its_codec.layout.counter_bits
         period_ticks = max((its_codec.period_s or 0.0) / tick_s, 1.0)
-        self.turn_ticks = (codec.COUNTER_MODULUS - 1) * period_ticks
+        self.turn_ticks = (self.modulus - 1) * period_ticks
         """Of silence, after which the counter may be where it was: a period early, as frames jitter."""
 
 
@@ -258,7 +259,7 @@ class FirmwareNode:
             if counter == source.counter and silent_ticks < source.turn_ticks:
                 self._repeated += 1
                 return
-            if source.counter >= 0 and counter != (source.counter + 1) % codec.COUNTER_MODULUS:
+            if source.counter >= 0 and counter != (source.counter + 1) % source.modulus:
                 self._gaps += 1
             source.counter = counter
         self._frames += 1
@@ -470,7 +471,7 @@ class FirmwareNode:
         def encode() -> Frame:
             count = self._sent.get(can_id, 0)
             self._sent[can_id] = count + 1
-            return its_codec.encode(record(), count % codec.COUNTER_MODULUS)
+            return its_codec.encode(record(), count)
 
         self._pacer.push(encode, urgency)
         self._due_ticks[can_id] = self._ticks

@@ -75,6 +75,11 @@ def coded_records(draw: st.DrawFn) -> tuple[FrameCodec[Any], Any, int]:
     return codec, record, draw(st.integers(0, 40))
 
 
+def modulus(codec: FrameCodec[Any]) -> int:
+    """How many values the rolling counter has."""
+    return 1 << codec.layout.counter_bits
+
+
 def by_cantools(codec: FrameCodec[Any], record: Any, counter: int) -> bytes:
     """Data as cantools packs it, clamped to the DBC's ranges, with a checksum of crccheck's."""
     message = database().get_message_by_name(codec.record.__name__)
@@ -84,7 +89,7 @@ def by_cantools(codec: FrameCodec[Any], record: Any, counter: int) -> bytes:
             clamped[signal.name] = min(max(clamped[signal.name], signal.minimum), signal.maximum)
     if not codec.protected:
         return bytes(message.encode(clamped))
-    data = message.encode(clamped | {"counter": counter % 16, "crc": 0})
+    data = message.encode(clamped | {"counter": counter % modulus(codec), "crc": 0})
     return data[:-1] + bytes([Crc8SaeJ1850.calc(bytes([codec.can_id & 0xFF]) + data[:-1])])
 
 
@@ -113,7 +118,7 @@ def test_decodes_what_cantools_decodes(coded: tuple[FrameCodec[Any], Any, int]) 
     assert type(decoded) is codec.record
     assert decoded._asdict() == {field: reference[field] for field in codec.record._fields}
     if codec.protected:
-        assert codec.counter(data) == reference["counter"] == counter % 16
+        assert codec.counter(data) == reference["counter"] == counter % modulus(codec)
 
 
 @given(coded=coded_records())
@@ -375,10 +380,16 @@ def test_packing_never_raises_and_what_is_not_sendable_is_an_empty_word(values: 
 
 
 @pytest.mark.parametrize("codec", PROTECTED, ids=by_name)
-def test_the_counter_wraps_at_16(codec: FrameCodec[Any]) -> None:
-    counted = [codec.counter(sample(codec, counter)) for counter in range(40)]
-    assert counted == [counter % 16 for counter in range(40)]
-    assert len({sample(codec, counter) for counter in range(16)}) == 16
+def test_the_counter_wraps(codec: FrameCodec[Any]) -> None:
+    turn = modulus(codec)
+    counted = [codec.counter(sample(codec, counter)) for counter in range(2 * turn + 3)]
+    assert counted == [counter % turn for counter in range(2 * turn + 3)]
+    assert len({sample(codec, counter) for counter in range(turn)}) == turn
+
+
+def test_the_accelerometers_counter_is_wider_than_any_pause_that_is_ridden_through() -> None:
+    assert modulus(CODECS[Accelerometer]) == 256
+    assert {modulus(codec) for codec in PROTECTED if codec.record is not Accelerometer} == {16}
 
 
 def test_the_drives_frames_carry_no_counter() -> None:

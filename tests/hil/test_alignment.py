@@ -9,7 +9,7 @@ from hil.alignment import Alignment
 
 
 def acceleration(tick: int) -> Frame:
-    return codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), tick % 16)
+    return codec.ACCELEROMETER.encode(Accelerometer(0.0, 0.0, 0.0), tick)
 
 
 def sample(tick: int) -> list[Frame]:
