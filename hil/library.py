@@ -25,8 +25,8 @@ def run(
     of `vibrohil tune`; `out` is the run's folder, by default a new one under runs/. A run whose checks fail
     returns all the same, with `passed` False.
 
-    Raises `ScenarioError`, `SceneError`, `ParameterError`, `RunFolderError` or `BusError` for input that
-    cannot be run, each with a sentence that says what was wrong and what to do.
+    Raises `TextInputError` (`ScenarioError`, `SceneError`), `ParameterError`, `RunFolderError` or `BusError`
+    for input that cannot be run, each with a sentence that says what was wrong and what to do.
     """
     loaded = load_scenario(scenario, set, [Path(file) for file in parameters])
     folder = None if out is None else Path(out)

@@ -23,7 +23,8 @@ from hil.operator import OPERATOR_PERIOD_S, OperatorNode
 from hil.plant_node import ACCEPTED_IDS
 from hil.processes import READY, Start, read_start
 from hil.realtime import NODE, become_realtime, die_with_parent, leave_realtime
-from hil.scenario import changed, load_scenario, refuse_other_periods
+from hil.scenario import load_scenario, refuse_other_periods
+from hil.settings import apply_settings
 from hil.trace import bring_home
 from hil.warm import warm_firmware, warm_plant
 
@@ -50,7 +51,7 @@ def firmware_main(
     faults: Sequence[Fault] = ()
     walks = True
     if scenario is None:
-        parameters = changed({"firmware": {}}, settings)["firmware"]
+        parameters = apply_settings({"firmware": {}}, settings)["firmware"]
     else:
         loaded = load_scenario(scenario, settings)
         parameters, faults = loaded.parameters, loaded.faults

@@ -9,29 +9,19 @@
 `vibrohil tune` writes it, a scenario (`firmware = "speed.toml"`) and `vibrohil run --parameters` load it.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, ParameterError, checked_in_file
+from plant_sim.text_input import read_toml
 
 FORMAT = 1
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """The file's tables; refused where it is none of this format."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(
-            f"parameter file {str(path)!r} cannot be read ({error.strerror}); give one that "
-            "`vibrohil tune` has written"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ParameterError(
-            f"parameter file {str(path)!r} is not valid TOML: {error}; correct it"
-        ) from error
+    """The file's tables; raises TextInputError or ParameterError where it is none of this format."""
+    document = read_toml(path, "parameter file", "give one that `vibrohil tune` has written")
     if document.get("format") != FORMAT or not isinstance(document.get("parameters"), dict):
         raise ParameterError(
             f"parameter file {str(path)!r} has format = {document.get('format')!r}, wanted {FORMAT} and a "

@@ -4,7 +4,6 @@ Files lie in hil/scenarios, named as sentences. `read_scenario` gives the raw ta
 replaced by its tables, so that every value can be changed; `load_scenario` checks them.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +17,11 @@ from hil.checks import Check
 from hil.faults.tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
 from hil.operator import Command, Request
 from hil.parameter_file import merged, read_parameters
-from hil.settings import SettingError, Settings, apply_settings, as_texts
+from hil.settings import Settings, apply_settings, as_texts
 from plant_sim.complaints import complaints, nearest
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.scene_tables import Table
+from plant_sim.text_input import TextInputError, read_toml
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 LARGEST_RATIO = 4.0
@@ -34,7 +34,7 @@ REALTIME_PERIOD_S = 1e-3
 """What classic CAN at 1 Mbit/s carries."""
 
 
-class ScenarioError(ValueError):
+class ScenarioError(TextInputError):
     """A scenario that cannot be run; the message has one sentence for each thing wrong with it."""
 
 
@@ -187,15 +187,7 @@ def scenario_path(source: str | Path) -> Path:
 def read_scenario(source: str | Path) -> dict[str, Any]:
     """The raw tables of a named scenario or of a TOML file, its scene written out."""
     path = scenario_path(source)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ScenarioError(
-            f"scenario file {str(path)!r} cannot be read ({error.strerror}); give an existing file or one of "
-            f"the named scenarios: {', '.join(scenario_names())}"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"scenario file {str(path)!r} is not valid TOML: {error}; correct it") from error
+    document = read_toml(path, "scenario file", "give a scenario's file, or the name of a scenario")
     if isinstance(document.get("scene"), str):
         document["scene"] = read_scene(document["scene"])
     if isinstance(document.get("firmware"), str):
@@ -208,21 +200,14 @@ def load_scenario(
 ) -> Scenario:
     """A checked scenario from a name or a file, with tuned parameters and, over them, `KEY=VALUE` changes.
 
-    Raises `ScenarioError`, the scene's `SceneError` or the firmware's `ParameterError`.
+    Raises `ScenarioError`, the scene's `SceneError`, a file's `TextInputError` or the firmware's
+    `ParameterError`.
     """
     document = read_scenario(source)
     if parameter_files:
         document["firmware"] = merged(document["firmware"], parameter_files)
     changes = (*map(str, parameter_files), *as_texts(settings))
-    return check_scenario(changed(document, settings), scenario_path(source).stem, changes)
-
-
-def changed(document: Mapping[str, Any], settings: Settings) -> dict[str, Any]:
-    """`document` with `KEY=VALUE` changes."""
-    try:
-        return apply_settings(document, settings)
-    except SettingError as error:
-        raise ScenarioError(str(error)) from error
+    return check_scenario(apply_settings(document, settings), scenario_path(source).stem, changes)
 
 
 def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str] = ()) -> Scenario:

@@ -5,18 +5,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
+from plant_sim.text_input import DEEPEST, TextInputError, parse_toml
+
 Settings = Sequence[str] | Mapping[str, Any]
 """`KEY=VALUE` texts whose values are TOML, or values by their dotted keys."""
 
 
-class SettingError(ValueError):
+class SettingError(TextInputError):
     """A `--set` that names nothing or cannot be read."""
 
 
 def parse_value(text: str) -> Any:
-    """`text` as a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string."""
+    """`text` as a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string. Raises TextInputError."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
 
@@ -32,7 +34,10 @@ def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
             raise SettingError(
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
             )
-        yield path.strip(), parse_value(text.strip())
+        try:
+            yield path.strip(), parse_value(text.strip())
+        except TextInputError as error:
+            raise SettingError(f"--set {setting!r}: {error}; give a plain value") from error
 
 
 def as_texts(settings: Settings) -> list[str]:
@@ -53,6 +58,8 @@ def apply_settings(document: Mapping[str, Any], settings: Settings) -> dict[str,
             raise SettingError(
                 f"--set {setting!r} is not KEY=VALUE with a dotted key, e.g. scene.drive.ratio=1.3"
             )
+        if len(keys) > DEEPEST:
+            raise SettingError(f"--set {setting!r} has a key of more than {DEEPEST} parts; none is so deep")
         if keys[0] not in changed:
             known = ", ".join(f"{key}." for key in changed)
             raise SettingError(f"--set {setting!r} starts with {keys[0]!r}; wanted one of {known}")

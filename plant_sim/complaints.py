@@ -25,10 +25,15 @@ _WANTED = {
     "literal_error": "{expected}",
 }
 
+MOST_COMPLAINTS = 10
+
 
 def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """One sentence for each error pydantic found in data meant for `model`."""
-    return [_complaint(detail, model) for detail in error.errors(include_url=False)]
+    """One sentence for each error pydantic found in data meant for `model`, up to MOST_COMPLAINTS of them."""
+    details = error.errors(include_url=False)
+    found = [_complaint(detail, model) for detail in details[:MOST_COMPLAINTS]]
+    more = len(details) - len(found)
+    return [*found, f"and {more} more; correct these first"] if more else found
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

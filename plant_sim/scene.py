@@ -5,7 +5,6 @@ is not there.
 """
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -57,6 +56,7 @@ from plant_sim.scene_tables import (
     WindingTable,
 )
 from plant_sim.strides import draw_strides
+from plant_sim.text_input import TextInputError, read_toml
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -64,7 +64,7 @@ STRIDES_STREAM = 9
 """Strides are drawn apart from the sensors' noise, which is the seed's own."""
 
 
-class SceneError(ValueError):
+class SceneError(TextInputError):
     """A scene that cannot be simulated; the message has one sentence for each thing wrong with it."""
 
 
@@ -291,7 +291,7 @@ def scene_names() -> list[str]:
 def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     """The raw tables of a named scene, of a TOML file or of a mapping.
 
-    A text is a file's path if it has a slash or ends in `.toml`, else a scene's name.
+    A text is a file's path if it has a slash or ends in `.toml`, else a scene's name. Raises TextInputError.
     """
     if isinstance(source, Mapping):
         return dict(source)
@@ -304,19 +304,12 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
             )
     else:
         path = Path(source)
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SceneError(
-            f"scene file {str(path)!r} cannot be read ({error.strerror}); give an existing file or one of "
-            f"the named scenes: {', '.join(scene_names())}"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"scene file {str(path)!r} is not valid TOML: {error}; correct it there") from error
+    remedy = f"give a scene's file, or one of the named scenes: {', '.join(scene_names())}"
+    return read_toml(path, "scene file", remedy)
 
 
 def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
-    """A checked scene from a name, a TOML file or a mapping; raises SceneError."""
+    """A checked scene from a name, a TOML file or a mapping; raises SceneError, of a file TextInputError."""
     try:
         return Scene.model_validate(read_scene(source))
     except ValidationError as error:

@@ -32,6 +32,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+LONGEST_MESSAGE = 4000
+"""Characters of a refusal."""
 
 def print_version(wanted: bool) -> None:
     """Print which version of the code this is, and end."""
@@ -102,19 +104,21 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from hil.processes import ChildRefusalError
     from hil.recorded_run import RunError
     from hil.run_folder import RunFolderError
-    from hil.scenario import ScenarioError
     from hil.trace import TraceError
     from hil.uml import UmlError
-    from plant_sim.scene import SceneError
+    from plant_sim.text_input import TextInputError
 
     return (
-        *(BadInputError, SceneError, ScenarioError, ParameterError),
+        *(BadInputError, TextInputError, ParameterError),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
     )
 
 
 def refuse(message: str, as_json: bool) -> int:
     """Say what was wrong with the input, in a sentence and, where asked for, in JSON."""
+    if len(message) > LONGEST_MESSAGE:  # what was given may be a megabyte
+        half = LONGEST_MESSAGE // 2
+        message = f"{message[:half]} … {message[-half:]}"
     progress_console.print("error:", style="bold red", end=" ")
     progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
     if as_json:

@@ -30,7 +30,8 @@ from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.plant_node import ImpactRecord, PlantNode
 from hil.run_folder import begin, note
-from hil.scenario import ScenarioError, changed, check_scenario, read_scenario, refuse_modelled_bus
+from hil.scenario import ScenarioError, check_scenario, read_scenario, refuse_modelled_bus
+from hil.settings import apply_settings
 from plant_sim.scene import load_scene
 from plant_sim.sensors import SensorReading
 
@@ -445,7 +446,7 @@ def test_the_force_after_a_fault_is_that_of_blows_after_it(
 
 
 def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) -> Any:
-    document = changed(
+    document = apply_settings(
         read_scenario("soft-start-multistable"), ["script.duration_s=3.0", "script.commands=[]"]
     )
     document["script"]["faults"] = list(faults)

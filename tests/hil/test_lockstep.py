@@ -10,7 +10,8 @@ from hil.checks import evaluate
 from hil.figures import figures_of
 from hil.lockstep import run_lockstep
 from hil.run_folder import begin, note
-from hil.scenario import Scenario, changed, check_scenario, load_scenario, read_scenario
+from hil.scenario import Scenario, check_scenario, load_scenario, read_scenario
+from hil.settings import apply_settings
 
 MEASURED = ("wake_latency_us", "work_us")
 """The only columns that a second run of the same seed may change: they are of this machine."""
@@ -122,7 +123,7 @@ def test_short_scenarios_pass_their_checks(name: str, tmp_path: Path) -> None:
 
 
 def test_at_1_mbit_s_no_sample_is_late(tmp_path: Path) -> None:
-    document = changed(read_scenario("soft-start-multistable"), ["script.duration_s=4.0", QUICK[1]])
+    document = apply_settings(read_scenario("soft-start-multistable"), ["script.duration_s=4.0", QUICK[1]])
     scenario = check_scenario({**document, "bus": {"bitrate": 1_000_000}}, "modelled")
     run_dir = run(scenario, tmp_path)
     plant, firmware = trace.read(run_dir / "plant.trace"), trace.read(run_dir / "firmware.trace")
@@ -134,7 +135,7 @@ def test_at_1_mbit_s_no_sample_is_late(tmp_path: Path) -> None:
 
 
 def test_at_250_kbit_s_samples_are_late(tmp_path: Path) -> None:
-    document = changed(read_scenario("soft-start-multistable"), QUICK)
+    document = apply_settings(read_scenario("soft-start-multistable"), QUICK)
     scenario = check_scenario({**document, "bus": {"bitrate": 250_000}}, "modelled")
     firmware = trace.read(run(scenario, tmp_path) / "firmware.trace")
     assert max(firmware["inputs.accelerometer.age_ticks"][10:]) > 0

@@ -7,8 +7,9 @@ import pytest
 
 from firmware_py.shell.parameters import ParameterError
 from hil.operator import Command, Request
-from hil.scenario import ScenarioError, load_scenario, scenario_names
+from hil.scenario import load_scenario, scenario_names
 from plant_sim.scene import SceneError
+from plant_sim.text_input import TextInputError
 
 MINIMAL = """
 title = "Nothing moves"
@@ -91,7 +92,7 @@ RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
 def test_bad_scenario_is_refused_with_key_value_and_remedy(
     tmp_path: Path, more: str, settings: list[str], said: str
 ) -> None:
-    with pytest.raises(ScenarioError, match=said):
+    with pytest.raises(TextInputError, match=said):
         load_scenario(written(tmp_path, MINIMAL + more), settings)
 
 
@@ -111,15 +112,15 @@ def test_bad_plant_and_bad_beliefs_are_refused_too(tmp_path: Path) -> None:
         ("soft-start-multistabel", r"no named scenario; did you mean soft-start-multistable\?"),
         (
             "nowhere/at-all.toml",
-            r"cannot be read \(No such file or directory\); give an existing file or one of",
+            r"cannot be read \(No such file or directory\); give a scenario's file, or the name",
         ),
     ],
 )
 def test_scenario_that_is_not_there_is_refused(source: str, said: str) -> None:
-    with pytest.raises(ScenarioError, match=said):
+    with pytest.raises(TextInputError, match=said):
         load_scenario(source)
 
 
 def test_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="is not valid TOML"):
+    with pytest.raises(TextInputError, match="is not valid TOML"):
         load_scenario(written(tmp_path, "title = "))

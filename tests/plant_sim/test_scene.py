@@ -11,6 +11,7 @@ from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import NoFriction, Stribeck, Viscous
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop
 from plant_sim.scene import SceneError, load_scene, read_scene, scene_names
+from plant_sim.text_input import TextInputError
 
 DELETE = object()
 
@@ -237,8 +238,8 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
 def test_a_scene_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"'table1-viscos' is no named scene; did you mean table1-viscous\?"):
         load_scene("table1-viscos")
-    with pytest.raises(SceneError, match=r"cannot be read \(No such file or directory\)"):
+    with pytest.raises(TextInputError, match=r"cannot be read \(No such file or directory\)"):
         load_scene(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("[striker\n")
-    with pytest.raises(SceneError, match=r"is not valid TOML: .* \(at line 1, column 9\)"):
+    with pytest.raises(TextInputError, match=r"is not valid TOML: .* \(at line 1, column 9\)"):
         load_scene(tmp_path / "bad.toml")

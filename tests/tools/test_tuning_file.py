@@ -8,6 +8,7 @@ import pytest
 from firmware_py.shell.parameters import ParameterError
 from hil.parameter_file import merged, read_document, read_parameters
 from hil.scenario import load_scenario
+from plant_sim.text_input import TextInputError
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
@@ -99,10 +100,10 @@ def test_other_files_are_refused(tmp_path: Path, old: str, new: str, message: st
 
 
 def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="cannot be read"):
+    with pytest.raises(TextInputError, match="cannot be read"):
         read_parameters(tmp_path / "nowhere.toml")
     (tmp_path / "broken.toml").write_text("= 1")
-    with pytest.raises(ParameterError, match="not valid TOML"):
+    with pytest.raises(TextInputError, match="not valid TOML"):
         read_parameters(tmp_path / "broken.toml")
 
 

@@ -7,7 +7,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, print_json, progress_console
+from tools.output import EXIT_CHECK_FAILED, console, figure, print_json, progress_console
 
 BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
@@ -78,7 +78,6 @@ def run_campaign(
     name: str, trials: int | None, seed: int, changes: list[str], workers: int | None, scheduler: str | None
 ) -> dict[str, Any]:
     """All trials, with a progress bar."""
-    from hil.settings import SettingError
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS
     from tools.campaign.cells import cells_of
@@ -88,11 +87,8 @@ def run_campaign(
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
-    try:
-        made = walk_cells if name == "walk" else cells_of
-        cells, numbers = made({"conditions": chosen.conditions, **chosen.numbers}, changes)
-    except SettingError as error:
-        raise BadInputError(str(error)) from error
+    made = walk_cells if name == "walk" else cells_of
+    cells, numbers = made({"conditions": chosen.conditions, **chosen.numbers}, changes)
     for cell in cells:
         load_scene(cell.scene)
     started_s = time.perf_counter()

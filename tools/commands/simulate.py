@@ -32,20 +32,17 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
-    from hil.settings import SettingError, apply_settings
+    from hil.settings import apply_settings
     from plant_sim.scene import load_scene, read_scene
-    from plant_sim.simulate import SimulationError
-    from plant_sim.simulate import simulate as simulate_plant
 
     if not 0.0 < until < float("inf"):
         raise BadInputError(
             f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10"
         )
-    try:
-        tables = apply_settings({"scene": read_scene(scene)}, change or [])["scene"]
-    except SettingError as error:
-        raise BadInputError(str(error)) from error
-    loaded = load_scene(tables)
+    loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
+    from plant_sim.simulate import SimulationError  # brings numba, which a refusal need not wait for
+    from plant_sim.simulate import simulate as simulate_plant
+
     started = time.perf_counter()
     try:
         result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)

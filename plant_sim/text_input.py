@@ -1,0 +1,111 @@
+"""A user's text, read with limits: a regular file of bounded size, TOML of bounded depth and numbers.
+
+A parser meets its text only after that: nested 100,000 deep, it would take gigabytes and its whole stack.
+"""
+
+import re
+import stat
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+LARGEST_BYTES = 1 << 20
+"""A thousand times the longest scenario."""
+DEEPEST = 8
+"""Levels of brackets, and parts of a dotted key; scenes and scenarios have 4."""
+LARGEST_INTEGER = 2**63 - 1
+"""What TOML asks every reader to hold, and no more."""
+
+# Each alternative takes all it has begun, closed or not: no text is gone over twice.
+_TEXTS_AND_COMMENTS = re.compile(
+    r'"""(?:\\.?|[^\\])*?(?:"""|\Z)'
+    r"|'''.*?(?:'''|\Z)"
+    r'|"(?:\\.?|[^"\\\n])*+"?'
+    r"|'[^'\n]*+'?"
+    r"|#[^\n]*+",
+    re.DOTALL,
+)
+_DEEP_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:\s*+\.\s*+[\w-]++){{{DEEPEST}}}")
+_BRACKET = re.compile(r"[][{}]")
+
+
+class TextInputError(ValueError):
+    """A file or text that cannot be used; the message says what it is, what is wanted and what to do."""
+
+
+def read_text(path: Path, what: str, remedy: str) -> str:
+    """The UTF-8 text of a regular file of at most LARGEST_BYTES; `what` names it in messages.
+
+    Raises TextInputError. Nothing else is opened: a FIFO would wait for ever, a device has no end.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise TextInputError(f"{what} {str(path)!r} is no regular file; {remedy}")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_BYTES + 1)
+        if len(content) > LARGEST_BYTES:
+            raise TextInputError(f"{what} {str(path)!r} is larger than {LARGEST_BYTES} bytes; {remedy}")
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise TextInputError(f"{what} {str(path)!r} is no UTF-8 text ({error}); {remedy}") from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise TextInputError(f"{what} {str(path)!r} cannot be read ({reason}); {remedy}") from error
+    except ValueError as error:
+        if isinstance(error, TextInputError):
+            raise
+        raise TextInputError(f"{what} {str(path)!r} is no path ({error}); {remedy}") from error
+
+
+def read_toml(path: Path, what: str, remedy: str) -> dict[str, Any]:
+    """The tables of a TOML file; raises TextInputError."""
+    text = read_text(path, what, remedy)
+    try:
+        return parse_toml(text)
+    except TextInputError as error:
+        raise TextInputError(f"{what} {str(path)!r}: {error}; {remedy}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise TextInputError(f"{what} {str(path)!r} is not valid TOML: {error}; correct it there") from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a text.
+
+    Raises TextInputError beyond the limits, before anything is parsed, and tomllib.TOMLDecodeError.
+    """
+    refuse_deep(text)
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # Python converts no integer of more than 4300 digits
+        raise TextInputError("an integer has more than 64 bits") from error
+    refuse_large_integers(tables)
+    return tables
+
+
+def refuse_deep(text: str) -> None:
+    """Raise TextInputError where brackets or a dotted key go deeper than DEEPEST."""
+    bare = _TEXTS_AND_COMMENTS.sub("s", text)
+    deepest = depth = 0
+    for bracket in _BRACKET.finditer(bare):
+        depth = depth + 1 if bracket[0] in "[{" else max(0, depth - 1)
+        deepest = max(deepest, depth)
+    if deepest > DEEPEST or _DEEP_KEY.search(bare):
+        raise TextInputError(f"its tables are nested more than {DEEPEST} deep")
+
+
+def refuse_large_integers(tables: dict[str, Any]) -> None:
+    """Raise TextInputError where a number is no 64-bit integer: arithmetic and printing would fail later."""
+    left: list[Any] = [tables]
+    while left:
+        value = left.pop()
+        inner: Iterable[Any] = ()
+        if isinstance(value, dict):
+            inner = value.values()
+        elif isinstance(value, list):
+            inner = value
+        elif isinstance(value, int) and not -LARGEST_INTEGER - 1 <= value <= LARGEST_INTEGER:
+            raise TextInputError("an integer has more than 64 bits")
+        left.extend(inner)
