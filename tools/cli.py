@@ -35,6 +35,7 @@ app = typer.Typer(
 LONGEST_MESSAGE = 4000
 """Characters of a refusal."""
 
+
 def print_version(wanted: bool) -> None:
     """Print which version of the code this is, and end."""
     if not wanted:
