@@ -3,7 +3,7 @@
 import select
 import socket
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
@@ -39,6 +39,8 @@ class HubSocket:
         self._received = b""
         self._unfinished = b""
         self._stamp_ns = 0
+        self.ended = False
+        """Whether the hub has gone, which a node sees when it next sends or receives."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(JOIN_TIMEOUT_S)
         try:
@@ -77,6 +79,7 @@ class HubSocket:
             except BlockingIOError:
                 continue
             except ConnectionError:
+                self.ended = True
                 break
             if sent == len(packed):
                 self._unfinished = b""
@@ -86,12 +89,15 @@ class HubSocket:
         self._unfinished = packed[: len(packed) % FRAME_BYTES]
         self.counters.unsent += len(packed) // FRAME_BYTES
 
-    def _read(self) -> bytes:
-        """All whole frames that have arrived."""
+    def _read(self, most: int = MAX_BURST) -> bytes:
+        """Whole frames that have arrived, `most` or fewer."""
         try:
-            chunk = self._socket.recv(MAX_BURST * FRAME_BYTES)
-        except (BlockingIOError, ConnectionError):
+            chunk = self._socket.recv(most * FRAME_BYTES - len(self._received))
+        except BlockingIOError:
             return b""
+        except ConnectionError:
+            chunk = b""
+        self.ended = self.ended or not chunk
         if self._received or len(chunk) % FRAME_BYTES:
             chunk = self._received + chunk
             whole = len(chunk) - len(chunk) % FRAME_BYTES
@@ -112,6 +118,25 @@ class HubSocket:
     def _stamped(self, chunk: bytes) -> list[tuple[int, Frame]]:
         """The frames of `chunk` with their times. A loss lies between the times around its count."""
         frames = []
+        for stamp_ns, can_id, data in self._passed(chunk):
+            if can_id <= MAX_STANDARD_ID:
+                frames.append((stamp_ns, Frame(can_id, data)))
+            else:
+                self.counters.foreign += 1
+        return frames
+
+    def receive_any(self) -> tuple[int, int, bytes] | None:
+        """The next message of any kind: time in ns, identifier with SocketCAN's flags, data.
+
+        No more than it is taken from the socket, whose descriptor stays readable while there are others.
+        """
+        while chunk := self._read(most=1):
+            for message in self._passed(chunk):
+                return message
+        return None
+
+    def _passed(self, chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
+        """Time, identifier with flags, and data of the messages in `chunk`; control records are acted on."""
         for can_id, length, data in CAN_FRAME.iter_unpack(chunk):
             if can_id == CONTROL_ID and length == LOSS_KIND:
                 self._lost = int.from_bytes(data, "little")
@@ -122,11 +147,8 @@ class HubSocket:
                     self.losses.append(Loss(self._stamp_ns, stamp_ns, self._lost))
                     self._lost = 0
                 self._stamp_ns = stamp_ns
-            elif can_id <= MAX_STANDARD_ID:
-                frames.append((self._stamp_ns, Frame(can_id, data[:length])))
             else:
-                self.counters.foreign += 1
-        return frames
+                yield self._stamp_ns, can_id, data[:length]
 
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or when the time is over."""

@@ -1,10 +1,12 @@
 """The bus `local` as a python-can interface: `candump`-like tools join a run without kernel CAN.
 
-`python -m can.logger -i vibrohil -c PATH`, with the path that the run prints after `local:`.
+`python -m can.logger -i vibrohil -c PATH`, with the path that the run prints after `local:`. Every
+message of classic CAN passes: 11-bit and 29-bit identifiers, data and remote frames.
 """
 
 import select
 from collections import deque
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -12,54 +14,106 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import HELLO_DEAF, HELLO_STAMPED, HubSocket
+
+EXTENDED_FLAG, REMOTE_FLAG = 0x80000000, 0x40000000
+"""SocketCAN's, in the identifier's top bits."""
+IDENTIFIER_MASK = 0x1FFFFFFF
 
 
 class LocalBus(can.BusABC):
-    """python-can's view of the hub at `channel`, the path of its socket."""
+    """python-can's view of the hub at `channel`, the path of its socket.
 
-    def __init__(self, channel: str, can_filters: Any = None, **kwargs: Any) -> None:
+    `receive_own_messages`: what is sent comes back in its place among the others' messages, marked as sent.
+    A bit rate is taken and means nothing: the hub has none.
+    """
+
+    def __init__(
+        self,
+        channel: str | PathLike[str] | None = None,
+        can_filters: Any = None,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        **kwargs: Any,
+    ) -> None:
+        if fd:
+            raise can.CanInitializationError("the bus is classic CAN, no CAN FD; leave `fd` out")
+        if not isinstance(channel, str | PathLike):
+            raise can.CanInitializationError(
+                f"channel {channel!r} is no path; wanted the path that a running `vibrohil run` prints after "
+                "`local:`"
+            )
+        path = fspath(channel).removeprefix("local:")
         try:
-            self._hub = HubSocket(Path(channel), HELLO_STAMPED)
+            self._hub = HubSocket(Path(path), HELLO_STAMPED)
+            # The hub passes nothing back to its sender, but to another node of the same program it does.
+            self._sender = HubSocket(Path(path), HELLO_DEAF) if receive_own_messages else self._hub
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
-        self._pending: deque[tuple[int, Frame]] = deque()
+        self._own: deque[tuple[int, bytes]] = deque()
         self._can_protocol = can.CanProtocol.CAN_20
-        self.channel_info = f"local:{channel}"
-        super().__init__(channel, can_filters=can_filters, **kwargs)
+        self.channel_info = f"local:{path}"
+        super().__init__(path, can_filters=can_filters, **kwargs)
+
+    @property
+    def lost(self) -> int | None:
+        """Messages lost because this program did not take them in time."""
+        return self._hub.counters.lost
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if (message := self._next_message()) is None and timeout != 0:
+        if (message := self._next_message()) is None and timeout != 0 and not self._hub.ended:
             select.select([self._hub], [], [], timeout)
             message = self._next_message()
+        if message is None and self._hub.ended:
+            raise can.CanOperationError(f"{self.channel_info}: the hub has ended")
         return message, True
 
     def _next_message(self) -> can.Message | None:
-        """The next frame that the filters let through, of those that have arrived."""
-        self._pending.extend(self._hub.receive_stamped())
-        while self._pending:
-            stamp_ns, frame = self._pending.popleft()
+        """The next message that the filters let through, of those that have arrived."""
+        while received := self._hub.receive_any():
+            stamp_ns, can_id, data = received
+            is_own = bool(self._own) and self._own[0] == (can_id, data)
+            if is_own:
+                self._own.popleft()
+            is_remote = bool(can_id & REMOTE_FLAG)
             message = can.Message(
-                timestamp=stamp_ns * 1e-9, arbitration_id=frame.can_id, data=frame.data, is_extended_id=False
+                timestamp=stamp_ns * 1e-9,
+                arbitration_id=can_id & IDENTIFIER_MASK,
+                is_extended_id=bool(can_id & EXTENDED_FLAG),
+                is_remote_frame=is_remote,
+                dlc=len(data),
+                data=None if is_remote else data,
+                channel=self.channel_info,
+                is_rx=not is_own,
             )
             if self._matches_filters(message):
                 return message
         return None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue one classic data frame with an 11-bit identifier; a queue that stays full raises."""
-        if msg.is_extended_id or msg.is_remote_frame or msg.is_error_frame or msg.is_fd:
-            raise can.CanOperationError("the bus carries classic data frames with 11-bit identifiers only")
-        unsent = self._hub.counters.unsent
-        self._hub.send(Frame(msg.arbitration_id, bytes(msg.data)))
-        if self._hub.counters.unsent > unsent:
-            raise can.CanOperationError("the transmit queue is full")
+        """Queue one message of classic CAN; a queue that stays full raises."""
+        if msg.is_fd or msg.is_error_frame:
+            raise can.CanOperationError(
+                "the bus carries classic data and remote frames: no CAN FD, no errors"
+            )
+        flags = (EXTENDED_FLAG if msg.is_extended_id else 0) | (REMOTE_FLAG if msg.is_remote_frame else 0)
+        data = bytes(msg.dlc) if msg.is_remote_frame else bytes(msg.data)
+        frame = Frame(msg.arbitration_id | flags, data)
+        if self._sender is not self._hub:
+            self._own.append((frame.can_id, frame.data))
+        unsent = self._sender.counters.unsent
+        self._sender.send(frame)
+        if self._sender.counters.unsent > unsent or self._sender.ended:
+            ended = "the hub has ended" if self._sender.ended else "the transmit queue is full"
+            raise can.CanOperationError(f"{self.channel_info}: {ended}")
 
     def fileno(self) -> int:
-        """The descriptor that becomes readable when frames arrive."""
+        """The descriptor that is readable while messages wait."""
         return self._hub.fileno()
 
     def shutdown(self) -> None:
         """Leave the bus."""
         super().shutdown()
         self._hub.close()
+        if self._sender is not self._hub:
+            self._sender.close()
