@@ -124,3 +124,25 @@ def test_scenario_that_is_not_there_is_refused(source: str, said: str) -> None:
 def test_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TextInputError, match="is not valid TOML"):
         load_scenario(written(tmp_path, "title = "))
+
+
+@pytest.mark.xfail(strict=True, reason="a traceback during the run instead")
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ('scene = "table1-viscous"', r"scene.drive.model = 'ideal' .*vibrohil simulate"),
+        ('scene = "no-sensors.toml"', "scene has no sensors for the firmware to read; add the table"),
+    ],
+)
+def test_a_scene_without_a_motor_or_sensors_is_refused(tmp_path: Path, scene: str, said: str) -> None:
+    (tmp_path / "no-sensors.toml").write_text(
+        "[striker]\nmass_kg = 0.8\nspring_n_m = 70\nrest_length_m = 0.12\n"
+        '[drive]\nmodel = "motor"\namplitude_m = 0.02\n'
+    )
+    path = tmp_path / "mine.toml"
+    text = scene.replace("no-sensors", str(tmp_path / "no-sensors"))
+    path.write_text(
+        f'title = "A scene that the firmware cannot run on"\n{text}\n[script]\nduration_s = 1.0\n'
+    )
+    with pytest.raises(ScenarioError, match=said):
+        load_scenario(path)

@@ -430,3 +430,14 @@ def test_gait_sensors_leave_the_others_noise_alone() -> None:
 def test_what_makes_no_sense_is_refused(gait: dict[str, Any], changes: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said.replace("?", r"\?")):
         scene(gait, **changes)
+
+
+@pytest.mark.xfail(strict=True, reason="the script ends after 600 s")
+def test_a_walk_is_told_to_stop_after_any_time() -> None:
+    """At 700 s, and a trip at 800 s of somebody who walks on."""
+    told = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}
+    assert gait_at(walking_of(told), 699.0).stride_hz > 0.8
+    assert gait_at(walking_of(told), 710.0).state == LegState.STANDING
+    trips = {**STEADY, "stumble": [{"at_s": 800.0}]}
+    assert any(gait_at(walking_of(trips), 800.0 + 0.01 * i).tripping for i in range(300))
+    assert gait_at(walking_of(trips), 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)

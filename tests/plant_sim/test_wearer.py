@@ -173,3 +173,17 @@ def test_solvers_without_a_form_for_it_refuse_it() -> None:
 def test_what_makes_no_sense_is_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said):
         scene(changes)
+
+
+@pytest.mark.xfail(strict=True, reason="the damping is that of the striker alone")
+def test_the_restitution_is_that_of_striker_and_plate() -> None:
+    """Two free masses: the pad's damping gives the restitution asked for, whoever's foot is behind it."""
+    tables = {
+        "striker": {"mass_kg": 0.8, "spring_n_m": 1e-6, "rest_length_m": 0.0},
+        "drive": {"model": "ideal", "amplitude_m": 0.0, "speed_rad_s": 0.0},
+        "stop": {"law": "kelvin-voigt", "position_m": 0.1, "restitution": 0.5, "contact_s": 0.01},
+        "wearer": {"plate_kg": 0.5, "ankle_n_m": 1e-6, "ankle_n_s_m": 0.0},
+        "initial": {"v_m_s": 1.0},
+    }
+    impacts = simulate(load_scene(tables), 0.3).impacts
+    assert -impacts.v_after_m_s[0] / impacts.v_m_s[0] == pytest.approx(0.5, rel=1e-5)

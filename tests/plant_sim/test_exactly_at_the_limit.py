@@ -1,0 +1,75 @@
+"""A pull of exactly what friction, dry loss or stop can hold is held, by every solver; only more moves it."""
+
+import math
+from typing import Any
+
+import pytest
+from test_scene import changed
+
+from plant_sim.plant import Plant
+from plant_sim.result import Phase
+from plant_sim.scene import load_scene
+from plant_sim.simulate import simulate
+
+METHODS = ["exact", "adaptive", "stepping"]
+
+BALANCED: dict[str, Any] = {
+    "striker": {"mass_kg": 0.5, "spring_n_m": 64.0, "rest_length_m": 0.125, "gravity_m_s2": 8.0},
+    "drive": {"model": "ideal", "amplitude_m": 1.0 / 64.0, "speed_rad_s": 0.0, "phase_rad": 0.5 * math.pi},
+    "friction": {"law": "coulomb", "mu": 0.25},
+    "stop": {"law": "rigid", "position_m": 0.1875, "restitution": 0.5},
+}
+"""c A = 1 N = μ m g, without a rounding."""
+
+
+@pytest.mark.xfail(strict=True, reason="endless events where the torque equals the dry loss")
+@pytest.mark.parametrize("torque_n_m", [0.005, -0.005])
+def test_a_torque_equal_to_the_dry_loss_turns_nothing(torque_n_m: float) -> None:
+    result = simulate(load_scene("table1-motor-soft"), 1.0, torque_n_m=torque_n_m)
+    assert result.final.omega_rad_s == 0.0
+    assert result.final.crank_rad == 0.0
+    more = simulate(load_scene("table1-motor-soft"), 1.0, torque_n_m=torque_n_m * (1.0 + 1e-9))
+    assert more.final.omega_rad_s * torque_n_m > 0.0
+
+
+@pytest.mark.xfail(strict=True, reason="endless events where the torque equals the dry loss")
+def test_ticks_of_a_torque_equal_to_the_dry_loss_turn_nothing() -> None:
+    plant = Plant(load_scene("table1-motor-soft"), seed=1)
+    for _ in range(100):
+        plant.advance(0.005, 1e-3)
+    assert plant.state.crank_rad == 0.0
+    plant.advance(0.0051, 1e-3)
+    assert plant.state.omega_rad_s > 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("speed_rad_s", [0.0, 1.0, 20.0])
+def test_a_spring_that_pulls_as_much_as_dry_friction_holds_moves_nothing(
+    method: str, speed_rad_s: float
+) -> None:
+    """Whether the crank stands there, or the piston turns round there."""
+    tables = BALANCED | {"solver": {"method": method}}
+    tables["drive"] = BALANCED["drive"] | {"speed_rad_s": speed_rad_s}
+    final = simulate(load_scene(tables), 10.0).final
+    assert final.x_m == 0.125
+    assert final.v_m_s == 0.0
+    assert final.phase == Phase.STICK
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_spring_that_pulls_more_than_dry_friction_holds_moves_the_striker(method: str) -> None:
+    tables = BALANCED | {"solver": {"method": method}}
+    tables["friction"] = {"law": "coulomb", "mu": 0.25 * (1.0 - 1e-6)}
+    assert simulate(load_scene(tables), 10.0).final.x_m > 0.125
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_striker_laid_against_the_stop_without_force_stays_there(method: str) -> None:
+    changes = {
+        "stop.position_m": 0.12,
+        "drive.amplitude_m": 0.0,
+        "solver": {"method": method},
+    }
+    result = simulate(load_scene(changed("table1-viscous", changes)), 10.0)
+    assert result.final.x_m == 0.12
+    assert result.impacts.t_s.size == 0
