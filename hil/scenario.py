@@ -216,10 +216,12 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
         table = ScenarioTable.model_validate(document)
     except ValidationError as error:
         raise ScenarioError("\n".join(complaints(error, ScenarioTable))) from error
+    scene = load_scene(table.scene)
+    _refuse_without_motor_or_sensors(scene)
     return Scenario(
         name=name,
         title=table.title,
-        scene=load_scene(table.scene),
+        scene=scene,
         config=config_from(table.firmware),
         parameters=table.firmware,
         bitrate=None if table.bus is None else table.bus.bitrate,
@@ -238,6 +240,18 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
         document=document,
         changes=tuple(changes),
     )
+
+
+def _refuse_without_motor_or_sensors(scene: Scene) -> None:
+    """The firmware needs a motor that takes its torque, and sensors to read."""
+    if scene.drive.model == "ideal":
+        raise ScenarioError(
+            "scene.drive.model = 'ideal' turns at its own speed whatever the firmware commands; set "
+            "'motor' or 'dq-motor' (without ratio, frequency_hz or speed_rad_s), or run the scene alone with "
+            "`vibrohil simulate`"
+        )
+    if scene.sensors is None:
+        raise ScenarioError("scene has no sensors for the firmware to read; add the table [scene.sensors]")
 
 
 def refuse_other_periods(period_s: float) -> None:

@@ -1,7 +1,9 @@
 """Says what is wrong with a table a user wrote: dotted key, what was got, what is wanted, what to do."""
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -41,6 +43,13 @@ def nearest(word: str, known: Iterable[str]) -> str:
     words = sorted(known)
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
     return f"did you mean {close[0]}?" if close else f"known: {', '.join(words)}"
+
+
+def real(value: object) -> float:
+    """A number a user gave as a float, whatever kind of real number it is; nan for anything else."""
+    if type(value) is float:
+        return value
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
 
 
 def _complaint(detail: ErrorDetails, model: type[BaseModel]) -> str:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant_sim.complaints import real
 from plant_sim.gait_sensors import GaitReading, GaitSensors, GaitTruth, gait_at
 from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
@@ -13,10 +14,10 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
-from plant_sim.scene import Scene
+from plant_sim.scene import Scene, require_scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
 from plant_sim.sensors import SensorReading, Sensors
-from plant_sim.simulate import initial_state
+from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive import (
     BUFFER_FULL,
     DONE,
@@ -31,7 +32,7 @@ from plant_sim.solvers.adaptive import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.memory import ELAPSED, IMPACTS, IN_IMPACT, PHASE, STORED, UNSETTLED, allocate
+from plant_sim.solvers.memory import ELAPSED, ELAPSED_LOW, IMPACTS, PHASE, STORED, UNSETTLED, allocate
 
 GAIT_PERIOD_S = 5e-3
 """How often the gait sensors are read."""
@@ -62,7 +63,10 @@ class Plant:
     """A scene's module, advanced under a held torque; its sensors' noise is drawn from `seed`."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
-        self.scene = scene
+        if not (real(seed) >= 0.0 and real(seed).is_integer()):
+            raise PlantError(f"seed = {seed!r}: wanted a whole number of at least 0")
+        seed = int(seed)
+        self.scene = require_scene(scene)
         self.parts = scene.parts(seed)
         initial = initial_state(scene, self.parts)
         self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
@@ -90,6 +94,7 @@ class Plant:
 
     def advance(self, torque_n_m: float, dt_s: float) -> None:
         """Move on by `dt_s` under a held motor torque command (an ideal drive takes no notice of it)."""
+        torque_n_m, dt_s = real(torque_n_m), real(dt_s)
         if not (math.isfinite(torque_n_m) and math.isfinite(dt_s) and dt_s >= 0.0):
             raise PlantError(
                 f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
@@ -121,6 +126,7 @@ class Plant:
 
         Its work is in no ledger.
         """
+        change_m_s = real(change_m_s)
         if not math.isfinite(change_m_s):
             raise PlantError(f"change_m_s = {change_m_s}; wanted a finite change of velocity, in m/s")
         self._memory.y[1] += change_m_s
@@ -133,14 +139,13 @@ class Plant:
         stored_j = float(memory.observed[STORED])
         if in_contact_too or memory.mode[PHASE] != Phase.CONTACT:
             memory.mode[PHASE] = UNSETTLED
-            memory.mode[IN_IMPACT] = 0
         self._call(self._torque_n_m, 0.0)
         self._stored_before_j += float(memory.observed[STORED]) - stored_j
         self.now = observation(memory, self._stored_before_j)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
-        memory.held[ELAPSED] = 0.0
+        memory.held[ELAPSED] = memory.held[ELAPSED_LOW] = 0.0
         while True:
             status = self._advance(
                 self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID, NO_SAMPLES

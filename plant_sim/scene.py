@@ -28,7 +28,7 @@ from plant_sim.parts.restitution import (
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.walking import TOE_OFF, Walking
-from plant_sim.parts.wearer import Ankle, NoWearer
+from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
@@ -188,9 +188,12 @@ class Scene(Table):
             self._stop(),
             Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
             self._housing(seed),
-            NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values()),
+            self._wearer(),
             self._winding(),
         )
+
+    def _wearer(self) -> Wearer:
+        return NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values())
 
     def _striker(self) -> Striker:
         striker = Striker(**self.striker.model_dump())
@@ -261,12 +264,12 @@ class Scene(Table):
         return NoFriction()
 
     def _stop(self) -> Stop:
-        stop, mass_kg = self.stop, self.striker.mass_kg
+        stop, wearer, mass_kg = self.stop, self._wearer(), self.striker.mass_kg
         if isinstance(stop, RigidStopTable):
             return RigidStop(stop.position_m, stop.restitution)
         if isinstance(stop, KelvinVoigtTable):
             stiffness = stop.stiffness or linear_stiffness(mass_kg, stop.contact_s or math.nan)
-            damping = kelvin_voigt_damping(mass_kg, stiffness, stop.restitution)
+            damping = kelvin_voigt_damping(contact_mass_kg(wearer, mass_kg), stiffness, stop.restitution)
             return KelvinVoigt(stop.position_m, stiffness, damping)
         if isinstance(stop, HuntCrossleyTable):
             stiffness = stop.stiffness or hertz_stiffness(
@@ -283,6 +286,13 @@ def _unevenness(waves: Iterable[tuple[int, float, float]]) -> Unevenness:
     return Waves(found) if found else Smooth()
 
 
+def require_scene(scene: object) -> Scene:
+    """`scene` itself; raises `SceneError` where a caller gave something else."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene = {scene!r}: wanted a Scene; make one with load_scene(name, path or tables)")
+    return scene
+
+
 def scene_names() -> list[str]:
     """The scenes that come with the package."""
     return sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -295,6 +305,8 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     """
     if isinstance(source, Mapping):
         return dict(source)
+    if not isinstance(source, str | Path):
+        raise SceneError(f"scene = {source!r}: wanted a scene's name, the path of a TOML file, or its tables")
     if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
         path = SCENES / f"{source}.toml"
         if source not in scene_names():

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from plant_sim.parts.walking import TOE_OFF
@@ -21,6 +22,13 @@ class Table(BaseModel):
     """Unknown keys, wrong types, NaN and infinity are refused; a table never changes."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_numbers(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        return {key: value.item() if isinstance(value, np.generic) else value for key, value in data.items()}
 
 
 class StrikerTable(Table):
@@ -254,7 +262,9 @@ class WearerTable(Table):
 class PaceTable(Table):
     """[[gait.pace]]: how fast somebody walks from then on."""
 
-    at_s: float = Field(ge=0.0, description="from when in s; between two paces that walk it changes evenly")
+    at_s: float = Field(
+        ge=0.0, le=1e6, description="from when in s; between two paces that walk it changes evenly"
+    )
     # The slowest is rehabilitation's 0.3 m/s at 0.44 Hz, the fastest a brisk 1.8 m/s at 1.1 Hz.
     stride_hz: float = Field(
         ge=0.0, le=1.5, description="the strides a second, up to 1.5 and not between 0 and 0.2; 0: standing"
@@ -276,7 +286,7 @@ _SLOWEST_HZ = 0.2
 class StumbleTable(Table):
     """[[gait.stumble]]: the foot trips in the next mid-swing, and the walk finds back in three strides."""
 
-    at_s: float = Field(ge=0.0, description="after when in s")
+    at_s: float = Field(ge=0.0, le=1e6, description="after when in s")
     # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
     knock_m_s2: float = Field(
         default=15.0, ge=0.0, description="the largest deceleration of the foot in m/s²"

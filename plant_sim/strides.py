@@ -16,8 +16,10 @@ from plant_sim.parts.walking import COLUMNS, Rows
 
 NATURAL_HZ = 0.9
 """Strides a second of natural walking, at which the curves of `plant_sim.parts.walking` hold."""
-DRAWN_S = 600.0
-"""Strides are drawn for this long; whoever walks longer goes on with the last one's pace, evenly."""
+SAMPLED_S = 600.0
+"""Strides are sampled for this long and until the script has ended; a longer walk then goes on evenly."""
+AFTER_SCRIPT_S = 30.0
+"""After the script's last pace or trip: the strides until it has happened, at the slowest cadence."""
 STARTING_SHARE, STOPPING_SHARE = 0.8, 0.8
 """The first and the last stride's frequency over that of the walk."""
 TRIP_PHASE = 0.75
@@ -79,7 +81,9 @@ def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
 def draw_strides(walk: Walk, dice: np.random.Generator) -> Rows:
     """Rows from t = 0 on, of which the last one lasts for ever."""
     drawing = _Drawing(walk, dice)
-    while drawing.t_s < DRAWN_S:
+    script_s = [pace.at_s for pace in walk.paces] + [trip.at_s for trip in walk.trips]
+    until_s = max(SAMPLED_S, max(script_s) + AFTER_SCRIPT_S)
+    while drawing.t_s < until_s:
         if drawing.is_walking or wanted_hz(walk.paces, drawing.t_s) > 0.0:
             drawing.stride()
         elif not drawing.stand():

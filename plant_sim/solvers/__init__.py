@@ -1,1 +1,1 @@
-"""One solver a file; `plant_sim.simulate` chooses among them."""
+"""One solver a file; `plant_sim.simulation` chooses among them."""

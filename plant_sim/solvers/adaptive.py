@@ -36,6 +36,7 @@ from plant_sim.solvers.currents import (
     voltage_may_end,
 )
 from plant_sim.solvers.dop853 import attempt, extend
+from plant_sim.solvers.double_double import two_sum
 from plant_sim.solvers.events import NONE, TOUCH, TURN, Found, Scratch, Zeros, angle_at, first_event
 from plant_sim.solvers.memory import (
     ACCELERATION,
@@ -49,6 +50,7 @@ from plant_sim.solvers.memory import (
     DIRECTION,
     DRIVE_WORK,
     ELAPSED,
+    ELAPSED_LOW,
     FELT_FORCE,
     FRICTION_LOSS,
     HOUSING_WORK,
@@ -68,6 +70,7 @@ from plant_sim.solvers.memory import (
     PLACE_NOW,
     REBOUND,
     SAMPLES,
+    SEEN,
     SPEED_NOW,
     STEP_CONTACT,
     STEP_FREE,
@@ -219,7 +222,7 @@ def _step(
     flow = _flow(parts, memory, torque_n_m, begin_s)
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
     place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
-    remaining = duration_s - held[ELAPSED]
+    remaining = (duration_s - held[ELAPSED]) - held[ELAPSED_LOW]
     longest = 1.0 / max(
         math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg), abs(crank_speed(parts.drive, memory))
     )
@@ -261,11 +264,23 @@ def _step(
         y[i] = new[i]
     turn_crank(parts.drive, memory, used)
     mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
-    held[ELAPSED] = duration_s if used == remaining else held[ELAPSED] + used
+    _pass_time(memory, flow.phase, used, remaining, duration_s)
     if event != NONE:
         held[LAST_STEP] = 0.0
         apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
     return used
+
+
+@subroutine
+def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, duration_s: float) -> None:
+    """Book `used_s` seconds in a phase, of the `remaining_s` up to `duration_s`."""
+    held = memory.held
+    if used_s > 0.0:
+        memory.mode[SEEN] |= 1 << phase
+    elapsed_s, rest_s = two_sum(held[ELAPSED], held[ELAPSED_LOW] + used_s)
+    is_end = used_s == remaining_s
+    held[ELAPSED] = duration_s if is_end else elapsed_s
+    held[ELAPSED_LOW] = 0.0 if is_end else rest_s
 
 
 @subroutine

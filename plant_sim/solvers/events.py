@@ -41,12 +41,14 @@ from plant_sim.solvers.motion import (
     DEPTH,
     FLIGHT,
     REST,
+    ROUNDING,
     SPEED,
     STICK,
     VELOCITY,
     Flow,
     Vector,
     closing_m_s,
+    crank_limit_n_m,
     crank_load_n_m,
     crank_net_n_m,
     current_place,
@@ -62,9 +64,6 @@ TURN = 2.0 * math.pi
 
 NEAR_RAD = 1e-9
 """A crank this close to where a striker breaks away is there."""
-
-ROUNDING = 1e-14
-"""Of a polynomial through forces, as a share of the largest: beyond it the limit is passed."""
 
 
 class Zeros(NamedTuple):
@@ -230,7 +229,7 @@ def break_event(
     dense: Vector,
     scratch: Scratch,
 ) -> float:
-    """First s at which the torque on a resting crank passes its dry loss."""
+    """First s at which the torque on a resting crank passes `crank_limit_n_m`; the loss holds at it."""
     raise NotImplementedError
 
 
@@ -248,8 +247,9 @@ def _(
     place = _place(parts.wearer, drive, dense, scratch)
     slope = crank_load_n_m(parts, y[2], 0.0) - crank_load_n_m(parts, y[2], 1.0)
     net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[2], 0.0)
-    upward = root(place, slope, net - drive.dry_n_m, 0, scratch)
-    return min(upward, root(place, -slope, -net - drive.dry_n_m, 0, scratch))
+    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[2], y)
+    upward = root(place, slope, net - limit, 0, scratch)
+    return min(upward, root(place, -slope, -net - limit, 0, scratch))
 
 
 @law(break_event, DqWinding)
@@ -267,8 +267,9 @@ def _(
         look_within(dense, NODES[i], scratch)
         values[i] = crank_net_n_m(parts, flow.torque_n_m, y[2], scratch.inner)
     interpolate(values, net)
-    upward = root(net, 1.0, -drive.dry_n_m, 0, scratch)
-    return min(upward, root(net, -1.0, -drive.dry_n_m, 0, scratch))
+    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[2], y)
+    upward = root(net, 1.0, -limit, 0, scratch)
+    return min(upward, root(net, -1.0, -limit, 0, scratch))
 
 
 @subroutine

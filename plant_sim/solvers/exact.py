@@ -169,7 +169,13 @@ def simulate(
     grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
     require_run(initial, until_s, grid)
 
-    start = (initial.t_s, start_m(striker, stop, initial), initial.v_m_s, initial.crank_rad)
+    until_s = float(until_s)
+    start = (
+        float(initial.t_s),
+        float(start_m(striker, stop, initial)),
+        float(initial.v_m_s),
+        float(initial.crank_rad),
+    )
     samples = np.empty((len(grid), 3))
     arguments = (striker, drive, friction, stop, start, until_s, rest_speed_m_s, grid, samples)
     kinds = type(friction), type(stop)

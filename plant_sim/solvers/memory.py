@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.parts.drive import MotorDrive
+from plant_sim.kernels import by_part, law, shared
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_soft, origin_m
@@ -31,19 +32,33 @@ from plant_sim.solvers.motion import Vector, housing_place, integrals, state_siz
     IN_IMPACT,
     IMPACTS,
     SAMPLES,
+    SEEN,
     VOLTAGE_LIMITED,
     ZERO_VOLTAGE,
-) = range(13)
-"""The last two with windings only."""
+) = range(14)
+"""`SEEN` has bit p set if phase p has taken time since it was cleared; the last two with windings only."""
 
 UNSETTLED = -1
 """Phase of a module whose first phase the solver has yet to find."""
 
 # Places in Memory.held; the crank's angle is there with an ideal drive only.
-ELAPSED, STEP_FREE, STEP_CONTACT, REST_SPEED, LAST_STEP, LAST_MARGIN, CRANK_ANGLE = range(7)
+(
+    ELAPSED,
+    ELAPSED_LOW,
+    STEP_FREE,
+    STEP_CONTACT,
+    REST_SPEED,
+    LAST_STEP,
+    LAST_MARGIN,
+    CRANK_ANGLE,
+) = range(8)
+"""`ELAPSED_LOW` is what rounding leaves out of `ELAPSED`: over 1e6 s of steps it would add up to 0.1 ms."""
+
+NO_IMPACT, IN_CONTACT, LET_GO = range(3)
+"""Values of IN_IMPACT; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
 
 # Places in Memory.contact, which soft stops have; the last with a wearer only.
-TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, PEAK_FELT = range(7)
+TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, LEAVE_SPEED, PEAK_FELT = range(8)
 
 # Columns of Memory.impacts.
 IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
@@ -106,25 +121,14 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
     motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     has_motor = isinstance(drive, MotorDrive)
-    y = np.zeros(size)
-    y[0] = initial.x_m - origin_m(stop, striker)
-    y[1] = initial.v_m_s
-    angle = initial.crank_rad % TURN
-    if has_motor:
-        y[2], y[3] = angle, initial.omega_rad_s
     has_winding = isinstance(parts.winding, DqWinding)
-    mode = np.zeros(13 if has_winding else 11, dtype=np.int64)
-    mode[PHASE] = UNSETTLED
-    held = np.zeros(6 if has_motor else 7)
-    held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / natural
+    held = np.zeros(7 if has_motor else 8)
     held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
-    if not has_motor:
-        held[CRANK_ANGLE] = angle
-    return Memory(
-        y=y,
-        mode=mode,
+    memory = Memory(
+        y=np.zeros(size),
+        mode=np.zeros(14 if has_winding else 12, dtype=np.int64),
         held=held,
-        contact=np.zeros((7 if is_worn(parts.wearer) else 6) if is_soft(stop) else 0),
+        contact=np.zeros((8 if is_worn(parts.wearer) else 7) if is_soft(stop) else 0),
         impacts=np.zeros((impacts, 6)),
         observed=np.zeros(PHASE_NOW + 1),
         scale=_scale(parts, accuracy),
@@ -140,6 +144,41 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
             inner=np.zeros(motion if has_winding else 0),
         ),
     )
+    depth_m = initial.x_m - origin_m(stop, striker)
+    restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
+    return memory
+
+
+@shared
+def restart(
+    parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
+) -> None:
+    """Set a module to a start whose phase is to be found; nothing of an earlier run is left."""
+    memory.y[:] = 0.0
+    memory.mode[:] = 0
+    memory.contact[:] = 0.0
+    memory.y[0], memory.y[1] = depth_m, v_m_s
+    memory.mode[PHASE] = UNSETTLED
+    held, striker = memory.held, parts.striker
+    held[ELAPSED] = held[ELAPSED_LOW] = 0.0
+    held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
+    held[LAST_STEP] = held[LAST_MARGIN] = 0.0
+    _set_crank(parts.drive, memory, crank_rad % TURN, omega_rad_s)
+
+
+@by_part
+def _set_crank(drive: Drive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    raise NotImplementedError
+
+
+@law(_set_crank, IdealDrive)
+def _(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    memory.held[CRANK_ANGLE] = angle_rad
+
+
+@law(_set_crank, MotorDrive)
+def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    memory.y[2], memory.y[3] = angle_rad, omega_rad_s
 
 
 def _scale(parts: Parts, accuracy: float) -> Vector:

@@ -48,6 +48,9 @@ Vector = NDArray[np.float64]
 
 FLIGHT, STICK, REST, CONTACT = (int(phase) for phase in Phase)
 
+ROUNDING = 1e-14
+"""Of a sum of forces or torques, as a share of the largest: a limit is passed only beyond it."""
+
 DEPTH, VELOCITY, ANGLE, SPEED = range(4)
 """Places of the motion; those of the ledger's integrals follow from `work_place` on."""
 
@@ -467,6 +470,13 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
     torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, angle_rad, 0.0, y, place)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
     return torque + cogging_n_m(parts.winding, angle_rad) - load
+
+
+@subroutine
+def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+    """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss and a net's rounding."""
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    return dry_n_m + ROUNDING * (abs(torque_n_m) + abs(load) + dry_n_m)
 
 
 @by_part

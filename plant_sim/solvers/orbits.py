@@ -1,17 +1,20 @@
-"""What studies want to know of an orbit that nobody stores: a row per drive period, and what rows add up to.
+"""Whole orbits of an ideal drive, followed from drive period to drive period and summed up, not stored.
 
 Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
-is then far from the stop, so that a blow never falls on the border between two of them.
+is then far from the stop, so that an impact never falls on the border between two of them. A row per period
+holds what studies want to know. What carries the motion on is a solver's `Carrier` (`streaming`: the closed
+form; `streaming_adaptive`: any scene with an ideal drive). All of it runs without the interpreter's lock.
 """
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit, subroutine
+from plant_sim.kernels import by_part, subroutine
+from plant_sim.solvers.double_double import TURN_RAD
 
 SECTION_RAD = -0.5 * math.pi
 
@@ -120,7 +123,124 @@ class Outcome(NamedTuple):
     duration_s: float
 
 
-@jit
+Carrier: TypeAlias = Any
+"""What carries one scene's motion on: a solver's own record, with a law for each of the functions below."""
+
+
+class Size(NamedTuple):
+    """A scene as orbits see it: crank speed, rest length, and the scales that a cycle is judged by."""
+
+    drive_rad_s: float
+    rest_length_m: float
+    length_m: float
+    speed_m_s: float
+
+
+@by_part
+def size_of(carrier: Carrier) -> Size:
+    """The scene's size."""
+    raise NotImplementedError
+
+
+@by_part
+def set_out(carrier: Carrier, y_m: float, v_m_s: float, crank_rad: float) -> Any:
+    """The motion at t = 0 from y = x − l0, v and a crank angle: whatever the carrier keeps between calls."""
+    raise NotImplementedError
+
+
+@by_part
+def carry(
+    carrier: Carrier, motion: Any, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[Any, bool]:
+    """The motion at `until_s`, its row filled, and whether the solver could not get there.
+
+    `looked_at` asks for extremes and energies. RESTED: the striker rested on the stop for some time. MOVED:
+    it moved; where friction is dry, slides added up to more than `STUCK_M`.
+    """
+    raise NotImplementedError
+
+
+@by_part
+def ends_clear(carrier: Carrier, motion: Any, row: NDArray[np.float64]) -> bool:
+    """Whether the striker provably never reaches the stop again; `row` is then the steady period's."""
+    raise NotImplementedError
+
+
+@by_part
+def section(carrier: Carrier, motion: Any) -> tuple[float, float, float, float]:
+    """y, v, crank angle and time of a motion."""
+    raise NotImplementedError
+
+
+@subroutine
+def follow_orbit(
+    carrier: Carrier,
+    y_m: float,
+    v_m_s: float,
+    crank_rad: float,
+    protocol: Protocol,
+    rows: NDArray[np.float64],
+) -> Outcome:
+    """Run an orbit from y = x − l0, v and a crank angle, and say what became of it."""
+    size = size_of(carrier)
+    streaks = np.zeros(64, dtype=np.int64)
+    turn_s = TURN_RAD / size.drive_rad_s
+    first_s = ((SECTION_RAD - crank_rad) % TURN_RAD) / size.drive_rad_s
+    total_s = protocol.settle_s + protocol.record_s
+    motion, endless = carry(carrier, set_out(carrier, y_m, v_m_s, crank_rad), first_s, False, rows[0])
+    period, recorded, cycle, now_s = 0, 0, 0, first_s
+    certain = False
+    while True:
+        cycle, clear_cut = follow_cycles(
+            rows, streaks, period, size.length_m, size.speed_m_s, protocol.tolerance
+        )
+        if protocol.stop_early:
+            if ends_clear(carrier, motion, rows[(period + 1) % len(rows)]):
+                certain, cycle = True, 1
+                period += 1
+                break
+            if clear_cut and recorded >= cycle:
+                certain = True
+                break
+        end_s = first_s + (period + 1) * turn_s
+        if end_s > total_s or endless:
+            break
+        settled = protocol.stop_early or now_s >= protocol.settle_s
+        period += 1
+        row = rows[period % len(rows)]
+        motion, endless = carry(carrier, motion, end_s, protocol.measure and settled, row)
+        recorded = recorded + 1 if settled else 0
+        now_s = end_s
+    whole = recorded - recorded % max(cycle, 1)
+    window = min(cycle if certain else whole, period, len(rows) - 1)
+    return summary(
+        rows,
+        period,
+        max(window, 1),
+        0 if endless else cycle,
+        certain,
+        size.rest_length_m,
+        section(carrier, motion),
+    )
+
+
+@subroutine
+def classify_starts(
+    carrier: Carrier,
+    starts: NDArray[np.float64],
+    protocol: Protocol,
+    regimes: NDArray[np.int8],
+    blows: NDArray[np.float32],
+) -> None:
+    """Regime, and impacts per period, of each start (y, v, crank), shape (n, 3); negative if not certain."""
+    rows = new_rows(protocol, size_of(carrier).drive_rad_s)
+    for index in range(len(starts)):
+        outcome = follow_orbit(carrier, starts[index, 0], starts[index, 1], starts[index, 2], protocol, rows)
+        regimes[index] = outcome.regime.value if outcome.certain else -1 - outcome.regime.value
+        blows[index] = outcome.blows
+
+
+@subroutine
 def new_rows(protocol: Protocol, drive_rad_s: float) -> NDArray[np.float64]:
     """A ring of rows that holds what the protocol records, and enough to recognise a cycle."""
     recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2

@@ -151,7 +151,13 @@ def simulate(
         raise UnsupportedSceneError(f"the step is {step_s} s; it must be finite and above 0")
     grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
     require_run(initial, until_s, grid)
-    start = (initial.t_s, start_m(striker, stop, initial), initial.v_m_s, initial.crank_rad)
+    until_s = float(until_s)
+    start = (
+        float(initial.t_s),
+        float(start_m(striker, stop, initial)),
+        float(initial.v_m_s),
+        float(initial.crank_rad),
+    )
     samples = np.empty((len(grid), 3))
     impacts, (y_m, final_v_m_s, final_crank_rad), energies, phase = _run(
         striker, drive, friction, stop, start, until_s, step_s, grid, samples

@@ -1,15 +1,15 @@
-"""Whole orbits in closed form, followed from drive period to drive period and summed up, not stored.
+"""Orbits in closed form: an ideal drive, viscous or Coulomb friction and a rigid stop.
 
-For an ideal drive, viscous or Coulomb friction and a rigid stop; callable from kernels, and free of the
-interpreter's lock.
+Callable from kernels.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit, subroutine
+from plant_sim.kernels import jit, law, subroutine
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Viscous
 from plant_sim.parts.stop import RigidStop
@@ -26,7 +26,6 @@ from plant_sim.solvers.orbits import (
     MOVED,
     RESTED,
     ROW,
-    SECTION_RAD,
     STUCK_M,
     V_END,
     Y_END,
@@ -34,11 +33,17 @@ from plant_sim.solvers.orbits import (
     Y_LOW,
     Outcome,
     Protocol,
+    Size,
+    carry,
+    classify_starts,
     clear,
     count_blow,
-    follow_cycles,
+    ends_clear,
+    follow_orbit,
     new_rows,
-    summary,
+    section,
+    set_out,
+    size_of,
 )
 from plant_sim.solvers.oscillator import Flight, Oscillator, flow, launch, oscillator
 
@@ -54,6 +59,13 @@ LOOKS = 16
 MOST_CUTS = 40
 
 
+class Closed(NamedTuple):
+    """What carries a scene of the closed form on."""
+
+    oscillator: Oscillator
+    rest_length_m: float
+
+
 @jit
 def follow(
     striker: Striker,
@@ -65,10 +77,10 @@ def follow(
     crank_rad: float,
     protocol: Protocol,
 ) -> Outcome:
-    """Run an orbit from y = x − l0, v and a crank angle, and say what became of it."""
-    o = oscillator(striker, drive, friction, stop)
+    """`orbits.follow_orbit` by the closed form."""
+    carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
     rows = new_rows(protocol, drive.omega_rad_s)
-    return _follow(o, striker.rest_length_m, y_m, v_m_s, crank_rad, protocol, rows)
+    return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
 
 
 @jit
@@ -82,15 +94,9 @@ def classify(
     regimes: NDArray[np.int8],
     blows: NDArray[np.float32],
 ) -> None:
-    """Regime, and blows per period, of each start (y, v, crank), shape (n, 3); negative if not certain."""
-    o = oscillator(striker, drive, friction, stop)
-    rows = new_rows(protocol, drive.omega_rad_s)
-    for index in range(len(starts)):
-        outcome = _follow(
-            o, striker.rest_length_m, starts[index, 0], starts[index, 1], starts[index, 2], protocol, rows
-        )
-        regimes[index] = outcome.regime.value if outcome.certain else -1 - outcome.regime.value
-        blows[index] = outcome.blows
+    """`orbits.classify_starts` by the closed form."""
+    carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
+    classify_starts(carrier, starts, protocol, regimes, blows)
 
 
 @jit
@@ -118,56 +124,37 @@ def ramp(
     return y, v, crank
 
 
-@subroutine
-def _follow(
-    o: Oscillator,
-    rest_length_m: float,
-    y_m: float,
-    v_m_s: float,
-    crank_rad: float,
-    protocol: Protocol,
-    rows: NDArray[np.float64],
-) -> Outcome:
-    streaks = np.zeros(64, dtype=np.int64)
-    length = abs(o.gap_m) + abs(o.amplitude_m)
-    speed = o.natural_rad_s * length
-    turn_s = TURN_RAD / o.drive_rad_s
-    motion = begin(o, 0.0, y_m, v_m_s, crank_rad)
-    first_s = ((SECTION_RAD - motion.crank_rad) % TURN_RAD) / o.drive_rad_s
-    total_s = protocol.settle_s + protocol.record_s
-    motion, endless = _period(o, motion, first_s, False, rows[0])
-    period, recorded, cycle = 0, 0, 0
-    certain = False
-    while True:
-        cycle, clear_cut = follow_cycles(rows, streaks, period, length, speed, protocol.tolerance)
-        if protocol.stop_early:
-            if not is_dry(o.friction) and _stays_clear(o, motion):
-                certain, cycle = True, 1
-                period += 1
-                _steady_period(o, rows[period % len(rows)])
-                break
-            if clear_cut and recorded >= cycle:
-                certain = True
-                break
-        end_s = first_s + (period + 1) * turn_s
-        if end_s > total_s or endless:
-            break
-        settled = protocol.stop_early or motion.t_s >= protocol.settle_s
-        period += 1
-        row = rows[period % len(rows)]
-        motion, endless = _period(o, motion, end_s, protocol.measure and settled, row)
-        recorded = recorded + 1 if settled else 0
-    whole = recorded - recorded % max(cycle, 1)
-    window = min(cycle if certain else whole, period, len(rows) - 1)
-    return summary(
-        rows,
-        period,
-        max(window, 1),
-        0 if endless else cycle,
-        certain,
-        rest_length_m,
-        (motion.y_m, motion.v_m_s, motion.crank_rad, motion.t_s),
-    )
+@law(size_of, Closed)
+def _(carrier: Closed) -> Size:
+    o = carrier.oscillator
+    length_m = abs(o.gap_m) + abs(o.amplitude_m)
+    return Size(o.drive_rad_s, carrier.rest_length_m, length_m, o.natural_rad_s * length_m)
+
+
+@law(set_out, Closed)
+def _(carrier: Closed, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
+    return begin(carrier.oscillator, 0.0, y_m, v_m_s, crank_rad)
+
+
+@law(section, Closed)
+def _(carrier: Closed, motion: Motion) -> tuple[float, float, float, float]:
+    return motion.y_m, motion.v_m_s, motion.crank_rad, motion.t_s
+
+
+@law(ends_clear, Closed)
+def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
+    o = carrier.oscillator
+    if is_dry(o.friction) or not _stays_clear(o, motion):
+        return False
+    _steady_period(o, row)
+    return True
+
+
+@law(carry, Closed)
+def _(
+    carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[Motion, bool]:
+    return _period(carrier.oscillator, motion, until_s, looked_at, row)
 
 
 @subroutine
@@ -177,7 +164,7 @@ def _period(
     """Carry the motion on to `until_s` and fill the row; also whether there were too many events."""
     clear(row)
     ledger = empty_ledger()
-    low, high = motion.y_m, motion.y_m
+    low, high, slid_m = motion.y_m, motion.y_m, 0.0
     event, events = Event.IMPACT, 0
     while event != Event.HORIZON and events < MOST_EVENTS:
         arrival, event = next_event(o, motion, until_s)
@@ -185,10 +172,9 @@ def _period(
         low, high = min(low, arrival.y_m), max(high, arrival.y_m)
         if motion.phase == Phase.REST_ON_STOP:
             row[RESTED] = 1.0
-        elif motion.phase == Phase.FLIGHT and (
-            not is_dry(o.friction) or abs(arrival.y_m - motion.y_m) > STUCK_M
-        ):
-            row[MOVED] = 1.0
+        elif motion.phase == Phase.FLIGHT:
+            slid_m += abs(arrival.y_m - motion.y_m)
+            row[MOVED] = 1.0 if slid_m > STUCK_M or not is_dry(o.friction) else 0.0
         if looked_at:
             ledger = booked(o, ledger, motion, arrival, departure)
             if not is_dry(o.friction) and motion.phase == Phase.FLIGHT:

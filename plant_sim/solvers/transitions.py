@@ -60,7 +60,11 @@ from plant_sim.solvers.memory import (
     IMPACTS,
     IMPULSE,
     IMPULSE_BEFORE,
+    IN_CONTACT,
     IN_IMPACT,
+    LEAVE_SPEED,
+    LET_GO,
+    NO_IMPACT,
     PEAK,
     PEAK_FORCE,
     PHASE,
@@ -83,6 +87,7 @@ from plant_sim.solvers.motion import (
     REST,
     STICK,
     closing_m_s,
+    crank_limit_n_m,
     crank_net_n_m,
     current_place,
     held_force_n,
@@ -168,11 +173,20 @@ def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> No
     mode[PHASE] = FLIGHT
     mode[DIRECTION] = 1 if y[1] > 0.0 else -1
     if is_soft(stop) and y[0] > 0.0:
-        _open_contact(parts, memory, time_s, 0)
+        lets_go = LET_GO
+        if mode[IN_IMPACT] == NO_IMPACT:
+            lets_go = NO_IMPACT
+            _open_contact(parts, memory, time_s, 0)
+        mode[PHASE] = CONTACT
+        mode[IN_IMPACT] = IN_CONTACT
         closing = closing_m_s(parts.wearer, parts.drive, y)
         if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, memory.contact[DAMPING]) < 0.0:
+            memory.contact[LEAVE_SPEED] = closing
             mode[PHASE] = FLIGHT
-            mode[IN_IMPACT] = 0
+            mode[IN_IMPACT] = lets_go
+    elif is_soft(stop) and mode[IN_IMPACT] != NO_IMPACT:  # taken out of it from outside
+        memory.contact[LEAVE_SPEED] = closing_m_s(parts.wearer, parts.drive, y)
+        _record_contact(parts, memory)
     if y[1] == 0.0:
         _from_rest(parts, memory, time_s)
     elif y[0] == 0.0 and y[1] < 0.0:
@@ -204,7 +218,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
     net = crank_net_n_m(parts, torque_n_m, y[2], y)
     mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
     mode[ZERO_CRANK] = 1
-    if abs(net) <= drive.dry_n_m:
+    if abs(net) <= crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[2], y):
         mode[CRANK_DIRECTION] = 0
         mode[CRANK_STUCK] = 1
 
@@ -221,6 +235,8 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
     elif event == CLEAR:
         memory.y[0] = 0.0
         memory.mode[ZERO_DEPTH] = 1
+        if memory.mode[IN_IMPACT] == LET_GO:
+            _record_contact(parts, memory)
     elif event == HALT:
         memory.y[1] = 0.0
         _from_rest(parts, memory, time_s)
@@ -394,7 +410,7 @@ def _(stop: KelvinVoigt) -> int:
 def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
     y, mode, contact = memory.y, memory.mode, memory.contact
     mode[PHASE] = CONTACT
-    mode[IN_IMPACT] = 1
+    mode[IN_IMPACT] = IN_CONTACT
     mode[ZERO_DEPTH] = zeros
     speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
     contact[TOUCH_TIME] = time_s
@@ -411,28 +427,50 @@ def _open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> No
 
 @subroutine
 def _press(parts: Parts, memory: Memory, time_s: float) -> None:
-    """Meet a stop that let go early and has not yet been left: it holds its spring's energy again."""
+    """Meet a stop that let go early and has not yet been cleared: it holds its spring's energy again.
+
+    The contact that it had let go of goes on.
+    """
     memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
-    _open_contact(parts, memory, time_s, 1)
+    if memory.mode[IN_IMPACT] == NO_IMPACT:
+        _open_contact(parts, memory, time_s, 1)
+        return
+    memory.mode[PHASE] = CONTACT
+    memory.mode[IN_IMPACT] = IN_CONTACT
+    memory.mode[ZERO_DEPTH] = 1
 
 
 @subroutine
 def _leave(parts: Parts, memory: Memory) -> None:
-    """The end of a contact; what a stop that lets go early still holds is lost in its relaxing."""
-    y, mode, contact = memory.y, memory.mode, memory.contact
-    if _leaving_zeros(parts.stop) == 1:
+    """The stop no longer presses; what one that lets go early still holds is lost in its relaxing.
+
+    The impact ends where the striker clears the stop's surface: until then it may be pressed again.
+    """
+    y, mode = memory.y, memory.mode
+    lets_go_early = _leaving_zeros(parts.stop) == 0
+    if not lets_go_early:
         y[0] = 0.0
     y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
     mode[PHASE] = FLIGHT
-    mode[IN_IMPACT] = 0
+    mode[IN_IMPACT] = LET_GO
     closing = closing_m_s(parts.wearer, parts.drive, y)
     mode[ZERO_DEPTH] = 1 if closing < 0.0 else 2
+    memory.contact[LEAVE_SPEED] = closing
+    if not lets_go_early:
+        _record_contact(parts, memory)
+
+
+@subroutine
+def _record_contact(parts: Parts, memory: Memory) -> None:
+    """The impact that a contact was, once it is over."""
+    contact = memory.contact
+    memory.mode[IN_IMPACT] = NO_IMPACT
     _record(
         memory,
         contact[TOUCH_TIME],
         contact[TOUCH_SPEED],
-        closing,
-        y[work_place(parts) + 3] - contact[IMPULSE_BEFORE],
+        contact[LEAVE_SPEED],
+        memory.y[work_place(parts) + 3] - contact[IMPULSE_BEFORE],
         contact[PEAK],
         contact[TOUCH_ANGLE],
     )
@@ -517,7 +555,7 @@ def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: 
     y, mode = memory.y, memory.mode
     mode[DIRECTION] = 1 if forward else -1
     mode[ZERO_VELOCITY] = zeros
-    if mode[IN_IMPACT] == 1:
+    if mode[IN_IMPACT] == IN_CONTACT:
         mode[PHASE] = CONTACT
         return
     mode[PHASE] = FLIGHT

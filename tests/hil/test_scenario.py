@@ -126,7 +126,6 @@ def test_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
         load_scenario(written(tmp_path, "title = "))
 
 
-@pytest.mark.xfail(strict=True, reason="a traceback during the run instead")
 @pytest.mark.parametrize(
     ("scene", "said"),
     [

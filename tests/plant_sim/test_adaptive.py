@@ -10,7 +10,7 @@ from test_scene import changed
 
 from plant_sim.result import Phase
 from plant_sim.scene import Scene, load_scene
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 
 ADAPTIVE = {"solver.method": "adaptive"}
 HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}

@@ -16,7 +16,7 @@ from plant_sim.parts.winding import DqWinding, Settled, Smooth, Waves
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensing import NoSensing
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive import NO_GRID, NO_SAMPLES, run
 from plant_sim.solvers.bernstein import NODES
 from plant_sim.solvers.memory import VOLTAGE_LIMITED, Memory, allocate

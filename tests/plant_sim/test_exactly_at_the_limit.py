@@ -9,7 +9,7 @@ from test_scene import changed
 from plant_sim.plant import Plant
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene
-from plant_sim.simulate import simulate
+from plant_sim.simulation import simulate
 
 METHODS = ["exact", "adaptive", "stepping"]
 
@@ -22,7 +22,6 @@ BALANCED: dict[str, Any] = {
 """c A = 1 N = μ m g, without a rounding."""
 
 
-@pytest.mark.xfail(strict=True, reason="endless events where the torque equals the dry loss")
 @pytest.mark.parametrize("torque_n_m", [0.005, -0.005])
 def test_a_torque_equal_to_the_dry_loss_turns_nothing(torque_n_m: float) -> None:
     result = simulate(load_scene("table1-motor-soft"), 1.0, torque_n_m=torque_n_m)
@@ -32,7 +31,6 @@ def test_a_torque_equal_to_the_dry_loss_turns_nothing(torque_n_m: float) -> None
     assert more.final.omega_rad_s * torque_n_m > 0.0
 
 
-@pytest.mark.xfail(strict=True, reason="endless events where the torque equals the dry loss")
 def test_ticks_of_a_torque_equal_to_the_dry_loss_turn_nothing() -> None:
     plant = Plant(load_scene("table1-motor-soft"), seed=1)
     for _ in range(100):

@@ -10,7 +10,7 @@ from test_scene import changed
 from plant_sim.plant import Plant
 from plant_sim.result import Phase, SimulationResult
 from plant_sim.scene import load_scene
-from plant_sim.simulate import simulate
+from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive import SolverError
 
 ADAPTIVE = {"solver.method": "adaptive"}

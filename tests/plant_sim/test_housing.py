@@ -14,7 +14,7 @@ from plant_sim.parts.housing import Level, Moving, Tilted
 from plant_sim.plant import Plant
 from plant_sim.result import Phase, SimulationResult
 from plant_sim.scene import Scene, SceneError, load_scene
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.memory import allocate
 from plant_sim.tilt import levelled
 

@@ -8,7 +8,7 @@ from test_scene import changed
 
 from plant_sim.methods import STEPPING_PRICES, choose
 from plant_sim.scene import Scene, SceneError, load_scene
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers import adaptive, stepping
 
 DRY = "table1-stribeck"

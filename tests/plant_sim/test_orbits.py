@@ -22,9 +22,6 @@ NATURAL_RAD_S = math.sqrt(70.0 / 0.8)
 REST = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
 
 
-DISAGREE = pytest.mark.xfail(strict=True, reason="the followers judge rest and motion at different times")
-
-
 def drive(ratio: float, amplitude_m: float = 0.03) -> IdealDrive:
     return IdealDrive(amplitude_m, ratio * NATURAL_RAD_S, 0.0)
 
@@ -36,13 +33,11 @@ def memory_of(parts: Parts) -> Memory:
 @pytest.mark.parametrize(
     ("mu", "restitution", "ratio", "stop_m", "regime"),
     [
-        pytest.param(*(0.2, 0.0, 0.3, 0.18, Regime.NON_IMPACT), marks=DISAGREE),  # slides and sticks in turn
-        pytest.param(*(0.2, 0.2, 0.3, 0.18, Regime.NON_IMPACT), marks=DISAGREE),
+        (0.2, 0.0, 0.3, 0.18, Regime.NON_IMPACT),  # slides and sticks in turn
+        (0.2, 0.2, 0.3, 0.18, Regime.NON_IMPACT),
         (0.3, 0.5, 0.3, 0.18, Regime.STUCK),
-        pytest.param(
-            *(0.15, 0.0, 0.3, 0.125, Regime.CHATTERING), marks=DISAGREE
-        ),  # rests on the stop for part of each turn
-        pytest.param(*(0.15, 0.2, 0.3, 0.125, Regime.CHATTERING), marks=DISAGREE),
+        (0.15, 0.0, 0.3, 0.125, Regime.CHATTERING),  # rests on the stop for part of each turn
+        (0.15, 0.2, 0.3, 0.125, Regime.CHATTERING),
         (0.15, 0.5, 1.0, 0.18, Regime.IMPACT),
     ],
 )
@@ -60,7 +55,6 @@ def test_both_followers_name_the_same_regime(
     assert stepwise.loss_j == pytest.approx(closed.loss_j, abs=1e-6)
 
 
-@pytest.mark.xfail(strict=True, reason="step sizes are kept")
 def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:
     parts = Parts(STRIKER, drive(0.9), Coulomb(0.15, 0.0), RigidStop(0.18, 0.5))
     protocol = CLASSIFY._replace(settle_s=3.0)
@@ -71,7 +65,6 @@ def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:
     assert (again.end_y_m, again.end_v_m_s) == (fresh.end_y_m, fresh.end_v_m_s)
 
 
-@pytest.mark.xfail(strict=True, reason="the loss is read beyond the state")
 def test_without_a_stop_nothing_beyond_the_state_is_read() -> None:
     parts = Parts(STRIKER, drive(0.5), Coulomb(0.15, 0.0), NoStop())
     memory = memory_of(parts)
@@ -83,7 +76,6 @@ def test_without_a_stop_nothing_beyond_the_state_is_read() -> None:
     assert outcome.drive_j == pytest.approx(outcome.friction_j, rel=1e-5)
 
 
-@pytest.mark.xfail(strict=True, reason="time is summed without its rounding")
 def test_a_million_seconds_lose_no_time_against_the_crank() -> None:
     """In 260,000 steps: the crank's angle keeps their lengths, time adds them up."""
     slow = Parts(Striker(1e3, 70.0, 0.12, 9.80665), IdealDrive(0.001, 0.1, 0.0), Coulomb(0.15, 0.0), NoStop())

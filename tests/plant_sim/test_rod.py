@@ -13,7 +13,7 @@ from plant_sim.parts.linkage import Sine, SliderCrank, crank_torque_n_m, piston_
 from plant_sim.plant import Plant
 from plant_sim.result import Phase
 from plant_sim.scene import Scene, SceneError, load_scene
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 
 ROD = SliderCrank(0.06)
 A = 0.02

@@ -15,7 +15,7 @@ from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
 from plant_sim.parts.walking import Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
-from plant_sim.simulate import initial_state, simulate
+from plant_sim.simulation import initial_state, simulate
 
 G = 9.80665
 PACES = [
@@ -432,7 +432,6 @@ def test_what_makes_no_sense_is_refused(gait: dict[str, Any], changes: dict[str,
         scene(gait, **changes)
 
 
-@pytest.mark.xfail(strict=True, reason="the script ends after 600 s")
 def test_a_walk_is_told_to_stop_after_any_time() -> None:
     """At 700 s, and a trip at 800 s of somebody who walks on."""
     told = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}

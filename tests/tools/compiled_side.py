@@ -37,7 +37,7 @@ def kicked(kick_m_s: float) -> Any:
 def dry_motion(settings: list[str], omega_rad_s: float, duration_s: float) -> tuple[Any, Any]:
     """Impacts of a led crank with dry friction by the campaign's plant, and by the adaptive solver."""
     from plant_sim.scene import load_scene
-    from plant_sim.simulate import initial_state
+    from plant_sim.simulation import initial_state
     from plant_sim.solvers import adaptive
     from tools.campaign.cells import cells_of
     from tools.campaign.reference import alone, led

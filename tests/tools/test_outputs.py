@@ -113,7 +113,7 @@ def test_an_unexpected_exception_is_one_line_and_a_file(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("planted")
 
-    monkeypatch.setattr("plant_sim.simulate.simulate", broken)
+    monkeypatch.setattr("plant_sim.simulation.simulate", broken)
     assert cli.run(["simulate", "table1-viscous"]) == EXIT_INTERNAL_ERROR
     said = capsys.readouterr().err
     (written,) = tmp_path.iterdir()

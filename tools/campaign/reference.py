@@ -17,7 +17,7 @@ from plant_sim.parts.stop import HuntCrossley
 from plant_sim.result import MotionState, Phase
 from plant_sim.scene import Scene
 from plant_sim.sensing import allocate_sensing
-from plant_sim.simulate import initial_state
+from plant_sim.simulation import initial_state
 from plant_sim.solvers.memory import APPROACH, IMPACT_TIME, IMPACTS
 from tools.campaign import loop
 from tools.campaign.plant import Filters, filters, module

@@ -16,7 +16,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene
 from plant_sim.sensing import allocate_sensing
 from plant_sim.sensors import readers
-from plant_sim.simulate import initial_state
+from plant_sim.simulation import initial_state
 from plant_sim.solvers.memory import IMPACTS
 from tools.campaign import columns, loop
 from tools.campaign.gait_frames import gait_frames

@@ -40,8 +40,8 @@ def simulate(
             f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10"
         )
     loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
-    from plant_sim.simulate import SimulationError  # brings numba, which a refusal need not wait for
-    from plant_sim.simulate import simulate as simulate_plant
+    from plant_sim.simulation import SimulationError  # brings numba, which a refusal need not wait for
+    from plant_sim.simulation import simulate as simulate_plant
 
     started = time.perf_counter()
     try:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.settings import apply_settings
 from plant_sim.scene import Scene, load_scene, read_scene
-from plant_sim.simulate import simulate
+from plant_sim.simulation import simulate
 from tools.trade.prices import COST_UNIT, Progress, spent_us
 
 UNTIL_S = 30.0

@@ -6,7 +6,7 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.result import SimulationResult
-from plant_sim.simulate import initial_state
+from plant_sim.simulation import initial_state
 from plant_sim.solvers import adaptive, exact, stepping
 from tools.trade.answers import Answer, Method, Solve, answer
 from tools.trade.cases import Case

@@ -19,7 +19,7 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.sensing import NoSensing, Probe, allocate_sensing
-from plant_sim.simulate import initial_state
+from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive import (
     DONE,
     IMPACTS_AT_ONCE,

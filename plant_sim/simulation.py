@@ -4,12 +4,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from plant_sim.complaints import real
 from plant_sim.methods import choose
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, Phase, SimulationResult
-from plant_sim.scene import Scene
+from plant_sim.scene import Scene, require_scene
 from plant_sim.solvers import adaptive, exact, stepping
 from plant_sim.tilt import levelled, tilted
 
@@ -21,24 +23,21 @@ class SimulationError(ValueError):
 def simulate(
     scene: Scene, until_s: float, torque_n_m: float = 0.0, samples_s: float | None = None
 ) -> SimulationResult:
-    """Run a scene from its start to `until_s` under a held motor torque.
+    """Run a scene from its start to `until_s` under a held motor torque, N m.
 
-    `samples_s` asks for the motion at that spacing, both ends included.
+    `samples_s` asks for the motion at that spacing, both ends included. Any real numbers will do. Raises
+    `SimulationError`, or the solver's `SolverError`, `EventLimitError` or `UnsupportedSceneError`.
     """
-    if not (math.isfinite(until_s) and until_s > 0.0):
-        raise SimulationError(f"until_s = {until_s}: wanted a positive, finite time to run to, in s")
-    if not math.isfinite(torque_n_m):
-        raise SimulationError(f"torque_n_m = {torque_n_m}: wanted a finite motor torque, in N m")
-    if samples_s is not None and not (math.isfinite(samples_s) and samples_s > 0.0):
-        raise SimulationError(f"samples_s = {samples_s}: wanted a positive, finite spacing, in s")
-    parts = scene.parts()
+    until_s = _real(until_s, "until_s", "time to run to, in s", above_zero=True)
+    torque_n_m = _real(torque_n_m, "torque_n_m", "motor torque, in N m")
+    grid = None if samples_s is None else _grid(until_s, samples_s)
+    parts = require_scene(scene).parts()
     initial = initial_state(scene, parts)
     if torque_n_m != 0.0 and isinstance(parts.drive, IdealDrive):
         raise SimulationError(
             f"torque_n_m = {torque_n_m} is given for an ideal drive, which takes none; "
             "leave it out, or set drive.model = 'motor' or 'dq-motor'"
         )
-    grid = None if samples_s is None else np.append(np.arange(0.0, until_s, samples_s), until_s)
     level = levelled(parts)
     choice = choose(scene, level)
     if choice.step_s is not None:
@@ -50,6 +49,30 @@ def simulate(
             parts, initial, until_s, grid, torque_n_m=torque_n_m, accuracy=scene.solver.accuracy
         )
     return result if choice.note is None else replace(result, notes=(*result.notes, choice.note))
+
+
+MOST_SAMPLES = 10_000_000
+"""Of one run: 400 MB."""
+
+
+def _grid(until_s: float, samples_s: float) -> NDArray[np.float64]:
+    """Times from 0 to `until_s`, each once: one that rounds to the end is the end."""
+    spacing_s = _real(samples_s, "samples_s", "spacing of samples, in s", above_zero=True)
+    count = until_s / spacing_s
+    if count > MOST_SAMPLES:
+        raise SimulationError(
+            f"samples_s = {spacing_s} asks for {count:.3g} samples up to {until_s} s; wanted {MOST_SAMPLES} "
+            "at most, give a longer spacing"
+        )
+    return np.append(spacing_s * np.arange(math.ceil(count * (1.0 - 1e-12))), until_s)
+
+
+def _real(value: object, name: str, meaning: str, above_zero: bool = False) -> float:
+    number = real(value)
+    if not math.isfinite(number) or (above_zero and number <= 0.0):
+        kind = "a positive, finite" if above_zero else "a finite"
+        raise SimulationError(f"{name} = {value!r}: wanted {kind} {meaning}")
+    return number
 
 
 def initial_state(scene: Scene, parts: Parts | None = None) -> MotionState:
