@@ -143,5 +143,5 @@ def test_a_scene_without_a_motor_or_sensors_is_refused(tmp_path: Path, scene: st
     path.write_text(
         f'title = "A scene that the firmware cannot run on"\n{text}\n[script]\nduration_s = 1.0\n'
     )
-    with pytest.raises(ScenarioError, match=said):
+    with pytest.raises(TextInputError, match=said):
         load_scenario(path)

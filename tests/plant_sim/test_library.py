@@ -12,6 +12,7 @@ import plant_sim
 from plant_sim import Plant, SceneError, load_scene, simulate
 from plant_sim.plant import PlantError
 from plant_sim.simulation import SimulationError
+from plant_sim.text_input import TextInputError
 
 VISCOUS = load_scene("table1-viscous")
 
@@ -99,7 +100,7 @@ def test_what_is_no_scene_is_refused_in_a_sentence() -> None:
         Plant({}, seed=1)  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="scene = 3: wanted a scene's name, the path of a TOML file, or its"):
         load_scene(3)  # type: ignore[arg-type]
-    with pytest.raises(SceneError, match="cannot be read"):
+    with pytest.raises(TextInputError, match="cannot be read"):
         load_scene(Path("nowhere.toml"))
 
 
