@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, Protocol, get_type_hints
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.node import Counters, powered_up
+from firmware_py.node.receiver import Counters
+from firmware_py.shell.node import powered_up
 from firmware_py.shell.parameters import of_the_build
 from hil.alignment import Alignment
 from hil.faults.memory import ParameterMemory

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 from firmware_py.interface import packing, records
 from firmware_py.interface.dbc import database
 from firmware_py.interface.errors import FrameError, FrameErrorReason
-from firmware_py.interface.frame import Frame
+from firmware_py.interface.frame import Frame, bytes_of, word_of
 from firmware_py.interface.generate import checked_hints, snake
 from firmware_py.interface.layout import Layout, Signal, layout_of
 from firmware_py.interface.refusals import unencodable, unusable
@@ -18,8 +18,6 @@ __all__ = ["CODECS", "CODEC_BY_ID", "FrameCodec", "FrameError", "FrameErrorReaso
 R = TypeVar("R", bound=tuple[Any, ...])
 
 _OK = FrameErrorReason.NONE
-_WORD = struct.Struct("<q")
-_to_bytes, _from_bytes, _new = _WORD.pack, _WORD.unpack, tuple.__new__
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +47,18 @@ class FrameCodec(Generic[R]):
         """
         try:
             word, sendable = self.pack(record, counter)
-            data = _to_bytes(word)
+            data = bytes_of(word, self.length)
         except (TypeError, ValueError, OverflowError, struct.error) as error:
             raise unencodable(self.layout, _fields(self.record), record) from error
         if not sendable:
             raise unencodable(self.layout, _fields(self.record), record)
-        return _new(Frame, (self.can_id, data if self.length == 8 else data[: self.length]))
+        return Frame(self.can_id, data)
 
     def decode(self, data: bytes) -> R:
         """Return the record; refuse a wrong length or CRC, unlisted values, counts out of range and floats
         that are not finite.
         """
-        length = len(data)
-        word = _from_bytes(data)[0] if length == 8 else int.from_bytes(data, "little")
-        record, reason = self.unpack(length, word)
+        record, reason = self.unpack(len(data), word_of(data))
         if reason is not _OK:
             raise unusable(self.layout, data, reason)
         return record

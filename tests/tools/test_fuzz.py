@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from firmware_py.interface import codec
+from firmware_py.interface import codec, packing
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.frame import Frame
-from firmware_py.shell.node import FirmwareNode
+from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.node import tick
 from hil import drive
 from tools import fuzz
 from tools.cli import run
@@ -54,22 +54,25 @@ def test_a_torque_beyond_its_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_exception_is_found_and_its_life_can_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    take = FirmwareNode._take_temperature
+    unpack = packing.unpack_drive_temperature
 
-    def touchy(self: FirmwareNode, record: Any) -> None:
+    def touchy(length: int, word: int) -> Any:
+        record, reason = unpack(length, word)
         if record.motor_degc > 1e6:
             raise OverflowError("too hot to count")
-        take(self, record)
+        return record, reason
 
-    monkeypatch.setattr(FirmwareNode, "_take_temperature", touchy)
+    monkeypatch.setattr(packing, "unpack_drive_temperature", touchy)
     found = fuzz.fuzz(300_000, 1).failures[0]
     assert found.what == "OverflowError: too hot to count"
     assert fuzz.one_life(found.seed).failures == (found,)
 
 
 def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    receive = FirmwareNode._receive
-    monkeypatch.setattr(
-        FirmwareNode, "_receive", lambda self, frame: None if len(frame.data) == 1 else receive(self, frame)
-    )
+    receive = tick.receive
+
+    def deaf(tick_s: float, received: Any, counters: Any, now: int, frame: WordFrame) -> Any:
+        return (received, counters) if frame.length == 1 else receive(tick_s, received, counters, now, frame)
+
+    monkeypatch.setattr(tick, "receive", deaf)
     assert "frames for the firmware" in fuzz.fuzz(30_000, 1).failures[0].what

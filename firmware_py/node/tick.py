@@ -1,0 +1,157 @@
+"""The whole firmware, frames in to frames out:
+
+    tick(config, state, rx) -> (state, tx)
+
+Call it once a control period with the frames that have arrived since. `config` is the core's, made of the
+parameters; `state` starts as `INITIAL`. `rx.frames` is anything with `rx.frame_count` items of `WordFrame`: a
+sequence interpreted, a tuple of them or a pointer to them compiled; `rx.elapsed_ticks` is 1, or more after
+ticks that were skipped. `tx.torque` leaves in every tick, `tx.other` if `tx.frame_count` is 2.
+
+Reading and writing parameters is no part of a control period: while `state.received.request_count` is not 0,
+call `served` between two ticks; its answers leave in the next ones.
+
+All of it is the firmware's subset (floats, integers, enums, NamedTuples and tuples of them, bounded loops,
+plain functions), so that one source runs interpreted, compiled by numba from within other compiled code, and
+on a microcontroller.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.configure import config_of
+from firmware_py.core.drive_link import DriveFrame
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.parameter_values import Parameters
+from firmware_py.core.parameters import read_parameter, write_parameter
+from firmware_py.core.step import INITIAL as INITIAL_CORE
+from firmware_py.core.step import INITIAL_OUTPUTS, Config, Outputs, State, step
+from firmware_py.interface import packing
+from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
+from firmware_py.node import receiver, transmitter
+from firmware_py.node.receiver import Counters, Received, also_counted, inputs_of, receive
+from firmware_py.node.transmitter import Transmitter
+
+MAX_RX = 64
+"""Frames that a flat `rx` holds. A tick brings 3 at most; 25 ticks of patience after a pause bring 60."""
+
+
+class Rx(NamedTuple):
+    """The frames since the last tick, in the order of their arrival."""
+
+    elapsed_ticks: int
+    frame_count: int
+    frames: Sequence[WordFrame]
+
+
+class Tx(NamedTuple):
+    """The frames that leave in this tick: `torque`, and `other` where `frame_count` is 2."""
+
+    frame_count: int
+    torque: WordFrame
+    other: WordFrame
+
+
+class NodeState(NamedTuple):
+    """Everything that a tick hands to the next one; `inputs` and `outputs` are the newest tick's."""
+
+    ticks: int
+    received: Received
+    inputs: Inputs
+    core: State
+    outputs: Outputs
+    waiting: Transmitter
+    counters: Counters
+
+
+MAY_BE_WRITTEN = (INIT, READY, FAULT, E_STOP)
+"""Modes in which nothing moves."""
+
+INITIAL = NodeState(
+    ticks=0,
+    received=receiver.INITIAL,
+    inputs=inputs_of(receiver.INITIAL, 0, 1),
+    core=INITIAL_CORE,
+    outputs=INITIAL_OUTPUTS,
+    waiting=transmitter.INITIAL,
+    counters=receiver.NOTHING_YET,
+)
+
+
+NO_TX = Tx(0, transmitter.NO_FRAME, transmitter.NO_FRAME)
+
+
+@compiled
+def transmitted(
+    config: Config,
+    received: Received,
+    waiting: Transmitter,
+    tick: int,
+    before: Outputs,
+    core: State,
+    now: Outputs,
+) -> tuple[Transmitter, int, Tx]:
+    """What leaves in this tick, what still waits, and how many frames were lost."""
+    has_gait = received.gait_heard.tick >= 0
+    waiting, lost = transmitter.queued(config.tick_s, waiting, tick, before, now, has_gait)
+    other = transmitter.NO_FRAME
+    if now.drive_frame != DriveFrame.NOTHING:
+        position_rev = received.encoder.position_rev
+        other = transmitter.drive_frame(config.drive_link, now.drive_frame, position_rev)
+    elif transmitter.any_waits(waiting):
+        waiting, other = transmitter.next_frame(config.tick_s, waiting, tick, core, now)
+        lost += 1 if other.can_id == 0 else 0
+    word, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
+    torque = WordFrame(packing.SET_INPUT_TORQUE_ID, packing.SET_INPUT_TORQUE_LENGTH, word)
+    return waiting, lost, Tx(1 if other.can_id == 0 else 2, torque, other)
+
+
+@compiled
+def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
+    """One control period."""
+    now = state.ticks + rx.elapsed_ticks
+    received, counters = state.received, state.counters
+    for index in range(rx.frame_count):
+        received, counters = receive(config.tick_s, received, counters, now, rx.frames[index])
+    inputs = inputs_of(received, now, rx.elapsed_ticks)
+    core, outputs = step(config, state.core, inputs)
+    waiting, lost, tx = transmitted(config, received, state.waiting, now, state.outputs, core, outputs)
+    if lost > 0 or rx.elapsed_ticks > 1:
+        counters = also_counted(counters, rx.elapsed_ticks - 1, lost)
+    return NodeState(now, received, inputs, core, outputs, waiting, counters), tx
+
+
+@compiled
+def answered(
+    parameters: Parameters, request: ParameterRequest, mode: Mode
+) -> tuple[Parameters, ParameterValue]:
+    """Read or write one parameter; a write that is refused changes nothing."""
+    index = request.parameter_index
+    status = ParameterStatus.OK
+    if request.operation == ParameterOperation.WRITE:
+        if mode in MAY_BE_WRITTEN:
+            parameters, status = write_parameter(parameters, index, request.value)
+        else:
+            status = ParameterStatus.NOT_WHILE_MOVING
+    value, tier, known = read_parameter(parameters, index)
+    if known != ParameterStatus.OK:
+        status = known
+    return parameters, ParameterValue(index, status.value, value, tier)
+
+
+@compiled
+def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Parameters, Config, NodeState]:
+    """Answer the requests that wait, and make the config of what was written."""
+    received, waiting, lost = state.received, state.waiting, 0
+    for index in range(received.request_count):
+        parameters, answer = answered(parameters, received.requests[index], state.outputs.mode)
+        waiting, fits = transmitter.with_answer(waiting, answer)
+        lost += 0 if fits else 1
+    # Of damaged parameters one is written, and the others are as unknown as before.
+    config = config_of(parameters, config.monitors.parameters_damaged)
+    received = receiver.without_requests(received)
+    counters = also_counted(state.counters, 0, lost)
+    state = NodeState(state.ticks, received, state.inputs, state.core, state.outputs, waiting, counters)
+    return parameters, config, state

@@ -1,0 +1,431 @@
+"""Transmitting: the torque in every tick and at most one other frame beside it.
+
+A node that sends all its slow frames at once makes the frames of every tick, its own and others', wait for
+them on the bus. One at a time they never do, and nothing waits long: the frames that come on a period take a
+small part of the ticks. The drive link's frame comes first, then faults, then impacts; all others leave in
+the order in which they fell due.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.compiled import compiled
+from firmware_py.core.drive_link import DriveFrame, DriveLinkConfig
+from firmware_py.core.inputs import NEVER_TICKS
+from firmware_py.core.numbers import TAU, fraction
+from firmware_py.core.step import Outputs, State
+from firmware_py.interface import packing
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.records import (
+    ClearErrors,
+    FaultEvent,
+    FirmwareHeartbeat,
+    GaitReport,
+    ImpactEvent,
+    ParameterValue,
+    RegimeReport,
+    SetAbsolutePosition,
+    SetAxisState,
+    SetControllerMode,
+    SetLimits,
+    StrikerEstimate,
+)
+from firmware_py.node.receiver import with_one
+
+TORQUE_CONTROL = 1
+PASSTHROUGH = 1
+REGIME_S = 0.05
+"""The shortest time between two regime reports."""
+
+NOT_WAITING = 1 << 62
+"""Place in the queue of a frame that does not wait."""
+
+EVENTS = 4
+"""Faults, impacts and answers that wait at most; each leaves within a few ticks."""
+
+
+class Impact(NamedTuple):
+    """An impact to report, whose age counts on while its frame waits."""
+
+    touch_down_ticks: float
+    approach_speed_m_s: float
+    impulse_n_s: float
+
+
+class Cyclic(NamedTuple):
+    """A frame that waits in turn: when it last fell due, and its place in the queue."""
+
+    due_tick: int
+    place: int
+
+
+class Sent(NamedTuple):
+    """Frames sent since power-up, of each identifier with a rolling counter."""
+
+    heartbeat: int
+    estimate: int
+    regime: int
+    impact: int
+    fault: int
+    value: int
+    gait: int
+
+
+class Transmitter(NamedTuple):
+    """All that waits. `next_place` counts what fell due; of `faults` and `impacts` the first ones wait.
+
+    `period_ended`: a drive period's report is owed, and not yet due.
+    """
+
+    next_place: int
+    sent: Sent
+    faults: tuple[FaultEvent, FaultEvent, FaultEvent, FaultEvent]
+    fault_count: int
+    impacts: tuple[Impact, Impact, Impact, Impact]
+    impact_count: int
+    refusal: int
+    refusal_place: int
+    period_ended: bool
+    report: RegimeReport
+    regime: Cyclic
+    estimate: Cyclic
+    heartbeat: Cyclic
+    gait: Cyclic
+    answers: tuple[ParameterValue, ParameterValue, ParameterValue, ParameterValue]
+    answer_count: int
+    answer_place: int
+
+
+IDLE = Cyclic(-NEVER_TICKS, NOT_WAITING)
+NO_EVENT = FaultEvent(0, 0, 0)
+NO_IMPACT = Impact(0.0, 0.0, 0.0)
+NO_ANSWER = ParameterValue(0, 0, 0.0, 0)
+NO_FRAME = WordFrame(0, 0, 0)
+
+INITIAL = Transmitter(
+    next_place=0,
+    sent=Sent(0, 0, 0, 0, 0, 0, 0),
+    faults=(NO_EVENT, NO_EVENT, NO_EVENT, NO_EVENT),
+    fault_count=0,
+    impacts=(NO_IMPACT, NO_IMPACT, NO_IMPACT, NO_IMPACT),
+    impact_count=0,
+    refusal=0,
+    refusal_place=NOT_WAITING,
+    period_ended=False,
+    report=RegimeReport(0, 0, 0.0, 0.0),
+    regime=IDLE,
+    estimate=IDLE,
+    heartbeat=IDLE,
+    gait=IDLE,
+    answers=(NO_ANSWER, NO_ANSWER, NO_ANSWER, NO_ANSWER),
+    answer_count=0,
+    answer_place=NOT_WAITING,
+)
+
+
+@compiled
+def is_due(cyclic: Cyclic, tick: int, period_s: float, tick_s: float) -> bool:
+    """Whether a cyclic frame's period has passed."""
+    return (tick - cyclic.due_tick) * tick_s >= period_s - 1e-9
+
+
+@compiled
+def regime_report(outputs: Outputs) -> RegimeReport:
+    """The drive period that has just ended."""
+    return RegimeReport(
+        outputs.regime.value,
+        outputs.period_impacts,
+        math.degrees(outputs.impact_phase_rad) % 360.0,
+        outputs.peak_acceleration_m_s2,
+    )
+
+
+@compiled
+def queued(
+    tick_s: float,
+    waiting: Transmitter,
+    tick: int,
+    before: Outputs,
+    outputs: Outputs,
+    has_gait: bool,
+) -> tuple[Transmitter, int]:
+    """Let everything wait that falls due in this tick; how many frames found no place."""
+    (
+        place,
+        sent,
+        faults,
+        fault_count,
+        impacts,
+        impact_count,
+        refusal,
+        refusal_place,
+        period_ended,
+        report,
+        regime,
+        estimate,
+        heartbeat,
+        gait,
+        answers,
+        answer_count,
+        answer_place,
+    ) = waiting
+    lost = 0
+    if outputs.separation:
+        # Half a tick: from the sensors' time to this tick's.
+        one = Impact(
+            tick - outputs.impact_age_s / tick_s - 0.5,
+            outputs.impact_speed_m_s,
+            max(outputs.impact_impulse_n_s, 0.0),
+        )
+        if impact_count < EVENTS:
+            impacts = with_one(impacts, impact_count, one)
+            impact_count += 1
+        else:
+            lost += 1
+    if outputs.fault not in (NO_FAULT, before.fault):
+        event = FaultEvent(outputs.fault.value, outputs.disarm_reason, 0)
+        if fault_count < EVENTS:
+            faults = with_one(faults, fault_count, event)
+            fault_count += 1
+        else:
+            lost += 1
+    if outputs.refusal not in (NO_REFUSAL, before.refusal):
+        lost += 0 if refusal_place == NOT_WAITING else 1
+        refusal = outputs.refusal.value
+        refusal_place = place
+        place += 1
+    period_ended = period_ended or outputs.period_ended
+    if period_ended and tick - regime.due_tick >= round(REGIME_S / tick_s):
+        period_ended = False
+        report = regime_report(outputs)
+        regime = Cyclic(tick, place)
+        place += 1
+    if is_due(estimate, tick, packing.STRIKER_ESTIMATE_PERIOD_S, tick_s):
+        estimate = Cyclic(tick, place)
+        place += 1
+    if is_due(heartbeat, tick, packing.FIRMWARE_HEARTBEAT_PERIOD_S, tick_s):
+        heartbeat = Cyclic(tick, place)
+        place += 1
+    if has_gait and is_due(gait, tick, packing.GAIT_REPORT_PERIOD_S, tick_s):
+        gait = Cyclic(tick, place)
+        place += 1
+    return (
+        Transmitter(
+            place,
+            sent,
+            faults,
+            fault_count,
+            impacts,
+            impact_count,
+            refusal,
+            refusal_place,
+            period_ended,
+            report,
+            regime,
+            estimate,
+            heartbeat,
+            gait,
+            answers,
+            answer_count,
+            answer_place,
+        ),
+        lost,
+    )
+
+
+@compiled
+def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:
+    """Let an answer wait in turn; whether it found a place."""
+    if waiting.answer_count >= EVENTS:
+        return waiting, False
+    place = waiting.next_place
+    later = Transmitter(
+        place + 1,
+        waiting.sent,
+        waiting.faults,
+        waiting.fault_count,
+        waiting.impacts,
+        waiting.impact_count,
+        waiting.refusal,
+        waiting.refusal_place,
+        waiting.period_ended,
+        waiting.report,
+        waiting.regime,
+        waiting.estimate,
+        waiting.heartbeat,
+        waiting.gait,
+        with_one(waiting.answers, waiting.answer_count, answer),
+        waiting.answer_count + 1,
+        place if waiting.answer_place == NOT_WAITING else waiting.answer_place,
+    )
+    return later, True
+
+
+@compiled
+def drive_frame(config: DriveLinkConfig, kind: DriveFrame, position_rev: float) -> WordFrame:
+    """The content of a frame that the drive link sends."""
+    if kind == DriveFrame.ESTOP:
+        return WordFrame(packing.DRIVE_ESTOP_ID, packing.DRIVE_ESTOP_LENGTH, 0)
+    if kind == DriveFrame.CONTROLLER_MODE:
+        word, _ = packing.pack_set_controller_mode(SetControllerMode(TORQUE_CONTROL, PASSTHROUGH), 0)
+        return WordFrame(packing.SET_CONTROLLER_MODE_ID, packing.SET_CONTROLLER_MODE_LENGTH, word)
+    if kind == DriveFrame.LIMITS:
+        limits = SetLimits(config.speed_limit_rad_s / TAU, config.current_limit_a)
+        word, _ = packing.pack_set_limits(limits, 0)
+        return WordFrame(packing.SET_LIMITS_ID, packing.SET_LIMITS_LENGTH, word)
+    if kind == DriveFrame.CLEAR_ERRORS:
+        word, _ = packing.pack_clear_errors(ClearErrors(0), 0)
+        return WordFrame(packing.CLEAR_ERRORS_ID, packing.CLEAR_ERRORS_LENGTH, word)
+    if kind == DriveFrame.RE_ZERO:
+        # Whole turns only: the crank's angle stays what it is.
+        word, _ = packing.pack_set_absolute_position(SetAbsolutePosition(fraction(position_rev)), 0)
+        return WordFrame(packing.SET_ABSOLUTE_POSITION_ID, packing.SET_ABSOLUTE_POSITION_LENGTH, word)
+    state = CLOSED_LOOP.value if kind == DriveFrame.CLOSED_LOOP else AXIS_IDLE.value
+    word, _ = packing.pack_set_axis_state(SetAxisState(state), 0)
+    return WordFrame(packing.SET_AXIS_STATE_ID, packing.SET_AXIS_STATE_LENGTH, word)
+
+
+@compiled
+def first_place(waiting: Transmitter) -> int:
+    """Place of the frame that fell due first of those that wait in turn."""
+    return min(
+        waiting.refusal_place,
+        waiting.regime.place,
+        waiting.estimate.place,
+        waiting.heartbeat.place,
+        waiting.gait.place,
+        waiting.answer_place,
+    )
+
+
+@compiled
+def any_waits(waiting: Transmitter) -> bool:
+    """Whether any frame waits."""
+    return waiting.fault_count > 0 or waiting.impact_count > 0 or first_place(waiting) != NOT_WAITING
+
+
+@compiled
+def gait_report(state: State) -> GaitReport:
+    """What the firmware makes of the wearer's gait."""
+    cycle, lock = state.gait, state.lock
+    walking = cycle.confidence > 0.0
+    return GaitReport(
+        cycle.phase if walking else 0.0,
+        1.0 / cycle.stride.mean_s if walking else 0.0,
+        cycle.confidence,
+        cycle.doing.value,
+        lock.harmonic,
+        lock.in_window % 256,
+        lock.outside % 256,
+    )
+
+
+@compiled
+def next_frame(  # noqa: PLR0915 - one frame after the other
+    tick_s: float, waiting: Transmitter, tick: int, state: State, outputs: Outputs
+) -> tuple[Transmitter, WordFrame]:
+    """Take the frame whose turn it is; `NO_FRAME` for one that cannot be encoded."""
+    (
+        place,
+        sent,
+        faults,
+        fault_count,
+        impacts,
+        impact_count,
+        refusal,
+        refusal_place,
+        period_ended,
+        report,
+        regime,
+        estimate,
+        heartbeat,
+        gait,
+        answers,
+        answer_count,
+        answer_place,
+    ) = waiting
+    heartbeats, estimates, regimes, impacts_sent, faults_sent, values, gaits = sent
+    frame, sendable = NO_FRAME, True
+    first = first_place(waiting)
+    if fault_count > 0:
+        word, sendable = packing.pack_fault_event(faults[0], faults_sent)
+        frame = WordFrame(packing.FAULT_EVENT_ID, packing.FAULT_EVENT_LENGTH, word)
+        faults = (faults[1], faults[2], faults[3], NO_EVENT)
+        fault_count -= 1
+        faults_sent += 1
+    elif impact_count > 0:
+        touch_down_ticks, approach_speed_m_s, impulse_n_s = impacts[0]
+        event = ImpactEvent((tick - touch_down_ticks) * tick_s, approach_speed_m_s, impulse_n_s)
+        word, sendable = packing.pack_impact_event(event, impacts_sent)
+        frame = WordFrame(packing.IMPACT_EVENT_ID, packing.IMPACT_EVENT_LENGTH, word)
+        impacts = (impacts[1], impacts[2], impacts[3], NO_IMPACT)
+        impact_count -= 1
+        impacts_sent += 1
+    elif first == refusal_place:
+        word, sendable = packing.pack_fault_event(
+            FaultEvent(Fault.REQUEST_REFUSED.value, 0, refusal), faults_sent
+        )
+        frame = WordFrame(packing.FAULT_EVENT_ID, packing.FAULT_EVENT_LENGTH, word)
+        refusal_place = NOT_WAITING
+        faults_sent += 1
+    elif first == regime.place:
+        word, sendable = packing.pack_regime_report(report, regimes)
+        frame = WordFrame(packing.REGIME_REPORT_ID, packing.REGIME_REPORT_LENGTH, word)
+        regime = Cyclic(regime.due_tick, NOT_WAITING)
+        regimes += 1
+    elif first == estimate.place:
+        now = StrikerEstimate(state.estimator.x_m, state.estimator.v_m_s, state.crank.omega_rad_s)
+        word, sendable = packing.pack_striker_estimate(now, estimates)
+        frame = WordFrame(packing.STRIKER_ESTIMATE_ID, packing.STRIKER_ESTIMATE_LENGTH, word)
+        estimate = Cyclic(estimate.due_tick, NOT_WAITING)
+        estimates += 1
+    elif first == heartbeat.place:
+        beat = FirmwareHeartbeat(
+            outputs.mode.value,
+            outputs.fault.value,
+            outputs.acting_limit.value,
+            outputs.regime.value,
+            outputs.target_omega_rad_s,
+        )
+        word, sendable = packing.pack_firmware_heartbeat(beat, heartbeats)
+        frame = WordFrame(packing.FIRMWARE_HEARTBEAT_ID, packing.FIRMWARE_HEARTBEAT_LENGTH, word)
+        heartbeat = Cyclic(heartbeat.due_tick, NOT_WAITING)
+        heartbeats += 1
+    elif first == gait.place:
+        word, sendable = packing.pack_gait_report(gait_report(state), gaits)
+        frame = WordFrame(packing.GAIT_REPORT_ID, packing.GAIT_REPORT_LENGTH, word)
+        gait = Cyclic(gait.due_tick, NOT_WAITING)
+        gaits += 1
+    elif first == answer_place:
+        word, sendable = packing.pack_parameter_value(answers[0], values)
+        frame = WordFrame(packing.PARAMETER_VALUE_ID, packing.PARAMETER_VALUE_LENGTH, word)
+        answers = (answers[1], answers[2], answers[3], NO_ANSWER)
+        answer_count -= 1
+        answer_place = NOT_WAITING
+        if answer_count > 0:
+            answer_place = place
+            place += 1
+        values += 1
+    return (
+        Transmitter(
+            place,
+            Sent(heartbeats, estimates, regimes, impacts_sent, faults_sent, values, gaits),
+            faults,
+            fault_count,
+            impacts,
+            impact_count,
+            refusal,
+            refusal_place,
+            period_ended,
+            report,
+            regime,
+            estimate,
+            heartbeat,
+            gait,
+            answers,
+            answer_count,
+            answer_place,
+        ),
+        frame if sendable else NO_FRAME,
+    )
