@@ -60,6 +60,8 @@ def firmware_main(
     refuse_other_periods(pace.period_s)
     warm_firmware(parameters)
     start = await_restart() if again else Start(0)
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
     with joined(bus, FIRMWARE_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
         runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks)
@@ -89,6 +91,8 @@ def plant_main(
     refuse_other_periods(pace.period_s)
     warm_plant(loaded.scene)
     start = await_restart() if again else Start(0)
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
     with joined(bus, ACCEPTED_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
         runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)

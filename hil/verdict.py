@@ -29,13 +29,18 @@ IMPORTED = "imported"
 def verdict_of(
     figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
 ) -> dict[str, Any]:
-    """The verdict as it is written and printed: all figures, the checks, and whether all is well."""
+    """The verdict as it is written and printed: all figures, the checks, and whether all is well.
+
+    `passed` is None where nothing was checked and nothing else went wrong.
+    """
+    nothing_checked = not results and not reasons
+    passed = None if nothing_checked else not reasons and all(result.passed for result in results)
     return {
         **figures,
         "checks": [asdict(result) for result in results],
         "incomplete": incomplete(figures),
         "reasons": list(reasons),
-        "passed": not reasons and all(result.passed for result in results),
+        "passed": passed,
         "out": str(out),
     }
 

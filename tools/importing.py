@@ -1,14 +1,11 @@
 """A CAN log of a real bench, brought into the layout of a run: what was on the bus, and no truth."""
 
-import struct
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import can
-from can.io.blf import BLFParseError
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameError
 from firmware_py.interface.frame import Frame
@@ -19,13 +16,13 @@ from hil.run_traces import read_bus
 from hil.seen_on_bus import FIELDS, ticks_seen
 from hil.trace import TraceWriter
 from hil.verdict import IMPORTED
+from tools.foreign_logs import FORMATS, read_log
 from tools.output import BadInputError
 
 PERIOD_S = 1e-3
 """The bus's tick."""
 EARLIEST_WALL_S = 1e8
 """Times before 1973 are no wall time but counted from the log's own start."""
-UNREADABLE = (ValueError, OSError, IndexError, struct.error, BLFParseError, UnicodeDecodeError)
 
 
 @dataclass
@@ -53,15 +50,17 @@ def kind_of(message: can.Message) -> str | None:
     return "29-bit identifier" if message.is_extended_id else None
 
 
-def messages(path: Path) -> Iterator[can.Message]:
-    """The messages of a log in order of the file; its ending says what it is."""
-    try:
-        with can.LogReader(path) as reader:
-            yield from reader
-    except UNREADABLE as error:
+def of_channel(messages: list[can.Message], channel: str | None, path: Path) -> list[can.Message]:
+    """The messages of one channel; where a log has several, one must be named."""
+    channels = Counter(str(message.channel) for message in messages)
+    found = ", ".join(f"{name} ({number} messages)" for name, number in sorted(channels.items()))
+    if channel is None and len(channels) > 1:
+        raise BadInputError(f"{path} has the channels {found}; choose one with --channel")
+    if channel is not None and channel not in channels:
         raise BadInputError(
-            f"{path} cannot be read as a CAN log ({error}); wanted candump's .log, or .asc, or .blf"
-        ) from error
+            f"{path} has no channel {channel}, but {found}; choose one of these with --channel"
+        )
+    return messages if channel is None else [m for m in messages if str(m.channel) == channel]
 
 
 def count(census: Census, frame: Frame) -> None:
@@ -79,13 +78,16 @@ def count(census: Census, frame: Frame) -> None:
         census.refused[name] += 1
 
 
-def import_log(path: Path, out_dir: Path | None) -> dict[str, Any]:
+def import_log(
+    path: Path, out_dir: Path | None, channel: str | None = None, tolerant: bool = False
+) -> dict[str, Any]:
     """Make a run folder of a log; says where it is and what was in the log."""
-    if not path.exists():
-        raise BadInputError(f"{path} is not there; give a CAN log ending in .log, .asc or .blf")
+    if not path.is_file():
+        raise BadInputError(f"{path} is not there; wanted {FORMATS}")
     census = Census()
     frames: list[tuple[float, Frame]] = []
-    for message in messages(path):
+    log = read_log(path, tolerant)
+    for message in of_channel(log.messages, channel, path):
         why = kind_of(message)
         if why is not None:
             census.skipped[why] += 1
@@ -127,5 +129,7 @@ def import_log(path: Path, out_dir: Path | None) -> dict[str, Any]:
         "unknown": dict(sorted(census.unknown.items())),
         "refused": dict(sorted(census.refused.items())),
         "skipped": dict(census.skipped),
+        "left_out": [line._asdict() for line in log.left_out],
+        "truncated": log.truncated,
         "firmware_seen": bool(ticks),
     }

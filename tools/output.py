@@ -25,6 +25,13 @@ class BadInputError(ValueError):
     """What the user gave cannot be used; the sentence says what was given, what is wanted and what to do."""
 
 
+def exit_of(verdict: Mapping[str, Any]) -> int:
+    """The exit status of a verdict; as pytest's where nothing was checked."""
+    if verdict["passed"] is None:
+        return EXIT_NOTHING_RAN
+    return EXIT_PASSED if verdict["passed"] else EXIT_CHECK_FAILED
+
+
 def plain(value: Any) -> Any:
     """`value` in JSON's own types: arrays become lists, what is not finite becomes null."""
     if isinstance(value, Mapping):

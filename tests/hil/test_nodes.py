@@ -1,5 +1,7 @@
 """What a loop does around a node after ticks were lost."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 
 import pytest
@@ -228,3 +230,11 @@ def test_what_comes_after_the_first_tick_is_of_now_whatever_its_counter_says(wro
     run.firmware.step(30, 1)
     assert run.firmware.node.inputs.elapsed_ticks == 11
     assert run.ages() == (0, 0)
+
+
+@pytest.mark.parametrize("node", ["plant", "firmware"])
+def test_a_node_alone_makes_its_folder(tmp_path, node):
+    out = tmp_path / "deep" / "new"
+    command = [sys.executable, "-m", "tools.cli", node, "soft-start-multistable", "--bus", "local"]
+    subprocess.run([*command, "--out", str(out), "--until", "0.02"], check=True, capture_output=True)
+    assert (out / f"{node}.trace").exists()

@@ -17,7 +17,7 @@ from hil.recorded_run import open_run
 from hil.run_traces import BusLog
 from hil.seen_on_bus import tick_numbers, ticks_seen
 from tools import cli
-from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED
 
 START_S = 1_700_000_000.0
 """A wall time: what candump writes."""
@@ -58,12 +58,17 @@ def write(path):
                 )
             )
         remote = can.Message(
-            timestamp=START_S + 1.9, arbitration_id=9, is_remote_frame=True, dlc=8, is_extended_id=False
+            timestamp=START_S + 1.9,
+            arbitration_id=9,
+            is_remote_frame=True,
+            dlc=8,
+            is_extended_id=False,
+            channel=0,
         )
         logger.on_message_received(remote)
 
 
-@pytest.fixture(scope="module", params=["log", "asc", "blf"])
+@pytest.fixture(scope="module", params=["log", "log.gz", "asc", "asc.gz", "blf", "csv", "trc"])
 def imported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     path, out = folder / f"bench.{request.param}", folder / "run"
@@ -77,7 +82,9 @@ def test_what_is_not_understood_is_counted(imported):
     out, result = imported
     assert result["unknown"] == {"0x7AB": 2}
     assert result["refused"] == {"0x069": 1}
-    assert result["skipped"] == {"remote frame": 1}
+    # python-can writes no remote frames to .trc
+    assert result["skipped"] == ({} if result["log"].endswith(".trc") else {"remote frame": 1})
+    assert (result["left_out"], result["truncated"]) == ([], None)
     assert result["frames"] == result["known"] + 3 == len([*frames()]) + 3
     assert result["duration_s"] == pytest.approx((TICKS - 1) * 1e-3 + 2e-4, abs=1e-4)
     assert result["firmware_seen"]
@@ -106,7 +113,7 @@ def test_modes_estimate_and_impacts_come_from_the_frames(imported):
 def test_figures_that_need_the_truth_are_missing(imported):
     out, _ = imported
     verdict = open_run(out).verdict
-    assert verdict["reasons"] == []
+    assert (verdict["reasons"], verdict["passed"]) == ([], None)
     assert verdict["regime"] == "uncertain"
     assert verdict["regime_believed"] == "impact"
     assert verdict["final_mode"] == "run"
@@ -133,6 +140,11 @@ def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
         ("broken.blf", "hello", ".blf"),
         ("broken.log", "hello", ".log"),
         ("empty.log", "", "no data frame"),
+        ("broken.db", "SQLite format 3\0 and no more", "cannot be read"),
+        ("broken.mf4", "hello", "cannot be read"),
+        ("broken.trc", "hello", "no data frame"),
+        ("broken.csv.gz", "hello", "cannot be read as text"),
+        ("broken.blf.gz", "hello", "only text"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves it open
@@ -142,6 +154,67 @@ def test_what_is_no_log_is_refused(tmp_path, capsys, name, content, complaint):
     assert cli.run(["import", str(tmp_path / name), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+GOOD = "(1700000000.000000) can0 00E#CDCC4C3D00000000\n"
+LINES = [GOOD, "# a comment\n", "\n", "(1700000000.001) can0 00E#CD\n", "(17000000", "00) rubbish\n", GOOD]
+
+
+def test_a_line_that_cannot_be_read_is_named(tmp_path, capsys):
+    (tmp_path / "bench.log").write_text("".join(LINES))
+    assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
+    told = capsys.readouterr().err
+    assert "line 5" in told
+    assert "(1700000000) rubbish" in " ".join(told.split())
+    assert "--tolerant" in told
+
+
+def test_a_tolerant_reading_leaves_such_lines_out_and_lists_them(tmp_path, capsys):
+    (tmp_path / "bench.log").write_text("".join([*LINES, "cut"]))
+    arguments = [
+        "import",
+        str(tmp_path / "bench.log"),
+        "--out",
+        str(tmp_path / "run"),
+        "--tolerant",
+        "--json",
+    ]
+    assert cli.run(arguments) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert [line["number"] for line in result["left_out"]] == [5, 7]
+    assert result["frames"] == 3
+    assert result["refused"] == {"0x00E": 1}
+    assert result["truncated"] == "its last line has no end"
+
+
+@pytest.mark.parametrize("kind", ["asc", "blf", "trc", "log", "csv"])
+def test_a_log_that_is_cut_short_says_so(tmp_path, capsys, kind):
+    path = tmp_path / f"bench.{kind}"
+    write(path)
+    path.write_bytes(path.read_bytes()[: -5000 if kind == "blf" else -3])
+    arguments = ["import", str(path), "--out", str(tmp_path / "run"), "--tolerant", "--json"]
+    assert cli.run(arguments) == EXIT_PASSED
+    assert json.loads(capsys.readouterr().out)["truncated"]
+
+
+def test_of_several_channels_one_is_chosen(tmp_path, capsys):
+    path = tmp_path / "bench.log"
+    path.write_text(GOOD + GOOD.replace("can0", "can1") + GOOD)
+    assert cli.run(["import", str(path), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
+    told = " ".join(capsys.readouterr().err.split())
+    assert "can0 (2 messages), can1 (1 messages)" in told
+    assert "--channel" in told
+    arguments = ["import", str(path), "--out", str(tmp_path / "run"), "--json", "--channel"]
+    assert cli.run([*arguments, "can2"]) == EXIT_BAD_INPUT
+    capsys.readouterr()
+    assert cli.run([*arguments, "can0"]) == EXIT_PASSED
+    assert json.loads(capsys.readouterr().out)["frames"] == 2
+
+
+def test_a_run_in_which_nothing_was_checked_has_not_passed(imported, capsys):
+    out, _ = imported
+    assert cli.run(["inspect", str(out), "--json"]) == EXIT_NOTHING_RAN
+    assert json.loads(capsys.readouterr().out)["passed"] is None
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):

@@ -15,16 +15,24 @@ def register(app: typer.Typer) -> None:
 
 
 def import_log(
-    log: Annotated[Path, typer.Argument(help="A candump .log, .asc or .blf file.")],
+    log: Annotated[
+        Path, typer.Argument(help="A candump .log, or .asc, .blf, .trc, .csv, .db, .mf4; text also .gz.")
+    ],
     out: Annotated[
         Path | None, folder_option("The run folder to make; by default a new one under runs/.")
     ] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="The channel to take, where the log has several.", metavar="NAME")
+    ] = None,
+    tolerant: Annotated[
+        bool, typer.Option("--tolerant", help="Leave out lines that cannot be read, and list them.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Make a run folder of a CAN log, to view and to inspect like a run; it holds no truth."""
     from tools.importing import import_log as make_run
 
-    result = make_run(log, out)
+    result = make_run(log, out, channel, tolerant)
     if as_json:
         print_json(result)
     else:
@@ -42,6 +50,12 @@ def show(result: dict[str, Any]) -> None:
         *((f"left out: {kind}", number, "frames") for kind, number in result["skipped"].items()),
     ]
     console.print(figure_table(result["log"], rows))
+    for line in result["left_out"]:
+        console.print(
+            f"[yellow]left out line {line['number']}[/]: {line['why']}", soft_wrap=True, highlight=False
+        )
+    if result["truncated"] is not None:
+        console.print(f"[yellow]the log is cut short[/]: {result['truncated']}", highlight=False)
     if not result["firmware_seen"]:
         console.print("no heartbeat of the firmware: neither modes nor estimate are shown")
     console.print(f"open it with: vibrohil view {result['out']}", soft_wrap=True, highlight=False)

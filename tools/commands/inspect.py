@@ -7,9 +7,9 @@ import typer
 from rich.table import Table
 
 from tools.output import (
-    EXIT_CHECK_FAILED,
     BadInputError,
     console,
+    exit_of,
     figure,
     plain,
     print_json,
@@ -71,8 +71,8 @@ def inspect(
         print_json(logged.verdict)
     else:
         show_figures(logged)
-    if not logged.verdict["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    if status := exit_of(logged.verdict):
+        raise typer.Exit(status)
 
 
 def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:

@@ -8,9 +8,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tools.output import (
-    EXIT_CHECK_FAILED,
     BadInputError,
     console,
+    exit_of,
     figure,
     figure_table,
     print_json,
@@ -87,8 +87,8 @@ def run(
         print_json(verdict)
     else:
         show(verdict)
-    if not verdict["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    if status := exit_of(verdict):
+        raise typer.Exit(status)
 
 
 def longer(scenario: "Scenario", by: str) -> "Scenario":
@@ -158,5 +158,10 @@ def show_checks(verdict: dict[str, Any]) -> None:
         )
     for reason in verdict.get("reasons", []):
         console.print(f"[bold red]{reason}[/]", highlight=False)
-    word = "[bold green]PASSED[/]" if verdict["passed"] else "[bold red]FAILED[/]"
+    words = {
+        True: "[bold green]PASSED[/]",
+        False: "[bold red]FAILED[/]",
+        None: "NOT JUDGED: nothing was checked",
+    }
+    word = words[verdict["passed"]]
     console.print(f"{word}  {verdict['out']}", soft_wrap=True, highlight=False)

@@ -1,0 +1,138 @@
+"""CAN logs of other programs, read by python-can's readers: by the line where they are text.
+
+A line that cannot be read is named with its number; a tolerant reading leaves it out and counts it. A missing
+end is reported: python-can's readers end in silence there.
+"""
+
+import gzip
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import can
+
+from tools.output import BadInputError
+
+TEXT_READERS = {
+    ".log": can.CanutilsLogReader,
+    ".asc": can.ASCReader,
+    ".trc": can.TRCReader,
+    ".csv": can.CSVReader,
+}
+FORMATS = "candump's .log, or .asc, .blf, .trc, .csv, .db or .mf4, the text formats also with .gz"
+COMMENTS = ("#", ";", "//")
+"""How a comment in candump's log begins; blank lines are none of its frames either."""
+MOST_BAD_LINES = 100
+"""A tolerant reading begins anew after each; a log with more of them is of another kind."""
+SHOWN_CHARACTERS = 60
+
+
+class BadLine(NamedTuple):
+    """A line that could not be read: its number from 1 on, its text cut to fit a line, and why."""
+
+    number: int
+    text: str
+    why: str
+
+
+class ForeignLog(NamedTuple):
+    """All messages of a log in order of the file, the lines left out, and how its end is missing."""
+
+    messages: list[can.Message]
+    left_out: list[BadLine]
+    truncated: str | None
+
+
+class CountedLines(io.TextIOBase):
+    """Lines as a file that counts those it has given out, and leaves some out."""
+
+    def __init__(self, lines: Sequence[str], left_out: set[int]) -> None:
+        super().__init__()
+        self.number = 0
+        self._lines = lines
+        self._left_out = left_out
+
+    def readline(self, _: int | None = -1) -> str:  # type: ignore[override]  # no reader asks for a part
+        """The next line, or nothing at the end."""
+        while self.number < len(self._lines):
+            self.number += 1
+            if self.number not in self._left_out:
+                return self._lines[self.number - 1]
+        return ""
+
+    def read(self, _: int | None = -1) -> str:
+        """All lines that are left."""
+        return "".join(self)
+
+
+def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
+    """Read a log, whose ending says what it is; raise `BadInputError` where it cannot be read."""
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    packed = suffixes[-1:] == [".gz"]
+    kind = suffixes[-2] if packed and len(suffixes) > 1 else path.suffix.lower()
+    if kind in TEXT_READERS:
+        return read_text(path, kind, packed, tolerant)
+    if packed:
+        raise BadInputError(f"{path}: of packed logs only text is read; wanted {FORMATS}")
+    return read_binary(path, tolerant)
+
+
+def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
+    """Read a log of lines."""
+    try:
+        content = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
+        text = content.decode()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path} cannot be read as text ({error}); wanted {FORMATS}") from error
+    lines = text.splitlines(keepends=True)
+    left_out: set[int] = set()
+    if kind == ".log":
+        left_out = {n for n, line in enumerate(lines, 1) if not line.strip() or line.startswith(COMMENTS)}
+    bad: list[BadLine] = []
+    while True:
+        file = CountedLines(lines, left_out)
+        try:
+            with TEXT_READERS[kind](file) as reader:
+                return ForeignLog(list(reader), bad, text_truncation(kind, text))
+        except Exception as error:  # whatever a reader of python-can raises on a bad line
+            line = lines[file.number - 1].strip()[:SHOWN_CHARACTERS] if file.number else ""
+            bad.append(BadLine(file.number, line, str(error) or type(error).__name__))
+            left_out.add(file.number)
+        worst = bad[-1]
+        where = f"{path}, line {worst.number}: {worst.text!r} cannot be read ({worst.why})"
+        if not tolerant:
+            raise BadInputError(f"{where}; wanted {FORMATS}; --tolerant leaves such lines out")
+        if len(bad) > MOST_BAD_LINES or worst.number == 0:
+            raise BadInputError(f"{where}; {len(bad)} such lines: is it a {kind} log? Wanted {FORMATS}")
+
+
+def text_truncation(kind: str, text: str) -> str | None:
+    """How the end of a log of lines is missing."""
+    if kind == ".asc" and "begin triggerblock" in text.lower() and "end triggerblock" not in text.lower():
+        return "its last line is not End TriggerBlock"
+    return "its last line has no end" if text and not text.endswith("\n") else None
+
+
+def read_binary(path: Path, tolerant: bool) -> ForeignLog:
+    """Read a log that is no text; a tolerant reading keeps what comes before an error."""
+    messages: list[can.Message] = []
+    try:
+        with can.LogReader(path) as reader:
+            truncated = blf_truncation(path, reader) if isinstance(reader, can.BLFReader) else None
+            messages.extend(reader)
+    except Exception as error:  # whatever a reader of python-can raises on a bad file
+        if not (tolerant and messages):
+            hint = "; --tolerant keeps what comes before" if messages else ""
+            raise BadInputError(
+                f"{path} cannot be read as a CAN log ({error}) after {len(messages)} messages; wanted "
+                f"{FORMATS}{hint}"
+            ) from error
+        truncated = str(error) or type(error).__name__
+    return ForeignLog(messages, [], truncated)
+
+
+def blf_truncation(path: Path, reader: can.BLFReader) -> str | None:
+    """How much of a .blf file is missing by its own header."""
+    there, wanted = path.stat().st_size, reader.file_size
+    return f"it has {there} of {wanted} bytes" if there < wanted else None
