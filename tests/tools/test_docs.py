@@ -20,6 +20,7 @@ BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 IN_ORDER = (
     "tutorial.md",
+    "how-to/use-from-python.md",
     "how-to/write-a-scenario.md",
     "how-to/read-a-log.md",
     "how-to/write-tests.md",
