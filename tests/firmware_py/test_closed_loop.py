@@ -8,7 +8,7 @@ from closed_loop import Bench, scene_with
 from records import HEALTHY, leaves, replaced
 
 from firmware_py.core.drive_link import DriveFrame
-from firmware_py.core.step import INITIAL, step
+from firmware_py.core.step import INITIAL, Outputs, step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import (
     MOVING,
@@ -281,24 +281,76 @@ def test_a_blow_shorter_than_the_sampling_is_carried_across_by_newtons_law(conta
     assert math.sqrt(np.mean(x * x)) < 2.5e-3
 
 
-def test_nothing_that_is_no_number_ever_drives_the_motor() -> None:
-    """NaN and infinity in every field of the inputs, in motion: torque stays finite and within its limit."""
-    bench = Bench().started()
+SILENT_SENSOR, SILENT_ENCODER = {Fault.SENSOR_TIMEOUT}, {Fault.ENCODER_TIMEOUT, Fault.DRIVE_FROZEN}
+STOPS = {Fault.NONE}
+BAD_NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300)
+END_OF = {
+    "accelerometer.low_m_s2": SILENT_SENSOR,
+    "accelerometer.high_m_s2": SILENT_SENSOR,
+    "accelerometer.housing_m_s2": SILENT_SENSOR,
+    "coarse.position_m": None,  # none is fitted
+    "encoder.position_rev": SILENT_ENCODER,
+    "encoder.velocity_rev_s": {Fault.OVERSPEED},
+    "power.current_a": {Fault.OVERCURRENT},
+    "power.voltage_v": {Fault.UNDERVOLTAGE, Fault.OVERVOLTAGE},
+    "power.inverter_degc": {Fault.OVERTEMPERATURE},
+    "power.motor_degc": {Fault.OVERTEMPERATURE},
+    "operator.target_ratio": STOPS,
+    "operator.target_impulse_n_s": None,  # refused, and the ratio held
+    "gait.shank_rate_rad_s": None,  # none is fitted
+    "gait.along_m_s2": None,
+}
+"""How a run ends in which a field has no number any more; None: it goes on."""
+
+
+@pytest.fixture(scope="module")
+def in_motion() -> tuple[Bench, int]:
+    """A run, and the tick from which its inputs are played again."""
+    bench = Bench({"start.rise_s": 1.0}).started()
     bench.run(3.0)
-    state, healthy = bench.node.state, bench.node.inputs
-    config = bench.node.config
-    numbers = [path for path, value in leaves(healthy).items() if isinstance(value, float)]
-    assert len(numbers) >= 9
-    for path in numbers:
-        for bad in (math.nan, math.inf, -math.inf, 1e300, -1e300):
-            after = state
-            for _ in range(400):
-                after, outputs = step(config, after, replaced(healthy, path, bad))
-                assert math.isfinite(outputs.torque_n_m)
-                assert abs(outputs.torque_n_m) <= config.speed.torque_limit_n_m
-            if path.startswith(("accelerometer", "encoder", "power", "operator")):
-                safe = outputs.mode in (Mode.FAULT, Mode.STOPPING)
-                assert safe or path in ("accelerometer.housing_m_s2",), (path, bad)
+    start = len(bench.inputs)
+    bench.run(0.6)
+    return bench, start
+
+
+def played_again(run: tuple[Bench, int], path: str = "", bad: float = 0.0) -> Outputs:
+    """The recorded inputs again, with the field at `path` as `bad` in every tick; the last outputs."""
+    bench, start = run
+    config, state = bench.node.config, bench.states[start - 1]
+    for inputs in bench.inputs[start:]:
+        state, outputs = step(config, state, replaced(inputs, path, bad) if path else inputs)
+        assert math.isfinite(outputs.torque_n_m)
+        assert abs(outputs.torque_n_m) <= config.speed.torque_limit_n_m
+        assert outputs.torque_n_m == 0.0 or outputs.mode != Mode.FAULT
+    return outputs
+
+
+def test_played_again_as_it_was_the_run_goes_on(in_motion: tuple[Bench, int]) -> None:
+    """What ends the runs below is the bad number, not the playing."""
+    assert played_again(in_motion) == in_motion[0].outputs[-1]
+    assert in_motion[0].outputs[-1].mode in (Mode.SOFT_START, Mode.RUN)
+    floats = {path for path, value in leaves(in_motion[0].inputs[-1]).items() if isinstance(value, float)}
+    assert floats == set(END_OF)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=pytest.mark.xfail(strict=True, reason="a housing of 1e300 is believed"))
+        if path == "accelerometer.housing_m_s2"
+        else path
+        for path in END_OF
+    ],
+)
+def test_nothing_that_is_no_number_ever_drives_the_motor(in_motion: tuple[Bench, int], path: str) -> None:
+    """NaN, infinities and huge numbers in one field, in motion: the fault of that field, or none at all."""
+    for bad in BAD_NUMBERS:
+        ended, faults = played_again(in_motion, path, bad), END_OF[path]
+        if faults is None:
+            assert ended.mode in (Mode.SOFT_START, Mode.RUN), bad
+        else:
+            assert ended.fault in faults, bad
+            assert ended.mode == (Mode.STOPPING if faults is STOPS else Mode.FAULT), bad
 
 
 def test_nothing_moves_at_power_up_whatever_the_operator_says() -> None:

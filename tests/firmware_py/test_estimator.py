@@ -100,6 +100,25 @@ def test_the_high_range_takes_over_with_its_offset_removed() -> None:
     assert tick(config, state, -156.9, high=-1961.0).sensor.clipped
 
 
+@pytest.mark.xfail(strict=True, reason="the housing's reading is believed at its rail")
+@pytest.mark.parametrize("rail_m_s2", [156.9, -156.9])
+def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
+    """Where the housing's acceleration is not known, neither is the striker's against it."""
+    config = config_from({}).estimator
+    state = estimator.INITIAL
+    for _ in range(5):
+        state = tick(config, state, 0.0)
+    clipped = estimator.sense(config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
+    assert clipped.missed_ticks == 1
+    assert clipped.housing_m_s2 == state.sensor.housing_m_s2
+    assert clipped.housing_offset_m_s2 == state.sensor.housing_offset_m_s2
+    near = estimator.sense(config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, 0.9 * rail_m_s2, 0), 1)
+    assert near.missed_ticks == 0
+    ignored = config.sensor._replace(housing_weight=0.0)
+    unused = estimator.sense(ignored, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
+    assert unused.missed_ticks == 0
+
+
 def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     config = config_from({}).estimator
     state = estimator.INITIAL

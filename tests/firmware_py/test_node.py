@@ -20,6 +20,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.parameter_table import INDEX
 from firmware_py.interface.records import (
     Accelerometer,
+    DriveErrors,
     DriveEstop,
     EncoderEstimates,
     FirmwareHeartbeat,
@@ -293,6 +294,32 @@ def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
         bench.run(0.001, keep=False)
         reported += [codec.decode(f) for f in bench.sent if f.can_id == codec.FAULT_EVENT.can_id]
     assert [(event.fault, event.disarm_reason) for event in reported] == [(Fault.DRIVE_ERROR, 0x200)]
+
+
+@pytest.mark.xfail(strict=True, reason="the drive's error frame follows its heartbeat by a tick")
+def test_the_reason_that_is_latched_and_reported_is_the_drives_newest() -> None:
+    """The reason of an error that was cleared before is none of this one's."""
+    bench = Bench()
+    late: list[Frame] = []
+
+    def one_tick_late(tick: int, frames: list[Frame]) -> list[Frame]:
+        active, reason = (0, 0x100) if tick < 1400 else (0x200, 0x200)
+        now = [frame for frame in frames if frame.can_id != codec.DRIVE_ERRORS.can_id] + late
+        late.clear()
+        if len(now) < len(frames):
+            late.append(codec.DRIVE_ERRORS.encode(DriveErrors(active, reason)))
+        return now
+
+    bench.change = one_tick_late
+    bench.started().run(0.95, keep=False)
+    bench.axis_error = 0x200
+    reported = []
+    for _ in range(300):
+        bench.run(0.001, keep=False)
+        reported += [codec.decode(f) for f in bench.sent if f.can_id == codec.FAULT_EVENT.can_id]
+    assert (bench.node.outputs.fault, bench.node.outputs.disarm_reason) == (Fault.DRIVE_ERROR, 0x200)
+    assert {event.disarm_reason for event in reported} <= {0, 0x200}
+    assert reported[-1].disarm_reason == 0x200
 
 
 def test_the_heartbeat_says_where_the_firmware_stands() -> None:
