@@ -47,6 +47,9 @@ The filter's written-out form does that: as many of filterpy's calls would take 
 LONGEST_TRAPEZOID_TICKS = 5
 """The readings before and after a longer gap say nothing about a blow in it: half of a soft one fits in."""
 
+CLIPPED_SHARE = 0.98
+"""Of the full scale: a reading beyond may be more."""
+
 STILL_VARIANCE = 1e-4
 """Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
 
@@ -291,12 +294,17 @@ def model_acceleration(config: StrikerBelief, angle_rad: float, x_m: float, v_m_
 def sense(
     config: SensorBelief, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
 ) -> SensorState:
-    """Choose the range and learn the high one's offset from the low one where both can be read."""
+    """Choose the range and learn the high one's offset from the low one where both can be read.
+
+    A housing at its rail, as one that is no number, leaves no reading of the striker either.
+    """
+    housing_used = config.housing_weight > 0.0
     if not (
         new.age_ticks == 0
         and math.isfinite(new.low_m_s2)
         and math.isfinite(new.high_m_s2)
         and math.isfinite(new.housing_m_s2)
+        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.low_full_scale_m_s2)
     ):
         return SensorState(
             acceleration_m_s2=state.acceleration_m_s2,
@@ -318,7 +326,7 @@ def sense(
             offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
-        clipped = abs(new.high_m_s2) > 0.98 * config.high_full_scale_m_s2
+        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.high_full_scale_m_s2
     # The mean of all readings at first, of the last ones later.
     rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)

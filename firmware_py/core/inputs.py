@@ -35,7 +35,10 @@ class EncoderInput(NamedTuple):
 
 
 class DriveInput(NamedTuple):
-    """The drive's state. `age_ticks` is that of its heartbeat."""
+    """The drive's state. `age_ticks` is that of its heartbeat.
+
+    `disarm_reason` is of an error that still stands, else 0: the drive keeps the reason of a cleared one.
+    """
 
     axis_state: AxisState
     axis_error: int

@@ -142,7 +142,10 @@ def step(
     start_failed: bool,
     elapsed_ticks: int,
 ) -> SupervisorState:
-    """One tick: the new mode, the reason that stays latched, and what the operator has let go of."""
+    """One tick: the new mode, the reason that stays latched, and what the operator has let go of.
+
+    `disarm_reason` is that of an error that still stands, else 0.
+    """
     mode = state.mode
     operator_fresh = not findings.operator_lost
     fault = counting_fault(mode, findings, start_failed)
@@ -168,10 +171,13 @@ def step(
     reason_of_drive = state.disarm_reason
     if new_mode == FAULT and mode != FAULT:
         reason = fault
-        reason_of_drive = disarm_reason
+        reason_of_drive = 0
     elif not latched:
         reason = NO_FAULT
         reason_of_drive = 0
+    if reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
+        # The drive says that it is in error before it says why.
+        reason_of_drive = disarm_reason
     stays = new_mode == mode
     idle = operator_fresh and request == ASKS_IDLE
     let_go = operator_fresh and request != ASKS_CLEAR

@@ -286,7 +286,7 @@ def receive(  # noqa: PLR0912, PLR0915 - a table of identifiers, the most freque
     elif can_id == packing.DRIVE_ERRORS_ID:
         errors, reason = packing.unpack_drive_errors(length, word)
         disarm_reason_heard, counters, usable = taken(disarm_reason_heard, counters, tick, reason, 0, 0, 0.0)
-        disarm_reason = errors.disarm_reason if usable else disarm_reason
+        disarm_reason = errors.disarm_reason & errors.active_errors if usable else disarm_reason
     elif can_id == packing.DRIVE_TEMPERATURE_ID:
         warmth, reason = packing.unpack_drive_temperature(length, word)
         temperature_heard, counters, usable = taken(temperature_heard, counters, tick, reason, 0, 0, 0.0)

@@ -183,7 +183,8 @@ def queued(
             impact_count += 1
         else:
             lost += 1
-    if outputs.fault not in (NO_FAULT, before.fault):
+    reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
+    if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
         event = FaultEvent(outputs.fault.value, outputs.disarm_reason, 0)
         if fault_count < EVENTS:
             faults = with_one(faults, fault_count, event)

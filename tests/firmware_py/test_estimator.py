@@ -100,7 +100,6 @@ def test_the_high_range_takes_over_with_its_offset_removed() -> None:
     assert tick(config, state, -156.9, high=-1961.0).sensor.clipped
 
 
-@pytest.mark.xfail(strict=True, reason="the housing's reading is believed at its rail")
 @pytest.mark.parametrize("rail_m_s2", [156.9, -156.9])
 def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
     """Where the housing's acceleration is not known, neither is the striker's against it."""

@@ -296,7 +296,6 @@ def test_a_fault_is_reported_once_with_the_drives_reason() -> None:
     assert [(event.fault, event.disarm_reason) for event in reported] == [(Fault.DRIVE_ERROR, 0x200)]
 
 
-@pytest.mark.xfail(strict=True, reason="the drive's error frame follows its heartbeat by a tick")
 def test_the_reason_that_is_latched_and_reported_is_the_drives_newest() -> None:
     """The reason of an error that was cleared before is none of this one's."""
     bench = Bench()

@@ -171,11 +171,22 @@ def running() -> SupervisorState:
 
 def test_the_first_reason_stays_latched() -> None:
     state = step(running(), FAST, OperatorRequest.RUN)
-    assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0x200)
+    assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0)
     state = step(state, WATCHDOG, OperatorRequest.RUN)
     assert state.fault == Fault.OVERSPEED
     state = step(state, CALM, OperatorRequest.IDLE)
     assert (state.mode, state.fault) == (Mode.FAULT, Fault.OVERSPEED)
+
+
+def test_the_drives_reason_is_latched_when_it_arrives() -> None:
+    """The drive says that it is in error before it says why; what it says later is of no interest."""
+    drive = CALM._replace(drive=Fault.DRIVE_ERROR)
+    state = running()
+    for arriving, latched in ((0, 0), (0, 0), (0x200, 0x200), (0x100, 0x200)):
+        request = OperatorRequest.RUN
+        state = supervisor.step(state, drive, False, request, arriving, True, True, False, False, 1)
+        assert (state.mode, state.fault) == (Mode.FAULT, Fault.DRIVE_ERROR)
+        assert state.disarm_reason == latched
 
 
 def test_a_crank_that_the_striker_whirls_only_delays_the_start() -> None:
