@@ -51,7 +51,7 @@ def print_version(wanted: bool) -> None:
 
 COMMANDS = {
     "Test the firmware": ("run", "suite", "campaign", "fuzz"),
-    "Look at runs": ("runs", "view", "inspect", "compare", "import_log"),
+    "Look at runs": ("runs", "view", "inspect", "compare", "import_log", "export"),
     "Design": ("tune", "trade", "schedule"),
     "The module alone": ("simulate", "study"),
     "One node on a bus": ("firmware", "plant", "operator"),

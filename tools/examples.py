@@ -10,6 +10,7 @@ EXAMPLES = {
     "inspect": "vibrohil inspect runs/mine --plot motion.png --signal plant.x_m",
     "compare": "vibrohil compare runs/one runs/two",
     "import": "vibrohil import bench.blf",
+    "export": "vibrohil export runs/mine --to mf4",
     "tune speed": "vibrohil tune speed --out tuned/speed.toml",
     "tune identify": "vibrohil tune identify runs/mine",
     "tune detector": "vibrohil tune detector --out tuned/detector.toml",

@@ -1,0 +1,99 @@
+"""Frames exported for other programs come back with their values, times and units."""
+
+import io
+import json
+from contextlib import redirect_stdout
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import csv, parquet
+from short_run import make_run
+
+from firmware_py.interface import codec
+from hil.recorded_run import open_run
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+
+FRAME = "Accelerometer"
+UNIT = "m/s^2"
+SIGNAL = "housing_m_s2"
+SINGLE = 1e-7
+"""The log keeps decoded signals in single precision."""
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory):
+    run_dir = tmp_path_factory.mktemp("exported") / "run"
+    make_run(run_dir)
+    return run_dir
+
+
+@pytest.fixture(scope="module")
+def truth(run_dir):
+    """The frame as `can.log` has it: seconds and the signal."""
+    logged = open_run(run_dir)
+    raw = logged.table("can/raw")
+    rows = [
+        (t_s, codec.ACCELEROMETER.decode(data).housing_m_s2)
+        for t_s, can_id, data in zip(
+            *(raw[name].to_pylist() for name in ("t_s", "can_id", "data")), strict=True
+        )
+        if can_id == codec.ACCELEROMETER.can_id
+    ]
+    return np.array(rows).T
+
+
+def exported(run_dir, kind, out):
+    with redirect_stdout(io.StringIO()) as printed:
+        assert cli.run(["export", str(run_dir), "--to", kind, "--out", str(out), "--json"]) == EXIT_PASSED
+    return json.loads(printed.getvalue())
+
+
+def test_mf4(run_dir, truth, tmp_path):
+    asammdf = pytest.importorskip("asammdf", reason="asammdf reads .mf4; it is in requirements-dev.lock")
+    result = exported(run_dir, "mf4", tmp_path / "run.mf4")
+    with asammdf.MDF(tmp_path / "run.mf4") as file:
+        signal = file.get(f"{FRAME}.{SIGNAL}")
+        assert signal.unit == UNIT
+        np.testing.assert_allclose(signal.timestamps, truth[0], atol=1e-9)
+        np.testing.assert_allclose(signal.samples, truth[1], rtol=SINGLE)
+        names = {name.partition(".")[0] for name in file.channels_db if "." in name}
+    assert names == set(result["frames"])
+
+
+def test_mcap(run_dir, truth, tmp_path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap reads .mcap; it is in requirements-dev.lock")
+    exported(run_dir, "mcap", tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        found = [*reader.make_reader(stream).iter_messages(topics=[f"/can/{FRAME}"])]
+    schema = json.loads(found[0][0].data)
+    assert schema["properties"][SIGNAL]["unit"] == UNIT
+    values = [json.loads(message.data)[SIGNAL] for _, _, message in found]
+    np.testing.assert_allclose(values, truth[1], rtol=SINGLE)
+    t_s = np.array([message.log_time for _, _, message in found]) * 1e-9
+    np.testing.assert_allclose(t_s - t_s[0], truth[0] - truth[0][0], atol=1e-6)
+
+
+def test_parquet(run_dir, truth, tmp_path):
+    result = exported(run_dir, "parquet", tmp_path / "frames")
+    assert {path.stem for path in (tmp_path / "frames").iterdir()} == set(result["frames"])
+    table = parquet.read_table(tmp_path / "frames" / f"{FRAME}.parquet")
+    assert table.schema.field(SIGNAL).metadata[b"unit"] == UNIT.encode()
+    np.testing.assert_allclose(table[SIGNAL].to_numpy(), truth[1], rtol=SINGLE)
+    np.testing.assert_array_equal(table["t_s"].to_numpy(), truth[0])
+    assert table.schema.field("wall_time").type == pa.timestamp("ns")
+
+
+def test_csv(run_dir, truth, tmp_path):
+    exported(run_dir, "csv", tmp_path / "frames")
+    table = csv.read_csv(tmp_path / "frames" / f"{FRAME}.csv")
+    np.testing.assert_allclose(table[f"{SIGNAL} [{UNIT}]"].to_numpy(), truth[1], rtol=SINGLE)
+    np.testing.assert_array_equal(table["t_s [s]"].to_numpy(), truth[0])
+
+
+def test_nothing_is_written_over(run_dir, tmp_path, capsys):
+    (tmp_path / "taken").mkdir()
+    arguments = ["export", str(run_dir), "--to", "csv", "--out", str(tmp_path / "taken")]
+    assert cli.run(arguments) == EXIT_BAD_INPUT
+    assert "there already" in capsys.readouterr().err
