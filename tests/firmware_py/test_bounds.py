@@ -1,0 +1,207 @@
+"""No pattern of impacts, misses, commands or readings keeps the crank moving beyond its bounds."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from closed_loop import Bench
+
+from firmware_py.core import regime, start
+from firmware_py.core.start import StartState
+from firmware_py.interface import codec
+from firmware_py.interface.enums import MOVING, Fault, Mode, OperatorRequest
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import EncoderEstimates, SetInputTorque
+from firmware_py.shell.parameters import config_from
+
+CONFIG = config_from({}).start
+STEP_TICKS = 10
+PERIOD_TICKS = 500
+LONGEST_S = 30.0
+HIT, MISS = 1, 0
+
+
+def ended(impacts: int) -> regime.RegimeState:
+    return regime.INITIAL._replace(ended=True, last=regime.INITIAL.last._replace(impacts=impacts))
+
+
+def started(
+    mode: Mode,
+    pattern: Callable[[int], int],
+    ratio: Callable[[int], float],
+    seconds: float,
+    state: StartState = start.INITIAL,
+) -> list[StartState]:
+    """A start with `pattern` of impacts by period and `ratio` requested by tick."""
+    states = []
+    for tick in range(0, round(1000 * seconds), STEP_TICKS):
+        period = tick // PERIOD_TICKS
+        what = ended(pattern(period)) if tick % PERIOD_TICKS == 0 else regime.INITIAL
+        state = start.step(CONFIG, state, mode, ratio(tick), True, 0.0, what, 0.0, 0.0, True, STEP_TICKS)
+        states.append(state)
+    return states
+
+
+def held() -> StartState:
+    """In the hold at r = 1.3, captured."""
+    state = started(Mode.SOFT_START, lambda _: HIT, lambda _: 1.3, 20.0)[-1]
+    assert (state.stage, state.captured) == (start.HOLD, True)
+    return state
+
+
+PATTERNS: dict[str, Callable[[int], int]] = {
+    "hit, miss, miss": lambda period: HIT if period % 3 == 0 else MISS,
+    "hit, hit, miss, miss": lambda period: HIT if period % 4 < 2 else MISS,
+    "always": lambda _: HIT,
+    "never": lambda _: MISS,
+}
+DITHERS: dict[str, Callable[[int], float]] = {
+    "still": lambda _: 1.3,
+    "by 0.0001": lambda tick: 1.3 + 0.0001 * (tick // 100 % 2),
+    "by 0.05": lambda tick: 1.25 + 0.05 * (tick // 100 % 2),
+    "by a minute's sweep": lambda tick: 1.0 + 0.3 * (tick / 60_000),
+}
+
+
+EVERY = [(pattern, dither) for pattern in PATTERNS for dither in DITHERS]
+
+
+@pytest.mark.xfail(strict=True, reason="a start has no bound on its time")
+def test_a_start_ends_within_30_s() -> None:
+    endless = []
+    for pattern, dither in EVERY:
+        states = started(Mode.SOFT_START, PATTERNS[pattern], DITHERS[dither], LONGEST_S)
+        if not any(state.captured or state.failed for state in states):
+            endless.append((pattern, dither))
+    assert endless == []
+
+
+@pytest.mark.xfail(strict=True, reason="a recovery has no bound on its time")
+def test_impacts_that_are_lost_in_the_hold_are_back_within_30_s_or_it_has_failed() -> None:
+    lost = start._again(CONFIG, held(), 0)
+    endless = []
+    for pattern, dither in EVERY:
+        since_s, run, longest_s = 0.0, 0, 0.0
+        for tick, state in enumerate(started(Mode.RUN, PATTERNS[pattern], DITHERS[dither], 70.0, lost)):
+            if tick * STEP_TICKS % PERIOD_TICKS == 0:
+                run = run + 1 if PATTERNS[pattern](tick * STEP_TICKS // PERIOD_TICKS) == HIT else 0
+            found = run >= CONFIG.confirm_periods or state.stage == start.HOLD or state.failed
+            since_s = 0.0 if found else since_s + 0.001 * STEP_TICKS
+            longest_s = max(longest_s, since_s)
+        if longest_s > LONGEST_S:
+            endless.append((pattern, dither))
+    assert endless == []
+
+
+@pytest.mark.xfail(strict=True, reason="every change of the target begins a new curve")
+def test_a_target_that_dithers_by_less_than_a_thousandth_restarts_nothing() -> None:
+    states = started(Mode.SOFT_START, PATTERNS["always"], DITHERS["by 0.0001"], 12.0)
+    assert states[-1].captured
+
+
+@pytest.mark.parametrize("dither", ["by 0.05", "by a minute's sweep"])
+def test_an_operator_who_goes_on_changing_the_target_is_no_fault(dither: str) -> None:
+    states = started(Mode.RUN, PATTERNS["always"], DITHERS[dither], 60.0, held())
+    assert not any(state.failed for state in states)
+
+
+def torque_n_m(bench: Bench) -> float:
+    record = next(record for record in map(codec.decode, bench.sent) if isinstance(record, SetInputTorque))
+    return float(record.torque_n_m)
+
+
+def turning(omega_rad_s: float) -> Callable[[int, list[Frame]], list[Frame]]:
+    """Encoder frames of a crank that turns at one speed, whatever its torque."""
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        position_rev = (omega_rad_s * 0.001 * tick / (2.0 * math.pi)) % 1.0
+        its = codec.ENCODER_ESTIMATES.encode(EncoderEstimates(position_rev, omega_rad_s / (2.0 * math.pi)))
+        return [its if frame.can_id == its.can_id else frame for frame in frames]
+
+    return change
+
+
+def until_fault(bench: Bench, longest_s: float) -> float:
+    """Run to the first fault; the seconds it took."""
+    for tick in range(round(1000 * longest_s)):
+        bench.run(0.001, keep=False)
+        if bench.node.outputs.mode == Mode.FAULT:
+            assert torque_n_m(bench) == 0.0
+            return 0.001 * (tick + 1)
+    raise AssertionError(f"no fault in {longest_s} s; the mode is {bench.node.outputs.mode.name}")
+
+
+def stopping_at(omega_rad_s: float) -> Bench:
+    """In the first tick of STOPPING, with a crank that goes on at a speed of its own."""
+    bench = Bench(ratio=1.0).started()
+    bench.run(4.0, keep=False)
+    bench.change = turning(omega_rad_s)
+    bench.request = OperatorRequest.IDLE
+    while bench.node.outputs.mode != Mode.STOPPING:
+        bench.run(0.001, keep=False)
+        assert bench.node.outputs.mode in MOVING
+    return bench
+
+
+@pytest.mark.xfail(strict=True, reason="STOPPING has no bound on its time")
+def test_a_stop_that_does_not_stop_ends_without_torque() -> None:
+    bench = stopping_at(4.0)
+    assert until_fault(bench, 2.1) > 0.5
+    assert bench.node.outputs.fault == Fault.STOP_FAILED
+
+
+@pytest.mark.xfail(strict=True, reason="nothing bounds the speed error from above")
+@pytest.mark.parametrize("omega_rad_s", [18.0, 24.0])
+def test_a_crank_far_above_its_target_is_let_go_of(omega_rad_s: float) -> None:
+    bench = Bench(ratio=1.0).started()
+    bench.run(4.0, keep=False)
+    bench.change = turning(omega_rad_s)
+    assert until_fault(bench, 0.5) < 0.5
+    assert bench.node.outputs.fault in (Fault.RUNAWAY, Fault.LOAD_IMPLAUSIBLE)
+
+
+@pytest.mark.xfail(strict=True, reason="an operator's loss is ignored in STOPPING")
+def test_the_operator_is_watched_in_a_stop() -> None:
+    bench = Bench({"start.stop_s": 3.0}, ratio=1.0).started()
+    bench.run(3.0, keep=False)
+    bench.request = OperatorRequest.IDLE
+    bench.run(0.15, keep=False)
+    assert bench.node.outputs.mode == Mode.STOPPING
+    bench.change = lambda _, frames: [f for f in frames if f.can_id != codec.OPERATOR_COMMAND.can_id]
+    assert until_fault(bench, 0.5) < 0.5
+    assert bench.node.outputs.fault == Fault.OPERATOR_TIMEOUT
+
+
+@pytest.mark.xfail(strict=True, reason="only STALL sees an encoder that sends one position and no speed")
+@pytest.mark.parametrize("moving_s", [0.0, 3.0])
+def test_an_encoder_that_sends_one_position_and_no_speed(moving_s: float) -> None:
+    """From the tick in which the torque has nothing to show for itself, well before the drive's limit."""
+    bench = Bench().started()
+    bench.run(moving_s, keep=False)
+    position_rev = bench.node.inputs.encoder.position_rev if moving_s else 0.25
+    held_frame = codec.ENCODER_ESTIMATES.encode(EncoderEstimates(position_rev, 0.0))
+    bench.change = lambda _, frames: [
+        held_frame if frame.can_id == held_frame.can_id else frame for frame in frames
+    ]
+    if moving_s:
+        assert until_fault(bench, 0.1) < 0.1
+    else:
+        until_fault(bench, 2.0)
+    assert bench.node.outputs.fault == Fault.LOAD_IMPLAUSIBLE
+    assert abs(bench.plant.state.omega_rad_s) < 35.0
+
+
+@pytest.mark.xfail(strict=True, reason="the stop of a walk may turn faster than what it stops")
+def test_in_a_stop_the_target_never_rises_above_the_speed_it_began_with() -> None:
+    for parameters in ({}, {"gait.follow": 1.0}):
+        config = config_from(parameters)
+        bench = Bench(ratio=1.0).started()
+        bench.run(4.0, keep=False)
+        bench.node.config = config
+        bench.request = OperatorRequest.IDLE
+        while bench.node.outputs.mode != Mode.STOPPING:
+            bench.run(0.001, keep=False)
+        began_rad_s = bench.node.state.crank.omega_rad_s
+        while bench.node.outputs.mode == Mode.STOPPING:
+            assert bench.node.outputs.target_omega_rad_s <= began_rad_s + 1e-9
+            bench.run(0.001, keep=False)
