@@ -56,15 +56,19 @@ class CalmConfig(NamedTuple):
 
 
 class CalmState(NamedTuple):
-    """`swing_m` is the striker's amplitude about where it will rest."""
+    """`swing_m` is the striker's amplitude about where it will rest.
+
+    `highest_rad_s` is the crank's speed when the stop began, which no target of the stop exceeds.
+    """
 
     stage: CalmStage
+    highest_rad_s: float
     since_s: float
     swing_m: float
     target_omega_rad_s: float
 
 
-INITIAL = CalmState(stage=CalmStage.OFF, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0)
+INITIAL = CalmState(stage=CalmStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0)
 
 
 @compiled
@@ -73,6 +77,9 @@ def step(
 ) -> CalmState:
     """One tick of a stop: the speed that the crank is to have."""
     natural_rad_s = config.natural_rad_s
+    highest_rad_s = state.highest_rad_s
+    if state.stage == CalmStage.OFF:
+        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), config.highest_rad_s)
     away_m, lag_m = estimate.x_m - config.rest_length_m, estimate.v_m_s / natural_rad_s
     swing_m = math.sqrt((away_m + config.amplitude_m) * (away_m + config.amplitude_m) + lag_m * lag_m)
     since_s = state.since_s + elapsed_ticks * config.tick_s
@@ -85,4 +92,4 @@ def step(
     else:
         error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
         wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)
-    return CalmState(stage, since_s, swing_m, clamp(wanted_rad_s, config.highest_rad_s))
+    return CalmState(stage, highest_rad_s, since_s, swing_m, clamp(wanted_rad_s, highest_rad_s))

@@ -145,6 +145,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
         mass_kg=mass_kg,
         restitution=restitution,
     )
+    longest_stop_s = max(p.start_stop_s, p.calm_longest_s) if p.gait_follow > 0.0 else p.start_stop_s
     return Config(
         tick_s=tick_s,
         drive_link=drive_link.DriveLinkConfig(
@@ -264,11 +265,17 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
                 peak_m_s2=p.limit_force_n / mass_kg,
                 position_std_m=p.limit_position_std_m,
                 stall_share=p.limit_stall_share,
+                disturbance_rad_s2=(
+                    monitors.IMPLAUSIBLE_SHARE * p.speed_torque_limit_n_m / p.motor_inertia_kg_m2
+                ),
             ),
             overcurrent_ticks=_in_ticks(p.limit_overcurrent_s, tick_s),
             voltage_ticks=_in_ticks(p.limit_voltage_s, tick_s),
             estimate_ticks=_in_ticks(p.limit_estimate_s, tick_s),
             stall_ticks=_in_ticks(p.limit_stall_s, tick_s),
+            runaway_ticks=_in_ticks(monitors.RUNAWAY_S, tick_s),
+            implausible_ticks=_in_ticks(monitors.IMPLAUSIBLE_S, tick_s),
+            stop_ticks=_in_ticks(longest_stop_s + monitors.STOP_MARGIN_S, tick_s),
             standstill_rad_s=p.limit_standstill_rad_s,
             standstill_ticks=_in_ticks(p.limit_standstill_s, tick_s),
             takeover_rad_s=p.limit_speed_rad_s,

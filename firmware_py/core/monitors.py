@@ -13,10 +13,22 @@ from firmware_py.core.detector import DetectorState
 from firmware_py.core.estimator import EstimatorState
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
-from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, Fault, Mode
+from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, Fault, Mode
 
 TURNING_RAD_S = 5.0
 """From here on the striker's acceleration changes by more than a count from one sample to the next."""
+
+
+RUNAWAY_RAD_S = 5.0
+"""Faster than its target by half the natural frequency; a lagging encoder costs 4 rad/s."""
+RUNAWAY_S = 0.1
+
+IMPLAUSIBLE_SHARE = 1.0 / 6.0
+"""Of the greatest torque: 200 rad/s² with the default motor. A lagging encoder shows as much for 20 ms."""
+IMPLAUSIBLE_S = 0.04
+
+STOP_MARGIN_S = 1.0
+"""Beyond the time that a stop takes, for its standstill to be seen."""
 
 
 class Watchdogs(NamedTuple):
@@ -45,6 +57,7 @@ class Limits(NamedTuple):
     peak_m_s2: float
     position_std_m: float
     stall_share: float
+    disturbance_rad_s2: float
 
 
 class MonitorConfig(NamedTuple):
@@ -59,6 +72,9 @@ class MonitorConfig(NamedTuple):
     voltage_ticks: int
     estimate_ticks: int
     stall_ticks: int
+    runaway_ticks: int
+    implausible_ticks: int
+    stop_ticks: int
     standstill_rad_s: float
     standstill_ticks: int
     takeover_rad_s: float
@@ -74,6 +90,9 @@ class MonitorState(NamedTuple):
     voltage_ticks: int
     estimate_ticks: int
     stall_ticks: int
+    runaway_ticks: int
+    implausible_ticks: int
+    stopping_ticks: int
     standstill_ticks: int
     enable_ticks: int
     enabled: bool
@@ -105,6 +124,9 @@ INITIAL = MonitorState(
     voltage_ticks=0,
     estimate_ticks=0,
     stall_ticks=0,
+    runaway_ticks=0,
+    implausible_ticks=0,
+    stopping_ticks=0,
     standstill_ticks=0,
     enable_ticks=0,
     enabled=False,
@@ -172,8 +194,14 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
         return Fault.FORCE_LIMIT
     if state.estimate_ticks > config.estimate_ticks:
         return Fault.ESTIMATE_INVALID
+    if state.implausible_ticks > config.implausible_ticks:
+        return Fault.LOAD_IMPLAUSIBLE
+    if state.runaway_ticks > config.runaway_ticks:
+        return Fault.RUNAWAY
     if state.stall_ticks > config.stall_ticks:
         return Fault.STALL
+    if state.stopping_ticks > config.stop_ticks:
+        return Fault.STOP_FAILED
     return NO_FAULT
 
 
@@ -201,7 +229,7 @@ def step(
     separated: bool,
     target_omega_rad_s: float,
 ) -> tuple[MonitorState, Findings]:
-    """One tick; `mode` is the one before this tick's transition."""
+    """One tick; `mode` and `target_omega_rad_s` are those of the tick before."""
     n = inputs.elapsed_ticks
     limits = config.limits
     power = inputs.power
@@ -226,6 +254,8 @@ def step(
         and 0.0 < estimate.p_xx <= limits.position_std_m * limits.position_std_m
     )
     stalled = target_omega_rad_s > 1.0 and not crank.omega_rad_s > limits.stall_share * target_omega_rad_s
+    runs_away = not crank.omega_rad_s <= target_omega_rad_s + RUNAWAY_RAD_S
+    implausible = not abs(crank.disturbance_rad_s2) <= limits.disturbance_rad_s2
     strong = not abs(power.current_a) <= limits.current_a
     odd_voltage = not limits.lowest_v <= power.voltage_v <= limits.highest_v
     standing = abs(crank.omega_rad_s) < config.standstill_rad_s
@@ -237,6 +267,9 @@ def step(
         state.voltage_ticks + n if odd_voltage else 0,
         state.estimate_ticks + n if moving and invalid else 0,
         state.stall_ticks + n if moving and closed and stalled else 0,
+        state.runaway_ticks + n if moving and closed and runs_away else 0,
+        state.implausible_ticks + n if moving and closed and implausible else 0,
+        state.stopping_ticks + n if mode == STOPPING else 0,
         state.standstill_ticks + n if standing else 0,
         state.enable_ticks + n if refused else 0,
         moving and (state.enabled or closed),

@@ -65,7 +65,8 @@ class StartConfig(NamedTuple):
 class StartState(NamedTuple):
     """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
 
-    `ceiling_ratio` is the highest at which a curve may end since one was lost.
+    `ceiling_ratio` is the highest at which a curve may end since one was lost. `searching_s` is how long the
+    impacts that are wanted have not been there.
     """
 
     stage: Stage
@@ -81,7 +82,14 @@ class StartState(NamedTuple):
     captured: bool
     failed: bool
     ceiling_ratio: float
+    searching_s: float
 
+
+LONGEST_SEARCH_S = 29.0
+"""Of a start, and of a recovery in RUN: with the second that the drive may take to close its axis, 30 s."""
+
+SMALL_CHANGE = 1e-3
+"""Of the natural frequency: a target that changes by less begins no new curve; the hold takes it over."""
 
 NO_CEILING = 10.0
 """Beyond every ratio that can be asked for."""
@@ -101,6 +109,7 @@ INITIAL = StartState(
     captured=False,
     failed=False,
     ceiling_ratio=NO_CEILING,
+    searching_s=0.0,
 )
 
 
@@ -121,15 +130,17 @@ def valid_ratio(config: StartConfig, ratio: float) -> bool:
 
 
 @compiled
-def _curve(state: StartState, stage: Stage, to_rad_s: float, duration_s: float, attempts: int) -> StartState:
-    """A new S-curve from the present target."""
+def _curve(
+    state: StartState, stage: Stage, from_rad_s: float, to_rad_s: float, duration_s: float, attempts: int
+) -> StartState:
+    """A new S-curve."""
     return StartState(
         stage=stage,
-        from_rad_s=state.target_omega_rad_s,
+        from_rad_s=from_rad_s,
         to_rad_s=to_rad_s,
         duration_s=duration_s,
         s=0.0,
-        target_omega_rad_s=state.target_omega_rad_s,
+        target_omega_rad_s=from_rad_s,
         target_acceleration_rad_s2=0.0,
         hits=0,
         misses=0,
@@ -137,6 +148,7 @@ def _curve(state: StartState, stage: Stage, to_rad_s: float, duration_s: float, 
         captured=state.captured,
         failed=state.failed,
         ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
     )
 
 
@@ -162,6 +174,7 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
         state.captured,
         state.failed,
         state.ceiling_ratio,
+        state.searching_s,
     )
 
 
@@ -188,6 +201,7 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
         captured=state.captured,
         failed=state.failed,
         ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
     )
 
 
@@ -208,6 +222,7 @@ def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool
         captured=captured,
         failed=failed,
         ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
     )
 
 
@@ -239,6 +254,7 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
         captured=False,
         failed=False,
         ceiling_ratio=at_least(lost_ratio - step_ratio, config.dip_ratio),
+        searching_s=state.searching_s,
     )
 
 
@@ -269,15 +285,102 @@ def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartS
         captured=False,
         failed=False,
         ceiling_ratio=NO_CEILING,
+        searching_s=0.0,
     )
     approach_rad_s = config.approach_ratio * config.natural_rad_s
     if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
-        return _curve(turning, APPROACH, approach_rad_s, config.approach_s, 0)
-    return _curve(turning, RISE, goal_rad_s, config.rise_s, 0)
+        return _curve(turning, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
+    return _curve(turning, RISE, omega_rad_s, goal_rad_s, config.rise_s, 0)
 
 
 @compiled
-def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
+def _moved(  # noqa: PLR0911 - stages, read top to bottom
+    config: StartConfig,
+    state: StartState,
+    goal_rad_s: float,
+    needs_impacts: bool,
+    regime: RegimeState,
+    trim: float,
+    trim_rate_1_s: float,
+    elapsed_ticks: int,
+) -> StartState:
+    """One tick of a start or of the hold that follows it."""
+    held_periods = state.hits  # before the misses that may end them
+    state = _advanced(config, _counted(state, regime), elapsed_ticks)
+    arrived, target_rad_s = state.s >= 1.0, state.target_omega_rad_s
+    if state.stage == APPROACH:
+        return _curve(state, RISE, target_rad_s, goal_rad_s, config.rise_s, 0) if arrived else state
+    if state.stage == DIP:
+        return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
+    if state.stage == DWELL:
+        settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
+        # Without a blow in the dip either there may be none to be had: that counts as two.
+        attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
+        return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
+    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
+        share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
+        duration_s = at_least(config.rise_s * share, config.shortest_change_s)
+        risen = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
+        return _at(risen, RISE, state.hits, captured=state.captured, failed=False)
+    if state.stage == RISE:
+        # Impacts on the way count, but for the last two: those have to come at the target.
+        hits = min(state.hits, max(config.confirm_periods - 2, 0))
+        return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
+    if state.stage == CONFIRM:
+        if not needs_impacts or state.hits >= config.confirm_periods:
+            return _at(state, HOLD, 0, captured=True, failed=False)
+        return _again(config, state, 0) if state.misses >= config.missing_periods else state
+    if needs_impacts and state.misses >= config.lost_periods:
+        return _again(config, state, held_periods)
+    again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
+    return StartState(
+        HOLD,
+        state.from_rad_s,
+        goal_rad_s,
+        state.duration_s,
+        state.s,
+        goal_rad_s + trim * config.natural_rad_s,
+        trim_rate_1_s * config.natural_rad_s,
+        state.hits,
+        state.misses,
+        0 if again else state.attempts,
+        state.captured,
+        state.failed,
+        state.ceiling_ratio,
+        state.searching_s,
+    )
+
+
+@compiled
+def _bounded(
+    config: StartConfig, state: StartState, mode: Mode, needs_impacts: bool, elapsed_ticks: int
+) -> StartState:
+    """Failed, if the impacts have not been found for too long, whatever happened meanwhile."""
+    found = state.stage == HOLD or state.hits >= config.confirm_periods or not needs_impacts
+    searching_s = state.searching_s + elapsed_ticks * config.tick_s
+    if mode == RUN and found:
+        searching_s = 0.0
+    overdue = searching_s > LONGEST_SEARCH_S
+    return StartState(
+        state.stage,
+        state.from_rad_s,
+        state.to_rad_s,
+        state.duration_s,
+        state.s,
+        state.target_omega_rad_s,
+        state.target_acceleration_rad_s2,
+        state.hits,
+        state.misses,
+        state.attempts,
+        state.captured and not overdue,
+        state.failed or overdue,
+        state.ceiling_ratio,
+        searching_s,
+    )
+
+
+@compiled
+def step(
     config: StartConfig,
     state: StartState,
     mode: Mode,
@@ -297,7 +400,9 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     """
     if mode == STOPPING:
         if state.stage != STOP:
-            state = _curve(state, STOP, 0.0, config.stop_s, 0)
+            # From the crank's speed where it lags behind its target: a stop makes no crank faster.
+            from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
+            state = _curve(state, STOP, from_rad_s, 0.0, config.stop_s, 0)
         return _advanced(config, state, elapsed_ticks)
     if mode not in (SOFT_START, RUN):
         return INITIAL
@@ -310,46 +415,5 @@ def step(  # noqa: PLR0911, PLR0912 - stages, read top to bottom
     needs_impacts = target_ratio >= config.capture_ratio
     if state.stage in (REST, STOP):
         return _begin(config, omega_rad_s, goal_rad_s)
-
-    held_periods = state.hits  # before the misses that may end them
-    state = _advanced(config, _counted(state, regime), elapsed_ticks)
-    arrived = state.s >= 1.0
-    if state.stage == APPROACH:
-        return _curve(state, RISE, goal_rad_s, config.rise_s, 0) if arrived else state
-    if state.stage == DIP:
-        return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
-    if state.stage == DWELL:
-        settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
-        # Without a blow in the dip either there may be none to be had: that counts as two.
-        attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
-        return _curve(state, RISE, goal_rad_s, config.again_s, attempts) if settled else state
-    if goal_rad_s != state.to_rad_s:
-        share = abs(goal_rad_s - state.target_omega_rad_s) / at_least(config.natural_rad_s, 1e-3)
-        duration_s = at_least(config.rise_s * share, config.shortest_change_s)
-        return _curve(state, RISE, goal_rad_s, duration_s, state.attempts)
-    if state.stage == RISE:
-        # Impacts on the way count, but for the last two: those have to come at the target.
-        hits = min(state.hits, max(config.confirm_periods - 2, 0))
-        return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
-    if state.stage == CONFIRM:
-        if not needs_impacts or state.hits >= config.confirm_periods:
-            return _at(state, HOLD, 0, captured=True, failed=False)
-        return _again(config, state, 0) if state.misses >= config.missing_periods else state
-    if needs_impacts and state.misses >= config.lost_periods:
-        return _again(config, state, held_periods)
-    again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
-    return StartState(
-        HOLD,
-        state.from_rad_s,
-        state.to_rad_s,
-        state.duration_s,
-        state.s,
-        state.to_rad_s + trim * config.natural_rad_s,
-        trim_rate_1_s * config.natural_rad_s,
-        state.hits,
-        state.misses,
-        0 if again else state.attempts,
-        state.captured,
-        state.failed,
-        state.ceiling_ratio,
-    )
+    now = _moved(config, state, goal_rad_s, needs_impacts, regime, trim, trim_rate_1_s, elapsed_ticks)
+    return _bounded(config, now, mode, needs_impacts, elapsed_ticks)

@@ -225,6 +225,8 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
     follow = config.lock.follow
     valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
     valid_target = valid_ratio and not (follow and state.lock.refusal != NO_REFUSAL)
+    calms = state.supervisor.mode == STOPPING and config.calm.longest_s > 0.0
+    followed_rad_s = state.calm.target_omega_rad_s if calms else state.start.target_omega_rad_s
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -234,7 +236,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         estimate,
         detector_now,
         contact.separation,
-        state.start.target_omega_rad_s,
+        followed_rad_s,
     )
     supervisor_now = supervisor.step(
         state.supervisor,

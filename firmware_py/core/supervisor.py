@@ -114,7 +114,7 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
         return NO_FAULT
     if (moving or latched) and findings.watchdog != NO_FAULT:
         return findings.watchdog
-    if mode in (SOFT_START, RUN) and findings.operator_lost:
+    if moving and findings.operator_lost:
         return Fault.OPERATOR_TIMEOUT
     if not latched and findings.drive != NO_FAULT:
         return findings.drive

@@ -80,6 +80,9 @@ class Fault(IntEnum):
     FORCE_LIMIT = 17
     REQUEST_REFUSED = 18
     PARAMETERS_DAMAGED = 19
+    RUNAWAY = 20
+    LOAD_IMPLAUSIBLE = 21
+    STOP_FAILED = 22
 
 
 class Refusal(IntEnum):

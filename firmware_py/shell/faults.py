@@ -28,7 +28,6 @@ class FaultLine(NamedTuple):
 
 
 MOVING = "in motion"
-DRIVEN = "in motion, not while stopping"
 ALWAYS = "from READY on"
 
 FAULTS: tuple[FaultLine, ...] = (
@@ -57,7 +56,7 @@ FAULTS: tuple[FaultLine, ...] = (
     FaultLine(
         Fault.OPERATOR_TIMEOUT,
         "no operator command for watchdog.operator_s",
-        DRIVEN,
+        MOVING,
         Reaction.TORQUE_OFF,
         0.5,
     ),
@@ -128,14 +127,14 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.START_FAILED,
-        "no capture after start.attempts dips",
+        "no capture after start.attempts dips, or in 29 s",
         "in SOFT_START",
         Reaction.TORQUE_OFF,
         30.0,
     ),
     FaultLine(
         Fault.ATTRACTOR_LOST,
-        "impacts lost in RUN and not recaptured after start.attempts dips",
+        "impacts lost in RUN and not recaptured after start.attempts dips, or in 29 s",
         "in RUN",
         Reaction.TORQUE_OFF,
         30.0,
@@ -168,6 +167,29 @@ FAULTS: tuple[FaultLine, ...] = (
         "from power-up on",
         Reaction.TORQUE_OFF,
         0.1,
+    ),
+    FaultLine(
+        Fault.RUNAWAY,
+        "the crank faster than its target by 5 rad/s for 0.1 s",
+        MOVING,
+        Reaction.TORQUE_OFF,
+        0.3,
+    ),
+    FaultLine(
+        Fault.LOAD_IMPLAUSIBLE,
+        "a sixth of the greatest torque is missing from, or added to, what the encoder shows of the crank's "
+        "acceleration, for 40 ms: the encoder or the load is not what it should be",
+        MOVING,
+        Reaction.TORQUE_OFF,
+        0.1,
+    ),
+    FaultLine(
+        Fault.STOP_FAILED,
+        "no standstill 1 s after the time that a stop takes (start.stop_s, or calm.longest_s where the gait "
+        "is followed)",
+        "in STOPPING",
+        Reaction.TORQUE_OFF,
+        3.05,
     ),
 )
 """All faults, in the order of their codes."""

@@ -1,5 +1,6 @@
 """Every row of the fault table, provoked at the node by frames: code, reaction and deadline."""
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +22,7 @@ from firmware_py.interface.records import (
 )
 from firmware_py.shell.faults import FAULTS, FaultLine, Reaction, markdown
 
+TAU = 2.0 * math.pi
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 Change = Callable[[int, list[Frame]], list[Frame]]
 
@@ -82,6 +84,41 @@ def held_crank(bench: Bench) -> None:
     bench.change = instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, 0.0))
 
 
+def run_away(bench: Bench) -> None:
+    """The crank gets 8 rad/s faster than it was, more slowly than any torque would have it."""
+    encoder = bench.node.inputs.encoder
+    omega_rad_s = bench.node.state.crank.omega_rad_s
+    highest_rad_s, position_rev = omega_rad_s + 8.0, encoder.position_rev
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        nonlocal omega_rad_s, position_rev
+        omega_rad_s = min(omega_rad_s + 0.1, highest_rad_s)
+        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
+        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
+            tick, frames
+        )
+
+    bench.change = change
+
+
+def go_on_in_a_stop(bench: Bench) -> None:
+    """The encoder of a crank that goes on slowly, whatever its torque."""
+    position_rev, omega_rad_s = bench.node.inputs.encoder.position_rev, 2.0
+    bench.request = OperatorRequest.IDLE
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        nonlocal position_rev
+        if bench.node.outputs.target_omega_rad_s > omega_rad_s:
+            position_rev = bench.node.inputs.encoder.position_rev
+            return frames
+        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
+        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
+            tick, frames
+        )
+
+    bench.change = change
+
+
 def damaged_parameters(bench: Bench) -> None:
     monitors = bench.node.config.monitors._replace(parameters_damaged=True)
     bench.node.config = bench.node.config._replace(monitors=monitors)
@@ -92,6 +129,8 @@ def nothing(bench: Bench) -> None:
 
 
 IMPACTS = {"start.rise_s": 1.0}
+WEAK = {"speed.gain_p_n_m_s": 0.002, "speed.gain_i_n_m": 0.0}
+"""Too weak a speed loop for its torque to be missed where the crank does not follow."""
 CASES: dict[Fault, Case] = {
     Fault.SENSOR_TIMEOUT: Case(change_to(without(codec.ACCELEROMETER))),
     Fault.ENCODER_TIMEOUT: Case(change_to(without(codec.ENCODER_ESTIMATES))),
@@ -105,11 +144,14 @@ CASES: dict[Fault, Case] = {
     Fault.UNDERVOLTAGE: Case(change_to(instead(codec.DRIVE_SUPPLY, DriveSupply(15.0, 0.5)))),
     Fault.OVERVOLTAGE: Case(change_to(instead(codec.DRIVE_SUPPLY, DriveSupply(33.0, 0.5)))),
     Fault.ESTIMATE_INVALID: Case(change_to(far_too_much)),
-    Fault.STALL: Case(held_crank),
+    Fault.STALL: Case(held_crank, 1.2, WEAK),
     Fault.PARAMETERS_DAMAGED: Case(damaged_parameters),
     Fault.IMPULSE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.impulse_n_s": 0.3}),
     Fault.FORCE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.force_n": 60.0}),
     Fault.START_FAILED: Case(nothing, 0.0, {}, scene_with(stop={"position_m": 0.4})),
+    Fault.RUNAWAY: Case(run_away, 1.2, WEAK),
+    Fault.LOAD_IMPLAUSIBLE: Case(held_crank, 3.0),
+    Fault.STOP_FAILED: Case(go_on_in_a_stop, 1.2, WEAK),
     Fault.ATTRACTOR_LOST: Case(stop_far_away, 6.5, {"start.rise_s": 2.0, "start.attempts": 0.0}),
 }
 

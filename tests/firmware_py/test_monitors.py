@@ -5,7 +5,7 @@ from records import HEALTHY, replaced
 
 from firmware_py.core import crank, detector, estimator, monitors
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.monitors import Findings, MonitorState
+from firmware_py.core.monitors import Findings, MonitorConfig, MonitorState
 from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
 from firmware_py.shell.parameters import config_from
 
@@ -29,12 +29,13 @@ def watch(
     target: float = 12.0,
     state: MonitorState = monitors.INITIAL,
     stuck: bool = False,
+    config: MonitorConfig = CONFIG,
 ) -> tuple[MonitorState, Findings]:
     findings = None
     for tick in range(ticks):
         shaken = inputs.accelerometer._replace(low_m_s2=inputs.accelerometer.low_m_s2 + 0.01 * (tick % 2))
         state, findings = monitors.step(
-            CONFIG,
+            config,
             state,
             mode,
             inputs if stuck else inputs._replace(accelerometer=shaken),
@@ -49,7 +50,7 @@ def watch(
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    assert MonitorState(0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0, 0) == monitors.INITIAL
+    assert MonitorState(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0, 0) == monitors.INITIAL
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,7 @@ def test_nothing_counts_where_nothing_is_wrong() -> None:
     """A count that did not begin at 0 would shorten its deadline."""
     state, _ = watch(ticks=3)
     counts = {name: value for name, value in state._asdict().items() if name.endswith("_ticks")}
-    assert len(counts) == 9
+    assert len(counts) == 12
     assert set(counts.values()) == {0}
 
 
@@ -282,6 +283,52 @@ def test_stall() -> None:
     assert watch(ticks=800, crank_state=slow)[1].limit == Fault.NONE
     assert watch(ticks=801, crank_state=slow)[1].limit == Fault.STALL
     assert watch(ticks=2000, crank_state=CRANK._replace(omega_rad_s=-12.0))[1].limit == Fault.STALL
+
+
+def test_a_crank_that_runs_away_from_its_target() -> None:
+    for omega_rad_s, ticks, fault in (
+        (17.0, 1000, Fault.NONE),
+        (17.1, 100, Fault.NONE),
+        (17.1, 101, Fault.RUNAWAY),
+        (math.nan, 101, Fault.RUNAWAY),
+    ):
+        fast = CRANK._replace(omega_rad_s=omega_rad_s)
+        assert watch(ticks=ticks, crank_state=fast)[1].limit == fault
+    fast = CRANK._replace(omega_rad_s=20.0)
+    assert watch(HEALTHY, 500, Mode.SOFT_START, fast)[1].limit == Fault.NONE
+    assert watch(CLOSED, 500, Mode.READY, fast)[1].limit == Fault.NONE
+
+
+def test_an_acceleration_that_no_torque_explains() -> None:
+    for disturbance_rad_s2, ticks, fault in (
+        (200.0, 1000, Fault.NONE),
+        (-200.0, 1000, Fault.NONE),
+        (200.1, 40, Fault.NONE),
+        (200.1, 41, Fault.LOAD_IMPLAUSIBLE),
+        (-200.1, 41, Fault.LOAD_IMPLAUSIBLE),
+        (math.nan, 41, Fault.LOAD_IMPLAUSIBLE),
+    ):
+        loaded = CRANK._replace(disturbance_rad_s2=disturbance_rad_s2)
+        assert watch(ticks=ticks, crank_state=loaded)[1].limit == fault
+    loaded = CRANK._replace(disturbance_rad_s2=1000.0)
+    assert watch(HEALTHY, 500, Mode.SOFT_START, loaded)[1].limit == Fault.NONE
+    assert watch(CLOSED, 500, Mode.READY, loaded)[1].limit == Fault.NONE
+
+
+@pytest.mark.parametrize(
+    ("parameters", "longest_ticks"),
+    [({}, 2000), ({"start.stop_s": 2.5}, 3500), ({"gait.follow": 1}, 3000), ({"calm.longest_s": 5.0}, 2000)],
+)
+def test_a_stop_has_its_time(parameters: dict[str, float], longest_ticks: int) -> None:
+    config = config_from(parameters).monitors
+    assert config.stop_ticks == longest_ticks
+    slow = CRANK._replace(omega_rad_s=1.0)
+    late = monitors.INITIAL._replace(stopping_ticks=config.stop_ticks - 1)
+    state, findings = watch(crank_state=slow, mode=Mode.STOPPING, target=0.0, state=late, config=config)
+    assert findings.limit == Fault.NONE
+    state, findings = watch(crank_state=slow, mode=Mode.STOPPING, target=0.0, state=state, config=config)
+    assert findings.limit == Fault.STOP_FAILED
+    assert watch(crank_state=slow, mode=Mode.READY, state=state, config=config)[0].stopping_ticks == 0
 
 
 def test_a_drive_error_and_a_drive_that_lets_go() -> None:

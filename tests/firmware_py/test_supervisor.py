@@ -101,7 +101,7 @@ DAMAGED = CALM._replace(parameters_damaged=True)
         (FAST, False, dict.fromkeys((*MOVING, *LATCHED), Fault.OVERSPEED)),
         (CALM._replace(whirling=True), False, {}),
         (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
-        (ALONE, False, dict.fromkeys((Mode.SOFT_START, Mode.RUN), Fault.OPERATOR_TIMEOUT)),
+        (ALONE, False, dict.fromkeys(MOVING, Fault.OPERATOR_TIMEOUT)),
         (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (WATCHDOG._replace(parameters_damaged=True), True, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (CALM, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
