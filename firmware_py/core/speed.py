@@ -65,13 +65,21 @@ INITIAL = SpeedState(
 
 
 @compiled
-def crank_load(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
-    """The torque by which the spring opposes the crank `ahead_s` from the estimate, N m."""
+def stretch_at(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+    """The spring's stretch `ahead_s` from the estimate, m; NaN beyond the longest: the estimate is lost."""
     angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
     x_m = estimate.x_m + estimate.v_m_s * ahead_s
     stretch_m = load.amplitude_m * math.sin(angle_rad) + load.rest_length_m - x_m
-    if not abs(stretch_m) <= load.longest_stretch_m:
+    return stretch_m if abs(stretch_m) <= load.longest_stretch_m else math.nan
+
+
+@compiled
+def crank_load(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+    """The torque by which the spring opposes the crank `ahead_s` from the estimate, N m."""
+    stretch_m = stretch_at(load, crank, estimate, ahead_s)
+    if math.isnan(stretch_m):
         return 0.0  # the estimate is lost
+    angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
     return load.spring_n_m * stretch_m * load.amplitude_m * math.cos(angle_rad)
 
 

@@ -320,8 +320,23 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
     if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
         share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
-        risen = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
-        return _at(risen, RISE, state.hits, captured=state.captured, failed=False)
+        # The impacts on the way go on counting, and so do the misses.
+        return StartState(
+            RISE,
+            target_rad_s,
+            goal_rad_s,
+            duration_s,
+            0.0,
+            target_rad_s,
+            0.0,
+            state.hits,
+            state.misses,
+            state.attempts,
+            state.captured,
+            state.failed,
+            state.ceiling_ratio,
+            state.searching_s,
+        )
     if state.stage == RISE:
         # Impacts on the way count, but for the last two: those have to come at the target.
         hits = min(state.hits, max(config.confirm_periods - 2, 0))

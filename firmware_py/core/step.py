@@ -5,6 +5,7 @@
 Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from there for one tick.
 """
 
+import math
 from typing import NamedTuple
 
 from firmware_py.core import (
@@ -237,6 +238,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         detector_now,
         contact.separation,
         followed_rad_s,
+        not math.isnan(speed.stretch_at(config.speed.load, crank_now, estimate, 0.0)),
     )
     supervisor_now = supervisor.step(
         state.supervisor,

@@ -177,8 +177,8 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.LOAD_IMPLAUSIBLE,
-        "a sixth of the greatest torque is missing from, or added to, what the encoder shows of the crank's "
-        "acceleration, for 40 ms: the encoder or the load is not what it should be",
+        "the torque and the striker's load leave a quarter of the greatest torque unexplained in the crank's "
+        "acceleration for 20 ms: encoder, drive or load are not what they should be",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,
