@@ -191,9 +191,7 @@ def test_without_a_time_to_calm_down_in_only_the_present_speed_counts() -> None:
     config = CONFIG._replace(takeover_ticks=0)
     for omega, whirling in ((20.1, True), (20.0, False)):
         crank_state = CRANK._replace(omega_rad_s=omega)
-        _, findings = monitors.step(
-            config, monitors.INITIAL, Mode.READY, CLOSED, crank_state, ESTIMATE, detector.INITIAL, False, 0.0
-        )
+        _, findings = watch(mode=Mode.READY, crank_state=crank_state, target=0.0, config=config)
         assert findings.whirling == whirling
 
 
