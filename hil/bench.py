@@ -15,12 +15,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
+from firmware_py.shell.builds import Build
 from hil import run_folder
 from hil.bus import ProvidedBus, join, provide
 from hil.clock import NS_PER_S, MonotonicClock
 from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
-from hil.faults.processes import ProcessFaults
+from hil.faults.processes import FIRMWARE, ProcessFaults
 from hil.lockstep import run_lockstep
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
@@ -64,6 +65,7 @@ def run_scenario(
     progress: Progress,
     viewer: str | None = None,
     only_if_failed: bool = False,
+    firmware: Build = "python",
 ) -> dict[str, Any]:
     """Run `scenario` and give its verdict; everything about the run is in its folder.
 
@@ -75,11 +77,12 @@ def run_scenario(
         refuse_modelled_bus(scenario)
     with run_folder.claimed(scenario.name, out_dir) as run_dir:
         run_folder.begin(run_dir, scenario, clock, seed)
+        run_folder.note(run_dir, firmware=firmware)
         with ending_with_a_verdict(run_dir, only_if_failed) as ending:
             if clock == "lockstep":
-                simulate(scenario, run_dir, seed, ending.outcome, progress)
+                simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
             else:
-                in_real_time(scenario, run_dir, seed, bus, ending.outcome, progress, viewer)
+                in_real_time(scenario, run_dir, seed, bus, ending.outcome, progress, viewer, firmware)
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
             show(run_dir, viewer)
@@ -98,17 +101,24 @@ def in_lockstep(
     return run_dir, outcome
 
 
-def simulate(scenario: Scenario, run_dir: Path, seed: int, outcome: Outcome, progress: Progress) -> None:
+def simulate(
+    scenario: Scenario,
+    run_dir: Path,
+    seed: int,
+    outcome: Outcome,
+    progress: Progress,
+    firmware: Build = "python",
+) -> None:
     """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
     bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
     run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
     progress(0.0, "compiling kernels")
     warm_plant(scenario.scene)
-    warm_firmware(scenario.parameters)
+    warm_firmware(scenario.parameters, firmware)
     started = time.perf_counter()
     try:
-        if lost := run_lockstep(scenario, run_dir, seed, progress):
+        if lost := run_lockstep(scenario, run_dir, seed, progress, firmware):
             outcome.reasons.append(f"no room on the disk for the last {lost} records")
     finally:
         outcome.wall_s = time.perf_counter() - started
@@ -122,12 +132,13 @@ def in_real_time(
     outcome: Outcome,
     progress: Progress,
     viewer: str | None,
+    firmware: Build,
 ) -> None:
     """Run on the wall clock, on a bus that is made for it or named."""
     run_folder.note(run_dir, bus=bus, kernel_can=False)
     with provide(bus) as provided:
         run_folder.note(run_dir, **provided.described)
-        RealTimeRun(scenario, run_dir, seed, provided, outcome, progress, viewer).run()
+        RealTimeRun(scenario, run_dir, seed, provided, outcome, progress, viewer, firmware).run()
     if provided.said:
         run_folder.note(run_dir, bus_said=json.loads(provided.said))
 
@@ -153,8 +164,10 @@ class RealTimeRun:
         outcome: Outcome,
         progress: Progress,
         viewer: str | None = None,
+        firmware: Build = "python",
     ) -> None:
         self.scenario = scenario
+        self.firmware = firmware
         self.run_dir = run_dir
         self.seed = seed
         self.provided = provided
@@ -205,12 +218,13 @@ class RealTimeRun:
         python = [sys.executable, "-m"]
         live = [*python, "hil.live", str(self.run_dir), "--to", str(self.viewer)]
         restarts = ProcessFaults(self.scenario.faults).restarts()
+        build = {FIRMWARE: ["--firmware", self.firmware]}
         again = {
-            again_name(process): [program(), process, scenario, *common, "--again"]
+            again_name(process): [program(), process, scenario, *common, *build.get(process, []), "--again"]
             for _, process, _ in restarts
         }
         return {
-            "firmware": [program(), "firmware", scenario, *common],
+            "firmware": [program(), "firmware", scenario, *common, *build[FIRMWARE]],
             "plant": [program(), "plant", scenario, *common],
             **again,
             "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from firmware_py.shell.builds import Build
 from hil.can_log import CanLog
 from hil.clock import NS_PER_S
 from hil.faults.clocks import in_turns
@@ -30,7 +31,9 @@ UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
 """The plant takes no time in lockstep."""
 
 
-def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progress) -> int:
+def run_lockstep(
+    scenario: Scenario, run_dir: Path, seed: int, progress: Progress, build: Build = "python"
+) -> int:
     """Run the whole scenario; traces and can.log go to `run_dir`. Times in can.log are simulated ones.
 
     Gives the number of records for which the disk had no room.
@@ -46,7 +49,7 @@ def run_lockstep(scenario: Scenario, run_dir: Path, seed: int, progress: Progres
     plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
     walks = scenario.scene.gait is not None
     firmware_node = FirmwareRunner(
-        scenario.parameters, pace, firmware_bus, run_dir, faults, seed, walks=walks
+        scenario.parameters, pace, firmware_bus, run_dir, faults, seed, walks=walks, build=build
     )
     firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
     operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from firmware_py.interface import codec
 from firmware_py.interface.records import DriveEstop
+from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import config_from
 from hil.bus import Bus, join, provide
 from hil.clock import NS_PER_S, Clock, MonotonicClock
@@ -44,6 +45,7 @@ def firmware_main(
     sync: bool,
     until_s: float | None,
     again: bool = False,
+    build: Build = "python",
 ) -> None:
     """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
     if sync:
@@ -58,13 +60,15 @@ def firmware_main(
         walks = loaded.scene.gait is not None
     pace = Pace(config_from(parameters).tick_s, until_s)
     refuse_other_periods(pace.period_s)
-    warm_firmware(parameters)
+    warm_firmware(parameters, build)
     start = await_restart() if again else Start(0)
     if out_dir is not None:
         out_dir.mkdir(parents=True, exist_ok=True)
     with joined(bus, FIRMWARE_IDS) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
-        runner = FirmwareRunner(parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks)
+        runner = FirmwareRunner(
+            parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks, build
+        )
         clock_faults = ClockFaults(faults, FIRMWARE, seed)
         run_loop(
             runner, pace, 0.5, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync

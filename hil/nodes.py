@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, get_type_hints
 
@@ -10,6 +9,7 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
 from firmware_py.node.receiver import Counters
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import powered_up
 from firmware_py.shell.parameters import of_the_build
 from hil.alignment import Alignment
@@ -137,23 +137,24 @@ class FirmwareRunner:
         seed: int = 1,
         first_tick: int = 0,
         walks: bool = True,
+        build: Build = "python",
     ) -> None:
         """`first_tick`: of a process that takes the place of another, whose trace goes on."""
         self.bus = bus
         self._file = ParameterMemory(parameters, faults, seed)
-        self._build = of_the_build(parameters)
+        self._fixed = of_the_build(parameters)
+        self._make = node_of(build)
         self._period_s = pace.period_s
-        self._power_up(first_tick)
         self._trace = None
+        self._recorded = [name for name in State._fields if walks or name not in OF_A_WALK]
+        self._power_up(first_tick)
         if out_dir is not None:
-            recorded = [name for name in State._fields if walks or name not in OF_A_WALK]
             kinds = get_type_hints(State)
-            self._recorded: Callable[[State], tuple[Any, ...]] = attrgetter(*recorded)
             fields = [
                 ("tick", int),
                 ("t_s", float),
                 ("inputs", Inputs),
-                *((f"state.{name}", kinds[name]) for name in recorded),
+                *((f"state.{name}", kinds[name]) for name in self._recorded),
                 ("outputs", Outputs),
                 ("counters", Counters),
                 ("", LoopTiming),
@@ -163,7 +164,8 @@ class FirmwareRunner:
             self._trace = TraceWriter(out_dir / "firmware.trace", fields, expected, again)
 
     def _power_up(self, tick: int) -> None:
-        self.node = powered_up(self._file.read(tick * self._period_s), self._build)
+        self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
+        self._record = self.node.recorder(self._recorded)
         self._alignment = Alignment()
         self._waking: Waking | None = None
         self._last_frames: list[Frame] = []
@@ -205,10 +207,7 @@ class FirmwareRunner:
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
         if self._trace is not None and self._waking is None:
-            node = self.node
-            t_s = (tick + 0.5) * self._period_s
-            state = self._recorded(node.state)
-            self._trace.append(tick, t_s, node.inputs, *state, node.outputs, node.counters, timing)
+            self._trace.append(tick, (tick + 0.5) * self._period_s, *self._record(), timing)
 
     @property
     def lost_records(self) -> int:

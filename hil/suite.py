@@ -8,6 +8,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from firmware_py.shell.builds import Build
 from hil import junit, requirements, run_folder
 from hil.bench import ClockName, Progress, run_scenario
 from hil.realtime import die_with_parent
@@ -63,11 +64,11 @@ def silent(_: float, __: str) -> None:
     """One run's own progress is not shown."""
 
 
-def judged(case: Case, clock: ClockName, bus: str) -> dict[str, Any]:
+def judged(case: Case, clock: ClockName, bus: str, firmware: Build) -> dict[str, Any]:
     """One run's verdict; a run that breaks off has failed, and says why."""
     scenario, seed, run_dir, one_of_many = case
     try:
-        return run_scenario(scenario, clock, bus, run_dir, seed, silent, only_if_failed=one_of_many)
+        return run_scenario(scenario, clock, bus, run_dir, seed, silent, None, one_of_many, firmware)
     except run_folder.RunFolderError:
         raise
     except Exception:
@@ -76,19 +77,23 @@ def judged(case: Case, clock: ClockName, bus: str) -> dict[str, Any]:
 
 
 def verdicts(
-    cases: Sequence[Case], clock: ClockName, bus: str, processes: int = PROCESSES
+    cases: Sequence[Case],
+    clock: ClockName,
+    bus: str,
+    processes: int = PROCESSES,
+    firmware: Build = "compiled",
 ) -> Iterator[tuple[Case, dict[str, Any]]]:
     """The runs' verdicts as they come."""
     if clock == "real" or processes == 1:
         for case in cases:
-            yield case, judged(case, clock, bus)
+            yield case, judged(case, clock, bus, firmware)
         return
     # Long ones first, so that no process is left with one at the end.
     ordered = sorted(cases, key=lambda case: -case.scenario.duration_s)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, context, initializer=die_with_parent) as pool:
         runs: dict[Future[dict[str, Any]], Case] = {
-            pool.submit(judged, case, clock, bus): case for case in ordered
+            pool.submit(judged, case, clock, bus, firmware): case for case in ordered
         }
         for run in as_completed(runs):
             yield runs[run], run.result()
@@ -118,6 +123,7 @@ def run_suite(
     seeds: Sequence[int],
     progress: Progress,
     processes: int = PROCESSES,
+    firmware: Build = "compiled",
 ) -> dict[str, Any]:
     """Run scenarios and write junit.xml, index.html and suite.json beside their folders.
 
@@ -129,6 +135,7 @@ def run_suite(
         "passed": False,
         "clock": clock,
         "bus": None,
+        "firmware": firmware,
         "seeds": list(seeds),
         "left_out": left_out,
         "wall_s": 0.0,
@@ -146,7 +153,7 @@ def run_suite(
         run_folder.add_to_note(folder / RESULT, result)
         progress(0.0, f"running {len(cases)} scenarios" if len(seeds) == 1 else f"running {len(cases)} runs")
         found: dict[str, dict[int, dict[str, Any]]] = {scenario.name: {} for scenario in scenarios}
-        for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes), 1):
+        for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes, firmware), 1):
             found[case.scenario.name][case.seed] = verdict
             seed = f", seed {case.seed}" if case.one_of_many else ""
             progress(number / len(cases), f"{number}/{len(cases)} {case.scenario.name}{seed}")

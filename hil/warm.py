@@ -6,7 +6,7 @@ from typing import Any
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.records import OperatorCommand, SetAxisState, SetInputTorque
-from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import config_from
 from hil.plant_node import PlantNode
 from plant_sim.scene import Scene
@@ -25,9 +25,9 @@ def warm_plant(scene: Scene) -> None:
         node.take_impacts()
 
 
-def warm_firmware(parameters: Mapping[str, Any]) -> None:
+def warm_firmware(parameters: Mapping[str, Any], build: Build = "python") -> None:
     """Run a firmware that is thrown away on frames of a drive at rest."""
-    node = FirmwareNode(config_from(parameters), parameters)
+    node = node_of(build)(config_from(parameters), parameters)
     for tick in range(WARM_TICKS):
         command = OperatorCommand(OperatorRequest.IDLE, 0.0)
         node.tick([codec.OPERATOR_COMMAND.encode(command, tick)], 1)

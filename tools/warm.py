@@ -1,9 +1,9 @@
-"""`python -m tools.warm`: compiles the default scenario's kernels before anything has to wait for them."""
+"""`python -m tools.warm`: compiles what nearly every run needs before anything has to wait for it."""
 
 import time
 
 from hil.scenario import load_scenario
-from hil.warm import warm_plant
+from hil.warm import warm_firmware, warm_plant
 from plant_sim.kernels import cache_folder
 
 DEFAULT_SCENARIO = "soft-start-multistable"
@@ -11,10 +11,14 @@ DEFAULT_SCENARIO = "soft-start-multistable"
 
 def main() -> None:
     """Compile, and say meanwhile why it takes a while."""
-    print(f"setup: compiling the plant's kernels into {cache_folder()}; half a minute, once", flush=True)
+    print(
+        f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
+    )
     started_s = time.perf_counter()
-    warm_plant(load_scenario(DEFAULT_SCENARIO).scene)
-    print(f"setup: kernels ready after {time.perf_counter() - started_s:.1f} s", flush=True)
+    scenario = load_scenario(DEFAULT_SCENARIO)
+    warm_plant(scenario.scene)
+    warm_firmware(scenario.parameters, "compiled")
+    print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from operator import attrgetter
+from typing import Any, Protocol
 
 from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
+from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.step import Config, Outputs, State
 from firmware_py.interface import packing
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
@@ -28,6 +30,43 @@ RECEIVED_IDS = (
     packing.GAIT_SENSORS_ID,
 )
 """The identifiers that the firmware listens to; frames with others are not counted."""
+
+
+class Node(Protocol):
+    """One controller of whichever build."""
+
+    config: Config
+    parameters: Parameters
+
+    @property
+    def inputs(self) -> Inputs:
+        """What the core saw of the world in the newest tick."""
+
+    @property
+    def state(self) -> State:
+        """What the core hands to its next tick."""
+
+    @property
+    def outputs(self) -> Outputs:
+        """What left the core in the newest tick."""
+
+    @property
+    def counters(self) -> Counters:
+        """Frames taken, dropped and lost since power-up."""
+
+    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
+        """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
+
+    def recorder(self, blocks: Sequence[str]) -> Callable[[], tuple[Any, ...]]:
+        """What a trace keeps of the newest tick: inputs, the state of each of these blocks, outputs and
+        counters, as records or as plain tuples."""
+
+
+class MakeNode(Protocol):
+    """Makes a controller that has just been switched on."""
+
+    def __call__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> Node:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
 
 
 class FirmwareNode:
@@ -67,6 +106,11 @@ class FirmwareNode:
         """Frames taken, dropped and lost since power-up."""
         return self._state.counters
 
+    def recorder(self, blocks: Sequence[str]) -> Callable[[], tuple[Any, ...]]:
+        """What a trace keeps of the newest tick."""
+        kept = attrgetter("inputs", *(f"core.{block}" for block in blocks), "outputs", "counters")
+        return lambda: kept(self._state)
+
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
         refuse_other_elapsed(elapsed_ticks)
@@ -86,7 +130,9 @@ def refuse_other_elapsed(elapsed_ticks: int) -> None:
         raise ValueError(f"elapsed_ticks = {elapsed_ticks}; a tick comes at least one tick after the last")
 
 
-def powered_up(parameter_file: str, build: Mapping[str, float] | None = None) -> FirmwareNode:
+def powered_up(
+    parameter_file: str, build: Mapping[str, float] | None = None, make: MakeNode = FirmwareNode
+) -> Node:
     """A controller that starts with the content of its parameter file, and its build's own parameters.
 
     With a damaged one it is there on the bus and says so, with default parameters in place of those it cannot
@@ -96,5 +142,5 @@ def powered_up(parameter_file: str, build: Mapping[str, float] | None = None) ->
         values = read_back(parameter_file, build)
     except ParameterError as error:
         print(error, file=sys.stderr)
-        return FirmwareNode(config_of(parameters_of(with_overrides(build or {})), True), build)
-    return FirmwareNode(config_of(parameters_of(values), False), values)
+        return make(config_of(parameters_of(with_overrides(build or {})), True), build)
+    return make(config_of(parameters_of(values), False), values)

@@ -1,7 +1,7 @@
 """`vibrohil firmware`: the controller alone, on any bus."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,6 +19,10 @@ def firmware(
         typer.Argument(help="A scenario whose firmware parameters to run with; the defaults without one."),
     ] = None,
     bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
+    build: Annotated[
+        Literal["python", "compiled"],
+        typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
+    ] = "python",
     out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
     change: Annotated[
         list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
@@ -44,4 +48,5 @@ def firmware(
         sync=sync,
         until_s=until,
         again=again,
+        build=build,
     )

@@ -35,6 +35,10 @@ def run(
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
     ] = "auto",
+    firmware: Annotated[
+        Literal["python", "compiled"],
+        typer.Option(help="The firmware's build: interpreted, or compiled by numba."),
+    ] = "python",
     out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
     change: Annotated[
@@ -81,7 +85,14 @@ def run(
             bar.update(task, completed=fraction, description=doing)
 
         verdict = run_scenario(
-            loaded, clock=clock, bus=bus, out_dir=out, seed=seed, progress=progress, viewer=viewer
+            loaded,
+            clock=clock,
+            bus=bus,
+            out_dir=out,
+            seed=seed,
+            progress=progress,
+            viewer=viewer,
+            firmware=firmware,
         )
     if as_json:
         print_json(verdict)

@@ -22,6 +22,10 @@ def suite(
         Literal["real", "lockstep"], typer.Option(help="Wall clock, one by one, or lockstep, two at a time.")
     ] = "lockstep",
     bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
+    firmware: Annotated[
+        Literal["python", "compiled"],
+        typer.Option(help="The firmware's build: interpreted, or compiled by numba."),
+    ] = "compiled",
     out: Annotated[
         Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
     ] = None,
@@ -48,7 +52,7 @@ def suite(
             bar.update(task, completed=fraction, description=doing)
 
         every_seed = range(seed, seed + seeds)
-        result = run_suite(names or [], clock, bus, out, every_seed, progress, jobs)
+        result = run_suite(names or [], clock, bus, out, every_seed, progress, jobs, firmware)
     if as_json:
         print_json(result)
     else:

@@ -1,0 +1,1 @@
+"""How the firmware's one source runs: interpreted, or compiled by numba behind one C function."""

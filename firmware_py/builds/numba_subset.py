@@ -1,0 +1,153 @@
+"""The subset for numba: every function of the firmware may be called from compiled code.
+
+`register()` leaves the functions as they are, so that both builds live in one process. What the subset cannot
+write down, the bits of a float32, an enum out of a number and records in memory, is given here as machine
+instructions.
+"""
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from enum import IntEnum
+from types import FunctionType, ModuleType
+from typing import Any, get_args, get_origin
+
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic, overload, register_jitable
+
+import firmware_py.core
+import firmware_py.node
+from firmware_py.builds.flat import members
+from firmware_py.core import kalman
+from firmware_py.interface import enums, float32, packing
+from firmware_py.interface.enums import AxisState, OperatorRequest
+
+_tuple: Any = types.BaseTuple.from_types
+
+INSTEAD: dict[Any, Any] = {
+    kalman.predict: kalman.predict_written_out,
+    kalman.update: kalman.update_written_out,
+}
+"""filterpy's algebra interpreted, and the same algebra written out compiled."""
+
+
+@functools.cache
+def register() -> None:
+    """Let compiled code call the firmware's functions."""
+    for module in subset():
+        for function in vars(module).values():
+            if isinstance(function, FunctionType) and function.__module__ == module.__name__:
+                if function in INSTEAD:
+                    overload(function, strict=False)(functools.partial(_instead, INSTEAD[function]))
+                else:
+                    register_jitable(function)
+    for function, instruction in INSTRUCTIONS.items():
+        overload(function, strict=False)(functools.partial(_calling, instruction))
+
+
+def subset() -> Iterator[ModuleType]:
+    """The modules of the subset."""
+    yield packing
+    for package in (firmware_py.core, firmware_py.node):
+        for found in pkgutil.iter_modules(package.__path__):
+            if found.name != "compiled":
+                yield importlib.import_module(f"{package.__name__}.{found.name}")
+
+
+def _instead(function: FunctionType, *_: Any) -> FunctionType:
+    return function
+
+
+def _calling(instruction: Any, _: Any) -> Any:
+    return lambda value: instruction(value)  # noqa: PLW0108 - numba compiles a function, not an intrinsic
+
+
+def numba_type(kind: Any) -> Any:
+    """The type of a record or one of its members in compiled code."""
+    if get_origin(kind) is tuple:
+        return _tuple([numba_type(item) for item in get_args(kind)])
+    if kind is float:
+        return types.float64
+    if kind is bool:
+        return types.boolean
+    if kind is int:
+        return types.int64
+    if isinstance(kind, type) and issubclass(kind, IntEnum):
+        return types.IntEnumMember(kind, types.int64)
+    return _tuple([numba_type(member) for _, member in members(kind)], kind)
+
+
+def loader(kind: type[Any]) -> Any:
+    """`load(address)`: in compiled code, the record of this type in memory laid out as `flat.layout`."""
+    record = numba_type(kind)
+
+    @intrinsic
+    def load(_: Any, address: types.Type) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            model = context.data_model_manager[record]
+            return model.load_from_data_pointer(builder, _pointer(builder, model, arguments[0]))
+
+        return record(address), generate
+
+    return load
+
+
+@intrinsic
+def store(_: Any, record: types.Type, address: types.Type) -> Any:
+    """In compiled code: put a record into memory laid out as `flat.layout`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        model = context.data_model_manager[record]
+        builder.store(model.as_data(builder, arguments[0]), _pointer(builder, model, arguments[1]))
+        return context.get_dummy_value()
+
+    return types.none(record, address), generate
+
+
+def _pointer(builder: Any, model: Any, address: Any) -> Any:
+    kind = model.get_data_type().as_pointer()
+    is_pointer = isinstance(address.type, ir.PointerType)
+    return builder.bitcast(address, kind) if is_pointer else builder.inttoptr(address, kind)
+
+
+@intrinsic
+def float32_bits(_: Any, value: types.Type) -> Any:
+    """The bits of the nearest float32."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        narrow = builder.fptrunc(arguments[0], ir.FloatType())
+        return builder.zext(builder.bitcast(narrow, ir.IntType(32)), ir.IntType(64))
+
+    return types.int64(types.float64), generate
+
+
+@intrinsic
+def float32_of(_: Any, bits: types.Type) -> Any:
+    """The float32 of 32 bits."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word = builder.trunc(arguments[0], ir.IntType(32))
+        return builder.fpext(builder.bitcast(word, ir.FloatType()), ir.DoubleType())
+
+    return types.float64(types.int64), generate
+
+
+def _member_of(enum: type[IntEnum]) -> Any:
+    member = types.IntEnumMember(enum, types.int64)
+
+    @intrinsic
+    def convert(_: Any, value: types.Type) -> Any:
+        return member(types.int64), lambda context, builder, signature, arguments: arguments[0]
+
+    return convert
+
+
+INSTRUCTIONS: dict[Any, Any] = {
+    float32.float32_bits: float32_bits,
+    float32.float32_of: float32_of,
+    enums.axis_state_of: _member_of(AxisState),
+    enums.operator_request_of: _member_of(OperatorRequest),
+}
+"""What compiled code does instead of these functions."""

@@ -1,0 +1,17 @@
+"""The builds of the firmware's one source, by name."""
+
+from typing import Literal
+
+from firmware_py.shell.node import FirmwareNode, MakeNode
+
+Build = Literal["python", "compiled"]
+"""`python`: interpreted, with filterpy's algebra. `compiled`: numba's code behind one C function."""
+
+
+def node_of(build: Build) -> MakeNode:
+    """What makes a node of this build; the first of a process compiles it, or takes it from the cache."""
+    if build == "python":
+        return FirmwareNode
+    from firmware_py.shell.compiled_node import CompiledNode  # noqa: PLC0415 - imports numba
+
+    return CompiledNode

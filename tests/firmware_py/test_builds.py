@@ -1,0 +1,149 @@
+"""The builds of one source: the same bits from `compiled` and from `python` with the written-out algebra."""
+
+import math
+import random
+import struct
+from typing import NamedTuple
+
+import pytest
+from closed_loop import Bench
+from hypothesis import given
+from hypothesis import strategies as st
+from records import leaves
+
+from firmware_py.builds import flat
+from firmware_py.core import kalman
+from firmware_py.interface import codec
+from firmware_py.interface.enums import Mode, OperatorRequest
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import ParameterRequest
+from firmware_py.node.tick import INITIAL, NodeState
+from firmware_py.shell.builds import node_of
+from firmware_py.shell.parameters import config_from
+
+
+class Twins(Bench):
+    """A closed loop on the interpreted firmware, with the compiled one listening to the same frames."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one = self.node
+        other = node_of("compiled")(config_from(self.parameters), self.parameters)
+        self.other = other
+        tick = one.tick
+
+        def both(frames: list[Frame], elapsed_ticks: int) -> list[Frame]:
+            sent = tick(frames, elapsed_ticks)
+            assert other.tick(frames, elapsed_ticks) == sent, self.tick
+            return sent
+
+        one.tick = both  # type: ignore[method-assign,assignment]
+
+
+def bits(record: tuple) -> dict[str, object]:
+    return {
+        name: struct.pack("<d", value) if isinstance(value, float) else int(value)
+        for name, value in leaves(record).items()
+    }
+
+
+@pytest.fixture
+def written_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kalman, "predict", kalman.predict_written_out)
+    monkeypatch.setattr(kalman, "update", kalman.update_written_out)
+
+
+@pytest.mark.usefixtures("written_out")
+def test_both_builds_send_the_same_bytes_among_damaged_lost_and_late_frames() -> None:
+    dice = random.Random(1)
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        kept = []
+        for sent in frames:
+            frame, fate = sent, dice.random()
+            if fate < 0.01:
+                continue
+            if fate < 0.02:
+                frame = Frame(frame.can_id, bytes([frame.data[0] ^ dice.randrange(256)]) + frame.data[1:])
+            kept += [frame, frame] if 0.02 <= fate < 0.03 else [frame]
+        return kept
+
+    bench = Twins(
+        {"start.rise_s": 2.0, "start.confirm_periods": 2},
+        change=change,
+        overrun=lambda _: dice.random() < 0.01,
+    )
+    bench.started()
+    bench.run(4.5, keep=False)
+    assert bench.node.outputs.mode == Mode.RUN
+    bench.request = OperatorRequest.IDLE
+    bench.run(0.5, keep=False)
+    bench.axis_error = 0x200
+    bench.run(0.3, keep=False)
+    assert bench.node.outputs.mode == Mode.FAULT
+    assert bits(bench.node.state) == bits(bench.other.state)
+    assert bits(bench.node.inputs) == bits(bench.other.inputs)
+    assert bits(bench.node.outputs) == bits(bench.other.outputs)
+    assert bench.node.counters == bench.other.counters
+    assert bench.node.counters.rejected_crc > 10
+
+
+def test_parameters_are_read_and_written_alike() -> None:
+    nodes = [node_of(build)(config_from({}), {}) for build in ("python", "compiled")]  # type: ignore[arg-type]
+    requests = [(40, 0, 0.0), (40, 1, 1e9), (7, 1, 80.0), (0, 1, 0.004), (9000, 0, 0.0), (7, 0, 0.0)]
+    for number, (index, operation, value) in enumerate(requests):
+        frame = codec.PARAMETER_REQUEST.encode(ParameterRequest(index, operation, value), number)
+        sent = [[one.tick([frame] if k == 0 else [], 1) for k in range(5)] for one in nodes]
+        assert sent[0] == sent[1]
+        assert any(one.can_id == codec.PARAMETER_VALUE.can_id for tick in sent[1] for one in tick)
+    assert nodes[0].parameters == nodes[1].parameters
+    assert nodes[1].config == nodes[0].config
+    assert nodes[1].parameters[7] == 80.0
+
+
+def test_a_trace_gets_the_same_numbers() -> None:
+    bench = Twins()
+    bench.run(0.3, keep=False)
+    rows = [one.recorder(["crank", "estimator", "regime"])() for one in (bench.node, bench.other)]
+    assert [len(row) for row in rows] == [6, 6]
+    assert flat.loaded(type(rows[0][1]), rows[1][1]).angle_rad == pytest.approx(rows[0][1].angle_rad)
+    assert rows[1][-1] == tuple(rows[0][-1])
+
+
+def test_a_record_survives_the_way_into_flat_memory() -> None:
+    memory = flat.stored(INITIAL)
+    assert repr(flat.loaded(NodeState, memory[0].item())) == repr(INITIAL)
+
+
+class Odd(NamedTuple):
+    whole: int
+    flag: bool
+    real: float
+    pair: tuple[float, float]
+
+
+@given(
+    st.tuples(
+        st.integers(-(2**63), 2**63 - 1), st.booleans(), st.floats(), st.tuples(st.floats(), st.floats())
+    )
+)
+def test_every_number_survives_the_way_into_flat_memory(values: tuple) -> None:
+    back = flat.loaded(Odd, flat.stored(Odd(*values))[0].item())
+    assert repr(back) == repr(Odd(*values))
+    assert flat.layout(Odd).itemsize == 40
+    assert [flat.layout(Odd).fields[name][1] for name in Odd._fields] == [0, 8, 16, 24]
+
+
+def test_what_the_subset_has_not_has_no_flat_memory() -> None:
+    with pytest.raises(TypeError, match="wanted a tuple of one type"):
+        flat.layout(tuple[int, float])
+    with pytest.raises(TypeError, match="wanted float, int, bool"):
+        flat.layout(str)
+
+
+def test_nothing_moves_on_in_a_tick_that_is_refused() -> None:
+    one = node_of("compiled")(config_from({}), {})
+    with pytest.raises(ValueError, match="elapsed_ticks = 0"):
+        one.tick([], 0)
+    assert math.isfinite(one.outputs.torque_n_m)
+    assert one.memory.tobytes() == flat.stored(INITIAL).tobytes()  # type: ignore[attr-defined]
