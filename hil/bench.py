@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from firmware_py.shell.builds import Build
+from firmware_py.shell.parameters import addresses_from
 from hil import run_folder
 from hil.bus import ProvidedBus, join, provide
+from hil.bus.addressed import addressed
 from hil.clock import NS_PER_S, MonotonicClock
 from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
@@ -182,7 +184,8 @@ class RealTimeRun:
         with ExitStack() as stack:
             stack.callback(self.stop_all)
             self.start_all()
-            operator_bus = join(self.provided.address, accept=())
+            places = addresses_from(self.scenario.parameters)
+            operator_bus = addressed(join(self.provided.address, accept=()), places)
             stack.callback(operator_bus.close)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
             faulty_bus, tell_bus = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)

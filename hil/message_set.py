@@ -6,11 +6,12 @@ stuff bits and intermission included. A frame that two nodes send is two streams
 bench sends is none.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from cantools.database.can import Message
 
+from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
 from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
 from hil.can_bits import bit_ns_of
@@ -66,15 +67,31 @@ class Schedule(NamedTuple):
         return not self.late
 
 
-def bus_streams(bitrate: int, paced: Collection[str] = PACED_SENDERS) -> list[Stream]:
-    """Return all streams of `vibro.dbc` at `bitrate`; senders in `paced` queue one slow frame a tick."""
+def bus_streams(
+    bitrate: int, paced: Collection[str] = PACED_SENDERS, modules: Sequence[Addresses] = (DEFAULT,)
+) -> list[Stream]:
+    """Return all streams of `modules` at `bitrate`; senders in `paced` queue one slow frame a tick."""
+    streams = [
+        stream
+        for number, places in enumerate(modules)
+        for stream in _module_streams(bitrate, paced, places, "" if len(modules) == 1 else f" {number}")
+    ]
+    return sorted(streams, key=lambda stream: stream.can_id)
+
+
+def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suffix: str) -> Iterator[Stream]:
+    """Yield the streams of `vibro.dbc` for the module at `places`, its names ending in `suffix`."""
     bit_ns = bit_ns_of(bitrate)
-    return [
+    for stream in (
         _stream(message, sender, bit_ns, paced)
         for message in sorted(database().messages, key=lambda message: message.frame_id)
         for sender in message.senders
         if sender != NO_NODE
-    ]
+    ):
+        name, sender = f"{stream.name}{suffix}", f"{stream.sender}{suffix}"
+        pacing = None if stream.pacing is None else stream.pacing._replace(sender=sender)
+        can_id = bus_id(places, stream.can_id)
+        yield stream._replace(can_id=can_id, name=name, sender=sender, pacing=pacing)
 
 
 def _stream(message: Message, sender: str, bit_ns: int, paced: Collection[str]) -> Stream:
@@ -104,8 +121,11 @@ def _period_ns(message: Message) -> int:
 
 
 def bus_schedule(
-    bitrate: int, paced: Collection[str] = PACED_SENDERS, errors: ErrorModel | None = None
+    bitrate: int,
+    paced: Collection[str] = PACED_SENDERS,
+    errors: ErrorModel | None = None,
+    modules: Sequence[Addresses] = (DEFAULT,),
 ) -> Schedule:
-    """Analyse the bus of `vibro.dbc` at `bitrate` bit/s."""
-    streams = bus_streams(bitrate, paced)
+    """Analyse a bus of `bitrate` bit/s with the modules at these places."""
+    streams = bus_streams(bitrate, paced, modules)
     return Schedule(bitrate, float(load(streams)), response_times(streams, bit_ns_of(bitrate), errors))

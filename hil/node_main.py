@@ -9,10 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from firmware_py.interface import codec
+from firmware_py.interface.addresses import Addresses, bus_id
 from firmware_py.interface.records import DriveEstop
 from firmware_py.shell.builds import Build
-from firmware_py.shell.parameters import config_from
+from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus import Bus, join, provide
+from hil.bus.addressed import addressed
 from hil.clock import NS_PER_S, Clock, MonotonicClock
 from hil.faults.clocks import ClockFaults, FaultyClock
 from hil.faults.line import with_faults
@@ -64,7 +66,7 @@ def firmware_main(
     start = await_restart() if again else Start(0)
     if out_dir is not None:
         out_dir.mkdir(parents=True, exist_ok=True)
-    with joined(bus, FIRMWARE_IDS) as node_bus:
+    with joined(bus, FIRMWARE_IDS, addresses_from(parameters)) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
         runner = FirmwareRunner(
             parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks, build
@@ -97,7 +99,7 @@ def plant_main(
     start = await_restart() if again else Start(0)
     if out_dir is not None:
         out_dir.mkdir(parents=True, exist_ok=True)
-    with joined(bus, ACCEPTED_IDS) as node_bus:
+    with joined(bus, ACCEPTED_IDS, addresses_from(loaded.parameters)) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
         runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
         clock_faults = ClockFaults(loaded.faults, PLANT, seed)
@@ -114,7 +116,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
     node = OperatorNode(loaded.commands, loaded.period_s)
     clock = MonotonicClock()
     stopped = False
-    with joined(bus, ()) as node_bus:
+    with joined(bus, (), addresses_from(loaded.parameters)) as node_bus:
         t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
         loop = FixedRateLoop(clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
 
@@ -141,15 +143,19 @@ def belong_to_parent() -> None:
 
 
 @contextmanager
-def joined(spec: str, accept: Collection[int]) -> Iterator[Bus]:
-    """The bus `spec` names, made first where need be; says on standard error how others join it."""
+def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bus]:
+    """The bus `spec` names, made first where need be, as the module at `places` sees it.
+
+    Says on standard error how others join it.
+    """
     with provide(spec) as provided:
         if provided.address != spec:
             print(
                 f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
                 file=sys.stderr,
             )
-        node_bus = join(provided.address, accept)
+        on_bus = [bus_id(places, can_id) for can_id in accept]
+        node_bus = addressed(join(provided.address, on_bus), places)
         try:
             yield node_bus
         finally:

@@ -17,7 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_py.shell.parameters import addresses_from
 from hil.bus import Bus, join
+from hil.bus.addressed import addressed
 from hil.can_log import CanLog
 from hil.follower import TRACES, Follower
 from hil.processes import READY, read_start, stop_requests
@@ -119,7 +121,8 @@ def main() -> None:
     arguments = parser.parse_args()
     os.nice(NICENESS)
     stopping = stop_requests()
-    bus = None if arguments.bus is None else join(arguments.bus, stamped=True)
+    places = addresses_from(read_scenario(arguments.run_dir).get("firmware", {}))
+    bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
     gc.collect()
     gc.freeze()
     print(READY, flush=True)

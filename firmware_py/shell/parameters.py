@@ -16,6 +16,7 @@ from firmware_py.core.configure import config_of
 from firmware_py.core.parameter_values import ORDERED, Parameters
 from firmware_py.core.parameters import conflict, within_bounds
 from firmware_py.core.step import Config
+from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier
 from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
 
@@ -128,6 +129,12 @@ def read_back(
             "was edited by hand; write it again with written()"
         )
     return with_overrides(values | of_the_build(build or {}))
+
+
+def addresses_from(values: Mapping[str, Any]) -> Addresses:
+    """Where the module is on its bus, of values or overrides; raises `AddressError` for impossible places."""
+    complete = with_overrides(values)
+    return addresses(int(complete["bus.drive_node"]), int(complete["bus.own_node"]))
 
 
 def of_the_build(values: Mapping[str, Any]) -> dict[str, float]:

@@ -43,14 +43,17 @@ class Loss(NamedTuple):
 class Bus(Protocol):
     """One node's connection. It never hears its own frames; no call blocks longer than a send may wait."""
 
-    closing: list[Callable[[], None]]
-    """Called when the node leaves, in order."""
-    losses: list[Loss]
-    """Of a bus opened with `stamped`, in order of time; whoever writes them down may empty the list."""
-
     @property
     def counters(self) -> BusCounters:
         """What went wrong so far."""
+
+    @property
+    def closing(self) -> list[Callable[[], None]]:
+        """Called when the node leaves, in order."""
+
+    @property
+    def losses(self) -> list[Loss]:
+        """Of a bus opened with `stamped`, in order of time; whoever writes them down may empty the list."""
 
     def send(self, frame: Frame) -> None:
         """Queue one frame; a full queue is waited for shortly, then the frame is dropped and counted."""

@@ -8,6 +8,7 @@ from rich.table import Table
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, print_json
 
 if TYPE_CHECKING:
+    from firmware_py.interface.addresses import Addresses
     from hil.message_set import Schedule
 
 DEFAULT_BITRATE = 1_000_000
@@ -21,18 +22,26 @@ def register(app: typer.Typer) -> None:
 
 def schedule(
     bitrate: Annotated[int, typer.Option(help="Bits per second.")] = DEFAULT_BITRATE,
+    module: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The node numbers of a module on the bus, its drive's and its first own; repeatable.",
+            metavar="DRIVE,OWN",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
     from hil.can_bits import BitRateError
     from hil.message_set import ONE_ERROR, bus_schedule
 
+    modules = [places_of(text) for text in module or ["0,1"]]
     try:
-        analysed = bus_schedule(bitrate)
+        analysed = bus_schedule(bitrate, modules=modules)
     except BitRateError as error:
         raise BadInputError(str(error)) from error
-    disturbed = bus_schedule(bitrate, errors=ONE_ERROR)
-    others = [bus_schedule(other) for other in REPORTED_BITRATES if other != bitrate]
+    disturbed = bus_schedule(bitrate, errors=ONE_ERROR, modules=modules)
+    others = [bus_schedule(other, modules=modules) for other in REPORTED_BITRATES if other != bitrate]
     payload = {
         "bitrate": bitrate,
         "load": analysed.load,
@@ -51,6 +60,19 @@ def schedule(
         show(payload)
     if not analysed.schedulable:
         raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def places_of(text: str) -> "Addresses":
+    """The addresses that `DRIVE,OWN` gives."""
+    from firmware_py.interface.addresses import AddressError, addresses
+
+    drive_node, _, own_node = text.partition(",")
+    if not (drive_node.strip().isdecimal() and own_node.strip().isdecimal()):
+        raise BadInputError(f"--module {text}: wanted the drive's and the first own node number, e.g. 0,1")
+    try:
+        return addresses(int(drive_node), int(own_node))
+    except AddressError as error:
+        raise BadInputError(f"--module {text}: {error}") from error
 
 
 def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:

@@ -1,0 +1,80 @@
+"""Which node numbers of a bus a module has, and the identifiers that follow from them.
+
+`vibro.dbc` has a module's identifiers for the drive at node 0 and the module's own senders at nodes 1 to 3.
+Elsewhere on a bus, the drive's identifiers move with its node number and the module's own with theirs; a
+frame's CRC keeps the identifier of `vibro.dbc`. The bus driver of each node translates: all else knows one
+module at its default place.
+"""
+
+from typing import NamedTuple
+
+NODE_SHIFT = 5
+NODE_IDS = 1 << NODE_SHIFT
+"""Identifiers of one node number."""
+OWN_NODES = 3
+"""Sensors, operator and firmware, in this order."""
+HIGHEST_NODE = 62
+"""63 belongs to drives that have no number yet."""
+NOT_OURS = -1
+DEFAULT_DRIVE_NODE, DEFAULT_OWN_NODE = 0, 1
+
+
+class Addresses(NamedTuple):
+    """The drive's node number, and the first of the three of sensors, operator and firmware."""
+
+    drive_node: int
+    own_node: int
+
+
+DEFAULT = Addresses(DEFAULT_DRIVE_NODE, DEFAULT_OWN_NODE)
+
+
+class AddressError(ValueError):
+    """Node numbers that a module cannot have."""
+
+
+def addresses(drive_node: int, own_node: int) -> Addresses:
+    """The addresses of a module; raises `AddressError` where they do not fit the bus or each other.
+
+    >>> addresses(5, 4)
+    Traceback (most recent call last):
+    firmware_py.interface.addresses.AddressError: drive_node = 5 is one of the module's own nodes 4 to 6; \
+give the drive another number
+    """
+    highest_own = HIGHEST_NODE - OWN_NODES + 1
+    if not (0 <= drive_node <= HIGHEST_NODE and 0 <= own_node <= highest_own):
+        raise AddressError(
+            f"drive_node = {drive_node} and own_node = {own_node}; wanted 0 to {HIGHEST_NODE} and "
+            f"0 to {highest_own}"
+        )
+    if own_node <= drive_node < own_node + OWN_NODES:
+        raise AddressError(
+            f"drive_node = {drive_node} is one of the module's own nodes {own_node} to "
+            f"{own_node + OWN_NODES - 1}; give the drive another number"
+        )
+    return Addresses(drive_node, own_node)
+
+
+def bus_id(places: Addresses, can_id: int) -> int:
+    """The identifier on the bus of the frame that `vibro.dbc` calls `can_id`.
+
+    >>> hex(bus_id(Addresses(4, 5), 0x00E)), hex(bus_id(Addresses(4, 5), 0x028))
+    ('0x8e', '0xa8')
+    """
+    if can_id < NODE_IDS:
+        return can_id + places.drive_node * NODE_IDS
+    return can_id + (places.own_node - DEFAULT_OWN_NODE) * NODE_IDS
+
+
+def module_id(places: Addresses, can_id: int) -> int:
+    """The identifier in `vibro.dbc` of a frame on the bus; `NOT_OURS` for the frames of others.
+
+    >>> hex(module_id(Addresses(4, 5), 0x08E)), module_id(Addresses(4, 5), 0x028)
+    ('0xe', -1)
+    """
+    node = can_id >> NODE_SHIFT
+    if node == places.drive_node:
+        return can_id - places.drive_node * NODE_IDS
+    if places.own_node <= node < places.own_node + OWN_NODES:
+        return can_id - (places.own_node - DEFAULT_OWN_NODE) * NODE_IDS
+    return NOT_OURS

@@ -1,0 +1,77 @@
+"""A node's bus where its module is not at the default place: identifiers are translated on the way.
+
+A frame without a sender among the module's nodes is not delivered.
+"""
+
+from collections.abc import Callable, Iterable
+
+from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
+from firmware_py.interface.frame import Frame
+from hil.bus.base import Bus, BusCounters, Loss
+
+
+def addressed(bus: Bus, places: Addresses) -> Bus:
+    """The bus as the nodes of the module at `places` see it."""
+    return bus if places == DEFAULT else AddressedBus(bus, places)
+
+
+class AddressedBus:
+    """`vibro.dbc`'s identifiers for the node, the module's for the bus."""
+
+    def __init__(self, bus: Bus, places: Addresses) -> None:
+        self._bus = bus
+        self._places = places
+
+    @property
+    def counters(self) -> BusCounters:
+        """What went wrong so far."""
+        return self._bus.counters
+
+    @property
+    def losses(self) -> list[Loss]:
+        """Those of the bus."""
+        return self._bus.losses
+
+    @property
+    def closing(self) -> list[Callable[[], None]]:
+        """Those of the bus."""
+        return self._bus.closing
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame."""
+        self._bus.send(self._sent(frame))
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in order."""
+        self._bus.send_all([self._sent(frame) for frame in frames])
+
+    def receive(self) -> list[Frame]:
+        """The module's frames that have arrived."""
+        return [
+            Frame(can_id, frame.data)
+            for frame in self._bus.receive()
+            if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
+        ]
+
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """As `receive`, with the wall clock in ns."""
+        return [
+            (stamp_ns, Frame(can_id, frame.data))
+            for stamp_ns, frame in self._bus.receive_stamped()
+            if (can_id := module_id(self._places, frame.can_id)) != NOT_OURS
+        ]
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+        self._bus.wait(timeout_s)
+
+    def fileno(self) -> int:
+        """The bus's descriptor."""
+        return self._bus.fileno()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.close()
+
+    def _sent(self, frame: Frame) -> Frame:
+        return Frame(bus_id(self._places, frame.can_id), frame.data)
