@@ -64,7 +64,7 @@ def silent(_: float, __: str) -> None:
     """One run's own progress is not shown."""
 
 
-def judged(case: Case, clock: ClockName, bus: str, firmware: Build) -> dict[str, Any]:
+def judged(case: Case, clock: ClockName, bus: str, firmware: Build = "compiled") -> dict[str, Any]:
     """One run's verdict; a run that breaks off has failed, and says why."""
     scenario, seed, run_dir, one_of_many = case
     try:

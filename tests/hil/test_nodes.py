@@ -130,7 +130,7 @@ def test_the_sample_of_the_tick_before_gives_way_to_one_that_is_just_coming() ->
     own = run.publish()
     run.bus.arriving = list(own)
     run.firmware.step(21, 2)
-    assert run.firmware.node._position == codec.ENCODER_ESTIMATES.decode(own[1].data)
+    assert run.firmware.node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(own[1].data)
     assert len(run.bus.waited_s) == 1
 
 
@@ -139,7 +139,7 @@ def test_the_sample_of_the_tick_before_is_better_than_none() -> None:
     before = run.publish()
     run.bus.pending += before
     run.firmware.step(21, 2)
-    assert run.firmware.node._position == codec.ENCODER_ESTIMATES.decode(before[1].data)
+    assert run.firmware.node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(before[1].data)
     assert run.firmware.node.inputs.elapsed_ticks == 2
 
 
@@ -150,8 +150,8 @@ def test_of_two_samples_the_one_of_this_tick_is_taken() -> None:
     run.bus.pending += own + run.publish()
     run.firmware.step(27, 8)
     node = run.firmware.node
-    assert node._acceleration_source.counter == codec.ACCELEROMETER.counter(own[0].data)
-    assert node._position == codec.ENCODER_ESTIMATES.decode(own[1].data)
+    assert node._state.received.accelerometer_heard.counter == codec.ACCELEROMETER.counter(own[0].data)
+    assert node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(own[1].data)
 
 
 def test_nothing_is_done_until_the_sensors_are_back() -> None:
