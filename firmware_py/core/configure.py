@@ -280,6 +280,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             standstill_ticks=_in_ticks(p.limit_standstill_s, tick_s),
             takeover_rad_s=p.limit_speed_rad_s,
             takeover_ticks=_in_ticks(p.limit_takeover_s, tick_s),
+            gap_ticks=max(_in_ticks(monitors.LONGEST_GAP_S, tick_s), 1),
             parameters_damaged=damaged,
         ),
         gait=gait.GaitConfig(

@@ -15,6 +15,11 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
 from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, Fault, Mode
 
+LONGEST_GAP_S = 0.010
+"""Gaps in the samples up to this are ridden through, however many come; beyond, the speed loop swings."""
+GAPS = 3
+"""Longer ones in a row, with no `LONGEST_GAP_S` of samples between them: samples come in bundles."""
+
 TURNING_RAD_S = 5.0
 """From here on the striker's acceleration changes by more than a count from one sample to the next."""
 
@@ -79,11 +84,15 @@ class MonitorConfig(NamedTuple):
     standstill_ticks: int
     takeover_rad_s: float
     takeover_ticks: int
+    gap_ticks: int
     parameters_damaged: bool
 
 
 class MonitorState(NamedTuple):
-    """For how long each condition has held, in ticks; `whirl_ticks`: how long the crank is not calm yet."""
+    """For how long each condition has held, in ticks; `whirl_ticks`: how long the crank is not calm yet.
+
+    `silent_ticks`: since the last sample; `gaps`: long ones, which count for another `unsteady_ticks`.
+    """
 
     frozen_ticks: int
     overcurrent_ticks: int
@@ -100,6 +109,9 @@ class MonitorState(NamedTuple):
     stuck_ticks: int
     low_m_s2: float
     whirl_ticks: int
+    silent_ticks: int
+    unsteady_ticks: int
+    gaps: int
 
 
 class Findings(NamedTuple):
@@ -134,6 +146,9 @@ INITIAL = MonitorState(
     stuck_ticks=0,
     low_m_s2=0.0,
     whirl_ticks=0,
+    silent_ticks=0,
+    unsteady_ticks=0,
+    gaps=0,
 )
 
 
@@ -154,6 +169,8 @@ def watchdog_fault(
         return Fault.ENCODER_TIMEOUT
     if inputs.drive.age_ticks > config.drive_ticks or inputs.power.age_ticks > config.drive_ticks:
         return Fault.DRIVE_TIMEOUT
+    if state.gaps >= GAPS:
+        return Fault.STALE_SAMPLES
     return NO_FAULT
 
 
@@ -265,6 +282,13 @@ def step(
     standing = abs(crank.omega_rad_s) < config.standstill_rad_s
     refused = (moving and not closed and not state.enabled) or (closed and not moving)
     too_fast = not abs(crank.omega_rad_s) <= config.takeover_rad_s
+    silent_ticks = max(inputs.accelerometer.age_ticks, encoder.age_ticks)
+    unsteady_ticks, gaps = state.unsteady_ticks, state.gaps
+    if silent_ticks == 0 and state.silent_ticks >= config.gap_ticks:
+        unsteady_ticks, gaps = config.gap_ticks, min(gaps + 1, GAPS)
+    elif silent_ticks == 0:
+        unsteady_ticks = max(unsteady_ticks - n, 0)
+        gaps = gaps if unsteady_ticks > 0 else 0
     new = MonitorState(
         frozen_ticks,
         state.overcurrent_ticks + n if strong else 0,
@@ -281,6 +305,9 @@ def step(
         stuck_ticks,
         low_m_s2,
         config.takeover_ticks if too_fast else max(state.whirl_ticks - n, 0),
+        silent_ticks,
+        unsteady_ticks,
+        gaps,
     )
     watchdog = watchdog_fault(config.watchdogs, new, inputs, crank, estimate)
     limit = limit_fault(config, new, inputs, detector, separated)

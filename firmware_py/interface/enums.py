@@ -83,6 +83,7 @@ class Fault(IntEnum):
     RUNAWAY = 20
     LOAD_IMPLAUSIBLE = 21
     STOP_FAILED = 22
+    STALE_SAMPLES = 23
 
 
 class Refusal(IntEnum):

@@ -745,7 +745,7 @@ def pack_firmware_heartbeat(record: FirmwareHeartbeat, counter: int) -> tuple[in
     mode, fault, acting_limit, regime, target_omega_rad_s = record
     if not (
         0 <= mode <= 6
-        and 0 <= fault <= 22
+        and 0 <= fault <= 23
         and 0 <= acting_limit <= 6
         and 0 <= regime <= 6
         and isfinite(target_omega_rad_s)
@@ -795,7 +795,7 @@ def unpack_firmware_heartbeat(length: int, word: int) -> tuple[FirmwareHeartbeat
     if not (0 <= acting_limit <= 6):
         return NO_FIRMWARE_HEARTBEAT, ENUMERATION
     fault = word >> 8 & 0xFF
-    if not (0 <= fault <= 22):
+    if not (0 <= fault <= 23):
         return NO_FIRMWARE_HEARTBEAT, ENUMERATION
     target_omega_rad_s = (lane_1 ^ 0x8000) - 0x8000
     if not (-32767 <= target_omega_rad_s <= 32767):
@@ -991,7 +991,7 @@ def unpack_impact_event(length: int, word: int) -> tuple[ImpactEvent, FrameError
 
 def pack_fault_event(record: FaultEvent, counter: int) -> tuple[int, bool]:
     fault, disarm_reason, refusal = record
-    if not (0 <= fault <= 22 and 0 <= disarm_reason <= 4294967295 and 0 <= refusal <= 8):
+    if not (0 <= fault <= 23 and 0 <= disarm_reason <= 4294967295 and 0 <= refusal <= 8):
         return 0, False
     word = disarm_reason | fault << 32 | refusal << 40 | (counter & 15) << 44
     lane_0 = word & 0xFFFF
@@ -1020,7 +1020,7 @@ def unpack_fault_event(length: int, word: int) -> tuple[FaultEvent, FrameErrorRe
         return NO_FAULT_EVENT, CRC
     disarm_reason = word & 0xFFFFFFFF
     fault = word >> 32 & 0xFF
-    if not (0 <= fault <= 22):
+    if not (0 <= fault <= 23):
         return NO_FAULT_EVENT, ENUMERATION
     refusal = word >> 40 & 0xF
     if not (0 <= refusal <= 8):

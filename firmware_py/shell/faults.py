@@ -191,6 +191,14 @@ FAULTS: tuple[FaultLine, ...] = (
         Reaction.TORQUE_OFF,
         3.05,
     ),
+    FaultLine(
+        Fault.STALE_SAMPLES,
+        "the sensors' or the encoder's frames come in bundles: three gaps of more than 10 ms, without 10 ms "
+        "of samples in between; up to one bundle in 10 ms is ridden through",
+        MOVING,
+        Reaction.TORQUE_OFF,
+        0.1,
+    ),
 )
 """All faults, in the order of their codes."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from firmware_py.interface.frame import Frame
 from hil.faults.tables import (
     Babbling,
+    Bundled,
     Corrupted,
     Delayed,
     Dropped,
@@ -100,6 +101,12 @@ def outgoing(  # noqa: PLR0911 - one case a fault
         case Thinned(can_ids=can_ids, period_s=period_s, at_s=at_s):
             leave = periods_begun(at_s, period_s, t_s, since_s) > 0
             return [f for f in frames if leave or f.can_id not in can_ids], ()
+        case Bundled(can_ids=can_ids, period_s=period_s, at_s=at_s):
+            bundle = (*held, *(Late(t_s, f) for f in frames if f.can_id in can_ids))
+            passed = [f for f in frames if f.can_id not in can_ids]
+            if periods_begun(at_s, period_s, t_s, since_s) > 0:
+                return [*(late.frame for late in bundle), *passed], ()
+            return passed, bundle
         case Reordered(can_ids=can_ids):
             return swapped(frames, can_ids, held)
         case Delayed(can_ids=can_ids, delay_s=delay_s):

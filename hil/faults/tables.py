@@ -83,6 +83,13 @@ class Delayed(FramesFault):
     delay_s: float = Field(gt=0.0, description="how late frames come, in s")
 
 
+class Bundled(FramesFault):
+    """Frames that wait and come together, as through a USB adapter with a latency timer or a gateway."""
+
+    kind: Literal["bundled"]
+    period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
+
+
 class Thinned(FramesFault):
     """Frames at a lower rate: those in between never leave their sender."""
 
@@ -327,7 +334,7 @@ class ParametersDamaged(FaultTable):
 
 
 LineFault: TypeAlias = (
-    Dropped | Duplicated | Delayed | Thinned | Reordered | Corrupted | Babbling | Flood | Unplugged
+    Dropped | Duplicated | Delayed | Bundled | Thinned | Reordered | Corrupted | Babbling | Flood | Unplugged
 )
 ModelledFault: TypeAlias = BusOff | Disturbed
 ReadingFault: TypeAlias = (

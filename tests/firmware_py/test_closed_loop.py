@@ -240,6 +240,37 @@ def test_frozen_drive_data_is_found_out_within_100_ms() -> None:
     assert bench.node.outputs.torque_n_m == 0.0
 
 
+@pytest.mark.parametrize(
+    ("bundle_ticks", "fault"),
+    [
+        (9, Fault.NONE),
+        (10, Fault.NONE),
+        (11, Fault.STALE_SAMPLES),
+        (16, Fault.STALE_SAMPLES),
+        (29, Fault.STALE_SAMPLES),
+    ],
+)
+def test_bundles_are_ridden_through_or_named_but_never_an_overspeed(bundle_ticks: int, fault: Fault) -> None:
+    bench = Bench({"start.rise_s": 1.0}, ratio=1.1).started()
+    bench.run(4.0, keep=False)
+    held: list[Frame] = []
+
+    def bundled(tick: int, frames: list[Frame]) -> list[Frame]:
+        held.extend(frames)
+        bundle = list(held) if tick % bundle_ticks == 0 else []
+        if bundle:
+            held.clear()
+        return bundle
+
+    bench.change = bundled
+    bench.run(0.1)
+    if fault != Fault.NONE:
+        assert bench.node.outputs.torque_n_m == 0.0
+    bench.run(1.4)
+    assert {outputs.fault for outputs in bench.outputs} <= {Fault.NONE, fault}
+    assert bench.node.outputs.fault == fault
+
+
 def test_a_few_lost_and_skipped_frames_do_no_harm() -> None:
     rng = np.random.default_rng(2)
     bench = Bench(change=lambda _, frames: [f for f in frames if rng.random() > 0.02]).started()

@@ -123,6 +123,21 @@ def damaged_parameters(bench: Bench) -> None:
     bench.node.config = bench.node.config._replace(monitors=monitors)
 
 
+def bundled(ticks: int) -> Change:
+    """All frames wait, and come together once in `ticks`."""
+    held: list[Frame] = []
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        held.extend(frames)
+        if tick % ticks:
+            return []
+        bundle = list(held)
+        held.clear()
+        return bundle
+
+    return change
+
+
 def nothing(bench: Bench) -> None:
     """What is wrong was there from the beginning."""
 
@@ -145,6 +160,7 @@ CASES: dict[Fault, Case] = {
     Fault.ESTIMATE_INVALID: Case(change_to(far_too_much)),
     Fault.STALL: Case(held_crank, 1.2, WEAK),
     Fault.PARAMETERS_DAMAGED: Case(damaged_parameters),
+    Fault.STALE_SAMPLES: Case(lambda bench: setattr(bench, "change", bundled(16))),
     Fault.IMPULSE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.impulse_n_s": 0.3}),
     Fault.FORCE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.force_n": 60.0}),
     Fault.START_FAILED: Case(nothing, 0.0, {}, scene_with(stop={"position_m": 0.4})),

@@ -181,7 +181,7 @@ def test_no_field_sends_nan_or_an_infinity(codec: FrameCodec[Any], bad: float) -
     ("record", "wanted"),
     [
         (FirmwareHeartbeat(7, 0, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
-        (FirmwareHeartbeat(0, 20, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
+        (FirmwareHeartbeat(0, 200, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
         (FirmwareHeartbeat(-1, 0, 0, 0, 0.0), FrameErrorReason.ENUMERATION),
         (OperatorCommand(3, 1.0), FrameErrorReason.ENUMERATION),
         (ClearErrors(256), FrameErrorReason.RANGE),
@@ -292,7 +292,7 @@ def test_every_other_length_is_refused(codec: FrameCodec[Any]) -> None:
         ),
         (
             FIRMWARE_HEARTBEAT,
-            sealed(FIRMWARE_HEARTBEAT, bytes([0, 20, 0, 0, 0])),
+            sealed(FIRMWARE_HEARTBEAT, bytes([0, 200, 0, 0, 0])),
             FrameErrorReason.ENUMERATION,
         ),
         (FIRMWARE_HEARTBEAT, sealed(FIRMWARE_HEARTBEAT, bytes([0, 0, 0, 0x80, 0])), FrameErrorReason.RANGE),

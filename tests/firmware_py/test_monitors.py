@@ -52,7 +52,7 @@ def watch(
 
 
 def test_nothing_is_remembered_at_power_up() -> None:
-    assert MonitorState(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0, 0) == monitors.INITIAL
+    assert MonitorState(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, False, 0.0, 0, 0.0, 0, 0, 0, 0) == monitors.INITIAL
 
 
 @pytest.mark.parametrize(
@@ -83,8 +83,33 @@ def test_nothing_counts_where_nothing_is_wrong() -> None:
     """A count that did not begin at 0 would shorten its deadline."""
     state, _ = watch(ticks=3)
     counts = {name: value for name, value in state._asdict().items() if name.endswith("_ticks")}
-    assert len(counts) == 12
+    assert len(counts) == 14
     assert set(counts.values()) == {0}
+
+
+@pytest.mark.parametrize("source", ["encoder", "accelerometer"])
+@pytest.mark.parametrize(
+    ("silent_ticks", "samples", "gaps", "fault"),
+    [
+        (9, 1, 20, Fault.NONE),
+        (10, 1, 2, Fault.NONE),
+        (10, 1, 3, Fault.STALE_SAMPLES),
+        (10, 10, 3, Fault.STALE_SAMPLES),
+        (10, 11, 20, Fault.NONE),
+        (29, 2, 3, Fault.STALE_SAMPLES),
+    ],
+)
+def test_samples_in_bundles_are_named(
+    source: str, silent_ticks: int, samples: int, gaps: int, fault: Fault
+) -> None:
+    """A gap counts when it ends, and no longer than ten ticks of samples."""
+    state, found = monitors.INITIAL, set()
+    for tick, age in enumerate([*range(1, silent_ticks + 1), *[0] * samples] * gaps):
+        inputs = replaced(CLOSED, f"{source}.age_ticks", age)
+        inputs = replaced(inputs, "accelerometer.low_m_s2", 0.01 * (tick % 2))  # not a stuck one
+        state, findings = watch(inputs, state=state, stuck=True)
+        found.add(findings.watchdog)
+    assert found == {Fault.NONE, fault}
 
 
 def test_a_healthy_module_has_no_faults() -> None:
