@@ -29,6 +29,10 @@ def trade(
     parts: Annotated[
         bool, typer.Option("--parts", help="Price the parts of a scene instead: what each costs and changes.")
     ] = False,
+    extremes: Annotated[
+        Path | None,
+        file_option("Write this page instead: every extreme by every method. Takes minutes.", (".md",)),
+    ] = None,
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -39,6 +43,9 @@ def trade(
     repeats = prices.QUICK_REPEATS if quick else prices.REPEATS
     if parts:
         price_parts(quick, repeats, as_json)
+        return
+    if extremes is not None:
+        write_extremes(extremes, as_json)
         return
     load_before = os.getloadavg()[0]
     measured: list[Price] = []
@@ -76,6 +83,19 @@ def trade(
         print_json(payload)
     else:
         show(payload)
+
+
+def write_extremes(page: Path, as_json: bool) -> None:
+    """The page of every extreme, and its plot."""
+    from tools.trade import extremes
+
+    with Progress(TextColumn("{task.description}"), console=progress_console, transient=True) as bar:
+        task = bar.add_task("compiling", total=None)
+        rows = extremes.write(page, lambda doing: bar.update(task, description=doing))
+    if as_json:
+        print_json({"rows": rows, "page": str(page)})
+    else:
+        console.print(f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}", highlight=False)
 
 
 def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
