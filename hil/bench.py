@@ -8,6 +8,7 @@ the log, then all are stopped in order and the run folder is finished as after a
 import json
 import os
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -68,11 +69,13 @@ def run_scenario(
     viewer: str | None = None,
     only_if_failed: bool = False,
     firmware: Build = "python",
+    of_a_suite: bool = False,
 ) -> dict[str, Any]:
     """Run `scenario` and give its verdict; everything about the run is in its folder.
 
     An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
-    `only_if_failed`: a run that has passed leaves its verdict and nothing else.
+    `only_if_failed`: a run that has passed leaves its verdict and nothing else. `of_a_suite`: an interrupted
+    run is not judged.
     """
     if clock == "real":
         refuse_other_periods(scenario.period_s)
@@ -80,7 +83,7 @@ def run_scenario(
     with run_folder.claimed(scenario.name, out_dir) as run_dir:
         run_folder.begin(run_dir, scenario, clock, seed)
         run_folder.note(run_dir, firmware=firmware)
-        with ending_with_a_verdict(run_dir, only_if_failed) as ending:
+        with ending_with_a_verdict(run_dir, only_if_failed, of_a_suite) as ending:
             if clock == "lockstep":
                 simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
             else:
@@ -119,11 +122,20 @@ def simulate(
     warm_plant(scenario.scene)
     warm_firmware(scenario.parameters, firmware)
     started = time.perf_counter()
+    memory = MemoryWatch({"lockstep": os.getpid()})
+
+    def watched(done: float, doing: str) -> None:
+        memory.sample()
+        progress(done, doing)
+
     try:
-        if lost := run_lockstep(scenario, run_dir, seed, progress, firmware):
+        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware):
             outcome.reasons.append(f"no room on the disk for the last {lost} records")
     finally:
         outcome.wall_s = time.perf_counter() - started
+    if any(check.name.startswith("memory.") for check in scenario.checks):
+        outcome.memory_growth_mb = memory.growth_mb()
+        outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
 
 
 def in_real_time(
@@ -139,8 +151,14 @@ def in_real_time(
     """Run on the wall clock, on a bus that is made for it or named."""
     run_folder.note(run_dir, bus=bus, kernel_can=False)
     with provide(bus) as provided:
+        holders = provided.processes
         run_folder.note(run_dir, **provided.described)
         RealTimeRun(scenario, run_dir, seed, provided, outcome, progress, viewer, firmware).run()
+    outcome.reasons += [
+        f"{name} did not end when asked to, and was killed"
+        for name, holder in holders.items()
+        if holder.killed_at_stop
+    ]
     if provided.said:
         run_folder.note(run_dir, bus_said=json.loads(provided.said))
 
@@ -261,7 +279,7 @@ class RealTimeRun:
         last_period = periods
         scripted = ProcessFaults(self.scenario.faults)
         signals, restarts = scripted.signals(), scripted.restarts()
-        dead = {name for name in self.watched if scripted.kills(name)}
+        dead: set[str] = set()
         memory = MemoryWatch({name: child.pid for name, child in self.watched.items()})
 
         def step(period: int, _: int) -> None:
@@ -279,6 +297,8 @@ class RealTimeRun:
             for name, child in self.watched.items():
                 if name not in dead and child.ended:
                     dead.add(name)
+                    if scripted.kills(name, by_s=t_s):
+                        continue
                     at_s = period * OPERATOR_PERIOD_S
                     self.outcome.reasons.append(f"{child.how_it_ended()} at {at_s:.2f} s{child.why()}")
                     last_period = min(last_period, period + round(REACTION_S / OPERATOR_PERIOD_S))
@@ -293,8 +313,15 @@ class RealTimeRun:
             """The operator's own timing is nobody's concern."""
 
         loop.run(periods, step, record)
+        self.continue_paused()
         self.outcome.memory_growth_mb = memory.growth_mb()
         self.outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * self.scenario.duration_s
+
+    def continue_paused(self) -> None:
+        """End nodes that the script has paused beyond its own end: as in lockstep, they tick no more."""
+        for process in ProcessFaults(self.scenario.faults).paused_at(self.scenario.duration_s):
+            self.children[process].signal(signal.SIGTERM)
+            self.children[process].signal(signal.SIGCONT)
 
     def await_ends(self) -> None:
         """The loops end by themselves within a tick or two of the script."""
@@ -317,4 +344,7 @@ class RealTimeRun:
         for name, one in nodes.items():
             if lost := one.get("lost_records", 0):
                 self.outcome.reasons.append(f"{name}: no room on the disk for its last {lost} records")
+        for name, child in self.children.items():
+            if child.killed_at_stop and name != LIVE:
+                self.outcome.reasons.append(f"{name} did not end when asked to, and was killed")
         self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")

@@ -7,62 +7,19 @@ noted, so that they cannot cut the judgement short.
 
 import errno
 import signal
-import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from hil import run_folder, trace
 from hil.processes import ChildError, ChildRefusalError
+from hil.signals import Interrupted, ending_signals, interruption
 from hil.verdict import amend, finish, prejudge
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 KILLED = "the run is still going on, or its process was killed before it could be judged"
-
-
-class Interrupted(BaseException):
-    """A signal has asked the program to end; says which."""
-
-
-def interruption(number: signal.Signals) -> str:
-    """The signal in a sentence of a verdict."""
-    return f"interrupted by {'Ctrl-C' if number == signal.SIGINT else number.name}"
-
-
-class EndingSignals:
-    """SIGINT, SIGTERM and SIGHUP within a block: raised as `Interrupted` once, later ones are noted."""
-
-    def __init__(self) -> None:
-        self.raises = True
-        self.came: list[str] = []
-
-    def handle(self, number: int, _: FrameType | None) -> None:
-        """Raise, or note where that has been done already."""
-        reason = interruption(signal.Signals(number))
-        if self.raises:
-            self.raises = False
-            raise Interrupted(reason)
-        self.came.append(reason)
-
-
-@contextmanager
-def ending_signals() -> Iterator[EndingSignals]:
-    """Catch the signals that ask for an end; what is ignored stays so, as under nohup."""
-    signals = EndingSignals()
-    before: dict[signal.Signals, Any] = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in ENDING_SIGNALS:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, signals.handle)
-    try:
-        yield signals
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @dataclass
@@ -78,6 +35,12 @@ class Outcome:
     """By process since it had settled, in runs that are long enough."""
     memory_watched_s: float = 0.0
     """The time from then on."""
+
+
+def was_cut_short(verdict: Mapping[str, Any]) -> bool:
+    """Whether a run was not judged, or interrupted: what it would have come to is not known."""
+    reasons = verdict.get("reasons", [KILLED])
+    return any(reason == KILLED or reason.startswith("interrupted by") for reason in reasons)
 
 
 def is_no_room(error: BaseException) -> bool:
@@ -111,11 +74,15 @@ class Ending:
 
 
 @contextmanager
-def ending_with_a_verdict(run_dir: Path, only_if_failed: bool = False) -> Iterator[Ending]:
+def ending_with_a_verdict(
+    run_dir: Path, only_if_failed: bool = False, of_a_suite: bool = False
+) -> Iterator[Ending]:
     """Run in the block; after it, however it ended, the run in `run_dir` is judged.
 
     What ended the block early, or broke off the judgement, is raised again once the verdict is written,
-    unless it is a verdict like any other (`is_verdict`).
+    unless it is a verdict like any other (`is_verdict`). `only_if_failed`: a run that has
+    passed keeps its verdict alone. `of_a_suite`: an interrupted run is not judged, since its suite has to be
+    gone at once and runs it again.
     """
     ending = Ending()
     reasons = ending.outcome.reasons
@@ -130,11 +97,10 @@ def ending_with_a_verdict(run_dir: Path, only_if_failed: bool = False) -> Iterat
             if (reason := reason_of(error)) not in reasons:
                 reasons.append(reason)
         signals.raises = False
-        run_folder.free_reserve(run_dir)
+        if of_a_suite and isinstance(raised, Interrupted):
+            raise raised
         try:
-            trace.bring_home(run_dir)
-            run_folder.write_json(run_dir / "outcome.json", vars(ending.outcome))
-            ending.verdict = finish(run_dir, only_if_failed)
+            ending.verdict = close(run_dir, ending.outcome, only_if_failed)
         except Exception as error:
             reasons.append(f"while its log and report were written: {reason_of(error)}")
             ending.verdict = amend(run_dir, reasons)
@@ -145,3 +111,11 @@ def ending_with_a_verdict(run_dir: Path, only_if_failed: bool = False) -> Iterat
             raised = Interrupted(signals.came[0])
     if raised is not None and not is_verdict(raised):
         raise raised
+
+
+def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> dict[str, Any]:
+    """Bring together what a run has left that is over, and judge it."""
+    run_folder.free_reserve(run_dir)
+    trace.bring_home(run_dir)
+    run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    return finish(run_dir, only_if_failed)

@@ -1,8 +1,12 @@
 """Verdicts as JUnit XML, which CI systems list: a suite a scenario, a case a check, its value inside."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML 1.0 cannot hold in any way: a process may write escape sequences to its standard error."""
 
 
 def measured(check: Mapping[str, Any]) -> str:
@@ -50,4 +54,6 @@ def document(verdicts: Sequence[Mapping[str, Any]]) -> str:
     root = Element("testsuites", name="vibrohil")
     root.extend(suite(verdict) for verdict in verdicts)
     indent(root)
+    for element in root.iter():
+        element.attrib = {key: NO_XML.sub("\ufffd", value) for key, value in element.attrib.items()}
     return '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n"

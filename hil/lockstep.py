@@ -7,6 +7,7 @@ the codec between them are those of real time.
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from firmware_py.shell.builds import Build
@@ -58,7 +59,9 @@ def run_lockstep(
     period_ns = round(scenario.period_s * NS_PER_S)
     operator_period = 0
     now_ns = time.perf_counter_ns
-    with CanLog(run_dir / "can.log") as can_log:
+    with CanLog(run_dir / "can.log") as can_log, ExitStack() as stack:
+        for node in (plant, firmware, operator):
+            stack.callback(node.close)
         for tick in range(scenario.ticks):
             t_ns = tick * period_ns
             t_s = tick * scenario.period_s
@@ -85,6 +88,4 @@ def run_lockstep(
                 can_log.write(logged_ns // NS_PER_US, frames)
             if tick % PROGRESS_TICKS == 0:
                 progress(tick / scenario.ticks, "running in lockstep")
-    for node in (plant, firmware, operator):
-        node.close()
     return plant_node.lost_records + firmware_node.lost_records

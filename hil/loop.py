@@ -35,7 +35,7 @@ class FixedRateLoop:
         self.stopping = False
 
     def stop(self) -> None:
-        """End the loop after the tick it is in; safe to call from a signal handler."""
+        """End the loop after the tick it is in, or before the one it waits for; safe in a signal handler."""
         self.stopping = True
 
     def run(
@@ -51,6 +51,8 @@ class FixedRateLoop:
         while not self.stopping and (ticks is None or tick < ticks):
             deadline_ns = self.first_deadline_ns + tick * period_ns
             clock.sleep_until(deadline_ns)
+            if self.stopping:
+                return
             woken_ns = clock.now_ns()
             if woken_ns - deadline_ns >= period_ns:
                 skipped = (woken_ns - deadline_ns) // period_ns

@@ -9,8 +9,11 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
+
+from hil.realtime import end_with_parent
 
 READY = "ready"
 """The first line a child prints once it is warmed up and on the bus; more words may follow it."""
@@ -54,11 +57,15 @@ class ChildRefusalError(ChildError):
     """A process that ends as its input is at fault, which its last line tells."""
 
 
+asked_to_end_with_parent = partial(end_with_parent, signal.SIGTERM)
+"""Called in a child before its program begins, so that not even its start outlives the parent."""
+
+
 class Child:
     """One process: its standard input and output are ours, its errors go to a file or to our own.
 
     It leads a process group of its own, so that Ctrl-C reaches the parent alone, which then stops all in
-    order. The end of its standard input tells it that the parent is gone.
+    order. When the parent is gone, it gets SIGTERM from the kernel, and its standard input ends.
     """
 
     def __init__(self, name: str, command: Sequence[str], errors: Path | None = None) -> None:
@@ -67,8 +74,15 @@ class Child:
         with ExitStack() as stack:
             error_file = None if errors is None else stack.enter_context(errors.open("wb"))
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=error_file, process_group=0
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=error_file,
+                process_group=0,
+                preexec_fn=asked_to_end_with_parent,  # noqa: PLW1509  one system call, no lock
             )
+        self.killed_at_stop = False
+        """Whether it had to be killed, since it did not end when asked to."""
 
     @property
     def pid(self) -> int:
@@ -166,5 +180,6 @@ class Child:
             said, _ = self._process.communicate(timeout=STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
+            self.killed_at_stop = True
             said, _ = self._process.communicate()
         return said.decode(errors="replace")

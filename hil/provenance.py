@@ -1,5 +1,6 @@
 """Where a run comes from: the commit of the code, whether it was edited since, and the machine's versions."""
 
+import hashlib
 import platform
 import subprocess
 from functools import cache
@@ -35,6 +36,23 @@ def commit() -> dict[str, Any]:
         return {"commit": None, "edited": None}
     status = git("status", "--porcelain")
     return {"commit": git("rev-parse", "HEAD"), "edited": None if status is None else bool(status)}
+
+
+PARTS = ("firmware_py", "plant_sim", "hil", "tools")
+
+
+@cache
+def sources() -> str:
+    """A digest of every file of the code: what it computes may depend on any of them."""
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for part in PARTS:
+        for path in sorted((root / part).rglob("*")):
+            if path.is_file() and path.suffix != ".pyc":
+                content = path.read_bytes()
+                digest.update(f"{path.relative_to(root).as_posix()} {len(content)} ".encode())
+                digest.update(content)
+    return digest.hexdigest()
 
 
 KEYS = ("commit", "edited", "changes", "seed")

@@ -4,6 +4,8 @@ import ctypes
 import gc
 import os
 import platform
+import re
+import resource
 import signal
 import struct
 import sys
@@ -17,6 +19,7 @@ from typing import NamedTuple
 PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+CAP_IPC_LOCK = 14
 
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274, "riscv64": 274}
 """The system call's number by machine; C libraries have no name for it."""
@@ -50,7 +53,7 @@ class RealtimeReport(NamedTuple):
     scheduler: str
     """deadline: a reserved share of a CPU; fifo: a fixed priority; ordinary: any busy process delays it."""
     memory_locked: bool
-    """No page that was once used is fetched again from disk."""
+    """No page that was once used is fetched from disk again; where there is a limit, of the first ones."""
     timer_slack: bool
     """The kernel may not round wake-ups (50 µs by default)."""
 
@@ -75,9 +78,23 @@ def become_realtime(reservation: Reservation) -> RealtimeReport:
     library = libc()
     if library is None:
         return RealtimeReport("ordinary", memory_locked=False, timer_slack=False)
-    memory_locked = library.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0
+    later = MCL_FUTURE if may_lock_all() else 0
+    memory_locked = library.mlockall(MCL_CURRENT | later | MCL_ONFAULT) == 0
     timer_slack = library.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0
     return RealtimeReport(take_scheduler(library, reservation), memory_locked, timer_slack)
+
+
+def may_lock_all() -> bool:
+    """Whether this process may lock any amount of memory.
+
+    Where it may not, a lock on future pages makes the first mapping beyond the limit fail (EAGAIN).
+    """
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit == resource.RLIM_INFINITY:
+        return True
+    status = Path("/proc/self/status").read_text() if Path("/proc/self/status").exists() else ""
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
+    return found is not None and bool(int(found[1], 16) >> CAP_IPC_LOCK & 1)
 
 
 def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
@@ -128,8 +145,13 @@ def fixed_priority(priority: int) -> Iterator[None]:
         os.sched_setscheduler(0, policy, parameters)
 
 
-def die_with_parent() -> None:
-    """Have the kernel kill this process when the one that started it ends, however it ends."""
+def end_with_parent(number: signal.Signals) -> None:
+    """Have the kernel send this process a signal when the one that started it ends, however it ends."""
     library = libc()
     if library is not None:
-        library.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        library.prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
+
+
+def die_with_parent() -> None:
+    """Have the kernel kill this process when the one that started it ends, however it ends."""
+    end_with_parent(signal.SIGKILL)

@@ -5,6 +5,7 @@ A run owns its folder: `claimed` makes it exclusively or takes one that is empty
 """
 
 import fcntl
+import hashlib
 import json
 import os
 import time
@@ -15,7 +16,7 @@ from typing import Any
 
 import tomli_w
 
-from hil import provenance
+from hil import provenance, trace
 from hil.realtime import is_user_mode_linux
 from hil.scenario import Scenario
 
@@ -105,7 +106,23 @@ def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Itera
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files that a run writes, and no others."""
     for name in set(MADE_BY_A_RUN) - set(keep):
-        (run_dir / name).unlink(missing_ok=True)
+        path = run_dir / name
+        if path.is_symlink() and trace.is_elsewhere(path):
+            path.resolve().unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
+
+
+def discard(run_dir: Path) -> None:
+    """Remove what a run has left, and its folder where nothing else is in it."""
+    clear(run_dir)
+    with suppress(OSError):  # it holds something else, or was never made
+        run_dir.rmdir()
+
+
+def key_of(scenario: Scenario, clock: str, seed: int) -> str:
+    """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages."""
+    parts = (tomli_w.dumps(scenario.document), clock, str(seed), provenance.sources(), provenance.versions())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
@@ -120,6 +137,7 @@ def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
         period_s=scenario.period_s,
         user_mode_linux=is_user_mode_linux(),
         created=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        key=key_of(scenario, clock, seed),
         changes=list(scenario.changes),
         **provenance.commit(),
         versions=provenance.versions(),
@@ -146,10 +164,11 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def note(run_dir: Path, **values: Any) -> None:
     """Add to `run.json`."""
-    add_to_note(run_dir / RUN_NOTE, values)
-
-
-def add_to_note(path: Path, values: Mapping[str, Any]) -> None:
-    """Add to the note of a run's or a suite's folder, which says that this program made it."""
+    path = run_dir / RUN_NOTE
     known = json.loads(path.read_text()) if path.exists() else {}
-    write_json(path, {MADE_BY: MAKER, **known, **values})
+    write_note(path, {**known, **values})
+
+
+def write_note(path: Path, values: Mapping[str, Any]) -> None:
+    """Write the note of a run's or a suite's folder, which says that this program made it."""
+    write_json(path, {MADE_BY: MAKER, **values})

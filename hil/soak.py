@@ -30,10 +30,11 @@ def duration_s(text: str) -> float:
     return float(match[1]) * UNITS_S[match[2]]
 
 
-def prolonged(document: Mapping[str, Any], by_s: float) -> dict[str, Any]:
+def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str, Any]:
     """A scenario's tables with so much more time before the script's last command.
 
-    That command and faults from then on come later; checks hold the growth of memory beside the others.
+    That command and faults from then on come later; checks hold the growth of memory beside the others. In
+    lockstep there is one process, and no recorder.
     """
     longer = copy.deepcopy(dict(document))
     script = longer["script"]
@@ -45,12 +46,10 @@ def prolonged(document: Mapping[str, Any], by_s: float) -> dict[str, Any]:
     longer["checks"] = [
         *longer.get("checks", []),
         {"name": "memory.nodes_growth_mb", "high": LARGEST_GROWTH_MB, "unit": "MB"},
-        {
-            "name": "memory.recorder_growth_mb_min",
-            "high": LARGEST_RECORDER_GROWTH_MB_MIN,
-            "unit": "MB/min",
-        },
     ]
+    if clock == "real":
+        name = "memory.recorder_growth_mb_min"
+        longer["checks"].append({"name": name, "high": LARGEST_RECORDER_GROWTH_MB_MIN, "unit": "MB/min"})
     return longer
 
 

@@ -1,21 +1,24 @@
 """Many scenarios, one verdict, in one seed or many: in lockstep two at a time, in real time one by one."""
 
-import multiprocessing
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from firmware_py.shell.builds import Build
-from hil import junit, requirements, run_folder
+from hil import junit, requirements, run_folder, workers
 from hil.bench import ClockName, Progress, run_scenario
-from hil.realtime import die_with_parent
+from hil.ending import Outcome, close, reason_of, was_cut_short
 from hil.report import write_suite_report
 from hil.run_traces import read_json
 from hil.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from hil.seeds import at_another_moment, merged
+from hil.signals import Interrupted, ending_signals
+from hil.verdict import unjudged
 
 PROCESSES = 2
 """Runs at once in lockstep; more gain little on two cores."""
@@ -24,7 +27,8 @@ RESULT = run_folder.SUITE_NOTE
 """What a suite leaves in its folder for another one to be compared with."""
 
 
-class Case(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Case:
     """One run of a suite; of one in many seeds only a failed run leaves more than its verdict."""
 
     scenario: Scenario
@@ -66,14 +70,23 @@ def silent(_: float, __: str) -> None:
 
 def judged(case: Case, clock: ClockName, bus: str, firmware: Build = "compiled") -> dict[str, Any]:
     """One run's verdict; a run that breaks off has failed, and says why."""
-    scenario, seed, run_dir, one_of_many = case
     try:
-        return run_scenario(scenario, clock, bus, run_dir, seed, silent, None, one_of_many, firmware)
+        return run_scenario(
+            case.scenario,
+            clock,
+            bus,
+            case.run_dir,
+            case.seed,
+            silent,
+            only_if_failed=case.one_of_many,
+            firmware=firmware,
+            of_a_suite=True,
+        )
     except run_folder.RunFolderError:
         raise
     except Exception:
         traceback.print_exc()
-        return read_json(run_dir / run_folder.VERDICT)
+        return read_json(case.run_dir / run_folder.VERDICT)
 
 
 def verdicts(
@@ -82,21 +95,43 @@ def verdicts(
     bus: str,
     processes: int = PROCESSES,
     firmware: Build = "compiled",
-) -> Iterator[tuple[Case, dict[str, Any]]]:
+) -> Generator[tuple[Case, dict[str, Any]]]:
     """The runs' verdicts as they come."""
-    if clock == "real" or processes == 1:
+    if clock == "real":
         for case in cases:
             yield case, judged(case, clock, bus, firmware)
         return
     # Long ones first, so that no process is left with one at the end.
-    ordered = sorted(cases, key=lambda case: -case.scenario.duration_s)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, initializer=die_with_parent) as pool:
-        runs: dict[Future[dict[str, Any]], Case] = {
-            pool.submit(judged, case, clock, bus, firmware): case for case in ordered
-        }
-        for run in as_completed(runs):
-            yield runs[run], run.result()
+    ordered = sorted(cases, key=lambda case: -case.scenario.duration_s) if processes > 1 else cases
+    for case, found in workers.results(
+        partial(judged, clock=clock, bus=bus, firmware=firmware), ordered, processes
+    ):
+        yield case, broken_off(case, clock, found) if isinstance(found, workers.Died) else found
+
+
+def broken_off(case: Case, clock: ClockName, death: workers.Died) -> dict[str, Any]:
+    """The verdict on a run whose process has died, from what it has left."""
+    with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
+        if not run_folder.is_own(run_dir):
+            run_folder.begin(run_dir, case.scenario, clock, case.seed)
+        reason = f"its process {death.how}; where it lacked memory, run fewer at once: --jobs 1"
+        return close(run_dir, Outcome(reasons=[reason]))
+
+
+def taken_over(case: Case, clock: ClockName) -> dict[str, Any] | None:
+    """The verdict of a run of a suite that was cut short, if it was judged and nothing has changed since."""
+    described = read_json(case.run_dir / run_folder.RUN_NOTE)
+    if described.get("key") != run_folder.key_of(case.scenario, clock, case.seed):
+        return None
+    verdict = read_json(case.run_dir / run_folder.VERDICT)
+    return None if was_cut_short(verdict) else verdict
+
+
+def not_run(case: Case, clock: ClockName, why: str) -> dict[str, Any]:
+    """The verdict on a run that a suite has not come to or not ended; what is left of it is removed."""
+    run_folder.discard(case.run_dir)
+    run = {"scenario": case.scenario.name, "clock": clock, "seed": case.seed}
+    return unjudged(run, case.scenario.document, f"{why} before its end", case.run_dir)
 
 
 def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
@@ -127,7 +162,8 @@ def run_suite(
 ) -> dict[str, Any]:
     """Run scenarios and write junit.xml, index.html and suite.json beside their folders.
 
-    Gives what `--json` prints, which is also what suite.json holds.
+    Gives what `--json` prints, which is also what suite.json holds. An interrupted suite keeps what is
+    finished; in its folder the next one goes on where it stopped.
     """
     scenarios, left_out = scenarios_for(names, clock)
     result: dict[str, Any] = {
@@ -146,18 +182,36 @@ def run_suite(
     if not scenarios:
         return result
     started = time.perf_counter()
-    with run_folder.claimed("suite", out_dir, RESULT) as folder:
+    with run_folder.claimed("suite", out_dir, RESULT) as folder, ending_signals() as signals:
         cases = cases_of(scenarios, seeds, folder)
         for case in cases:
             run_folder.refuse_foreign(case.run_dir)
-        run_folder.add_to_note(folder / RESULT, result)
-        progress(0.0, f"running {len(cases)} scenarios" if len(seeds) == 1 else f"running {len(cases)} runs")
-        found: dict[str, dict[int, dict[str, Any]]] = {scenario.name: {} for scenario in scenarios}
-        for number, (case, verdict) in enumerate(verdicts(cases, clock, bus, processes, firmware), 1):
-            found[case.scenario.name][case.seed] = verdict
-            seed = f", seed {case.seed}" if case.one_of_many else ""
-            progress(number / len(cases), f"{number}/{len(cases)} {case.scenario.name}{seed}")
-        ordered = [merged(scenario.checks, found[scenario.name]) for scenario in scenarios]
+        asked = {"clock": clock, "bus": bus, "firmware": firmware}
+        before = read_json(folder / RESULT)
+        found: dict[Case, dict[str, Any]] = {}
+        if before.get("asked") == asked and not before["complete"]:
+            found = {case: verdict for case in cases if (verdict := taken_over(case, clock))}
+        due = [case for case in cases if case not in found]
+        for case in due:
+            run_folder.discard(case.run_dir)
+        run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": False})
+        progress(len(found) / len(cases), f"running {len(due)} scenarios or seeds of {len(cases)}")
+        interruption: BaseException | None = None
+        try:
+            with closing(verdicts(due, clock, bus, processes, firmware)) as coming:
+                for case, verdict in coming:
+                    found[case] = verdict
+                    seed = f", seed {case.seed}" if case.one_of_many else ""
+                    done = f"{len(found)}/{len(cases)}"
+                    progress(len(found) / len(cases), f"{done} {case.scenario.name}{seed}")
+        except (Interrupted, KeyboardInterrupt) as error:
+            interruption = error
+            signals.raises = False
+            found |= {case: not_run(case, clock, reason_of(error)) for case in cases if case not in found}
+        by_scenario: dict[str, dict[int, dict[str, Any]]] = {}
+        for case in cases:
+            by_scenario.setdefault(case.scenario.name, {})[case.seed] = found[case]
+        ordered = [merged(scenario.checks, by_scenario[scenario.name]) for scenario in scenarios]
         page, xml = folder / "index.html", folder / "junit.xml"
         result |= {
             "scenarios": [told(verdict) for verdict in ordered],
@@ -170,5 +224,7 @@ def run_suite(
         }
         xml.write_text(junit.document(ordered), encoding="utf-8")
         write_suite_report(page, ordered, result["requirements"])
-        run_folder.add_to_note(folder / RESULT, result)
+        run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": interruption is None})
+    if interruption is not None:
+        raise interruption
     return result

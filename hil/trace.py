@@ -37,6 +37,9 @@ WINDOW_BYTES = 8 << 20
 LARGEST_FIRST_WINDOW_BYTES = 256 << 20
 """So much at most is in memory from the start: some two minutes of what the firmware knows."""
 
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
+"""A full disk, a used-up quota; no memory to map the file into, or none that may be locked."""
+
 MEMORY = Path("/dev/shm")
 """Where traces lie during a run under user-mode Linux."""
 
@@ -238,7 +241,7 @@ class TraceWriter:
             try:
                 self._open_window(WINDOW_BYTES)
             except OSError as error:
-                if error.errno != errno.ENOSPC:
+                if error.errno not in NO_ROOM:
                     raise
                 print(f"{self._name}: {error.strerror}; nothing is recorded from now on", file=sys.stderr)
         return self._offset <= self._last_offset
@@ -275,10 +278,16 @@ def refuse_full_disk(home: Path, needed_bytes: int) -> None:
         )
 
 
+def is_elsewhere(path: Path) -> bool:
+    """Whether a trace of a run folder leads to a file that a writer has put into memory."""
+    home = path.resolve()
+    return path.is_symlink() and home.parent == MEMORY and home.name.startswith("vibrohil-")
+
+
 def bring_home(run_dir: Path) -> None:
     """Put traces that lie elsewhere into the run folder; once nobody writes them any more."""
     for link in run_dir.glob("*.trace"):
-        if link.is_symlink():
+        if is_elsewhere(link):
             elsewhere = link.resolve()
             copy = link.with_name(f"{link.name}.new")
             shutil.copyfile(elsewhere, copy)

@@ -20,7 +20,7 @@ from hil.figures import figures_from
 from hil.report import write_report
 from hil.rerun_log import LOG_NAME, write_log
 from hil.run_folder import RUN_NOTE, VERDICT, clear, write_json
-from hil.run_traces import RunTraces, read_json, read_run
+from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces, read_json, read_run, read_scenario
 
 IMPORTED = "imported"
 """The clock of a log that came from a real bench: it has no truth and no scenario."""
@@ -87,10 +87,17 @@ def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
     (run_dir / "junit.xml").write_text(junit.document([verdict]), encoding="utf-8")
 
 
+def unjudged(run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, out: Path) -> dict[str, Any]:
+    """The failed verdict on a run that has left nothing; `run` is what its `run.json` says or would say."""
+    nothing = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS, run=run, scenario=scenario)
+    verdict, _ = judge(nothing, figures_from(nothing), out)
+    return {**verdict, "reasons": [reason], "passed": False}
+
+
 def prejudge(run_dir: Path, reason: str) -> None:
     """Leave a failed verdict of a run that has not yet begun; it stands if nobody can write another."""
-    verdict, _ = judge(read_run(run_dir), figures_from(read_run(run_dir)), run_dir)
-    write(run_dir, {**verdict, "reasons": [reason], "passed": False})
+    run = read_json(run_dir / RUN_NOTE)
+    write(run_dir, unjudged(run, read_scenario(run_dir), reason, run_dir))
 
 
 def amend(run_dir: Path, reasons: Sequence[str]) -> dict[str, Any]:

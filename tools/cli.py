@@ -1,7 +1,7 @@
 """`vibrohil`, the one program: commands, and what each exit status means.
 
-Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted, 3 internal error, 4 usage or bad
-input, 5 nothing ran.
+Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, SIGTERM or SIGHUP), 3
+internal error, 4 usage or bad input, 5 nothing ran.
 """
 
 import os
@@ -15,6 +15,7 @@ import typer
 from typer.exceptions import TyperException
 from typer.models import CommandInfo
 
+from hil.signals import Interrupted, ending_signals
 from tools.examples import EXAMPLES
 from tools.output import (
     EXIT_BAD_INPUT,
@@ -150,9 +151,12 @@ def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
     try:
-        return app(arguments, standalone_mode=False) or EXIT_PASSED
-    except (KeyboardInterrupt, typer.Abort):
-        progress_console.print("interrupted")
+        with ending_signals():
+            return app(arguments, standalone_mode=False) or EXIT_PASSED
+    except (Interrupted, KeyboardInterrupt, typer.Abort) as error:
+        progress_console.print(str(error) or "interrupted")
+        if as_json:
+            print_json({"error": str(error) or "interrupted"})
         return EXIT_INTERRUPTED
     except TyperException as error:
         return refuse(error.format_message(), as_json)

@@ -1,5 +1,6 @@
 """Process faults: which process runs when, and what a signal makes of it in real time."""
 
+import math
 import signal
 from collections.abc import Sequence
 from typing import NamedTuple, TypeGuard, get_args
@@ -44,10 +45,11 @@ class ProcessFaults:
             for fault in self._faults
         )
 
-    def kills(self, process: str) -> bool:
-        """Whether the scenario itself ends `process`."""
+    def kills(self, process: str, by_s: float = math.inf) -> bool:
+        """Whether the scenario itself has ended `process` by then."""
         return any(
-            isinstance(fault, Killed | Restarted) and fault.process == process for fault in self._faults
+            isinstance(fault, Killed | Restarted) and fault.process == process and fault.at_s <= by_s
+            for fault in self._faults
         )
 
     def signals(self) -> list[Signal]:
@@ -61,6 +63,12 @@ class ProcessFaults:
                     signals.append(Signal(at_s, process, signal.SIGSTOP))
                     signals.append(Signal(end_s, process, signal.SIGCONT))
         return sorted(signals)
+
+    def paused_at(self, t_s: float) -> list[str]:
+        """The processes that are paused at `t_s`."""
+        return [
+            fault.process for fault in self._faults if isinstance(fault, Paused) and fault.acts(t_s - 1e-9)
+        ]
 
     def restarts(self) -> list[Restart]:
         """Which processes start again, in order of time."""

@@ -23,7 +23,7 @@ def test_what_is_no_duration_is_refused(text: str) -> None:
 def test_time_comes_before_the_last_command() -> None:
     before = check_scenario(read_scenario("soft-start-multistable"), "short")
     document = dict(before.document)
-    after = check_scenario(prolonged(document, 600.0), "long")
+    after = check_scenario(prolonged(document, 600.0, "real"), "long")
     assert after.duration_s == before.duration_s + 600.0
     assert [command.at_s for command in after.commands[:-1]] == [c.at_s for c in before.commands[:-1]]
     assert after.commands[-1].at_s == before.commands[-1].at_s + 600.0
@@ -37,7 +37,7 @@ def test_time_comes_before_the_last_command() -> None:
 
 def test_faults_keep_their_time_unless_the_last_command_comes_before() -> None:
     before = check_scenario(read_scenario("a-silent-encoder-stops-the-motor"), "short")
-    after = check_scenario(prolonged(before.document, 60.0), "long")
+    after = check_scenario(prolonged(before.document, 60.0, "real"), "long")
     last_s = max(command.at_s for command in before.commands)
     moved = [60.0 if fault.at_s >= last_s else 0.0 for fault in before.faults]
     assert [fault.at_s for fault in after.faults] == [

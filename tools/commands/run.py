@@ -66,7 +66,7 @@ def run(
 
     loaded = load_scenario(scenario, change or [], parameters or [])
     if soak is not None:
-        loaded = longer(loaded, soak)
+        loaded = longer(loaded, soak, clock)
     viewer = None
     if live:
         from tools.view import live_viewer
@@ -102,7 +102,7 @@ def run(
         raise typer.Exit(status)
 
 
-def longer(scenario: "Scenario", by: str) -> "Scenario":
+def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
     """The scenario with so much more time before its last command."""
     from hil.scenario import check_scenario
     from hil.soak import duration_s, prolonged
@@ -112,7 +112,7 @@ def longer(scenario: "Scenario", by: str) -> "Scenario":
     except ValueError as error:
         raise BadInputError(f"--soak: {error}") from error
     return check_scenario(
-        prolonged(scenario.document, by_s), scenario.name, [*scenario.changes, f"soak={by}"]
+        prolonged(scenario.document, by_s, clock), scenario.name, [*scenario.changes, f"soak={by}"]
     )
 
 
