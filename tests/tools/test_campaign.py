@@ -1,13 +1,18 @@
 """Campaigns without a closed loop: draws, conditions, statistics, goals."""
 
 import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from hil.signals import Interrupted
 from plant_sim.scene import load_scene, read_scene
+from tools.campaign import processes
 from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
 from tools.campaign.cells import cells_of
 from tools.campaign.draws import Disturbance, Mismatch, draw, mismatch_of
@@ -125,7 +130,7 @@ def test_the_command_line_refuses_a_bad_setting(capsys: pytest.CaptureFixture[st
 
 def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:
     cells = cells_of(table("start-up"), [])[0]
-    first, rest = batches("start-up", cells, MISMATCH, 20_000, 101, 2)
+    first, rest = batches("start-up", cells, MISMATCH, 20_000, range(101), 2)
     assert [cells[trial].law for trial in first.trials] == ["viscous", "coulomb", "stribeck"]
     assert sorted(first.trials + [trial for batch in rest for trial in batch.trials]) == list(range(101))
 
@@ -327,3 +332,39 @@ def test_a_walk_is_drawn_with_its_mismatch_and_starts_at_rest() -> None:
     assert drawn.scene.striker.spring_n_m != 720.0
     assert [stumble.at_s for stumble in drawn.scene.gait.stumble] == course.stumbles
     assert ended_s(drawn.scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)
+
+
+def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells, numbers = cells_of(table("start-up"), [])
+    ran: list[int] = []
+
+    @contextmanager
+    def here(_: int) -> Iterator[Any]:
+        def finished(some: Sequence[processes.Batch]) -> Iterator[list[Outcome]]:
+            for batch in some:
+                if len(ran) > 40 and not interrupted:
+                    interrupted.append(True)
+                    raise Interrupted("interrupted by Ctrl-C")
+                ran.extend(batch.trials)
+                yield [Outcome(trial, 0, metrics={"x": 0.1 * trial}) for trial in batch.trials]
+
+        yield finished
+
+    interrupted: list[bool] = []
+    monkeypatch.setattr(processes, "_here", here)
+
+    def run_all() -> list[Outcome]:
+        return processes.run_all("start-up", cells, numbers, 20_000, 100, lambda *_: None, workers=2)
+
+    with pytest.raises(Interrupted):
+        run_all()
+    (journal,) = (tmp_path / "runs").iterdir()
+    with journal.open("a") as file:
+        file.write('{"trial": 99, "cel')  # a kill within a line
+    outcomes = run_all()
+    assert [(one.trial, one.metrics["x"]) for one in outcomes] == [(n, 0.1 * n) for n in range(100)]
+    assert sorted(ran) == list(range(100))
+    assert list((tmp_path / "runs").iterdir()) == []

@@ -7,6 +7,7 @@ the firmware is imported, which is why this module imports none of it.
 import itertools
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 
 from hil.realtime import die_with_parent
 from tools.campaign.cells import Cell
+from tools.campaign.journal import Journal
 from tools.campaign.outcome import Outcome
 from tools.output import BadInputError
 
@@ -53,9 +55,10 @@ def prepare() -> None:
 
 
 def begin_worker() -> None:
-    """A worker of this machine: it ends with the program that started it."""
+    """A worker of this machine: it leaves Ctrl-C to the program that started it, and ends with it."""
     prepare()
     die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run_batch(batch: Batch) -> list[Outcome]:
@@ -78,15 +81,24 @@ def run_endurance(ticks: int, settings: Sequence[str]) -> dict[str, Any]:
 
 @contextmanager
 def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that compile the firmware, while this one stays as it is."""
+    """Processes that compile the firmware, while this one stays as it is.
+
+    Whatever is raised in the block, such as an interruption, ends them at once.
+    """
     import firmware_py.core.compiled  # noqa: F401 - settled here before the variable is set for the workers
 
     before = os.environ.get(VARIABLE)
     os.environ[VARIABLE] = "1"
     try:
         context = multiprocessing.get_context("spawn")
+        others = set(multiprocessing.active_children())
         with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_worker) as executor:
-            yield executor
+            try:
+                yield executor
+            except BaseException:
+                for child in set(multiprocessing.active_children()) - others:
+                    child.kill()
+                raise
     finally:
         if before is None:
             del os.environ[VARIABLE]
@@ -95,14 +107,19 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def batches(
-    campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trials: int, workers: int
+    campaign: str,
+    cells: list[Cell],
+    numbers: Mapping[str, Any],
+    seed: int,
+    trials: Sequence[int],
+    workers: int,
 ) -> tuple[Batch, list[Batch]]:
     """One trial of each friction law, which has the kernels compiled once, and the rest."""
     laws: dict[str, int] = {}
-    for number, cell in enumerate(cells[:trials]):
-        laws.setdefault(cell.law, number)
+    for trial in trials:
+        laws.setdefault(cells[trial % len(cells)].law, trial)
     first = sorted(laws.values())
-    rest = sorted(set(range(trials)) - set(first))
+    rest = sorted(set(trials) - set(first))
     size = max(1, min(LARGEST_BATCH, len(rest) // (workers * BATCHES_A_WORKER)))
     return Batch(campaign, cells, numbers, seed, first), [
         Batch(campaign, cells, numbers, seed, rest[begin : begin + size])
@@ -164,13 +181,17 @@ def run_all(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> list[Outcome]:
-    """All trials, in order of their numbers."""
+    """All trials, in order of their numbers; those that an interrupted campaign has finished are kept."""
     count = workers or os.cpu_count() or 1
-    outcomes: list[Outcome] = []
     source = _on_dask(scheduler) if scheduler else _here(count)
-    with source as finished:
-        first, rest = batches(campaign, cells, numbers, seed, trials, count)
-        for part in itertools.chain(finished([first]), finished(rest)):
-            outcomes += part
-            progress(len(outcomes), trials)
-    return sorted(outcomes, key=lambda outcome: outcome.trial)
+    with Journal(campaign, cells, numbers, seed) as journal:
+        known = {outcome.trial: outcome for outcome in journal.outcomes}
+        missing = [trial for trial in range(trials) if trial not in known]
+        progress(trials - len(missing), trials)
+        with source as finished:
+            first, rest = batches(campaign, cells, numbers, seed, missing, count)
+            for part in itertools.chain(finished([first]), finished(rest)):
+                journal.add(part)
+                known |= {outcome.trial: outcome for outcome in part}
+                progress(sum(trial in known for trial in range(trials)), trials)
+    return [known[trial] for trial in range(trials)]

@@ -56,7 +56,7 @@ def run_candidates(
     for number, candidate in enumerate(candidates):
         settings = [f"firmware.{name}={value!r}" for name, value in candidate.items()]
         cells, numbers = cells_of(table, settings)
-        first, rest = batches(campaign, cells, numbers, seed, trials, count)
+        first, rest = batches(campaign, cells, numbers, seed, range(trials), count)
         firsts.append((number, first))
         rests += [(number, batch) for batch in rest]
     found: list[list[Outcome]] = [[] for _ in candidates]
