@@ -26,12 +26,13 @@ from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
 from hil.faults.processes import FIRMWARE, ProcessFaults
 from hil.lockstep import run_lockstep
+from hil.log_reader import is_whole
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
 from hil.processes import Child
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
-from hil.rerun_log import show
+from hil.rerun_log import LOG_NAME, show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.soak import SETTLED_SHARE, MemoryWatch
 from hil.warm import warm_firmware, warm_plant
@@ -70,12 +71,13 @@ def run_scenario(
     only_if_failed: bool = False,
     firmware: Build = "python",
     of_a_suite: bool = False,
+    keep_traces: bool = True,
 ) -> dict[str, Any]:
     """Run `scenario` and give its verdict; everything about the run is in its folder.
 
     An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
     `only_if_failed`: a run that has passed leaves its verdict and nothing else. `of_a_suite`: an interrupted
-    run is not judged.
+    run is not judged. `keep_traces`: otherwise a run that has passed keeps its log, which holds them, alone.
     """
     if clock == "real":
         refuse_other_periods(scenario.period_s)
@@ -91,6 +93,8 @@ def run_scenario(
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
             show(run_dir, viewer)
+        if not keep_traces and ending.verdict["passed"] and is_whole(run_dir / LOG_NAME):
+            run_folder.drop_traces(run_dir)
     return ending.verdict
 
 

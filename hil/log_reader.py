@@ -24,12 +24,17 @@ ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
+def is_whole(path: Path) -> bool:
+    """Whether a log can be read from its first message to its footer."""
+    return rerun(["rrd", "verify", path]).returncode == 0
+
+
 def repair(path: Path) -> bool:
     """Make a log whole that a kill cut short, in place; whether that was needed.
 
     Such a log lacks its footer and may end within a message. Raises where nothing can be read of it.
     """
-    if rerun(["rrd", "verify", path]).returncode == 0:
+    if is_whole(path):
         return False
     mended = path.with_name(f"{path.name}.mended")
     outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])

@@ -112,6 +112,12 @@ def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
         path.unlink(missing_ok=True)
 
 
+def drop_traces(run_dir: Path) -> None:
+    """Remove the traces of a run whose log holds all that they hold."""
+    for name in TRACES:
+        (run_dir / f"{name}.trace").unlink(missing_ok=True)
+
+
 def discard(run_dir: Path) -> None:
     """Remove what a run has left, and its folder where nothing else is in it."""
     clear(run_dir)

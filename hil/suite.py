@@ -81,6 +81,7 @@ def judged(case: Case, clock: ClockName, bus: str, firmware: Build = "compiled")
             only_if_failed=case.one_of_many,
             firmware=firmware,
             of_a_suite=True,
+            keep_traces=False,
         )
     except run_folder.RunFolderError:
         raise

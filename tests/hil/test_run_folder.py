@@ -157,7 +157,6 @@ def test_two_suites_may_follow_each_other_in_one_folder(tmp_path: Path) -> None:
         assert result["passed"]
 
 
-@pytest.mark.xfail(strict=True, reason="the traces stay beside the log that holds all of them")
 def test_a_good_run_keeps_its_log_instead_of_its_traces(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

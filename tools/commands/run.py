@@ -55,6 +55,9 @@ def run(
             help="So much longer before the script's last command, such as 10m; memory must not grow."
         ),
     ] = None,
+    keep_traces: Annotated[
+        bool, typer.Option("--keep-traces", help="Keep the traces too; the log of a good run holds them all.")
+    ] = False,
     live: Annotated[
         bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
     ] = False,
@@ -93,6 +96,7 @@ def run(
             progress=progress,
             viewer=viewer,
             firmware=firmware,
+            keep_traces=keep_traces,
         )
     if as_json:
         print_json(verdict)
