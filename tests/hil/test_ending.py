@@ -108,7 +108,7 @@ def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_
     names = [rests(tmp_path, "quick", 0.3), *(rests(tmp_path, f"long-{n}", 900.0) for n in range(4))]
     out = tmp_path / "out"
     command = [PROGRAM, "suite", *names, "--out", str(out), "--jobs", "1"]
-    suite = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    suite = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     # Long ones come first where there are two processes; with one the order is as given.
     waited_for((out / "long-0" / "operator.trace").exists)
     workers = psutil.Process(suite.pid).children(recursive=True)
