@@ -1,5 +1,6 @@
 """Fuzzing finds nothing in the nodes as they are, and finds what is put into them."""
 
+import itertools
 import json
 from typing import Any
 
@@ -10,12 +11,12 @@ from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.node import tick
 from hil import drive
-from tools import fuzz
+from tools import fuzz, fuzz_kills
 from tools.cli import run
 
 
 def test_sixty_thousand_frames_do_no_harm(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["fuzz", "--frames", "60000", "--seed", "7", "--json"]) == 0
+    assert run(["fuzz", "frames", "--count", "60000", "--seed", "7", "--json"]) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert outcome["failures"] == []
     assert outcome["frames"] >= 60000
@@ -76,3 +77,15 @@ def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(tick, "receive", deaf)
     assert "frames for the firmware" in fuzz.fuzz(30_000, 1).failures[0].what
+
+
+def test_every_kind_of_kill_comes_once_before_any_comes_again() -> None:
+    kinds = 5 * 4 + 5 * 5 * 3 + 5 * 4  # the bench at each stage, five others until the end, and lockstep
+    first = list(itertools.islice(fuzz_kills.kills(3), kinds))
+    assert len({(kill.clock, kill.process, kill.number, kill.stage) for kill in first}) == kinds
+    assert first == list(itertools.islice(fuzz_kills.kills(3), kinds))
+
+
+@pytest.mark.realtime
+def test_some_kills_leave_nothing_but_a_verdict() -> None:
+    assert fuzz_kills.fuzz_kills(4, seed=1, progress=lambda _: None) == []

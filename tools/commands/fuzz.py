@@ -1,5 +1,7 @@
-"""`vibrohil fuzz`: millions of frames that nobody should send, and nothing bad comes of them."""
+"""`vibrohil fuzz`: frames that nobody should send, kills at any moment; nothing bad may come of them."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -7,14 +9,35 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json, progress_console
 
+fuzz = typer.Typer(name="fuzz", help="Treat the program badly at random; a seed repeats it.")
+
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(fuzz)
+    """Add the commands to the program."""
+    app.add_typer(fuzz)
 
 
-def fuzz(
-    frames: Annotated[int, typer.Option(help="Frames at the two inputs together.")] = 1_000_000,
+@contextmanager
+def progress_of(what: str, count: int, as_json: bool) -> Iterator[Callable[[int], None]]:
+    """A bar of how many are done; refuses a count below 1."""
+    if count < 1:
+        raise BadInputError(f"--count: got {count}, wanted at least 1")
+    with Progress(
+        TextColumn(what),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=progress_console,
+        disable=as_json,
+        transient=True,
+    ) as bar:
+        task = bar.add_task(what, total=count)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@fuzz.command()
+def frames(
+    count: Annotated[int, typer.Option(help="Frames at the two inputs together.")] = 1_000_000,
     seed: Annotated[int, typer.Option(help="Of the first life; each next one has the next seed.")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -25,19 +48,8 @@ def fuzz(
     """
     from tools import fuzz as core
 
-    if frames < 1:
-        raise BadInputError(f"--frames: got {frames}, wanted at least 1")
-    with Progress(
-        TextColumn("frames"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        disable=as_json,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("frames", total=frames)
-        outcome = core.fuzz(frames, seed, lambda done: bar.update(task, completed=done))
+    with progress_of("frames", count, as_json) as progress:
+        outcome = core.fuzz(count, seed, progress)
     failures = [failure._asdict() for failure in outcome.failures]
     passed = not failures
     if as_json:
@@ -57,5 +69,32 @@ def fuzz(
         for failure in outcome.failures:
             console.print(f"[red]seed {failure.seed}, tick {failure.tick}[/]: {failure.what}")
         console.print("[green]passed[/]" if passed else f"[red]{len(failures)} failures[/]")
+    if not passed:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+@fuzz.command()
+def kills(
+    count: Annotated[int, typer.Option(help="Runs that are killed.")] = 200,
+    seed: Annotated[int, typer.Option(help="Of their order and moments.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Send each process of a run each signal that ends or stops it, at each stage, also while it is judged.
+
+    After 2 s no process, socket or temporary file is left; the log verifies; the verdict names the cause. 200
+    kills take about half an hour.
+    """
+    from tools.fuzz_kills import fuzz_kills
+
+    with progress_of("kills", count, as_json) as progress:
+        failures = fuzz_kills(count, seed, progress)
+    passed = not failures
+    if as_json:
+        found = [{"kill": str(one.kill), "what": one.what} for one in failures]
+        print_json({"kills": count, "seed": seed, "failures": found, "passed": passed})
+    else:
+        for one in failures:
+            console.print(f"[red]{one.kill}[/]: {'; '.join(one.what)}", highlight=False)
+        console.print(f"{count} kills, seed {seed}: " + ("passed" if passed else f"{len(failures)} failures"))
     if not passed:
         raise typer.Exit(EXIT_CHECK_FAILED)
