@@ -17,6 +17,21 @@ from firmware_py.core.estimator import Contact, Prediction
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
+SIGMAS = 4.0
+"""Spreads of the estimate, on top of the floor."""
+NEAR_M = 0.006
+"""Near the stop; the spread of the estimate is added."""
+SURE_FACTOR = 3.0
+"""Twice this much in a row counts anywhere."""
+END_M_S2 = 1.5
+"""A contact has ended below this."""
+END_FRACTION = 0.02
+"""Or below this share of its peak."""
+SEPARATION_AGE_S = 0.0005
+"""From separation to the tick that sees it."""
+LONGEST_CONTACT_S = 0.08
+"""Eight times the nominal contact."""
+
 
 class DetectorConfig(NamedTuple):
     """`growth` is the Hertz contact's a = growth · (x'⁻ t)^1.5, in m/s² by m^1.5."""

@@ -65,6 +65,31 @@ LONGEST_FLIGHT_TICKS = 5000
 LARGEST = 1e3
 """An estimate beyond, in SI units, has diverged and starts anew."""
 
+INITIAL_POSITION_STD_M = 0.03
+"""A striker left anywhere in its travel."""
+INITIAL_VELOCITY_STD_M_S = 0.3
+"""May still swing at power-up."""
+INITIAL_BIAS_STD_M_S2 = 0.3
+"""50 mg at most, taken as 1.6 sigma."""
+POSITION_FLOOR_M = 5e-05
+"""The stop itself is not known better."""
+VELOCITY_FLOOR_M_S = 0.0005
+"""One count of the high range over a tick."""
+BIAS_FLOOR_M_S2 = 0.001
+"""Keeps the bias alive as it drifts."""
+BIAS_NOISE_M_S2 = 0.0001
+"""By tick: 0.2 g of drift an hour and more."""
+CONTACT_NOISE_M_S = 0.001
+"""By tick in contact: counts of 49 mg, aliasing."""
+BEND_SHARE = 0.05
+"""Of a reading's second difference: the trapezoid's error."""
+GAP_NOISE_M_S = 0.003
+"""By tick without a reading: a blow may be missed."""
+SEPARATION_JITTER_S = 0.001
+"""A contact ends more softly than it starts."""
+STILL_M_S2 = 0.25
+"""A dry guide holds: noise, bias not yet known."""
+
 
 class StrikerBelief(NamedTuple):
     """The firmware's nominal striker, by unit of mass; the plant's truth may differ."""

@@ -28,6 +28,29 @@ NEARLY_ONE = 0.9999
 LONGEST_S = 100.0
 """Times count no further."""
 
+SHORTEST_STRIDE_S = 0.5
+"""A stride; a run has 0.7 s."""
+LONGEST_STRIDE_S = 3.0
+"""A stride; the slowest walk has 2.5 s."""
+SWING_RAD_S = 1.0
+"""The shank, backward: the leg has swung."""
+STILL_RAD_S = 0.25
+"""Of the shank: in stance it turns by 0.5 and more."""
+STANDING_S = 1.0
+"""For so long: standing."""
+GAIN_STRIDE = 0.5
+"""Share of a stride in the mean: 20 % in 5 are followed."""
+EVENT_STD = 0.0045
+"""Of the cycle: 5 ms of frames, and how feet roll."""
+IRREGULAR = 0.35
+"""Of a stride: so different a one begins anew."""
+LARGEST_SPREAD = 0.15
+"""Of strides: nothing can be foretold."""
+STRIDES_TO_TRUST = 3
+"""Before anything is said."""
+STRIKE_PHASE = 0.012
+"""Where the heel's switch closes: at a tenth of the load."""
+
 
 class GaitConfig(NamedTuple):
     """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.

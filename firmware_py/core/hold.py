@@ -18,6 +18,15 @@ from firmware_py.core.numbers import clamp
 from firmware_py.core.regime import RegimeState
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
+PHASE_SLOPE_RAD = 1.4
+"""By unit of r at 0 deg: 0.8 deg per 0.01."""
+PHASE_SLOPE_GROWTH = 1.6
+"""By rad: 2.3 deg per 0.01 at 65 deg and more."""
+GAIN_IMPULSE = 0.2
+"""Of the error a period; a blow settles in two."""
+IMPULSE_TOLERANCE = 0.03
+"""Further off than this it is not met."""
+
 
 class HoldConfig(NamedTuple):
     """`phase_slope_rad` is φ' at 0°, per unit of r; it grows by `phase_slope_growth` with each rad of φ."""

@@ -27,6 +27,23 @@ FEWEST_SAMPLES = 15
 SLOWEST_M_S = 0.05
 """Slower on a dry guide, the sign of x' is not sure."""
 
+FEWEST_FLIGHTS = 5
+"""Before anything is fed: each is good to 1 %."""
+LARGEST_SPRING = 0.1
+"""Of c: 5 % of the natural frequency."""
+LARGEST_FRICTION = 0.5
+"""Of b or mu, known to +-30 % and +-10 %."""
+LARGEST_RESTITUTION = 0.15
+"""A blow further off the mean is misjudged."""
+NOISE_M_S2 = 0.03
+"""Of a sample: the sensor's and its integral's."""
+SPRING_STD = 0.03
+"""What is known of c beforehand."""
+FRICTION_STD = 0.3
+"""What is known of b or mu beforehand."""
+LARGEST_RESIDUAL_M_S2 = 0.5
+"""A flight with a push is left out."""
+
 
 class IdentifyConfig(NamedTuple):
     """`largest_…` bound p and f, `prior_…` are what is known of them beforehand, relative to the noise.

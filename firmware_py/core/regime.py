@@ -16,6 +16,19 @@ from firmware_py.interface.enums import Regime
 
 NO_PHASE_RAD = 0.0
 
+EQUAL_SPEED = 0.15
+"""Approach speeds of like periods; a rise changes 5 %."""
+GRAZING_M_S = 0.05
+"""Slower blows decide nothing."""
+CHATTERING_IMPACTS = 4
+"""In a period."""
+STILL_M_S2 = 0.6
+"""Peak of a striker that sticks: bias and noise."""
+LONGEST_PERIOD_S = 6.0
+"""Slower than 1 rad/s there is no regime."""
+AGREEING_PERIODS = 2
+"""Before a new regime is reported."""
+
 
 class RegimeConfig(NamedTuple):
     """`equal_speed`: relative difference of approach speeds up to which two periods count as alike.

@@ -20,6 +20,11 @@ from firmware_py.core.numbers import at_least
 from firmware_py.core.regime import RegimeState
 from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
 
+DIP_S = 1.0
+"""Down to the dip."""
+SHORTEST_CHANGE_S = 0.5
+"""For a small change of the target."""
+
 
 class Stage(IntEnum):
     """Where a start or a stop is."""
