@@ -20,6 +20,7 @@ from firmware_py.interface.enums import (
     AXIS_IDLE,
     CLOSED_LOOP,
     E_STOP,
+    FAULT,
     INIT,
     READY,
     RUN,
@@ -55,12 +56,16 @@ class DriveFrame(IntEnum):
 
 
 class AxisRequest(IntEnum):
-    """What is requested of the axis. KEEP: no frame, the axis stays as it is."""
+    """What is requested of the axis. KEEP: no frame, the axis stays as it is.
+
+    OPEN at rest, DISARM on a fault: each begins with IDLE, and each asks for an answer of its own.
+    """
 
     OPEN = 0
-    STOP = 1
-    CLOSE = 2
-    KEEP = 3
+    DISARM = 1
+    STOP = 2
+    CLOSE = 3
+    KEEP = 4
 
 
 class DriveLinkConfig(NamedTuple):
@@ -112,13 +117,15 @@ def requested(mode: Mode) -> AxisRequest:
         return AxisRequest.CLOSE
     if mode in (RUN, STOPPING):
         return AxisRequest.KEEP
+    if mode == FAULT:
+        return AxisRequest.DISARM
     return AxisRequest.OPEN
 
 
 @compiled
 def frame_at(request: AxisRequest, place: int) -> DriveFrame:
     """The frame at a place of a round of `request`; NOTHING beyond its last."""
-    if request == AxisRequest.OPEN and place == 0:
+    if request in (AxisRequest.OPEN, AxisRequest.DISARM) and place == 0:
         return DriveFrame.IDLE
     if request == AxisRequest.STOP and place <= 1:
         return DriveFrame.ESTOP if place == 0 else DriveFrame.IDLE
@@ -132,7 +139,7 @@ def frame_at(request: AxisRequest, place: int) -> DriveFrame:
 @compiled
 def is_idle(state: DriveLinkState) -> bool:
     """Whether a fresh heartbeat has confirmed that the axis carries no torque."""
-    return state.confirmed and state.request in (AxisRequest.OPEN, AxisRequest.STOP)
+    return state.confirmed and state.request not in (AxisRequest.CLOSE, AxisRequest.KEEP)
 
 
 @compiled
@@ -154,8 +161,8 @@ def step(
 
     confirmed = state.confirmed and not begins and drive.age_ticks <= config.fresh_ticks
     if drive.age_ticks == 0 and request_ticks >= config.answer_ticks:
-        opens = request in (AxisRequest.OPEN, AxisRequest.STOP)
-        confirmed = drive.axis_state == (AXIS_IDLE if opens else CLOSED_LOOP)
+        closes = request in (AxisRequest.CLOSE, AxisRequest.KEEP)
+        confirmed = drive.axis_state == (CLOSED_LOOP if closes else AXIS_IDLE)
 
     period_ticks = config.arm_ticks if request == AxisRequest.CLOSE else config.repeat_ticks
     place = state.place

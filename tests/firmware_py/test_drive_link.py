@@ -22,6 +22,7 @@ ARMING = (DriveFrame.CONTROLLER_MODE, DriveFrame.LIMITS, DriveFrame.CLOSED_LOOP)
 DISARMING = (DriveFrame.IDLE, DriveFrame.ESTOP)
 ROUNDS = {
     AxisRequest.OPEN: (DriveFrame.IDLE,),
+    AxisRequest.DISARM: (DriveFrame.IDLE,),
     AxisRequest.STOP: (DriveFrame.ESTOP, DriveFrame.IDLE),
     AxisRequest.CLOSE: ARMING,
     AxisRequest.KEEP: (),
@@ -32,7 +33,7 @@ REQUESTS = {
     Mode.SOFT_START: AxisRequest.CLOSE,
     Mode.RUN: AxisRequest.KEEP,
     Mode.STOPPING: AxisRequest.KEEP,
-    Mode.FAULT: AxisRequest.OPEN,
+    Mode.FAULT: AxisRequest.DISARM,
     Mode.E_STOP: AxisRequest.STOP,
 }
 
@@ -106,7 +107,7 @@ def test_every_state_under_every_event(mode: Mode) -> None:
         # Confirmed: by a heartbeat of this tick that answers, or by one before that is still fresh.
         wanted = (
             AxisState.IDLE
-            if request in (AxisRequest.OPEN, AxisRequest.STOP)
+            if request in (AxisRequest.OPEN, AxisRequest.DISARM, AxisRequest.STOP)
             else AxisState.CLOSED_LOOP_CONTROL
         )
         answered = not begins and drive.age_ticks == 0 and state.request_ticks + 1 >= 20
@@ -220,10 +221,10 @@ def test_a_far_position_is_brought_back_once_a_second() -> None:
 
 
 def test_skipped_ticks_count() -> None:
-    state, _ = step(drive_link.INITIAL, Mode.FAULT, elapsed_ticks=5)
-    state, frame = step(state, Mode.FAULT, elapsed_ticks=19)
+    state, _ = step(drive_link.INITIAL, Mode.INIT, elapsed_ticks=5)
+    state, frame = step(state, Mode.INIT, elapsed_ticks=19)
     assert frame == DriveFrame.NOTHING
-    state, frame = step(state, Mode.FAULT, elapsed_ticks=7)
+    state, frame = step(state, Mode.INIT, elapsed_ticks=7)
     assert frame == DriveFrame.IDLE
     assert state.request_ticks == 31
     assert state.service_ticks == NEVER_TICKS
