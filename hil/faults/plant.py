@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import EncoderEstimates
+from firmware_py.interface.records import EncoderEstimates, SetInputTorque
 from hil import drive as axis
 from hil.drive import DriveConfig, DriveState
 from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
 from hil.faults.readings import SensorFaults
-from hil.faults.tables import BrownOut, EncoderWrap, Fault, Kick, OverTemperature, PhysicalFault
+from hil.faults.tables import BrownOut, EncoderWrap, Fault, Kick, OverTemperature, PhysicalFault, TorqueStuck
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
 from plant_sim.sensors import SensorReading
@@ -95,7 +95,13 @@ class PlantFaults:
 
     def heard(self, frames: Sequence[Frame]) -> Sequence[Frame]:
         """What reaches the drive."""
-        return () if self.is_dead else frames
+        if self.is_dead:
+            return ()
+        for fault in self._acting:
+            if isinstance(fault, TorqueStuck):
+                stuck = codec.SET_INPUT_TORQUE.encode(SetInputTorque(fault.torque_n_m))
+                frames = [stuck if frame.can_id == stuck.can_id else frame for frame in frames]
+        return frames
 
     def given_n_m(self, torque_n_m: float, crank_rad: float) -> float:
         """The torque the motor gives of what the drive asks of it."""

@@ -238,6 +238,13 @@ class PhaseLoss(FaultTable):
     kind: Literal["phase-loss"]
 
 
+class TorqueStuck(FaultTable):
+    """The drive ignores the torque it is commanded: while its axis is closed it gives another."""
+
+    kind: Literal["torque-stuck"]
+    torque_n_m: float = Field(ge=-10.0, le=10.0, description="the torque that it gives, in N m")
+
+
 class OverTemperature(FaultTable):
     """The winding is held at a temperature."""
 
@@ -350,6 +357,7 @@ ReadingFault: TypeAlias = (
 PhysicalFault: TypeAlias = (
     MotorStall
     | PhaseLoss
+    | TorqueStuck
     | OverTemperature
     | SupplySag
     | BrownOut
