@@ -56,6 +56,10 @@ class LoopTiming:
     overruns: Annotated[int, Quantity("", "ticks skipped because the next deadline had passed")]
     late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late")]
     long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick")]
+    longest_hold_ms: Annotated[
+        float | None, Quantity("ms", "the longest the loop was held up between two of its ticks")
+    ]
+    longest_hold_at_s: Annotated[float | None, Quantity("s", "when that began")]
     work_us: Annotated[Spread, Quantity("", "work in a tick")]
     wake_us: Annotated[Spread, Quantity("", "wake-up latency")]
 

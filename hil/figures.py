@@ -50,6 +50,9 @@ DEFAULT_PERIOD_S = 1e-3
 """The bus's tick, where the run does not say otherwise."""
 LONGEST_WORK_P99_US = 500.0
 """Half a tick: what a loop may need and still leave its partner the other half."""
+LONGEST_HOLD_MS = 3.0
+"""A loop that is held up for this long has disturbed what it controls, however rarely that happens: an impact
+lasts 10 ms, and its detection a few ticks."""
 OVERRUN_FRACTION = 1e-3
 """Overruns granted beside twice those of a bare sleep loop, as a fraction of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
@@ -93,22 +96,28 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
     tick = column(records, "tick")
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
+    held = np.diff(tick) - 1.0
+    longest = int(np.argmax(held)) if len(held) else None
     return LoopTiming(
         ticks=len(tick),
         overruns=int(tick[-1]) + 1 - len(tick) if len(tick) else 0,
         late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
         long_work=int(np.count_nonzero(work_us > half_tick_us)),
+        longest_hold_ms=None if longest is None else 1e3 * period_s * float(held[longest]),
+        longest_hold_at_s=None if longest is None else period_s * (float(tick[longest]) + 1.0),
         work_us=spread(work_us),
         wake_us=spread(wake_us),
     )
 
 
 def met_its_timing(loops: Loops, baseline_overruns: int | None, under_uml: bool) -> bool:
-    """Whether both loops kept up, judged beside a bare sleep loop on the same machine at the same time."""
+    """Whether both loops kept up, beside a bare sleep loop, and neither was held up for long at once."""
     for loop in (loops.plant, loops.firmware):
         due = loop.ticks + loop.overruns
         granted = OVERRUN_FRACTION_UML * due if under_uml else OVERRUN_FRACTION * due
         if loop.ticks == 0 or loop.overruns > 2 * (baseline_overruns or 0) + granted:
+            return False
+        if (loop.longest_hold_ms or 0.0) >= LONGEST_HOLD_MS:
             return False
         if loop.work_us.p99 is None or loop.work_us.p99 > LONGEST_WORK_P99_US:
             return False

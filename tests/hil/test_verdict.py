@@ -214,7 +214,6 @@ def test_a_thinned_curve_keeps_its_extremes():
     assert thin_t[np.argmax(thin_x)] == t[12_345]
 
 
-@pytest.mark.xfail(strict=True, reason="a stall of the host is not named, and real_time stays true")
 @pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize(("held", "named"), [(5, True), (40, True), (1, False)])
 def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, held, named):
