@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from hil.damage import reading
 from hil.figure_records import Figures, TrueImpact
 from hil.figures import figures_from
 from hil.log_reader import TIMELINES, contiguous, read_traces, repair, tables
@@ -28,6 +29,9 @@ from hil.verdict import judge
 
 if TYPE_CHECKING:
     import pandas
+
+
+TABLES_ARE_LEFT = "its tables may still be read: vibrohil inspect RUN --table NAME"
 
 
 class RunError(ValueError):
@@ -57,7 +61,7 @@ def log_of(run: Path | None) -> Path:
         raise RunError(f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace")
     log = place / LOG_NAME
     if not log.exists():
-        return rebuild(place)
+        return rebuilt(place)
     if not (place / "outcome.json").exists():
         copy = Path(tempfile.mkdtemp(prefix="vibrohil-view-")) / LOG_NAME
         shutil.copyfile(log, copy)
@@ -65,8 +69,14 @@ def log_of(run: Path | None) -> Path:
     try:
         repair(log)
     except RerunError:
-        return rebuild(place)
+        return rebuilt(place)
     return log
+
+
+def rebuilt(run_dir: Path) -> Path:
+    """The log made anew from the traces of a run."""
+    with reading(run_dir, "its traces make no run; import its can.log to see the frames"):
+        return rebuild(run_dir)
 
 
 def named(name: str, among: list[str], what: str) -> str:
@@ -118,7 +128,8 @@ class Run:
 
     @cached_property
     def _tables(self) -> dict[str, pa.Table]:
-        return {entity.removeprefix("/"): table for entity, table in tables(self.log).items()}
+        with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
+            return {entity.removeprefix("/"): table for entity, table in tables(self.log).items()}
 
     @property
     def names(self) -> list[str]:
@@ -127,7 +138,9 @@ class Run:
 
     def table(self, name: str) -> pa.Table:
         """One table, a row a tick (an impact, a frame, an event), a column a signal."""
-        return flat(self._tables[named(name, self.names, "table")])
+        table = self._tables[named(name, self.names, "table")]
+        with reading(self.log, f"other tables may still be read; {name} may not"):
+            return flat(table)
 
     def frame(self, name: str) -> "pandas.DataFrame":
         """One table as a pandas frame, its index the simulated time in seconds; needs pandas."""
@@ -169,17 +182,22 @@ class Run:
     @cached_property
     def traces(self) -> RunTraces:
         """What the run folder's traces held."""
-        return read_traces(self.log)
+        with reading(self.log, TABLES_ARE_LEFT):
+            return read_traces(self.log)
 
     @cached_property
     def figures(self) -> Figures:
         """All figures, computed anew."""
-        return figures_from(self.traces)
+        traces = self.traces
+        with reading(self.log, TABLES_ARE_LEFT):
+            return figures_from(traces)
 
     @cached_property
     def verdict(self) -> dict[str, Any]:
         """The verdict, computed anew: the keys of `verdict.json`."""
-        return judge(self.traces, self.figures, self.log.parent)[0]
+        traces, figures = self.traces, self.figures
+        with reading(self.log, TABLES_ARE_LEFT):
+            return judge(traces, figures, self.log.parent)[0]
 
 
 def open_run(run: str | Path | None = None) -> Run:

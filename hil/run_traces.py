@@ -4,22 +4,23 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil import trace
+from hil.damage import DamagedFileError, reading
 
 Records = NDArray[np.void]
 """A structured array, one record a tick (or an impact), columns by the names of the trace."""
 
 FloatArray = NDArray[np.float64]
 
-CANDUMP_LINE = re.compile(rb"\((\d+\.\d{6,9})\) \S+ ([0-9A-Fa-f]+)#([0-9A-Fa-f]*)\r?\n")
+CANDUMP_LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
 
 
 LOSSES = "losses.json"
@@ -58,6 +59,8 @@ class RunTraces:
     outcome: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
     losses: Sequence[LogLoss] = ()
+    damage: Sequence[str] = ()
+    """What of it cannot be read, a sentence a file."""
 
     @property
     def is_worn(self) -> bool:
@@ -95,7 +98,9 @@ def read_json(path: Path) -> dict[str, Any]:
     """A JSON object, or an empty one where the file is not there."""
     if not path.exists():
         return {}
-    content: dict[str, Any] = json.loads(path.read_text())
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise DamagedFileError(f"{path} is damaged: it holds no JSON object")
     return content
 
 
@@ -133,19 +138,68 @@ def read_bus(path: Path) -> BusLog:
 def read_scenario(run_dir: Path) -> dict[str, Any]:
     """The scenario as run, in raw tables."""
     path = run_dir / "scenario.toml"
-    return tomllib.loads(path.read_text()) if path.exists() else {}
+    if not path.exists():
+        return {}
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    if not document:
+        raise DamagedFileError(f"{path} is damaged: it is empty")
+    return document
+
+
+def note_unreadable_lines(path: Path, bus: BusLog) -> None:
+    """Raise DamagedFileError where more than a last line that was cut is not of candump's format."""
+    content = path.read_bytes() if path.exists() else b""
+    lines = content.count(b"\n")
+    odd = lines - len(bus.t_s)
+    if odd > 0 or (len(content) > 0 and len(bus.t_s) == 0):
+        raise DamagedFileError(
+            f"{path} is damaged: {odd} of its {lines} lines are no frames; others are read"
+        )
+
+
+Part = TypeVar("Part")
+
+
+def part(damage: list[str], path: Path, read: Callable[[Path], Part], empty: Part) -> Part:
+    """What `read` makes of a file; where it is damaged that is noted, and it counts as `empty`."""
+    try:
+        with reading(path, "the rest of the run is read without it"):
+            return read(path)
+    except DamagedFileError as error:
+        damage.append(str(error))
+        return empty
 
 
 def read_run(run_dir: Path) -> RunTraces:
     """Everything in `run_dir`, also of a run that was killed or is still going."""
+    damage: list[str] = []
+
+    def records(name: str) -> Records:
+        return part(damage, run_dir / f"{name}.trace", read_trace, NO_RECORDS)
+
+    def note(name: str) -> dict[str, Any]:
+        nothing: dict[str, Any] = {}
+        return part(damage, run_dir / name, read_json, nothing)
+
+    can_log = run_dir / "can.log"
+    bus = part(damage, can_log, read_bus, NO_BUS)
+    part(damage, can_log, lambda path: note_unreadable_lines(path, bus), None)
+    nothing: dict[str, Any] = {}
+    no_losses: list[LogLoss] = []
     return RunTraces(
-        plant=read_trace(run_dir / "plant.trace"),
-        firmware=read_trace(run_dir / "firmware.trace"),
-        impacts=read_trace(run_dir / "impacts.trace"),
-        operator=read_trace(run_dir / "operator.trace"),
-        bus=read_bus(run_dir / "can.log"),
-        run=read_json(run_dir / "run.json"),
-        outcome=read_json(run_dir / "outcome.json"),
-        scenario=read_scenario(run_dir),
-        losses=[LogLoss(**loss) for loss in read_json(run_dir / LOSSES).get("losses", [])],
+        plant=records("plant"),
+        firmware=records("firmware"),
+        impacts=records("impacts"),
+        operator=records("operator"),
+        bus=bus,
+        run=note("run.json"),
+        outcome=note("outcome.json"),
+        scenario=part(damage, run_dir / "scenario.toml", lambda path: read_scenario(path.parent), nothing),
+        losses=part(damage, run_dir / LOSSES, read_losses, no_losses),
+        damage=damage,
     )
+
+
+def read_losses(path: Path) -> list[LogLoss]:
+    """What the recorder could not log."""
+    return [LogLoss(**loss) for loss in read_json(path).get("losses", [])]

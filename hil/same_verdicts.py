@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.damage import reading
 from hil.suite import RESULT
 
 
@@ -21,8 +22,11 @@ def read_suite(folder: Path) -> dict[str, Any]:
     """A suite's result."""
     if not is_suite(folder):
         raise SuiteError(f"{folder} has no {RESULT}; wanted the folder of a `vibrohil suite`")
-    result: dict[str, Any] = json.loads((folder / RESULT).read_text())
-    return result
+    with reading(folder / RESULT, "run the suite again"):
+        result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        for one in result["scenarios"]:
+            _ = one["name"], one["passed"], one["checks"]
+        return result
 
 
 def figures_of(scenario: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

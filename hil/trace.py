@@ -307,7 +307,13 @@ def read(path: Path, start: int = 0) -> NDArray[np.void]:
         _, header_bytes, record_bytes, count = PREAMBLE.unpack(preamble)
         described = file.read(header_bytes - PREAMBLE.size).rstrip(b"\0")
         dtype = np.dtype([(name, NUMPY_CODES[code]) for name, code in json.loads(described)])
-        file.seek(header_bytes + start * record_bytes)
-        content = file.read(max(0, count - start) * record_bytes)
+        if dtype.itemsize != record_bytes:
+            raise TraceError(
+                f"{path} is damaged: a record has {record_bytes} bytes, its columns {dtype.itemsize}"
+            )
+        first_byte = header_bytes + start * record_bytes
+        file.seek(first_byte)
+        held_bytes = max(0, os.fstat(file.fileno()).st_size - first_byte)
+        content = file.read(min(max(0, count - start) * record_bytes, held_bytes))
     whole = len(content) // record_bytes * record_bytes
     return np.frombuffer(content[:whole], dtype)

@@ -47,7 +47,7 @@ def verdict_of(
 
 def reasons_of(traces: RunTraces) -> list[str]:
     """Why this is no proper run, whatever its checks say."""
-    reasons = list(traces.outcome.get("reasons", []))
+    reasons = [*traces.outcome.get("reasons", []), *traces.damage]
     if not traces.outcome:
         reasons.append("the run was cut short: it left no outcome.json")
     if traces.run.get("clock") == IMPORTED:

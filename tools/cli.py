@@ -103,8 +103,10 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     """The errors that blame the input; looked up only once one has been raised."""
     from firmware_py.shell.parameters import ParameterError
     from hil.bus import BusError
+    from hil.damage import DamagedFileError
     from hil.processes import ChildRefusalError
     from hil.recorded_run import RunError
+    from hil.rerun_program import RerunError
     from hil.run_folder import RunFolderError
     from hil.trace import TraceError
     from hil.uml import UmlError
@@ -113,6 +115,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     return (
         *(BadInputError, TextInputError, ParameterError),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
+        *(DamagedFileError, RerunError),
     )
 
 

@@ -10,7 +10,6 @@ Not to be had from these sensors: the mass by itself and l0 by itself. Forces ar
 places for the believed l0.
 """
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from hil.run_traces import parse_candump
 from hil.scenario import LARGEST_RATIO
 from hil.seen_on_bus import heard
 from plant_sim.scene import read_scene
+from plant_sim.text_input import read_toml
 from tools.output import BadInputError
 from tools.tuning.blows import Friction, contact_time_s, fit_blow
 from tools.tuning.flights import (
@@ -273,10 +273,13 @@ def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dic
 # --- as a command -------------------------------------------------------------------------------------
 
 
+OF_A_RUN = ("scenario of a run", "give the run's can.log alone, which goes by the default parameters")
+
+
 def beliefs_of(source: Path) -> dict[str, float]:
     """The firmware's parameters in that run; the defaults for a bare log."""
     scenario = source / "scenario.toml"
-    document = tomllib.loads(scenario.read_text()) if scenario.is_file() else {}
+    document = read_toml(scenario, *OF_A_RUN) if scenario.is_file() else {}
     return with_overrides(document.get("firmware", {}))
 
 
@@ -289,7 +292,7 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
     if scene is not None:
         tables = read_scene(scene)
     elif scenario.is_file():
-        tables = tomllib.loads(scenario.read_text())["scene"]
+        tables = read_toml(scenario, *OF_A_RUN).get("scene", {})
     else:
         return None
     commands = heard(parse_candump(can_log_of(source).read_bytes()), OperatorCommand).signals

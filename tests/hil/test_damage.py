@@ -1,0 +1,93 @@
+"""Damaged files of a run: what is still readable is used, and the rest is said in a sentence."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from run_folder import make_run, write_run
+
+from hil.damage import DamagedFileError, reading
+from hil.figures import figures_from
+from hil.run_traces import parse_candump, read_run
+from hil.verdict import judge
+
+FILES = (
+    *("run.json", "outcome.json", "scenario.toml"),
+    *("plant.trace", "firmware.trace", "impacts.trace", "operator.trace", "can.log"),
+)
+
+
+def cut(content: bytes) -> bytes:
+    return content[: len(content) // 3]
+
+
+def emptied(_: bytes) -> bytes:
+    return b""
+
+
+def noise(content: bytes) -> bytes:
+    return np.random.default_rng(1).bytes(len(content))
+
+
+def flipped_at_its_head(content: bytes) -> bytes:
+    damaged = bytearray(content)
+    for place in np.random.default_rng(2).integers(0, min(len(damaged), 60), 20).tolist():
+        damaged[place] ^= 0x55
+    return bytes(damaged)
+
+
+def another_value(content: bytes) -> bytes:
+    return b"[1, 2]"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_run(make_run(), tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.mark.parametrize("damage", [cut, emptied, noise, flipped_at_its_head, another_value])
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_file_of_a_run_is_named_and_the_others_are_read(
+    name: str, damage: Callable[[bytes], bytes], whole: Path
+) -> None:
+    path = whole / name
+    content = path.read_bytes()
+    try:
+        path.write_bytes(damage(content))
+        traces = read_run(whole)
+    finally:
+        path.write_bytes(content)
+    others = {"plant.trace": traces.firmware, "firmware.trace": traces.plant}.get(name, traces.firmware)
+    assert len(others) > 1000
+    if (damage is cut and name.endswith((".trace", ".log"))) or (damage is emptied and name == "can.log"):
+        return  # like the file of a run that was killed: what is whole of it is read
+    said = [one for one in traces.damage if name in one]
+    assert len(said) == 1, traces.damage
+    try:
+        with reading(whole, "nothing"):
+            verdict, _ = judge(traces, figures_from(traces), whole)
+    except DamagedFileError:
+        return
+    assert not verdict["passed"]
+    assert said[0] in verdict["reasons"]
+
+
+def test_frames_are_read_around_damaged_lines() -> None:
+    log = parse_candump(
+        b"(1.000000) vcan0 080#0102\n"
+        b"(1.001000) vcan0 080#010\n"
+        b"(1.002000) vcan0 FFFFFFFFFFFFFFFFFFFF#00\n"
+        b"\xff\xfe\x00\n"
+        b"(1.003000) vcan0 080#03\n"
+    )
+    assert log.t_s.tolist() == [1.0, 1.003]
+
+
+def test_what_has_another_cause_is_no_damage() -> None:
+    with pytest.raises(KeyboardInterrupt), reading(Path("x"), "nothing"):
+        raise KeyboardInterrupt
+    said = r"x is damaged \(ZeroDivisionError: y\); try z"
+    with pytest.raises(DamagedFileError, match=said) as error, reading(Path("x"), "try z"):
+        raise ZeroDivisionError("y")
+    assert isinstance(error.value.__cause__, ZeroDivisionError)
