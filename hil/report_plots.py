@@ -245,9 +245,8 @@ def distributions(traces: RunTraces, _: Figures) -> Plot:
         left, middle, right = figure.subplots(1, 3)
         histogram(left, latency_ms, BELIEF, "detection latency [ms]", "nothing detected")
         histogram(middle, column(traces.impacts, "v_m_s"), TRUTH, "v⁻ [m/s]", "no impact")
-        histogram(
-            right, column(traces.impacts, "peak_force_n"), ALARM, "peak force [N]", "a rigid stop has none"
-        )
+        without_force = "a rigid stop has none" if len(traces.impacts) else "no impact"
+        histogram(right, column(traces.impacts, "peak_force_n"), ALARM, "peak force [N]", without_force)
         left.set_ylabel("impacts")
         svg = svg_of(figure)
     return Plot(

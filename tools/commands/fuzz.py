@@ -1,15 +1,17 @@
-"""`vibrohil fuzz`: frames that nobody should send, kills at any moment; nothing bad may come of them."""
+"""`vibrohil fuzz`: frames and files that nobody should give, kills at any moment; nothing bad comes of them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json, progress_console
 
-fuzz = typer.Typer(name="fuzz", help="Treat the program badly at random; a seed repeats it.")
+fuzz = typer.Typer(
+    name="fuzz", help="Treat the program badly at random; a seed repeats it.", no_args_is_help=True
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -70,6 +72,60 @@ def frames(
             console.print(f"[red]seed {failure.seed}, tick {failure.tick}[/]: {failure.what}")
         console.print("[green]passed[/]" if passed else f"[red]{len(failures)} failures[/]")
     if not passed:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+@fuzz.command()
+def scenes(
+    count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
+    seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Give scenes, scenarios, parameter files and settings that are damaged at random.
+
+    Each has to end with a verdict or in a sentence: no traceback, at most 20 s of processor time and 2 GB, no
+    file touched but its own.
+    """
+    fuzz_inputs("scenes", count, seed, as_json)
+
+
+@fuzz.command()
+def files(
+    count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
+    seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Give run folders, logs, traces and CAN logs that are damaged at random to the commands that read them.
+
+    Each has to end with a verdict or in a sentence: no traceback, at most 20 s of processor time and 2 GB, no
+    file touched but its own.
+    """
+    fuzz_inputs("files", count, seed, as_json)
+
+
+def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json: bool) -> None:
+    """Run the cases and print what they came to."""
+    from tools import fuzz_inputs as core
+
+    with progress_of(kind, count, as_json) as progress:
+        outcome = core.fuzz(kind, count, seed, progress)
+    failures = [failure._asdict() for failure in outcome.failures]
+    if as_json:
+        print_json({**outcome._asdict(), "failures": failures, "seed": seed, "passed": not failures})
+    else:
+        rows: list[tuple[str, Any, str]] = [
+            ("inputs", f"{outcome.inputs:,}, seeds {seed} to {seed + outcome.inputs - 1}", ""),
+            *((f"exit status {status}", number, "") for status, number in sorted(outcome.statuses.items())),
+            ("slowest", outcome.slowest_s, "s of processor time"),
+            ("largest memory", outcome.largest_mb, "MB"),
+        ]
+        console.print(figure_table(f"fuzz {kind}", rows))
+        for failure in outcome.failures:
+            console.print(f"[red]seed {failure.seed}[/]", end=" ")
+            said = f"vibrohil {' '.join(failure.arguments)}: {failure.what}"
+            console.print(said, markup=False, highlight=False)
+        console.print("[red]failed[/]" if failures else "[green]passed[/]")
+    if failures:
         raise typer.Exit(EXIT_CHECK_FAILED)
 
 

@@ -128,5 +128,5 @@ def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
 def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:
     table = columns(f"<{title}", a.name, b.name, "<unit")
     for name, one in figures.items():
-        table.add_row(name.replace("_", " "), figure(one["a"]), figure(one["b"]), one["unit"])
+        table.add_row(name, figure(one["a"]), figure(one["b"]), one["unit"])
     return table
