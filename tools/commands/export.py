@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from tools.output import BadInputError, console, figure_table, print_json
+from tools.output import console, figure_table, print_json
+from tools.outputs import new_option, refuse_existing
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +23,7 @@ def export(
         typer.Option(help="The format; parquet and csv are folders with a file for each frame."),
     ] = "mf4",
     out: Annotated[
-        Path | None, typer.Option(help="What to write; by default frames.KIND in the run's folder.")
+        Path | None, new_option("What to write; by default frames.KIND in the run's folder.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -32,10 +33,7 @@ def export(
 
     logged = open_run(run)
     place = logged.log.parent / f"frames.{to}" if out is None else out
-    if place.exists():
-        raise BadInputError(f"{place} is there already; remove it, or name another with --out")
-    if not place.parent.is_dir():
-        raise BadInputError(f"{place}: its folder is missing; mkdir -p {place.parent}")
+    refuse_existing("--out", place)
     frames = write(logged, to, place)
     if as_json:
         print_json({"run": str(logged.folder), "to": to, "out": str(place), "frames": frames})
