@@ -1,4 +1,4 @@
-"""`vibrohil fuzz`: frames and files that nobody should give, kills at any moment; nothing bad comes of them."""
+"""`vibrohil fuzz`: frames and files that nobody should give, kills at any moment; no harm comes of them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
