@@ -7,7 +7,6 @@ silence in which the counter may have turned once round, the same number again i
 
 from typing import NamedTuple, TypeVar
 
-from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import (
     NEVER_TICKS,
     AccelerometerInput,
@@ -130,7 +129,6 @@ INITIAL = Received(
 )
 
 
-@compiled
 def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
     """Count a frame that the codec refuses."""
     frames, length, crc, value, repeated, gaps, skipped, unsent = counters
@@ -143,7 +141,6 @@ def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
     return Counters(frames, length, crc, value, repeated, gaps, skipped, unsent)
 
 
-@compiled
 def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
     """Count a frame that the codec accepts."""
     return Counters(
@@ -158,7 +155,6 @@ def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
     )
 
 
-@compiled
 def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counters:
     """Count skipped ticks and own frames that do not leave."""
     return Counters(
@@ -173,7 +169,6 @@ def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counter
     )
 
 
-@compiled
 def taken(
     heard: Heard,
     counters: Counters,
@@ -197,13 +192,11 @@ def taken(
     return Heard(tick, tick, counter), counted(counters, False, gap), True
 
 
-@compiled
 def counter_of(length: int, word: int, counter_bits: int) -> int:
     """The rolling counter: the bits that end where the last byte, the CRC, begins."""
     return word >> 8 * (length - 1) - counter_bits & (1 << counter_bits) - 1
 
 
-@compiled
 def with_one(waiting: tuple[Item, Item, Item, Item], count: int, one: Item) -> tuple[Item, Item, Item, Item]:
     """Four places with `one` at place `count` < 4."""
     first, second, third, fourth = waiting
@@ -216,7 +209,6 @@ def with_one(waiting: tuple[Item, Item, Item, Item], count: int, one: Item) -> t
     return (first, second, third, one)
 
 
-@compiled
 def receive(  # noqa: PLR0912, PLR0915 - a table of identifiers, the most frequent first
     tick_s: float, received: Received, counters: Counters, tick: int, frame: WordFrame
 ) -> tuple[Received, Counters]:
@@ -345,7 +337,6 @@ def receive(  # noqa: PLR0912, PLR0915 - a table of identifiers, the most freque
     return taken_in, counters
 
 
-@compiled
 def without_requests(received: Received) -> Received:
     """All parameter requests are answered."""
     return Received(
@@ -376,13 +367,11 @@ def without_requests(received: Received) -> Received:
     )
 
 
-@compiled
 def age(tick: int, heard: Heard) -> int:
     """Ticks since a source's newest frame, `NEVER_TICKS` at most."""
     return min(tick - heard.tick, NEVER_TICKS)
 
 
-@compiled
 def inputs_of(received: Received, tick: int, elapsed_ticks: int) -> Inputs:
     """What the core sees of the world at tick number `tick`."""
     acceleration, encoder = received.accelerometer, received.encoder

@@ -18,7 +18,6 @@ on a microcontroller.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from firmware_py.core.compiled import compiled
 from firmware_py.core.configure import config_of
 from firmware_py.core.drive_link import DriveFrame
 from firmware_py.core.inputs import Inputs
@@ -83,7 +82,6 @@ INITIAL = NodeState(
 NO_TX = Tx(0, transmitter.NO_FRAME, transmitter.NO_FRAME)
 
 
-@compiled
 def transmitted(
     config: Config,
     received: Received,
@@ -108,7 +106,6 @@ def transmitted(
     return waiting, lost, Tx(1 if other.can_id == 0 else 2, torque, other)
 
 
-@compiled
 def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     """One control period."""
     now = state.ticks + rx.elapsed_ticks
@@ -123,7 +120,6 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     return NodeState(now, received, inputs, core, outputs, waiting, counters), tx
 
 
-@compiled
 def answered(
     parameters: Parameters, request: ParameterRequest, mode: Mode
 ) -> tuple[Parameters, ParameterValue]:
@@ -141,7 +137,6 @@ def answered(
     return parameters, ParameterValue(index, status.value, value, tier)
 
 
-@compiled
 def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Parameters, Config, NodeState]:
     """Answer the requests that wait, and make the config of what was written."""
     received, waiting, lost = state.received, state.waiting, 0

@@ -9,7 +9,6 @@ the order in which they fell due.
 import math
 from typing import NamedTuple
 
-from firmware_py.core.compiled import compiled
 from firmware_py.core.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
@@ -124,13 +123,11 @@ INITIAL = Transmitter(
 )
 
 
-@compiled
 def is_due(cyclic: Cyclic, tick: int, period_s: float, tick_s: float) -> bool:
     """Whether a cyclic frame's period has passed."""
     return (tick - cyclic.due_tick) * tick_s >= period_s - 1e-9
 
 
-@compiled
 def regime_report(outputs: Outputs) -> RegimeReport:
     """The drive period that has just ended."""
     return RegimeReport(
@@ -141,7 +138,6 @@ def regime_report(outputs: Outputs) -> RegimeReport:
     )
 
 
-@compiled
 def queued(
     tick_s: float,
     waiting: Transmitter,
@@ -235,7 +231,6 @@ def queued(
     )
 
 
-@compiled
 def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:
     """Let an answer wait in turn; whether it found a place."""
     if waiting.answer_count >= EVENTS:
@@ -263,7 +258,6 @@ def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitt
     return later, True
 
 
-@compiled
 def drive_frame(config: DriveLinkConfig, kind: DriveFrame, position_rev: float) -> WordFrame:
     """The content of a frame that the drive link sends."""
     if kind == DriveFrame.ESTOP:
@@ -287,7 +281,6 @@ def drive_frame(config: DriveLinkConfig, kind: DriveFrame, position_rev: float) 
     return WordFrame(packing.SET_AXIS_STATE_ID, packing.SET_AXIS_STATE_LENGTH, word)
 
 
-@compiled
 def first_place(waiting: Transmitter) -> int:
     """Place of the frame that fell due first of those that wait in turn."""
     return min(
@@ -300,13 +293,11 @@ def first_place(waiting: Transmitter) -> int:
     )
 
 
-@compiled
 def any_waits(waiting: Transmitter) -> bool:
     """Whether any frame waits."""
     return waiting.fault_count > 0 or waiting.impact_count > 0 or first_place(waiting) != NOT_WAITING
 
 
-@compiled
 def gait_report(state: State) -> GaitReport:
     """What the firmware makes of the wearer's gait."""
     cycle, lock = state.gait, state.lock
@@ -322,7 +313,6 @@ def gait_report(state: State) -> GaitReport:
     )
 
 
-@compiled
 def next_frame(  # noqa: PLR0915 - one frame after the other
     tick_s: float, waiting: Transmitter, tick: int, state: State, outputs: Outputs
 ) -> tuple[Transmitter, WordFrame]:
