@@ -23,7 +23,7 @@ TORQUE_CONTROL = 1
 """ODrive's ControlMode."""
 PASSTHROUGH = 1
 """ODrive's InputMode."""
-SUCCESS, DISARMED = 0, 3
+SUCCESS, DISARMED, INVALID_STATE = 0, 3, 13
 """ODrive's ProcedureResult."""
 TURN_RAD = 2.0 * math.pi
 TIME_RESOLUTION_S = 1e-9
@@ -34,6 +34,7 @@ INVERTER_SHARE = 0.25
 
 NO_ERROR = AxisError.NONE.value
 ESTOP_REQUESTED = AxisError.ESTOP_REQUESTED.value
+_BAD_CONFIG = AxisError.BAD_CONFIG.value
 _WATCHDOG_EXPIRED = AxisError.WATCHDOG_TIMER_EXPIRED.value
 _OVERSPEED = AxisError.VELOCITY_LIMIT_VIOLATION.value
 _OVER_TEMPERATURE = AxisError.MOTOR_OVER_TEMP.value
@@ -134,10 +135,19 @@ def set_torque(drive: DriveState, torque_n_m: float) -> DriveState:
 
 @shared
 def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveState:
-    """What the axis controls and how its input acts."""
+    """What the axis controls and how its input acts; an armed axis disarms in a mode that is not modelled."""
     axis, setpoint, limits, offset_rev, motor_degc = drive
     setpoint = Setpoint(control_mode, input_mode, setpoint.torque_n_m, setpoint.age_s)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc)
+    drive = DriveState(axis, setpoint, limits, offset_rev, motor_degc)
+    if is_armed(drive) and not is_modelled(setpoint):
+        return disarm(drive, _BAD_CONFIG)
+    return drive
+
+
+@shared
+def is_modelled(setpoint: Setpoint) -> bool:
+    """Whether the drive can do what its mode says: torque control, passed through."""
+    return setpoint.control_mode == TORQUE_CONTROL and setpoint.input_mode == PASSTHROUGH
 
 
 @shared
@@ -158,13 +168,20 @@ def set_position(drive: DriveState, position_rev: float, encoder_position_rev: f
 
 @shared
 def request_state(drive: DriveState, requested: int) -> DriveState:
-    """Arm, or let go. An axis with errors does not arm; other states are not modelled."""
+    """Arm, or let go. An axis with errors or in a mode that is not modelled does not arm, and says why.
+
+    Other states are not modelled: the procedure ends with INVALID_STATE.
+    """
     axis, setpoint, limits, offset_rev, motor_degc = drive
     if requested == AXIS_IDLE:
         axis = Axis(AXIS_IDLE, axis.errors, axis.disarm_reason, SUCCESS)
     elif requested == CLOSED_LOOP and axis.errors != NO_ERROR:
         axis = Axis(axis.state, axis.errors, axis.disarm_reason, DISARMED)
-    elif requested == CLOSED_LOOP and axis.state != CLOSED_LOOP:
+    elif requested == CLOSED_LOOP and not is_modelled(setpoint):
+        axis = Axis(axis.state, _BAD_CONFIG, axis.disarm_reason, DISARMED)
+    elif requested != CLOSED_LOOP:
+        axis = Axis(axis.state, axis.errors, axis.disarm_reason, INVALID_STATE)
+    elif axis.state != CLOSED_LOOP:
         axis = Axis(CLOSED_LOOP, axis.errors, NO_ERROR, SUCCESS)
         setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, 0.0, 0.0)
     return DriveState(axis, setpoint, limits, offset_rev, motor_degc)

@@ -5,10 +5,10 @@ Pure steps that run interpreted and compiled; what the commands do is in `hil.dr
 
 from firmware_py.interface import packing
 from firmware_py.interface.errors import FrameErrorReason
-from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.frame import Frame, WordFrame
 from hil import drive as axis
 from hil.drive import ESTOP_REQUESTED, DriveConfig, DriveState, Telemetry
-from hil.reports import CURRENT, ERRORS, HEARTBEAT, TEMPERATURE
+from hil.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
 from plant_sim.kernels import shared
 
 COMMAND_IDS = (
@@ -23,6 +23,29 @@ COMMAND_IDS = (
 )
 """The identifiers of the drive's commands."""
 HALF, WHOLE = 4, 8
+
+VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID = 0x000, 0x006, 0x7E6
+REPORT_OF_REQUEST = {
+    packing.DRIVE_CURRENT_ID: CURRENT,
+    packing.DRIVE_HEARTBEAT_ID: HEARTBEAT,
+    packing.DRIVE_ERRORS_ID: ERRORS,
+    packing.DRIVE_TEMPERATURE_ID: TEMPERATURE,
+    packing.DRIVE_SUPPLY_ID: SUPPLY,
+}
+REQUEST_IDS = (
+    *REPORT_OF_REQUEST,
+    *(packing.ENCODER_ESTIMATES_ID, VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID),
+)
+"""What a client may ask for, by a remote frame or an empty one."""
+VERSION = Frame(VERSION_ID, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
+"""Get_Version: CANSimple 2 (0.6), hardware 4.4-58 (ODrive Pro), firmware 0.6.10, released."""
+SERIAL_NUMBER = 0x5649_4252_4F31
+"""Of the simulated drive: the letters VIBRO1."""
+
+
+def address(node_id: int) -> Frame:
+    """Address: which node has which serial number; a drive of 0.6.10 has no connections."""
+    return Frame(ADDRESS_ID, bytes((node_id,)) + SERIAL_NUMBER.to_bytes(6, "little") + b"\0")
 
 
 @shared
@@ -46,7 +69,7 @@ def obey(  # noqa: PLR0912 - one command after the other
         if reason == FrameErrorReason.NONE:
             drive = axis.set_torque(drive, torque.torque_n_m)
     elif can_id == packing.SET_AXIS_STATE_ID:
-        state, reason = packing.unpack_set_axis_state(meant_length(length), word)
+        state, reason = packing.unpack_set_axis_state(WHOLE if length >= HALF else length, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.request_state(drive, state.requested_state)
     elif can_id == packing.SET_CONTROLLER_MODE_ID:

@@ -15,6 +15,7 @@ from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus import Bus, join, provide
 from hil.bus.addressed import addressed
+from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
 from hil.clock import NS_PER_S, Clock, MonotonicClock
 from hil.faults.clocks import ClockFaults, FaultyClock
 from hil.faults.line import with_faults
@@ -102,6 +103,7 @@ def plant_main(
     with joined(bus, ACCEPTED_IDS, addresses_from(loaded.parameters)) as node_bus:
         faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
         runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
+        runner.node.node_id = addresses_from(loaded.parameters).drive_node
         clock_faults = ClockFaults(loaded.faults, PLANT, seed)
         run_loop(
             runner, pace, 0.0, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
@@ -154,7 +156,7 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
                 f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
                 file=sys.stderr,
             )
-        on_bus = [bus_id(places, can_id) for can_id in accept]
+        on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
         node_bus = addressed(join(provided.address, on_bus), places)
         try:
             yield node_bus

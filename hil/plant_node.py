@@ -11,8 +11,18 @@ from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.records import Accelerometer, GaitSensors
 from hil import drive as axis
+from hil.bus.wire import REMOTE_FLAG
 from hil.drive import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
-from hil.drive_node import COMMAND_IDS, obey, report_frame
+from hil.drive_node import (
+    COMMAND_IDS,
+    REPORT_OF_REQUEST,
+    REQUEST_IDS,
+    VERSION,
+    VERSION_ID,
+    address,
+    obey,
+    report_frame,
+)
 from hil.faults.plant import PlantFaults
 from hil.faults.tables import Fault
 from hil.reports import NOTHING, first_reports, look, report_ticks, take, ticks_of
@@ -21,11 +31,13 @@ from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
 from plant_sim.result import Phase
 from plant_sim.scene import Scene
-from plant_sim.scene_tables import MotorTable
+from plant_sim.scene_tables import AxisTable, MotorTable
 from plant_sim.sensors import SensorReading
 
-ACCEPTED_IDS = COMMAND_IDS
-"""All that this node listens to."""
+ACCEPTED_IDS = (*COMMAND_IDS, *REQUEST_IDS, *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS))
+"""All that this node listens to, remote frames with their flag."""
+MOST_ANSWERS = 8
+"""Requests answered in a tick; others in the same tick are not."""
 CAN_PERIOD_S = 1e-3
 """The fastest frame's period on the real bus; a lockstep run may tick faster or slower."""
 
@@ -82,6 +94,7 @@ def drive_config(scene: Scene) -> DriveConfig:
         motor.supply_v,
         motor.current_limit_a,
         motor.speed_limit_rad_s,
+        watchdog_s=(scene.axis or AxisTable()).watchdog_s,
     )
 
 
@@ -110,9 +123,12 @@ class PlantNode:
         """The gait at t_k, where somebody walks."""
         self._began_s = first_tick * period_s
         self._counter = -1
-        self._report_ticks = report_ticks(period_s)
+        self._report_ticks = report_ticks(period_s, None if scene.axis is None else scene.axis.heartbeat_s)
         self._reports = first_reports(first_tick)
         self._reading: SensorReading
+        self.node_id = 0
+        """The drive's node number on its bus, for the clients that ask."""
+        self._requests: list[int] = []
         self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
 
@@ -142,6 +158,9 @@ class PlantNode:
         self._reports, report = take(look(self._report_ticks, self._reports, self.tick))
         if report != NOTHING:
             frames.append(self._report(report))
+        if self._requests:
+            frames += [self._answer(can_id, frames[1]) for can_id in self._requests[:MOST_ANSWERS]]
+            self._requests.clear()
         return frames if self._faults is None else self._faults.sent(frames)
 
     def _gait_frame(self) -> list[Frame]:
@@ -157,6 +176,14 @@ class PlantNode:
             reading.shank_rate_rad_s, reading.along_m_s2, int(reading.heel_contact), int(reading.toe_contact)
         )
         return [codec.GAIT_SENSORS.encode(record, number)]
+
+    def _answer(self, can_id: int, estimates: Frame) -> Frame:
+        """What a client has asked for."""
+        if can_id in REPORT_OF_REQUEST:
+            return self._report(REPORT_OF_REQUEST[can_id])
+        if can_id == estimates.can_id:
+            return estimates
+        return VERSION if can_id == VERSION_ID else address(self.node_id)
 
     def _report(self, report: int) -> Frame:
         now = self.plant.now
@@ -189,6 +216,8 @@ class PlantNode:
                 position_rev = self._reading.encoder_position_rev
                 self.drive, was_read = obey(self.drive_config, self.drive, frame, position_rev)
                 self.rejected += not was_read
+            elif not data and can_id in REQUEST_IDS:
+                self._requests.append(can_id)
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.

@@ -32,6 +32,7 @@ from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
+    AxisTable,
     CoulombTable,
     DqMotorDriveTable,
     GaitTable,
@@ -86,6 +87,7 @@ class Scene(Table):
     initial: InitialTable = InitialTable()
     solver: SolverTable = SolverTable()
     motor: MotorTable | None = Field(default=None, description="the table [motor]")
+    axis: AxisTable | None = Field(default=None, description="the table [axis]")
     winding: WindingTable | None = Field(default=None, description="the table [winding]")
     sensors: SensorsTable | None = Field(default=None, description="the table [sensors]")
     housing: MotionTable | None = Field(default=None, description="the table [housing]")

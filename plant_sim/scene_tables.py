@@ -431,6 +431,17 @@ class MotorTable(Table):
     speed_limit_rad_s: float = Field(default=40.0, gt=0.0, description="the drive's speed limit in rad/s")
 
 
+class AxisTable(Table):
+    """[axis]: what a client may configure of the drive, an ODrive axis."""
+
+    # Half of the 100 ms in which the motor is to be free of torque.
+    watchdog_s: float = Field(
+        default=0.05, ge=1e-3, description="without a command for this long the axis disarms, in s"
+    )
+    # ODrive's heartbeat_rate_ms, whose own default is 100 ms.
+    heartbeat_s: float = Field(default=0.1, ge=1e-3, le=60.0, description="the heartbeat's period in s")
+
+
 class CoggingTable(Table):
     """[[winding.cogging]]: a wave of the magnets' torque on the slots."""
 

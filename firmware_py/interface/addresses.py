@@ -15,6 +15,8 @@ OWN_NODES = 3
 """Sensors, operator and firmware, in this order."""
 HIGHEST_NODE = 62
 """63 belongs to drives that have no number yet."""
+BROADCAST_NODE = 63
+"""Drives without a number, and whoever looks for drives; every module's."""
 NOT_OURS = -1
 DEFAULT_DRIVE_NODE, DEFAULT_OWN_NODE = 0, 1
 
@@ -61,6 +63,8 @@ def bus_id(places: Addresses, can_id: int) -> int:
     >>> hex(bus_id(Addresses(4, 5), 0x00E)), hex(bus_id(Addresses(4, 5), 0x028))
     ('0x8e', '0xa8')
     """
+    if can_id >> NODE_SHIFT == BROADCAST_NODE:
+        return can_id
     if can_id < NODE_IDS:
         return can_id + places.drive_node * NODE_IDS
     return can_id + (places.own_node - DEFAULT_OWN_NODE) * NODE_IDS
@@ -73,6 +77,8 @@ def module_id(places: Addresses, can_id: int) -> int:
     ('0xe', -1)
     """
     node = can_id >> NODE_SHIFT
+    if node == BROADCAST_NODE:
+        return can_id
     if node == places.drive_node:
         return can_id - places.drive_node * NODE_IDS
     if places.own_node <= node < places.own_node + OWN_NODES:

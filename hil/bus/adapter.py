@@ -7,6 +7,7 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
+from hil.bus.wire import REMOTE_FLAG
 
 BITRATE = 1_000_000
 """The bench's bus; interfaces that have no bit rate ignore it."""
@@ -54,10 +55,15 @@ class AdapterBus:
             message = self._bus.recv(timeout=0)
             if message is None:
                 break
-            if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+            can_id = message.arbitration_id | (REMOTE_FLAG if message.is_remote_frame else 0)
+            is_asked = message.is_remote_frame and self._accept is not None and can_id in self._accept
+            if message.is_extended_id or message.is_error_frame or message.is_fd:
                 self.counters.foreign += 1
                 continue
-            if self._accept is not None and message.arbitration_id not in self._accept:
+            if message.is_remote_frame and not is_asked:
+                self.counters.foreign += 1
+                continue
+            if self._accept is not None and can_id not in self._accept:
                 continue
             stamp_ns = int(message.timestamp * 1e9)
             frames.append((stamp_ns, Frame(message.arbitration_id, bytes(message.data))))

@@ -186,13 +186,14 @@ def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) ->
 class CanSocket:
     """A raw CAN socket, opened and bound, as a node's bus."""
 
-    def __init__(self, can_socket: socket.socket) -> None:
+    def __init__(self, can_socket: socket.socket, requests: frozenset[int] = frozenset()) -> None:
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()
         self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._noted_drops = 0
+        self._requests = requests
         self._last_ns = time.time_ns()
         self._socket = can_socket
         self._descriptor = can_socket.fileno()
@@ -240,7 +241,7 @@ class CanSocket:
     def receive(self) -> list[Frame]:
         """All frames that have arrived, a batch at most."""
         count = self._take(self._incoming)
-        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters)
+        return unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
 
     def _take(self, batch: FrameBatch) -> int:
         """Fill the batch with what has arrived; how many frames that is."""

@@ -31,11 +31,12 @@ JOIN_TIMEOUT_S = 5.0
 class HubSocket:
     """A node on the bus `local`: a stream socket to the hub."""
 
-    def __init__(self, path: Path, greeting: bytes = HELLO) -> None:
+    def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
         self.counters = BusCounters()
         self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._lost = 0
+        self._requests = requests
         self._received = b""
         self._unfinished = b""
         self._stamp_ns = 0
@@ -108,8 +109,9 @@ class HubSocket:
         """All frames that have arrived."""
         chunk = self._read()
         if CONTROL_MARK in chunk:
-            return [frame for _, frame in self._stamped(chunk)]
-        return unpack(chunk, self.counters)
+            messages = (CAN_FRAME.pack(can_id, len(data), data) for _, can_id, data in self._passed(chunk))
+            chunk = b"".join(messages)
+        return unpack(chunk, self.counters, self._requests)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """All frames that have arrived, with the hub's wall clock in ns when it passed each on."""

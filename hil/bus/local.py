@@ -15,8 +15,9 @@ import can
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
 from hil.bus.hub_socket import HELLO_DEAF, HELLO_STAMPED, HubSocket
+from hil.bus.wire import REMOTE_FLAG
 
-EXTENDED_FLAG, REMOTE_FLAG = 0x80000000, 0x40000000
+EXTENDED_FLAG = 0x80000000
 """SocketCAN's, in the identifier's top bits."""
 IDENTIFIER_MASK = 0x1FFFFFFF
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED, HubSocket
+from hil.bus.wire import requests_in
 from hil.processes import Child, ChildError
 
 READY_TIMEOUT_S = 20.0
@@ -137,17 +138,20 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
     """Join the bus at `address`, which `provide` gave or which others keep up.
 
     `accept`: only these identifiers, where the bus can filter; none at all for a node that only sends.
+    An identifier with the flag of a remote frame asks for those, which arrive as empty frames.
     `stamped`: arrivals carry the wall clock.
     """
     interface, _, channel = address.partition(":")
+    requests = requests_in(accept)
     if interface == "local":
         deaf = accept is not None and len(accept) == 0
-        return HubSocket(Path(channel), HELLO_DEAF if deaf else HELLO_STAMPED if stamped else HELLO)
+        greeting = HELLO_DEAF if deaf else HELLO_STAMPED if stamped else HELLO
+        return HubSocket(Path(channel), greeting, requests)
     if interface == "vcan":
-        return CanSocket(fetch_can_socket(Path(channel), accept, stamped))
+        return CanSocket(fetch_can_socket(Path(channel), accept, stamped), requests)
     if interface == "socketcan" and has_kernel_can():
         try:
-            return CanSocket(open_can_socket(channel, accept, stamped))
+            return CanSocket(open_can_socket(channel, accept, stamped), requests)
         except OSError as error:
             raise BusError(
                 f"bus {address} did not open: {error}; wanted a CAN interface that is up, see "

@@ -12,6 +12,8 @@ from hil.bus.base import BusCounters
 CAN_FRAME = struct.Struct("=IB3x8s")
 FRAME_BYTES = CAN_FRAME.size
 MAX_STANDARD_ID = 0x7FF
+REMOTE_FLAG = 0x40000000
+"""SocketCAN's, in the identifier of a remote frame."""
 CONTROL_ID = 0xFFFFFFFF
 """Marks what passes between the hub and a node beside frames; no CAN frame can carry it."""
 CONTROL_MARK = CONTROL_ID.to_bytes(4, "little")
@@ -24,12 +26,25 @@ def pack(frames: Iterable[Frame]) -> bytes:
     return b"".join([CAN_FRAME.pack(can_id, len(data), data) for can_id, data in frames])
 
 
-def unpack(chunk: bytes | bytearray, counters: BusCounters) -> list[Frame]:
-    """The data frames among the `struct can_frame`s of `chunk`; others are counted as foreign."""
+def requests_in(accept: Iterable[int] | None) -> frozenset[int]:
+    """Of the identifiers that a node takes those with the flag of a remote frame, without it."""
+    return frozenset(can_id ^ REMOTE_FLAG for can_id in accept or () if can_id & REMOTE_FLAG)
+
+
+def unpack(
+    chunk: bytes | bytearray, counters: BusCounters, requests: frozenset[int] = frozenset()
+) -> list[Frame]:
+    """The data frames among the `struct can_frame`s of `chunk`, then the remote ones of `requests`, as empty.
+
+    Others are counted as foreign.
+    """
     frames = [
         Frame(can_id, data[:length])
         for can_id, length, data in CAN_FRAME.iter_unpack(chunk)
         if can_id <= MAX_STANDARD_ID
     ]
+    if requests and len(chunk) > len(frames) * FRAME_BYTES:
+        asked = (can_id ^ REMOTE_FLAG for can_id, _, _ in CAN_FRAME.iter_unpack(chunk))
+        frames += [Frame(can_id, b"") for can_id in asked if can_id in requests]
     counters.foreign += len(chunk) // FRAME_BYTES - len(frames)
     return frames

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisError, AxisState
+from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from firmware_py.interface.frame import Frame, WordFrame, word_of
 from hil import drive as axis
 from hil.drive import DISARMED, SUCCESS, DriveConfig, Telemetry
@@ -109,10 +109,34 @@ def test_commands_may_leave_out_what_means_nothing() -> None:
     assert drive.rejected == len(halves)
 
 
-def test_torque_acts_only_in_torque_mode() -> None:
+@pytest.mark.parametrize("mode", [(2, 1), (3, 1), (0, 1), (1, 2), (1, 6), (1, 0)])
+def test_a_mode_that_is_not_modelled_disarms_and_does_not_arm(mode: tuple[int, int]) -> None:
+    set_mode = Frame(0x0B, struct.pack("<II", *mode))
     drive = armed_drive(0.25)
-    drive.handle([VELOCITY_MODE], 0.0)
-    assert drive.torque_n_m(0.0) == 0.0
+    drive.handle([set_mode], 0.0)
+    assert (drive.torque_n_m(0.0), drive.armed) == (0.0, False)
+    assert drive.state.axis.errors == drive.state.axis.disarm_reason == AxisError.BAD_CONFIG
+    drive = Drive()
+    drive.handle([set_mode, ARM], 0.0)
+    assert not drive.armed
+    assert drive.state.axis.errors == AxisError.BAD_CONFIG
+    drive.handle([Frame(0x0B, struct.pack("<II", 1, 1)), CLEAR, ARM], 0.0)
+    assert drive.armed
+
+
+@pytest.mark.parametrize("state", [s for s in AxisState if s not in (1, 8)])
+def test_a_state_that_is_not_modelled_ends_as_invalid(state: AxisState) -> None:
+    drive = Drive()
+    drive.handle([axis_state(state)], 0.0)
+    assert drive.state.axis.state == AxisState.IDLE
+    assert drive.state.axis.procedure_result == ProcedureResult.INVALID_STATE
+
+
+@pytest.mark.parametrize("length", [4, 5, 6, 7, 8])
+def test_a_state_of_any_length_that_holds_it_is_taken(length: int) -> None:
+    drive = Drive()
+    drive.handle([Frame(0x07, (struct.pack("<I", 8) + bytes(4))[:length])], 0.0)
+    assert drive.armed
 
 
 def test_watchdog_disarms_after_fifty_milliseconds_without_a_command() -> None:

@@ -15,6 +15,7 @@ from hil.plant_node import PlantNode, PlantRecord
 from plant_sim.plant import Plant
 from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene
+from plant_sim.scene_tables import AxisTable
 from plant_sim.sensors import SensorReading
 
 ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
@@ -286,3 +287,47 @@ def test_a_record_takes_truth_and_readings_in_their_own_order() -> None:
     fields, truth = PlantRecord._fields, Observation._fields
     assert fields[2 : 2 + len(truth)] == truth
     assert fields[-len(SensorReading._fields) :] == SensorReading._fields
+
+
+REQUESTED = {0x00: 0x00, 0x01: 0x01, 0x03: 0x03, 0x06: 0x06, 0x09: 0x09, 0x14: 0x14, 0x15: 0x15, 0x17: 0x17}
+REQUESTED |= {0x7E6: 0x06}
+
+
+@pytest.mark.parametrize(("asked", "answered"), REQUESTED.items())
+def test_what_a_client_asks_for_is_sent_in_the_next_tick(asked: int, answered: int) -> None:
+    scene = load_scene("table1-motor-soft")
+    with_request, without = PlantNode(scene, 1), PlantNode(scene, 1)
+    for node, frames in ((with_request, [Frame(asked, b"")]), (without, [])):
+        node.publish()
+        node.advance(frames)
+    more, usual = with_request.publish(), without.publish()
+    assert more[: len(usual)] == usual
+    (answer,) = more[len(usual) :]
+    assert (answer.can_id, len(answer.data)) == (answered, 8)
+    assert with_request.rejected == 0
+    with_request.advance([Frame(asked, bytes(8))])  # another node's report, not a request
+    without.advance([])
+    assert with_request.publish() == without.publish()
+
+
+def test_discovery_finds_the_drive_at_its_node_number() -> None:
+    node = PlantNode(load_scene("table1-motor-soft"), 1)
+    node.node_id = 5
+    node.publish()
+    node.advance([Frame(0x7E6, b"")])
+    answer = node.publish()[-1]
+    assert answer.data[0] == 5
+    assert int.from_bytes(answer.data[1:7], "little") != 0
+
+
+def test_watchdog_and_heartbeat_are_keys_of_the_scene() -> None:
+    """A client that waits for state 8 in a heartbeat before its first command needs the longer watchdog."""
+    table = {"watchdog_s": 0.5, "heartbeat_s": 0.02}
+    scene = load_scene("table1-motor-soft").model_copy(update={"axis": AxisTable(**table)})
+    node = PlantNode(scene, 1)
+    heartbeats = 0
+    for tick in range(400):
+        heartbeats += any(frame.can_id == 0x001 for frame in node.publish())
+        node.advance([ARM] if tick == 0 else [])
+    assert heartbeats == 20
+    assert node.drive.axis.state == AxisState.CLOSED_LOOP_CONTROL

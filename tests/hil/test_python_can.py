@@ -19,6 +19,7 @@ import pytest
 
 from firmware_py.interface.frame import Frame
 from hil.bus import ProvidedBus, join, provide
+from hil.bus.wire import REMOTE_FLAG
 
 Opener = Callable[..., can.BusABC]
 TIMEOUT_S = 2.0
@@ -238,3 +239,20 @@ def test_a_lost_message_raises_nothing_but_is_counted(local: ProvidedBus) -> Non
             received += 1
         assert bus.lost == 20_000 - received > 0  # type: ignore[attr-defined]  # python-can has no name for it
     sender.close()
+
+
+def test_remote_frames_that_a_node_asked_for_arrive_as_empty_ones(
+    local: ProvidedBus,
+) -> None:
+    asking = join(local.address, accept=[0x001, 0x001 | REMOTE_FLAG])
+    with can.Bus(path_of(local), "vibrohil") as client:
+        for can_id in (0x002, 0x001):
+            client.send(can.Message(arbitration_id=can_id, is_extended_id=False, is_remote_frame=True, dlc=8))
+        frames: list[Frame] = []
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while not frames and time.monotonic() < deadline_s:
+            asking.wait(0.1)
+            frames += asking.receive()
+    assert frames == [Frame(0x001, b"")]
+    assert asking.counters.foreign == 1
+    asking.close()

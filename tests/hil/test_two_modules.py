@@ -5,6 +5,7 @@ import pytest
 from firmware_py.core.configure import config_of
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import (
+    BROADCAST_NODE,
     DEFAULT,
     NOT_OURS,
     AddressError,
@@ -113,7 +114,8 @@ def test_no_frame_of_a_module_is_another_drives_command_wherever_it_is(places):
         assert module_id(places, on_bus) == one.can_id
         assert on_bus >> 5 == places.drive_node if one.can_id < 0x20 else on_bus >> 5 in own
         assert one.can_id < 0x20 or on_bus & 0x1F not in COMMANDS
-    others = [can_id for can_id in range(0x800) if can_id >> 5 not in {places.drive_node, *own}]
+    ours = {places.drive_node, *own, BROADCAST_NODE}
+    others = [can_id for can_id in range(0x800) if can_id >> 5 not in ours]
     assert {module_id(places, can_id) for can_id in others} == {NOT_OURS}
 
 
