@@ -4,9 +4,9 @@ A sample stands for the instant it was sent at, and does not say which that was.
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
 now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
-be late at any time. It counts modulo 256: where a sample from before the pause may have the counter of now,
-nothing that lies there is taken; what comes in the next tick is of now. The bus may have been held up for
-longer than the loop, and then all that was sent since the last sample heard may lie there.
+be late at any time. After a pause of nearly a turn of the counter, 256 ticks, nothing that lies there is
+taken; what comes in the next tick is of now. The bus may have been held up for longer than the loop, and then
+all that was sent since the last received sample may lie there.
 """
 
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ from firmware_py.interface.frame import Frame
 PATIENCE_TICKS = 25
 """Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
 
-LAST_BEFORE_TICKS = 2
-"""The last sample from before the pause that may lie there: so many ticks after the last tick before it."""
-
 AT_ONCE, AT_LAST = (0, 1), (0, 1, -1)
 """Ticks by which a counter may be off, best first: this tick's sample, or the next one's, which may have come
 as well; the one before only if none of these comes, as it would leave the firmware a tick behind."""
 
 MODULUS = 1 << codec.ACCELEROMETER.layout.counter_bits
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
+
+LONGEST_DATED_TICKS = MODULUS - 2
+"""Since the last sample: for as long a sample's counter says when it was sent, give or take a tick."""
 
 STEADY_SAMPLES = 2
 """No more come in a tick of sensors that keep their pace: they are of now whatever their counter says, as the
@@ -66,22 +66,14 @@ class Waking:
         self.elapsed_ticks += elapsed_ticks
         self._left_ticks -= 1
         samples = [frame for frame in frames if frame.can_id == ACCELEROMETER]
-        all_there = len(samples) + LAST_BEFORE_TICKS >= tick - self._last_tick
         self._keep_others(frames)
-        if is_first and not all_there and not self._counter_tells(tick):
+        if is_first and tick - self._last_tick >= LONGEST_DATED_TICKS:
             return
         self._keep_newest(self._near(tick, frames, AT_ONCE), frames)
         if self._near(tick, frames, AT_LAST):
             self._held = [frame for frame in frames if frame.can_id in (ACCELEROMETER, ENCODER)]
         elif not is_first and len(samples) <= STEADY_SAMPLES:
             self._keep_newest(samples, frames)
-
-    def _counter_tells(self, tick: int) -> bool:
-        """Whether no sample from before the pause has the counter of one of now."""
-        newest = self.elapsed_ticks - LAST_BEFORE_TICKS
-        oldest = tick - self._last_tick - 1
-        turns = range(0, oldest + MODULUS, MODULUS)
-        return not any(newest <= turn + jitter <= oldest for turn in turns for jitter in AT_LAST)
 
     def _keep_others(self, frames: Sequence[Frame]) -> None:
         self.frames += [frame for frame in frames if frame.can_id not in (ACCELEROMETER, ENCODER)]

@@ -63,7 +63,7 @@ class Paused:
         return inputs.accelerometer.age_ticks, inputs.encoder.age_ticks
 
 
-@pytest.mark.parametrize("pause_ticks", [2, 9, 16, 80])
+@pytest.mark.parametrize("pause_ticks", [2, 9, 16, 80, 252, 253, 255, 256, 300])
 def test_sample_from_before_the_pause_does_not_pass_for_new(pause_ticks: int) -> None:
     run = Paused()
     old = run.publish()  # of tick 20, at which the machine stops
@@ -79,11 +79,13 @@ def test_sample_from_before_the_pause_does_not_pass_for_new(pause_ticks: int) ->
     assert len(run.bus.waited_s) == 1
 
 
-@pytest.mark.parametrize(("silent_ticks", "pause_ticks"), [(10, 16), (9, 17), (10, 6), (11, 20), (3, 14)])
+@pytest.mark.parametrize(
+    ("silent_ticks", "pause_ticks"), [(10, 16), (9, 17), (10, 6), (11, 20), (3, 14), (3, 254), (10, 256)]
+)
 def test_what_a_bus_held_up_before_the_pause_does_not_pass_for_new(
     silent_ticks: int, pause_ticks: int
 ) -> None:
-    """The bus stops first, then the machine: a backlog of more than a turn of the counter lies there."""
+    """The bus stops first, then the machine: a backlog lies there, older than the pause is long."""
     run = Paused()
     backlog = []
     for tick in range(20, 20 + silent_ticks):
