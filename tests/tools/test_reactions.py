@@ -1,0 +1,50 @@
+"""Reaction times by frames: what counts as torque 0, IDLE and its confirmation."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState
+from firmware_py.interface.records import DriveHeartbeat, SetInputTorque
+from hil.can_log import CanLog
+from tools.reactions import IDLE, Reaction, markdown, reaction, records, worst
+
+OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
+CLOSED = DriveHeartbeat(0, AxisState.CLOSED_LOOP_CONTROL.value, 0, 0)
+RUN: list[tuple[float, Any]] = [
+    (0.90, OPENED),
+    (0.90, IDLE),
+    (1.00, SetInputTorque(0.0)),  # on its way through 0: the torque comes again
+    (1.00, IDLE),
+    (1.01, SetInputTorque(0.1)),
+    (1.02, SetInputTorque(0.0)),
+    (1.02, IDLE),
+    (1.03, SetInputTorque(0.0)),
+    (1.05, CLOSED),
+    (1.15, OPENED),
+    (1.25, OPENED),
+]
+
+
+def rounded(times: Reaction) -> list[float]:
+    return [round(time_s, 6) for time_s in times]
+
+
+def test_times_count_from_the_fault_to_what_holds_for_good() -> None:
+    assert rounded(reaction(iter(RUN), 0.95)) == [0.07, 0.07, 0.2]
+    assert rounded(reaction(iter(RUN[:-2]), 0.95)) == [0.07, 0.07, math.inf]
+    assert rounded(reaction(iter([*RUN, (1.3, SetInputTorque(0.1))]), 0.95)) == [math.inf] * 3
+
+
+def test_frames_are_read_from_a_run_s_log(tmp_path: Path) -> None:
+    with CanLog(tmp_path / "can.log") as log:
+        for t_s, record in RUN:
+            log.write(round(1e6 * t_s), [codec.encode(record)])
+    assert rounded(reaction(records(tmp_path / "can.log"), 0.95)) == [0.07, 0.07, 0.2]
+
+
+def test_the_table_has_the_worst_of_each_time() -> None:
+    found = {"overspeed": [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]}
+    assert worst(found["overspeed"]) == Reaction(0.003, 0.002, math.inf)
+    assert markdown(found).splitlines()[-1] == "| overspeed | 2 | 3 ms | 2 ms | never |"

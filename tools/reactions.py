@@ -1,0 +1,108 @@
+"""Reaction times by frames on the bus: fault → torque 0 → IDLE → the drive's heartbeat says idle.
+
+    python -m tools.reactions --seeds 20 [SCENARIO…]
+
+Runs scenarios in lockstep, each in so many seeds, which also move the fault's moment, and prints for every
+fault that the firmware latched the worst of each time as the table of docs/safety.md. The times count from
+the moment at which the scenario's first fault begins; IDLE counts once the torque is 0 for good.
+"""
+
+import argparse
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import can
+
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.enums import AxisState
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import DriveHeartbeat, SetAxisState, SetInputTorque
+from hil.bench import run_scenario
+from hil.suite import Case, cases_of, scenarios_for, silent
+
+IDLE = SetAxisState(AxisState.IDLE)
+
+
+class Reaction(NamedTuple):
+    """Seconds from the fault to each step; infinite if the run ends before."""
+
+    torque_zero_s: float
+    idle_sent_s: float
+    idle_confirmed_s: float
+
+
+def records(log: Path) -> Iterator[tuple[float, Any]]:
+    """The time in s and the record of every frame in `log` that can be decoded."""
+    for message in can.CanutilsLogReader(log):
+        try:
+            yield message.timestamp, codec.decode(Frame(message.arbitration_id, bytes(message.data)))
+        except FrameError:
+            continue
+
+
+def reaction(sent: Iterator[tuple[float, Any]], fault_s: float) -> Reaction:
+    """How a run reacted to the fault at `fault_s`, by the frames on its bus."""
+    torque_s = idle_s = confirmed_s = math.inf
+    for t_s, record in sent:
+        if t_s < fault_s:
+            continue
+        if isinstance(record, SetInputTorque):
+            if record.torque_n_m != 0.0:
+                torque_s = idle_s = confirmed_s = math.inf
+            torque_s = min(torque_s, t_s if record.torque_n_m == 0.0 else math.inf)
+        elif record == IDLE and math.isfinite(torque_s):
+            idle_s = min(idle_s, t_s)
+        elif isinstance(record, DriveHeartbeat) and record.axis_state == AxisState.IDLE and t_s > idle_s:
+            confirmed_s = min(confirmed_s, t_s)
+    return Reaction(torque_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
+
+
+def reacted(case: Case) -> tuple[str | None, Reaction]:
+    """The fault that a run latched, None for none, and how soon."""
+    verdict = run_scenario(case.scenario, "lockstep", "auto", case.run_dir, case.seed, silent)
+    fault_s = min(fault.at_s for fault in case.scenario.faults)
+    return verdict["fault"], reaction(records(case.run_dir / "can.log"), fault_s)
+
+
+def worst(reactions: Sequence[Reaction]) -> Reaction:
+    """The longest of each time."""
+    return Reaction(*(max(times) for times in zip(*reactions, strict=True)))
+
+
+def shown(time_s: float) -> str:
+    """A time as the table has it; the drive may be silent to the end of the run."""
+    return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
+
+
+def markdown(found: dict[str, list[Reaction]]) -> str:
+    """The table of docs/safety.md."""
+    lines = ["| fault | runs | torque 0 | IDLE sent | idle confirmed |", "|---|---|---|---|---|"]
+    for fault in sorted(found):
+        times = " | ".join(map(shown, worst(found[fault])))
+        lines.append(f"| {fault} | {len(found[fault])} | {times} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what the command line names and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
+    parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")
+    asked = parser.parse_args()
+    scenarios, _ = scenarios_for(asked.names, "lockstep")
+    faulty = [scenario for scenario in scenarios if scenario.faults]
+    found: dict[str, list[Reaction]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for case in cases_of(faulty, range(1, asked.seeds + 1), Path(folder)):
+            fault, times = reacted(case)
+            if fault is not None:
+                found.setdefault(fault, []).append(times)
+    print(markdown(found))
+
+
+if __name__ == "__main__":
+    main()
