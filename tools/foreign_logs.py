@@ -6,6 +6,7 @@ end is reported: python-can's readers end in silence there.
 
 import gzip
 import io
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -83,7 +84,7 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
     try:
         content = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
         text = content.decode()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise BadInputError(f"{path} cannot be read as text ({error}); wanted {FORMATS}") from error
     lines = text.splitlines(keepends=True)
     left_out: set[int] = set()
