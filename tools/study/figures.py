@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 UP_COLOUR, DOWN_COLOUR = "tab:blue", "tab:orange"
-IMPACT_COLOUR, CALM_COLOUR, BAND_COLOUR = "#c44e52", "#dfe7f0", "#f2d98c"
+IMPACT_COLOUR, CALM_COLOUR, BAND_COLOUR = "#0072b2", "#e4e4e4", "#f2d98c"
+CALM_LINE_COLOUR, BORDER_COLOUR = "#6b6b6b", "#d55e00"
+"""From Okabe and Ito's set, whose colours colour-blind readers can distinguish; the impact regime is blue."""
 LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–Stribeck"}
 
 
@@ -188,12 +190,12 @@ def basin(
 
 REGIME_COLOURS = {
     Regime.NON_IMPACT: CALM_COLOUR,
-    Regime.IMPACT: "#c44e52",
-    Regime.PERIOD_N: "#8172b2",
+    Regime.IMPACT: IMPACT_COLOUR,
+    Regime.PERIOD_N: "#cc79a7",
     Regime.LOST: "#ffffff",
-    Regime.CHATTERING: "#55a868",
+    Regime.CHATTERING: "#56b4e9",
     Regime.STUCK: "#8c8c8c",
-    Regime.UNCERTAIN: "#dd8452",
+    Regime.UNCERTAIN: "#e69f00",
 }
 """Colour of each regime in charts."""
 
@@ -225,7 +227,7 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
 
 def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     case = motion.case
-    colour = IMPACT_COLOUR if motion.strikes else UP_COLOUR
+    colour = IMPACT_COLOUR if motion.strikes else CALM_LINE_COLOUR
     y_mm = 1e3 * (motion.x_m - case.rest_length_m)
     gap_mm = 1e3 * case.gap_m
     axes[0].plot(motion.t_s, y_mm, color=colour, lw=1.2)
@@ -264,11 +266,13 @@ def chart(
         "interpolation": "nearest",
     }
     left, right = grid[0]
-    image = left.imshow(100.0 * reliability, cmap="RdYlGn", vmin=0.0, vmax=100.0, **shared)
+    image = left.imshow(100.0 * reliability, cmap="Blues", vmin=0.0, vmax=100.0, **shared)
     figure.colorbar(image, ax=left, label="starts that end in impact motion [%]")
     if from_rest.any() and not from_rest.all():
-        left.contour(ratios, values, from_rest.astype(float), levels=[0.5], colors="k", linewidths=1.2)
-    left.set(xlabel="Ω/ω", ylabel=label, title="start-up reliability; black: from rest at once")
+        left.contour(
+            ratios, values, from_rest.astype(float), levels=[0.5], colors=BORDER_COLOUR, linewidths=1.6
+        )
+    left.set(xlabel="Ω/ω", ylabel=label, title="start-up reliability; orange line: from rest at once")
     colours = ListedColormap([REGIME_COLOURS[regime] for regime in Regime])
     edges = BoundaryNorm(np.arange(len(Regime) + 1) - 0.5, len(Regime))
     right.imshow(regimes, cmap=colours, norm=edges, **shared)
