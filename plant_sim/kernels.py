@@ -57,7 +57,14 @@ def _source_hash() -> str:
 
 def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a kernel: no Python objects, no GIL, IEEE division, cached per source state and types."""
-    return _compiled(function, parallel=False)
+    # numba reads its global cache folder when it decorates; put back, for other packages have their own.
+    settings: Any = numba_config
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    try:
+        kernel: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        settings.CACHE_DIR = previous
+    return kernel
 
 
 def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -78,24 +85,6 @@ def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return plain
 
 
-def parallel_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """`jit` with `numba.prange` loops spread over the cores."""
-    return _compiled(function, parallel=True)
-
-
-def _compiled(function: Callable[_P, _R], *, parallel: bool) -> Callable[_P, _R]:
-    # numba reads its global cache folder when it decorates; put back, for other packages have their own.
-    settings: Any = numba_config
-    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
-    try:
-        kernel: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=parallel)(
-            function
-        )
-    finally:
-        settings.CACHE_DIR = previous
-    return kernel
-
-
 def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:
     """The machine code of a kernel for arguments of these very types, compiled or loaded now.
 
@@ -114,7 +103,8 @@ def by_part(generic: _Generic) -> _Generic:
     """A function with one law per type of its first argument, chosen when a kernel is compiled.
 
     Laws are added with `@law(generic, PartType)`; a kernel that calls the generic function then holds only
-    the law of the scene's own part. The same call works interpreted.
+    the law of the scene's own part. The generic function's own body is what holds for every other part: where
+    it raises NotImplementedError, each part needs a law. The same call works interpreted.
 
     >>> from typing import NamedTuple
     >>> class Sphere(NamedTuple):
@@ -126,15 +116,21 @@ def by_part(generic: _Generic) -> _Generic:
     ...     return 4.0 / 3.0 * 3.14159 * body.radius_m**3
     >>> round(volume_m3(Sphere(1.0)), 3)
     4.189
+    >>> @by_part
+    ... def edges(body):
+    ...     return 0
+    >>> edges(Sphere(1.0))
+    0
     """
     laws: dict[type, Callable[..., Any]] = {}
+    default = None if "NotImplementedError" in generic.__code__.co_names else generic
 
     @functools.wraps(generic)
     def interpreted(part: Any, *arguments: Any) -> Any:
-        return laws[type(part)](part, *arguments)
+        return laws.get(type(part), generic)(part, *arguments)
 
     def compiled(part: types.Type, *arguments: types.Type) -> Callable[..., Any] | None:
-        return laws.get(getattr(part, "instance_class", type(None)))
+        return laws.get(getattr(part, "instance_class", type(None)), default)
 
     options: Any = {"error_model": "numpy", **_KERNELS_ONLY}
     overload(interpreted, strict=False, jit_options=options)(compiled)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
 from plant_sim.sensor_models import AccelerometerModel, SensorModels
@@ -94,11 +94,6 @@ def _pole(model: AccelerometerModel) -> complex:
 @by_part
 def note_readings(probe: Probe) -> None:
     """Read the filters: an accelerometer's is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
-    raise NotImplementedError
-
-
-@law(note_readings, NoSensing)
-def _(probe: NoSensing) -> None:
     return
 
 
@@ -113,11 +108,6 @@ def _(probe: Sensing) -> None:
 @by_part
 def is_sensing(probe: Probe) -> bool:
     """Whether anything wants to know the motion within steps."""
-    raise NotImplementedError
-
-
-@law(is_sensing, NoSensing)
-def _(probe: NoSensing) -> bool:
     return False
 
 
@@ -129,11 +119,6 @@ def _(probe: Sensing) -> bool:
 @by_part
 def sense_jump(probe: Probe, jump_m_s: float) -> None:
     """A rigid stop has taken this much velocity off the striker."""
-    raise NotImplementedError
-
-
-@law(sense_jump, NoSensing)
-def _(probe: NoSensing, jump_m_s: float) -> None:
     return
 
 
@@ -151,11 +136,6 @@ def _(probe: Sensing, jump_m_s: float) -> None:
 @by_part
 def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
-    raise NotImplementedError
-
-
-@law(sense_step, NoSensing)
-def _(probe: NoSensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
     return
 
 
@@ -183,11 +163,6 @@ def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, be
 @by_part
 def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
     """Drive the accelerometers by a_b over a step, on top of what they hold already."""
-    raise NotImplementedError
-
-
-@law(_sense_housing, Level)
-def _(housing: Level, probe: Sensing, used_s: float, begin_s: float) -> None:
     return
 
 

@@ -42,11 +42,6 @@ def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> floa
 
     The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply.
     """
-    raise NotImplementedError
-
-
-@law(motor_current_a, IdealDrive)
-def _(drive: IdealDrive, torque_n_m: float, omega_rad_s: float) -> float:
     return 0.0
 
 
@@ -62,11 +57,6 @@ def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
 @by_part
 def motor_torque_n_m(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
     """Torque on the crank, N m, of the current that flows for a commanded one."""
-    raise NotImplementedError
-
-
-@law(motor_torque_n_m, IdealDrive)
-def _(drive: IdealDrive, torque_n_m: float, omega_rad_s: float) -> float:
     return 0.0
 
 

@@ -39,11 +39,6 @@ Friction: TypeAlias = NoFriction | Viscous | Coulomb | Stribeck
 @by_part
 def static_limit_n(friction: Friction, normal_n: float) -> float:
     """Largest force, N, that holds the striker at rest under the normal force m g; 0 where nothing sticks."""
-    raise NotImplementedError
-
-
-@law(static_limit_n, NoFriction, Viscous)
-def _(friction: NoFriction | Viscous, normal_n: float) -> float:
     return 0.0
 
 
@@ -60,11 +55,6 @@ def _(friction: Stribeck, normal_n: float) -> float:
 @by_part
 def friction_force_n(friction: Friction, normal_n: float, v_m_s: float, direction: float) -> float:
     """F_f, N, of a striker sliding in `direction`, ±1; within a solver's stage v may overshoot zero."""
-    raise NotImplementedError
-
-
-@law(friction_force_n, NoFriction)
-def _(friction: NoFriction, normal_n: float, v_m_s: float, direction: float) -> float:
     return 0.0
 
 

@@ -43,11 +43,6 @@ Housing: TypeAlias = Level | Tilted | Moving | Walking
 @by_part
 def housing_m_s2(housing: Housing, t_s: float) -> float:
     """a_b, m/s²."""
-    raise NotImplementedError
-
-
-@law(housing_m_s2, Level)
-def _(housing: Level, t_s: float) -> float:
     return 0.0
 
 
@@ -75,11 +70,6 @@ def _(housing: Walking, t_s: float) -> float:
 @by_part
 def housing_m_s3(housing: Housing, t_s: float) -> float:
     """Growth of a_b, m/s³."""
-    raise NotImplementedError
-
-
-@law(housing_m_s3, Level, Tilted)
-def _(housing: Level | Tilted, t_s: float) -> float:
     return 0.0
 
 
@@ -102,11 +92,6 @@ def _(housing: Walking, t_s: float) -> float:
 @by_part
 def smooth_for_s(housing: Housing, t_s: float) -> float:
     """How long a step from `t_s` may be, s: a radian of the motion at most, and over no kink of it."""
-    raise NotImplementedError
-
-
-@law(smooth_for_s, Level, Tilted)
-def _(housing: Level | Tilted, t_s: float) -> float:
     return math.inf
 
 
@@ -130,11 +115,6 @@ def _(housing: Walking, t_s: float) -> float:
 @by_part
 def moves(housing: Housing) -> bool:
     """Whether what it does changes with time."""
-    raise NotImplementedError
-
-
-@law(moves, Level, Tilted)
-def _(housing: Level | Tilted) -> bool:
     return False
 
 
@@ -146,14 +126,9 @@ def _(housing: Moving | Walking) -> bool:
 @by_part
 def is_level(housing: Housing) -> bool:
     """Whether there is nothing to feel of it."""
-    raise NotImplementedError
+    return False
 
 
 @law(is_level, Level)
 def _(housing: Level) -> bool:
     return True
-
-
-@law(is_level, Tilted, Moving, Walking)
-def _(housing: Tilted | Moving | Walking) -> bool:
-    return False

@@ -63,11 +63,6 @@ def _(stop: RigidStop | KelvinVoigt | HuntCrossley, striker: Striker) -> float:
 @by_part
 def damping_s_m(stop: Stop, touch_speed_m_s: float) -> float:
     """λ, s/m, of a contact that began at this speed; 0 for stops whose damping does not depend on it."""
-    raise NotImplementedError
-
-
-@law(damping_s_m, NoStop, RigidStop, KelvinVoigt)
-def _(stop: NoStop | RigidStop | KelvinVoigt, touch_speed_m_s: float) -> float:
     return 0.0
 
 
@@ -79,11 +74,6 @@ def _(stop: HuntCrossley, touch_speed_m_s: float) -> float:
 @by_part
 def elastic_force_n(stop: Stop, depth_m: float) -> float:
     """Force, N, of the stop's spring alone on the striker, against +x."""
-    raise NotImplementedError
-
-
-@law(elastic_force_n, NoStop, RigidStop)
-def _(stop: NoStop | RigidStop, depth_m: float) -> float:
     return 0.0
 
 
@@ -101,11 +91,6 @@ def _(stop: HuntCrossley, depth_m: float) -> float:
 @by_part
 def stop_force_n(stop: Stop, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
     """Force, N, of the stop on a striker in contact, against +x, from that of its spring."""
-    raise NotImplementedError
-
-
-@law(stop_force_n, NoStop, RigidStop)
-def _(stop: NoStop | RigidStop, elastic_n: float, v_m_s: float, damping_s_m: float) -> float:
     return 0.0
 
 
@@ -122,11 +107,6 @@ def _(stop: HuntCrossley, elastic_n: float, v_m_s: float, damping_s_m: float) ->
 @by_part
 def elastic_energy_j(stop: Stop, depth_m: float) -> float:
     """Energy, J, in the stop's spring."""
-    raise NotImplementedError
-
-
-@law(elastic_energy_j, NoStop, RigidStop)
-def _(stop: NoStop | RigidStop, depth_m: float) -> float:
     return 0.0
 
 
@@ -143,7 +123,7 @@ def _(stop: HuntCrossley, depth_m: float) -> float:
 @by_part
 def is_rigid(stop: Stop) -> bool:
     """Whether an impact takes no time."""
-    raise NotImplementedError
+    return False
 
 
 @law(is_rigid, RigidStop)
@@ -151,19 +131,9 @@ def _(stop: RigidStop) -> bool:
     return True
 
 
-@law(is_rigid, NoStop, KelvinVoigt, HuntCrossley)
-def _(stop: NoStop | KelvinVoigt | HuntCrossley) -> bool:
-    return False
-
-
 @by_part
 def is_soft(stop: Stop) -> bool:
     """Whether an impact is a contact that lasts."""
-    raise NotImplementedError
-
-
-@law(is_soft, NoStop, RigidStop)
-def _(stop: NoStop | RigidStop) -> bool:
     return False
 
 
@@ -175,7 +145,7 @@ def _(stop: KelvinVoigt | HuntCrossley) -> bool:
 @by_part
 def restitution(stop: Stop) -> float:
     """Newton's k of a rigid stop."""
-    raise NotImplementedError
+    return 1.0
 
 
 @law(restitution, RigidStop)
@@ -183,19 +153,9 @@ def _(stop: RigidStop) -> float:
     return stop.restitution
 
 
-@law(restitution, NoStop, KelvinVoigt, HuntCrossley)
-def _(stop: NoStop | KelvinVoigt | HuntCrossley) -> float:
-    return 1.0
-
-
 @by_part
 def contact_rate_rad_s(stop: Stop, mass_kg: float, touch_speed_m_s: float) -> float:
     """Speed over greatest depth, rad/s, of an undamped contact: how fast things happen in it."""
-    raise NotImplementedError
-
-
-@law(contact_rate_rad_s, NoStop, RigidStop)
-def _(stop: NoStop | RigidStop, mass_kg: float, touch_speed_m_s: float) -> float:
     return 0.0
 
 

@@ -27,11 +27,6 @@ Wearer: TypeAlias = NoWearer | Ankle
 @by_part
 def is_worn(wearer: Wearer) -> bool:
     """Whether the stop gives way."""
-    raise NotImplementedError
-
-
-@law(is_worn, NoWearer)
-def _(wearer: NoWearer) -> bool:
     return False
 
 
@@ -43,11 +38,6 @@ def _(wearer: Ankle) -> bool:
 @by_part
 def contact_mass_kg(wearer: Wearer, striker_kg: float) -> float:
     """The mass that a contact accelerates: the striker's, or the reduced one of striker and plate."""
-    raise NotImplementedError
-
-
-@law(contact_mass_kg, NoWearer)
-def _(wearer: NoWearer, striker_kg: float) -> float:
     return striker_kg
 
 

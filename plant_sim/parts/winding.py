@@ -63,11 +63,6 @@ Winding: TypeAlias = Settled | DqWinding
 @by_part
 def wave_sum(waves: Unevenness, angle_rad: float) -> float:
     """Σ a sin(n θ + φ)."""
-    raise NotImplementedError
-
-
-@law(wave_sum, Smooth)
-def _(waves: Smooth, angle_rad: float) -> float:
     return 0.0
 
 
@@ -82,11 +77,6 @@ def _(waves: Waves, angle_rad: float) -> float:
 @by_part
 def wave_energy(waves: Unevenness, angle_rad: float) -> float:
     """Σ a/n cos(n θ + φ): what falls as a torque Σ a sin(n θ + φ) does work."""
-    raise NotImplementedError
-
-
-@law(wave_energy, Smooth)
-def _(waves: Smooth, angle_rad: float) -> float:
     return 0.0
 
 
@@ -101,11 +91,6 @@ def _(waves: Waves, angle_rad: float) -> float:
 @by_part
 def cogging_n_m(winding: Winding, angle_rad: float) -> float:
     """Torque of the magnets on the slots, N m: it turns the crank where positive."""
-    raise NotImplementedError
-
-
-@law(cogging_n_m, Settled)
-def _(winding: Settled, angle_rad: float) -> float:
     return 0.0
 
 
@@ -117,11 +102,6 @@ def _(winding: DqWinding, angle_rad: float) -> float:
 @by_part
 def cogging_energy_j(winding: Winding, angle_rad: float) -> float:
     """Energy, J, that cogging stores."""
-    raise NotImplementedError
-
-
-@law(cogging_energy_j, Settled)
-def _(winding: Settled, angle_rad: float) -> float:
     return 0.0
 
 

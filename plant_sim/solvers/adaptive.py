@@ -9,13 +9,13 @@ import math
 import numpy as np
 
 from plant_sim.kernels import by_part, jit, law, subroutine, unowned
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.parts.drive import Drive, MotorDrive
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.housing import is_level, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, is_worn
-from plant_sim.parts.winding import DqWinding, Settled, Winding
+from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.result import (
     ElectricalLedger,
     EnergyLedger,
@@ -363,13 +363,6 @@ def _may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Ve
 def _voltage_may_end(
     winding: Winding, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
 ) -> bool:
-    raise NotImplementedError
-
-
-@law(_voltage_may_end, Settled)
-def _(
-    winding: Settled, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
-) -> bool:
     return False
 
 
@@ -391,11 +384,6 @@ def _(
 
 @by_part
 def _crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
-    raise NotImplementedError
-
-
-@law(_crank_may_halt, IdealDrive)
-def _(drive: IdealDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
     return False
 
 
@@ -461,11 +449,6 @@ def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> float:
 @by_part
 def _follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> None:
     """Largest force on the wearer so far, by the same means as the contact's."""
-    raise NotImplementedError
-
-
-@law(_follow_felt, NoWearer)
-def _(wearer: NoWearer, drive: Drive, memory: Memory, share: float) -> None:
     return
 
 
@@ -499,11 +482,6 @@ def _felt_at(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> float:
 @by_part
 def ankle_s(wearer: Wearer) -> float:
     """How long a step may be for the ankle's sake, s: a radian of its oscillation at most."""
-    raise NotImplementedError
-
-
-@law(ankle_s, NoWearer)
-def _(wearer: NoWearer) -> float:
     return math.inf
 
 

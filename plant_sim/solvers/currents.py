@@ -39,11 +39,6 @@ class Voltages(NamedTuple):
 @by_part
 def winding_size(winding: Winding) -> int:
     """How many quantities of motion the windings add."""
-    raise NotImplementedError
-
-
-@law(winding_size, Settled)
-def _(winding: Settled) -> int:
     return 0
 
 
@@ -55,11 +50,6 @@ def _(winding: DqWinding) -> int:
 @by_part
 def winding_integrals(winding: Winding) -> int:
     """How many of the ledger's integrals the windings have."""
-    raise NotImplementedError
-
-
-@law(winding_integrals, Settled)
-def _(winding: Settled) -> int:
     return 0
 
 
@@ -173,22 +163,6 @@ def winding_derivative(
     out: Vector,
 ) -> None:
     """Fill in the windings' part of the derivative."""
-    raise NotImplementedError
-
-
-@law(winding_derivative, Settled)
-def _(
-    winding: Settled,
-    drive: Drive,
-    torque_n_m: float,
-    limited: bool,
-    angle_rad: float,
-    omega_rad_s: float,
-    y: Vector,
-    place: int,
-    account: int,
-    out: Vector,
-) -> None:
     return
 
 
@@ -272,11 +246,6 @@ def voltage_may_end(
 @by_part
 def current_s(winding: Winding, drive: Drive) -> float:
     """How long a step may be for the windings' sake, s: the method is stable to h λ = −6 or so."""
-    raise NotImplementedError
-
-
-@law(current_s, Settled)
-def _(winding: Settled, drive: Drive) -> float:
     return math.inf
 
 

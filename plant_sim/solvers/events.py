@@ -17,7 +17,6 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
     HuntCrossley,
     KelvinVoigt,
-    NoStop,
     RigidStop,
     Stop,
     elastic_force_n,
@@ -112,13 +111,6 @@ def stop_events(
     stop: Stop, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
 ) -> Found:
     """The earlier of `found` and the stop's own event."""
-    raise NotImplementedError
-
-
-@law(stop_events, NoStop)
-def _(
-    stop: NoStop, parts: Parts, phase: int, zeros: Zeros, dense: Vector, scratch: Scratch, found: Found
-) -> Found:
     return found
 
 
@@ -182,20 +174,6 @@ def crank_events(
     found: Found,
 ) -> Found:
     """The earlier of `found` and the crank's coming to rest, or breaking away from it."""
-    raise NotImplementedError
-
-
-@law(crank_events, IdealDrive)
-def _(
-    drive: IdealDrive,
-    parts: Parts,
-    flow: Flow,
-    y: Vector,
-    zeros: Zeros,
-    dense: Vector,
-    scratch: Scratch,
-    found: Found,
-) -> Found:
     return found
 
 
@@ -291,20 +269,6 @@ def voltage_events(
     found: Found,
 ) -> Found:
     """The earlier of `found` and the bus's beginning, or ending, to limit the current loop."""
-    raise NotImplementedError
-
-
-@law(voltage_events, Settled)
-def _(
-    winding: Settled,
-    drive: Drive,
-    parts: Parts,
-    flow: Flow,
-    zeros: Zeros,
-    dense: Vector,
-    scratch: Scratch,
-    found: Found,
-) -> Found:
     return found
 
 

@@ -3,18 +3,13 @@
 import math
 
 from plant_sim.kernels import by_part, law
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
-from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
+from plant_sim.parts.stop import RigidStop, Stop
 
 
 @by_part
 def is_dry(friction: Friction) -> bool:
     """Whether the law has a dry part: the striker can stick and friction reverses with its direction."""
-    raise NotImplementedError
-
-
-@law(is_dry, NoFriction, Viscous)
-def _(friction: NoFriction | Viscous) -> bool:
     return False
 
 
@@ -26,11 +21,6 @@ def _(friction: Coulomb | Stribeck) -> bool:
 @by_part
 def damping_n_s_m(friction: Friction) -> float:
     """The viscous coefficient b."""
-    raise NotImplementedError
-
-
-@law(damping_n_s_m, NoFriction)
-def _(friction: NoFriction) -> float:
     return 0.0
 
 
@@ -42,11 +32,6 @@ def _(friction: Viscous | Coulomb | Stribeck) -> float:
 @by_part
 def dry_limit_m_s2(friction: Friction, gravity_m_s2: float, v_m_s: float) -> float:
     """Largest dry friction at a speed, over the mass."""
-    raise NotImplementedError
-
-
-@law(dry_limit_m_s2, NoFriction, Viscous)
-def _(friction: NoFriction | Viscous, gravity_m_s2: float, v_m_s: float) -> float:
     return 0.0
 
 
@@ -64,11 +49,6 @@ def _(friction: Stribeck, gravity_m_s2: float, v_m_s: float) -> float:
 @by_part
 def has_stop(stop: Stop) -> bool:
     """Whether there is anything to hit."""
-    raise NotImplementedError
-
-
-@law(has_stop, NoStop)
-def _(stop: NoStop) -> bool:
     return False
 
 
@@ -80,11 +60,6 @@ def _(stop: RigidStop) -> bool:
 @by_part
 def stop_position_m(stop: Stop) -> float:
     """Where the stop is; infinitely far if there is none."""
-    raise NotImplementedError
-
-
-@law(stop_position_m, NoStop)
-def _(stop: NoStop) -> float:
     return math.inf
 
 
@@ -96,11 +71,6 @@ def _(stop: RigidStop) -> float:
 @by_part
 def restitution(stop: Stop) -> float:
     """Newton's k; 0 where there is nothing to bounce off."""
-    raise NotImplementedError
-
-
-@law(restitution, NoStop)
-def _(stop: NoStop) -> float:
     return 0.0
 
 

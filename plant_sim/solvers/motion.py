@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plant_sim.kernels import by_part, law, shared, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import friction_force_n
-from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import (
@@ -95,11 +95,6 @@ def _(drive: MotorDrive) -> int:
 @by_part
 def plate_size(wearer: Wearer) -> int:
     """How many quantities of motion a wearer adds."""
-    raise NotImplementedError
-
-
-@law(plate_size, NoWearer)
-def _(wearer: NoWearer) -> int:
     return 0
 
 
@@ -144,11 +139,6 @@ def _(stop: KelvinVoigt | HuntCrossley) -> int:
 @by_part
 def housing_integrals(housing: Housing) -> int:
     """How many of the ledger's integrals a housing has."""
-    raise NotImplementedError
-
-
-@law(housing_integrals, Level)
-def _(housing: Level) -> int:
     return 0
 
 
@@ -160,11 +150,6 @@ def _(housing: Tilted | Moving | Walking) -> int:
 @by_part
 def wearer_integrals(wearer: Wearer) -> int:
     """How many of the ledger's integrals a wearer has."""
-    raise NotImplementedError
-
-
-@law(wearer_integrals, NoWearer)
-def _(wearer: NoWearer) -> int:
     return 0
 
 
@@ -236,11 +221,6 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 @by_part
 def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
     """Force of spring and damper of the ankle on the wearer, N: k_a p + d_a p'."""
-    raise NotImplementedError
-
-
-@law(felt_force_n, NoWearer)
-def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
@@ -254,11 +234,6 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 @by_part
 def plate_momentum_n_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
     """m_f p', N s."""
-    raise NotImplementedError
-
-
-@law(plate_momentum_n_s, NoWearer)
-def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
@@ -271,11 +246,6 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 @by_part
 def plate_energy_j(wearer: Wearer, drive: Drive, y: Vector) -> float:
     """Energy of plate and ankle spring, J."""
-    raise NotImplementedError
-
-
-@law(plate_energy_j, NoWearer)
-def _(wearer: NoWearer, drive: Drive, y: Vector) -> float:
     return 0.0
 
 
@@ -290,11 +260,6 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 def _plate_derivative(
     wearer: Wearer, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector
 ) -> None:
-    raise NotImplementedError
-
-
-@law(_plate_derivative, NoWearer)
-def _(wearer: NoWearer, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
     return
 
 
@@ -309,11 +274,6 @@ def _(wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Ve
 
 @by_part
 def _housing_derivative(housing: Housing, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
-    raise NotImplementedError
-
-
-@law(_housing_derivative, Level)
-def _(housing: Level, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
     return
 
 
@@ -482,11 +442,6 @@ def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: 
 @by_part
 def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
     """Kinetic energy, J, of what the motor turns; an ideal drive's is its own affair."""
-    raise NotImplementedError
-
-
-@law(rotor_energy_j, IdealDrive)
-def _(drive: IdealDrive, omega_rad_s: float) -> float:
     return 0.0
 
 

@@ -31,7 +31,7 @@ from plant_sim.parts.stop import (
 )
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
-from plant_sim.parts.winding import DqWinding, Settled, Winding
+from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.sensing import Probe, sense_jump
 from plant_sim.solvers.currents import voltage_excess
 from plant_sim.solvers.events import (
@@ -196,11 +196,6 @@ def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> No
 @by_part
 def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     """Whether a resting crank stays at rest under this torque, and else which way it turns."""
-    raise NotImplementedError
-
-
-@law(settle_crank, IdealDrive)
-def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     return
 
 
@@ -253,11 +248,6 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
 @by_part
 def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     """Whether the bus limits the current loop from now on, the torque asked for being this."""
-    raise NotImplementedError
-
-
-@law(settle_voltage, Settled)
-def _(winding: Settled, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     return
 
 
@@ -271,11 +261,6 @@ def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torqu
 
 @by_part
 def _limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
-    raise NotImplementedError
-
-
-@law(_limit_voltage, Settled)
-def _(winding: Settled, memory: Memory, event: int) -> None:
     return
 
 
@@ -288,11 +273,6 @@ def _(winding: DqWinding, memory: Memory, event: int) -> None:
 @by_part
 def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
     """Whether the bus limits a current loop now."""
-    raise NotImplementedError
-
-
-@law(is_voltage_limited, Settled)
-def _(winding: Settled, memory: Memory) -> bool:
     return False
 
 
@@ -305,11 +285,6 @@ def _(winding: DqWinding, memory: Memory) -> bool:
 @by_part
 def voltage_zeros(winding: Winding, memory: Memory) -> int:
     """How many derivatives of the voltage's excess are zero at the step's start; forgets them."""
-    raise NotImplementedError
-
-
-@law(voltage_zeros, Settled)
-def _(winding: Settled, memory: Memory) -> int:
     return 0
 
 
@@ -322,11 +297,6 @@ def _(winding: DqWinding, memory: Memory) -> int:
 
 @by_part
 def _halt_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    raise NotImplementedError
-
-
-@law(_halt_crank, IdealDrive)
-def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     return
 
 
@@ -338,11 +308,6 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
 
 @by_part
 def _break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    raise NotImplementedError
-
-
-@law(_break_crank, IdealDrive)
-def _(drive: IdealDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     return
 
 

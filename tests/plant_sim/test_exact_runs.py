@@ -9,7 +9,6 @@ from exact_scenes import MASS_KG, NATURAL_RAD_S, REST_M, STOP, module, random_mo
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.kernels import parallel_jit
 from plant_sim.parts.drive import IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
 from plant_sim.parts.stop import HuntCrossley, NoStop
@@ -155,7 +154,7 @@ def test_ends_and_samples_out_of_order_are_refused():
             simulate(SCENES[0], start(), 1.0, np.array(grid))
 
 
-@parallel_jit
+@numba.njit(parallel=True, error_model="numpy")
 def _count_impacts(striker, omegas_rad_s, friction, stop, until_s):
     counts = np.zeros(len(omegas_rad_s), dtype=np.int64)
     for index in numba.prange(len(omegas_rad_s)):
