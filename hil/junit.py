@@ -45,7 +45,8 @@ def suite(verdict: Mapping[str, Any]) -> Element:
             page = f"docs/requirements.md#{check['requirement'].lower()}"
             SubElement(properties, "property", name="requirement_page", value=page)
         if not check["passed"]:
-            SubElement(case, "failure", message=f"{check['name']} is {measured(check)}")
+            cause = f" ({verdict['host_stall']})" if verdict.get("host_stall") else ""
+            SubElement(case, "failure", message=f"{check['name']} is {measured(check)}{cause}")
     return element
 
 

@@ -125,6 +125,7 @@ def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
         ],
         "wrong": [
             *verdict["reasons"],
+            *filter(None, [verdict.get("host_stall")]),
             *(f"{check['name']} is {junit.measured(check)}" for check in failed),
         ],
         "passed_checks": len(verdict["checks"]) - len(failed),

@@ -56,33 +56,32 @@ def reasons_of(traces: RunTraces) -> list[str]:
     return reasons + [f"{name} left no trace" for name, records in nodes.items() if len(records) == 0]
 
 
-def host_stalls(traces: RunTraces, figures: Figures) -> list[str]:
+def host_stall(traces: RunTraces, figures: Figures) -> str | None:
     """The longest time for which the machine held up a loop, where that disturbed a run in real time.
 
     A pause that the scenario itself asks for is none of the machine's.
     """
     faults = traces.scenario.get("script", {}).get("faults", [])
     if figures.clock != "real" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
-        return []
+        return None
     loops = {"plant": figures.loops.plant, "firmware": figures.loops.firmware}
     name = max(loops, key=lambda one: loops[one].longest_hold_ms or 0.0)
     held_ms, at_s = loops[name].longest_hold_ms, loops[name].longest_hold_at_s
     if held_ms is None or at_s is None or held_ms < LONGEST_HOLD_MS:
-        return []
-    return [
+        return None
+    return (
         f"host stall: the machine held up the {name}'s loop for {held_ms:.0f} ms at {at_s:.2f} s; "
         "the checks that failed may fail for that alone"
-    ]
+    )
 
 
 def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
     """The verdict on a run from what it left behind, and its checks' results."""
     content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
     results = evaluate(checks_of(traces.scenario), content)
-    reasons = reasons_of(traces)
-    if not all(result.passed for result in results):
-        reasons += host_stalls(traces, figures)
-    return verdict_of(content, results, reasons, out), results
+    failed = not all(result.passed for result in results)
+    content["host_stall"] = host_stall(traces, figures) if failed else None
+    return verdict_of(content, results, reasons_of(traces), out), results
 
 
 def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:

@@ -38,11 +38,13 @@ def silent(_: float, __: str) -> None:
     """Nobody looks at the progress."""
 
 
-def run(run_dir: Path) -> dict[str, Any]:
-    return run_scenario(quick(), clock="real", bus="local", out_dir=run_dir, seed=1, progress=silent)
+def run(run_dir: Path, scenario: Scenario | None = None) -> dict[str, Any]:
+    return run_scenario(scenario or quick(), "real", "local", run_dir, seed=1, progress=silent)
 
 
-def run_and_disturb(run_dir: Path, disturb: Callable[[dict[str, int]], None], at_s: float) -> dict[str, Any]:
+def run_and_disturb(
+    run_dir: Path, disturb: Callable[[dict[str, int]], None], at_s: float, scenario: Scenario | None = None
+) -> dict[str, Any]:
     """Run, and call `disturb` with the process numbers `at_s` after the start."""
 
     def watch() -> None:
@@ -53,7 +55,7 @@ def run_and_disturb(run_dir: Path, disturb: Callable[[dict[str, int]], None], at
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    verdict = run(run_dir)
+    verdict = run(run_dir, scenario)
     watcher.join(1.0)
     return verdict
 
@@ -164,6 +166,37 @@ def test_death_of_any_other_process_is_named_and_the_run_finished(name: str, tmp
     assert named == name
     assert 1.0 <= float(at_s) <= 1.3
     assert (tmp_path / "run.rrd").exists()
+    assert none_left(tmp_path)
+
+
+@pytest.mark.realtime
+def test_early_death_of_a_node_that_the_scenario_kills_later_is_noticed(tmp_path: Path) -> None:
+    faults = 'script.faults=[{kind="killed",at_s=2.5,process="firmware"}]'
+    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], faults])
+    verdict = run_and_disturb(
+        tmp_path, lambda pids: os.kill(pids["firmware"], signal.SIGKILL), at_s=1.0, scenario=scenario
+    )
+    (reason,) = verdict["reasons"]
+    assert reason.startswith("firmware was killed by SIGKILL at 1.")
+
+
+@pytest.mark.realtime
+def test_a_pause_beyond_the_end_of_the_script_is_as_in_lockstep(tmp_path: Path) -> None:
+    faults = 'script.faults=[{kind="paused",at_s=2.0,duration_s=9.0,process="firmware"}]'
+    scenario = load_scenario("soft-start-multistable", [*QUICK[:3], faults])
+    last_ticks = {}
+    for clock in ("real", "lockstep"):
+        verdict = run_scenario(scenario, clock, "local", tmp_path / clock, seed=1, progress=silent)
+        assert verdict["reasons"] == []
+        last_ticks[clock] = int(trace.read(tmp_path / clock / "firmware.trace")["tick"][-1])
+    assert last_ticks["lockstep"] == 1999
+    assert 1950 < last_ticks["real"] < 2100
+
+
+@pytest.mark.realtime
+def test_a_recorder_that_is_stopped_for_ever_fails_the_run(tmp_path: Path) -> None:
+    verdict = run_and_disturb(tmp_path, lambda pids: os.kill(pids["recorder"], signal.SIGSTOP), at_s=1.0)
+    assert verdict["reasons"] == ["recorder did not end when asked to, and was killed"]
     assert none_left(tmp_path)
 
 

@@ -1,5 +1,6 @@
 """A finished run folder: verdict, JUnit and report, also of a run that went wrong."""
 
+import html
 import html.parser
 import json
 from xml.etree import ElementTree
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
-from hil import junit
+from hil import junit, requirements
 from hil.figures import figures_of
 from hil.report import write_suite_report
 from hil.report_plots import thinned
@@ -192,7 +193,7 @@ def test_the_report_escapes_what_a_scenario_says(tmp_path):
 def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
     _, verdict = finished
     failed = {**verdict, "scenario": "other", "passed": False, "reasons": ["plant left no trace"]}
-    write_suite_report(tmp_path / "index.html", [verdict, failed])
+    write_suite_report(tmp_path / "index.html", [verdict, failed], requirements.trace([verdict, failed]))
     page = Page((tmp_path / "index.html").read_text())
     assert page.open == []
     words = " ".join(page.words)
@@ -224,8 +225,10 @@ def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, h
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 100.0, "unit": "N"}]
     verdict = finish(write_run(made_up, tmp_path))
     assert verdict["real_time"] is not named
-    stalls = [reason for reason in verdict["reasons"] if reason.startswith("host stall")]
-    assert [f"firmware's loop for {held} ms at 3.00 s" in reason for reason in stalls] == [True] * named
+    stall = f"host stall: the machine held up the firmware's loop for {held} ms at 3.00 s"
+    assert (verdict["host_stall"] or "").startswith(stall) is named
+    assert (stall in (tmp_path / "junit.xml").read_text()) is named
+    assert (stall in html.unescape((tmp_path / "report.html").read_text())) is named
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -236,4 +239,4 @@ def test_a_stall_of_the_host_fails_no_run_that_meets_its_checks(tmp_path):
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1000.0, "unit": "N"}]
     verdict = finish(write_run(made_up, tmp_path))
     assert verdict["passed"]
-    assert verdict["reasons"] == []
+    assert verdict["host_stall"] is None

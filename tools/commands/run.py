@@ -171,7 +171,7 @@ def show_checks(verdict: dict[str, Any]) -> None:
             f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]",
             highlight=False,
         )
-    for reason in verdict.get("reasons", []):
+    for reason in filter(None, [*verdict.get("reasons", []), verdict.get("host_stall")]):
         console.print(f"[bold red]{reason}[/]", highlight=False)
     words = {
         True: "[bold green]PASSED[/]",
