@@ -214,7 +214,7 @@ def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() ->
 
 def test_the_state_has_what_the_scene_names() -> None:
     plain, dq = load_scene("table1-motor-soft"), scene({})
-    for module, size, motion, modes in ((plain, 8, 4, 11), (dq, 8 + 4 + 2, 8, 13)):
+    for module, size, motion, modes in ((plain, 8, 4, 12), (dq, 8 + 4 + 2, 8, 14)):
         memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
         assert (memory.y.size, memory.dense.shape[0], memory.mode.size) == (size, motion, modes)
         assert memory.scratch.inner.size == (0 if module is plain else motion)
