@@ -49,6 +49,9 @@ class Worker(Generic[Task]):
 def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[], None] | None) -> None:
     """In a worker: take tasks and give results until the program closes the pipe."""
     die_with_parent()
+    program = multiprocessing.parent_process()
+    if program is None or not program.is_alive():  # it was killed while this process began
+        return
     if prepare is not None:
         prepare()
     while True:
