@@ -25,6 +25,7 @@ _WANTED = {
     "model_type": "a table",
     "model_attributes_type": "a table",
     "literal_error": "{expected}",
+    "physical_size": "a size from {smallest} to {largest} ({reason})",
 }
 
 MOST_COMPLAINTS = 10

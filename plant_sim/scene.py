@@ -30,6 +30,7 @@ from plant_sim.parts.striker import Striker
 from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
+from plant_sim.quantities import LARGEST_SPEED_RAD_S
 from plant_sim.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
     AxisTable,
@@ -118,9 +119,23 @@ class Scene(Table):
                 "gait and housing are both given; each says how the housing moves, delete the table "
                 "[housing] or the table [gait]"
             )
+        self._speeds_fit()
         self._wearer_fits()
         self._method_fits()
         return self
+
+    def _speeds_fit(self) -> None:
+        """Work per simulated second grows with the crank's speed and the striker's own."""
+        speeds = {"sqrt(striker.spring_n_m / striker.mass_kg)": self.natural_rad_s}
+        drive = self._drive()
+        if isinstance(drive, IdealDrive):
+            speeds["the drive's speed"] = drive.omega_rad_s
+        for name, speed_rad_s in speeds.items():
+            if speed_rad_s > LARGEST_SPEED_RAD_S:
+                raise ValueError(
+                    f"{name} = {speed_rad_s:g} rad/s is beyond {LARGEST_SPEED_RAD_S:g} rad/s, for which the "
+                    "solvers take too long; make it slower"
+                )
 
     def _wearer_fits(self) -> None:
         if self.wearer is None:

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from plant_sim.parts.walking import TOE_OFF
+from plant_sim.quantities import quantity_of
 from plant_sim.sensor_models import AccelerometerModel, EncoderModel, GaitSensorModel, SensorModels
 from plant_sim.strides import Pace, Trip, Walk
 
@@ -19,7 +21,7 @@ CONTACT_REFERENCE_SPEED_M_S = 0.9
 
 
 class Table(BaseModel):
-    """Unknown keys, wrong types, NaN and infinity are refused; a table never changes."""
+    """Unknown keys, wrong types, NaN, infinity and unphysical sizes are refused; a table never changes."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -29,6 +31,23 @@ class Table(BaseModel):
         if not isinstance(data, Mapping):
             return data
         return {key: value.item() if isinstance(value, np.generic) else value for key, value in data.items()}
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _has_a_physical_size(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int | float) or info.field_name is None:
+            return value
+        quantity = quantity_of(info.field_name)
+        bounds = cls.model_fields[info.field_name].metadata
+        is_positive = any(getattr(bound, "gt", None) == 0.0 for bound in bounds)
+        smallest = quantity.smallest if is_positive else 0.0
+        if not smallest <= abs(value) <= quantity.largest:
+            raise PydanticCustomError(
+                "physical_size",
+                "not a size from {smallest} to {largest}",
+                {"smallest": f"{smallest:g}", "largest": f"{quantity.largest:g}", "reason": quantity.reason},
+            )
+        return value
 
 
 class StrikerTable(Table):

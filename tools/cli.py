@@ -114,9 +114,20 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
     return (
         *(BadInputError, TextInputError, ParameterError),
+        *solver_errors(),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
         *(DamagedFileError, RerunError),
     )
+
+
+def solver_errors() -> tuple[type[Exception], ...]:
+    """The solvers' refusals; none where no solver was loaded, which a refusal need not wait for."""
+    if "plant_sim.solvers.adaptive" not in sys.modules:
+        return ()
+    from plant_sim.solvers.adaptive import SolverError
+    from plant_sim.solvers.exact import EventLimitError, UnsupportedSceneError
+
+    return SolverError, EventLimitError, UnsupportedSceneError
 
 
 def refuse(message: str, as_json: bool) -> int:

@@ -22,6 +22,7 @@ from hil.figure_records import CATALOGUE
 from hil.requirements import requirements
 from hil.scenario import CommandTable, Scenario, ScenarioTable, ScriptTable, load_scenario, scenario_names
 from plant_sim import scene_tables
+from plant_sim.quantities import QUANTITIES
 from tools.cli import app
 
 PLACE = Path("docs/reference")
@@ -213,6 +214,12 @@ def scenes() -> str:
         for model in found:
             name = model.__name__.removesuffix("Table")
             parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model)]
+    parts.append(
+        "## Sizes\n\nEvery number has a largest size, and one that has to be above 0 a smallest one, by the "
+        "unit at the end of its key; the first row that fits holds."
+    )
+    rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
+    parts.append(table(["key", "size", "why no more"], rows))
     return page("Scenarios and scenes", *parts)
 
 

@@ -52,6 +52,10 @@ class _Step(NamedTuple):
     phase: Phase
 
 
+MOST_STEPS = 200_000_000
+"""Of a run; some seconds of computing."""
+
+
 @jit
 def _step(rig: _Rig, y: float, v: float, x_A0: float, x_A1: float, h: float) -> _Step:
     m, c, b = rig.mass_kg, rig.spring_n_m, damping_n_s_m(rig.friction)
@@ -149,6 +153,11 @@ def simulate(
         )
     if not (math.isfinite(step_s) and step_s > 0.0):
         raise UnsupportedSceneError(f"the step is {step_s} s; it must be finite and above 0")
+    if (until_s - initial.t_s) / step_s > MOST_STEPS:
+        raise UnsupportedSceneError(
+            f"{until_s - initial.t_s:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,}; raise "
+            "solver.step_s or solver.accuracy, or end the run earlier"
+        )
     grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
     require_run(initial, until_s, grid)
     until_s = float(until_s)

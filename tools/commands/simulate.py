@@ -12,6 +12,10 @@ from rich.table import Table
 from tools.output import BadInputError, console, figure_table, print_json
 from tools.outputs import PICTURES, file_option
 
+LONGEST_S = 86_400.0
+LONGEST_PLOT_S = 3600.0
+"""A plot takes a sample a millisecond."""
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the program."""
@@ -35,9 +39,10 @@ def simulate(
     from hil.settings import apply_settings
     from plant_sim.scene import load_scene, read_scene
 
-    if not 0.0 < until < float("inf"):
+    longest_s = LONGEST_S if plot is None else LONGEST_PLOT_S
+    if not 0.0 < until <= longest_s:
         raise BadInputError(
-            f"--until is {until}: wanted a positive number of simulated seconds, e.g. --until 10"
+            f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
         )
     loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
     from plant_sim.simulation import SimulationError  # brings numba, which a refusal need not wait for
