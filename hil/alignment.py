@@ -24,6 +24,11 @@ class Alignment:
         self.had_sample = True
         """Whether there was one in the last tick."""
 
+    @property
+    def waits(self) -> bool:
+        """Whether frames wait for their tick."""
+        return bool(self._waiting)
+
     def take(self, frames: list[Frame]) -> list[Frame]:
         """The frames of this tick, of those that have arrived and those that waited."""
         samples = [frame.data for frame in frames if frame.can_id == ACCELEROMETER]

@@ -23,6 +23,10 @@ class CanLog:
         lines = [f"{stamp}{FRAME_NAMES[can_id]}{data.hex().upper()}\n" for can_id, data in frames]
         self._file.write("".join(lines))
 
+    def append(self, lines: bytes) -> None:
+        """Write lines that are made already."""
+        self._file.write(lines.decode("ascii"))
+
     def flush(self) -> None:
         """Hand what was written to the operating system."""
         self._file.flush()

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from firmware_py.shell.builds import Build
+from hil.bus.in_process import InProcessNode
 from hil.can_log import CanLog
 from hil.clock import NS_PER_S
 from hil.faults.clocks import in_turns
@@ -32,7 +33,7 @@ UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
 """The plant takes no time in lockstep."""
 
 
-def run_lockstep(
+def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
     scenario: Scenario, run_dir: Path, seed: int, progress: Progress, build: Build = "python"
 ) -> int:
     """Run the whole scenario; traces and can.log go to `run_dir`. Times in can.log are simulated ones.
@@ -43,7 +44,8 @@ def run_lockstep(
     pace = Pace(scenario.period_s, scenario.duration_s)
     faults = scenario.faults
     at_nodes = bus.break_by(faults)
-    plant_bus, tell_plant_bus = with_faults(bus.join(PLANT), PLANT, at_nodes, seed)
+    to_plant = bus.join(PLANT)
+    plant_bus, tell_plant_bus = with_faults(to_plant, PLANT, at_nodes, seed)
     firmware_bus, tell_firmware_bus = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
     operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
     plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
@@ -62,7 +64,20 @@ def run_lockstep(
     with CanLog(run_dir / "can.log") as can_log, ExitStack() as stack:
         for node in (plant, firmware, operator):
             stack.callback(node.close)
-        for tick in range(scenario.ticks):
+        stretches = None
+        if build == "compiled" and isinstance(to_plant, InProcessNode):
+            from hil.stretches import stretches_of  # noqa: PLC0415 - imports the compiled firmware
+
+            stretches = stretches_of(scenario, plant_node, firmware_node, operator, can_log, to_plant)
+        tick = 0
+        while tick < scenario.ticks:
+            ticks = 0 if stretches is None else stretches.ticks_from(tick)
+            if stretches is not None and ticks > 0:
+                progress(tick / scenario.ticks, "running in lockstep")
+                operator_period = stretches.run(tick, ticks, operator_period)
+                tick += ticks
+                plant_tick = firmware_tick = tick - 1
+                continue
             t_ns = tick * period_ns
             t_s = tick * scenario.period_s
             if processes.runs(PLANT, t_s):
@@ -88,4 +103,5 @@ def run_lockstep(
                 can_log.write(logged_ns // NS_PER_US, frames)
             if tick % PROGRESS_TICKS == 0:
                 progress(tick / scenario.ticks, "running in lockstep")
+            tick += 1
     return plant_node.lost_records + firmware_node.lost_records

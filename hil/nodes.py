@@ -5,6 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
@@ -113,6 +116,19 @@ class PlantRunner:
             self._impacts.append(impact)
 
     @property
+    def columns(self) -> Any:
+        """A record of the trace as numpy has it."""
+        assert self._trace is not None
+        return self._trace.dtype
+
+    def append(self, records: NDArray[np.void], impacts: NDArray[np.float64]) -> None:
+        """Append records, and impacts as `plant_sim` has them, shape (n, 6)."""
+        if self._trace is not None and self._impacts is not None:
+            self._trace.append_all(records)
+            for t_s, *others in impacts.tolist():
+                self._impacts.append((self.node.began_s + t_s, *others))
+
+    @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
         return sum(trace.lost for trace in (self._trace, self._impacts) if trace is not None)
@@ -210,6 +226,23 @@ class FirmwareRunner:
             self._trace.append(tick, (tick + 0.5) * self._period_s, *self._record(), timing)
 
     @property
+    def is_in_step(self) -> bool:
+        """Whether the last tick has used its own sample, and none waits."""
+        return self._waking is None and self._alignment.had_sample and not self._alignment.waits
+
+    @property
+    def columns(self) -> Any:
+        """A record of the trace as numpy has it."""
+        assert self._trace is not None
+        return self._trace.dtype
+
+    def append(self, records: NDArray[np.void], last_tick: int, last_frames: list[Frame]) -> None:
+        """Append records of ticks up to `last_tick`, which had `last_frames`."""
+        self._last_frames, self._last_tick = last_frames, last_tick
+        if self._trace is not None:
+            self._trace.append_all(records)
+
+    @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
         return 0 if self._trace is None else self._trace.lost
@@ -230,8 +263,13 @@ class OperatorRunner:
 
     def step(self, period: int, _: int = 1) -> None:
         """One period."""
-        self.bus.send_all(self.node.publish(period))
+        self.bus.send_all(self.frames(period))
+
+    def frames(self, period: int) -> list[Frame]:
+        """What the operator sends in this period, which goes into the trace."""
+        frames = self.node.publish(period)
         self._trace.append(self.node.record)
+        return frames
 
     def close(self) -> None:
         """Close the trace."""

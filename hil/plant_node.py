@@ -25,7 +25,7 @@ from hil.drive_node import (
 )
 from hil.faults.plant import PlantFaults
 from hil.faults.tables import Fault
-from hil.reports import NOTHING, first_reports, look, report_ticks, take, ticks_of
+from hil.reports import NOTHING, Reports, first_reports, look, report_ticks, take, ticks_of
 from plant_sim.gait_sensors import GaitTruth
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant
@@ -121,14 +121,15 @@ class PlantNode:
         self.record: PlantRecord
         self.gait: GaitTruth | None = None
         """The gait at t_k, where somebody walks."""
-        self._began_s = first_tick * period_s
-        self._counter = -1
-        self._report_ticks = report_ticks(period_s, None if scene.axis is None else scene.axis.heartbeat_s)
-        self._reports = first_reports(first_tick)
+        self.began_s = first_tick * period_s
+        self.counter = -1
+        heartbeat_s = None if scene.axis is None else scene.axis.heartbeat_s
+        self.report_periods = report_ticks(period_s, heartbeat_s)
+        self.reports = first_reports(first_tick)
         self._reading: SensorReading
         self.node_id = 0
         """The drive's node number on its bus, for the clients that ask."""
-        self._requests: list[int] = []
+        self.requests: list[int] = []
         self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
 
@@ -145,22 +146,22 @@ class PlantNode:
         )
         if self._faults is not None:
             estimates = self._faults.counted(estimates)
-        self._counter += 1
+        self.counter += 1
         frames = [
             codec.ACCELEROMETER.encode(
                 Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
-                self._counter,
+                self.counter,
             ),
             codec.ENCODER_ESTIMATES.encode(estimates),
         ]
         if self.plant.has_gait_sensors:
             frames += self._gait_frame()
-        self._reports, report = take(look(self._report_ticks, self._reports, self.tick))
+        self.reports, report = take(look(self.report_periods, self.reports, self.tick))
         if report != NOTHING:
             frames.append(self._report(report))
-        if self._requests:
-            frames += [self._answer(can_id, frames[1]) for can_id in self._requests[:MOST_ANSWERS]]
-            self._requests.clear()
+        if self.requests:
+            frames += [self._answer(can_id, frames[1]) for can_id in self.requests[:MOST_ANSWERS]]
+            self.requests.clear()
         return frames if self._faults is None else self._faults.sent(frames)
 
     def _gait_frame(self) -> list[Frame]:
@@ -217,7 +218,11 @@ class PlantNode:
                 self.drive, was_read = obey(self.drive_config, self.drive, frame, position_rev)
                 self.rejected += not was_read
             elif not data and can_id in REQUEST_IDS:
-                self._requests.append(can_id)
+                self.requests.append(can_id)
+
+    def resume(self, tick: int, drive: DriveState, reports: Reports, counter: int) -> None:
+        """Go on from `tick`, to which compiled code has brought plant and drive."""
+        self.tick, self.drive, self.reports, self.counter = tick, drive, reports, counter
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
         """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.
@@ -225,7 +230,7 @@ class PlantNode:
         The module moves on under the torque of the last command, for as long as a drive would hold it. The
         drive's watchdog does not count the pause: who slept cannot call the others silent.
         """
-        if self._counter < 0:  # not even the first sample was sent
+        if self.counter < 0:  # not even the first sample was sent
             self._reading = self.plant.sense()
         self._obey(frames)
         pause_s = ticks * self.period_s
@@ -233,7 +238,7 @@ class PlantNode:
         self._move(axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s), held_s)
         self._move(0.0, pause_s - held_s)
         self.tick += ticks
-        self._counter += ticks  # the sensors went on sampling: what they count is time
+        self.counter += ticks  # the sensors went on sampling: what they count is time
 
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:
@@ -255,6 +260,6 @@ class PlantNode:
     def take_impacts(self) -> list[Impact]:
         """The impacts that have ended since the last call."""
         impacts = self.plant.take_impacts()
-        if self._began_s == 0.0:
+        if self.began_s == 0.0:
             return impacts
-        return [impact._replace(t_s=impact.t_s + self._began_s) for impact in impacts]
+        return [impact._replace(t_s=impact.t_s + self.began_s) for impact in impacts]

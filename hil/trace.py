@@ -235,6 +235,28 @@ class TraceWriter:
         self.count += 1
         COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
 
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """A record as numpy has it, packed."""
+        return np.dtype([(column.name, NUMPY_CODES[column.code]) for column in self.columns])
+
+    def append_all(self, records: NDArray[np.void]) -> None:
+        """Write records of `dtype`."""
+        left = memoryview(records.view(np.uint8))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
+        while left:
+            room = (self._last_offset - self._offset) // self.record_bytes + 1
+            if room <= 0 and not self._has_grown():
+                self.lost += len(left) // self.record_bytes
+                return
+            if room > 0:
+                length = min(room * self.record_bytes, len(left))
+                assert self._window is not None
+                self._window[self._offset : self._offset + length] = left[:length]
+                self._offset += length
+                self.count += length // self.record_bytes
+                left = left[length:]
+        COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
+
     def _has_grown(self) -> bool:
         """Whether there is room for more; once there is none, nobody asks again: each time takes long."""
         if self.lost == 0:

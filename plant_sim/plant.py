@@ -1,7 +1,7 @@
 """The module as a thing that lives tick by tick: a torque goes in, readings come out."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,8 @@ from plant_sim.parts.stop import origin_m
 from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.scene import Scene, require_scene
-from plant_sim.sensing import NoSensing, Probe, allocate_sensing, sense_jump
-from plant_sim.sensors import SensorReading, Sensors
+from plant_sim.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
+from plant_sim.sensors import Readers, SensorReading, Sensors
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive import (
     BUFFER_FULL,
@@ -32,7 +32,16 @@ from plant_sim.solvers.adaptive import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.memory import ELAPSED, ELAPSED_LOW, IMPACTS, PHASE, STORED, UNSETTLED, allocate
+from plant_sim.solvers.memory import (
+    ELAPSED,
+    ELAPSED_LOW,
+    IMPACTS,
+    PHASE,
+    STORED,
+    UNSETTLED,
+    Memory,
+    allocate,
+)
 
 GAIT_PERIOD_S = 5e-3
 """How often the gait sensors are read."""
@@ -57,6 +66,19 @@ class Impact(NamedTuple):
     impulse_n_s: float
     peak_force_n: float
     crank_rad: float
+
+
+class Lent(NamedTuple):
+    """What compiled code needs to go on with a plant tick by tick; `noise` is the sensors', four a sample."""
+
+    parts: Parts
+    probe: Sensing
+    memory: Memory
+    readers: Readers
+    noise: Iterator[list[float]]
+    t_s: float
+    t_rest_s: float
+    stored_before_j: float
 
 
 class Plant:
@@ -180,6 +202,28 @@ class Plant:
         """The gait now; None where nobody walks."""
         walking = self.parts.housing
         return gait_at(walking, self.t_s) if isinstance(walking, Walking) else None
+
+    def lend(self) -> Lent:
+        """Hand the module to compiled code; `take_back` ends that. Raise PlantError without sensors."""
+        if self._sensors is None or isinstance(self._probe, NoSensing):
+            raise PlantError("the scene has no sensors; add the table [sensors]")
+        return Lent(
+            self.parts,
+            self._probe,
+            self._memory,
+            self._sensors.readers,
+            self._sensors.noise,
+            self._t_s,
+            self._t_rest_s,
+            self._stored_before_j,
+        )
+
+    def take_back(self, t_s: float, t_rest_s: float, torque_n_m: float, status: int) -> None:
+        """Go on from where compiled code has left the module; raise SolverError where it could not go on."""
+        self._t_s, self._t_rest_s, self._torque_n_m = t_s, t_rest_s, torque_n_m
+        if status != DONE:
+            raise SolverError(complaint(status, self.parts, self._memory, self.t_s))
+        self.now = observation(self._memory, self._stored_before_j)
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: those already separated)."""

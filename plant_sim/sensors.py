@@ -95,15 +95,15 @@ class Sensors:
     """All sensors of a module, read together."""
 
     def __init__(self, models: SensorModels, sensing: Sensing, noise: np.random.Generator) -> None:
-        self._readers = readers(models)
+        self.readers = readers(models)
         self._readings = sensing.readings
-        self._noise = _four_by_four(noise)
+        self.noise = _four_by_four(noise)
 
     def read(self, crank_rad: float) -> SensorReading:
         """Read every sensor once, with new noise."""
         low, high, speed_rad_s, housing = self._readings.tolist()
-        low_noise, high_noise, housing_noise, speed_noise = next(self._noise)
-        readers = self._readers
+        low_noise, high_noise, housing_noise, speed_noise = next(self.noise)
+        readers = self.readers
         return SensorReading(
             read_accelerometer(readers.striker_low, low, low_noise),
             read_accelerometer(readers.striker_high, high, high_noise),

@@ -34,11 +34,11 @@ class CompiledNode:
         self.config = config
         self.parameters = parameters_of(with_overrides(parameters or {}))
         self.memory: Memory = stored(INITIAL)
-        self._flat_config = stored(config)
+        self.flat_config = stored(config)
         self._tx = stored(NO_TX)
         self._sent = memoryview(self._tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
         self._rx = ctypes.create_string_buffer(_RX[-1].size)
-        self._addresses = (self._flat_config.ctypes.data, self.memory.ctypes.data, self._tx.ctypes.data)
+        self._addresses = (self.flat_config.ctypes.data, self.memory.ctypes.data, self._tx.ctypes.data)
         self._requests = self.memory["received"]["request_count"]
         self._entry: Any = entry.ctypes
 
@@ -104,4 +104,4 @@ class CompiledNode:
         """Answer parameter requests, interpreted: it happens a few times in a life."""
         state = loaded(NodeState, self.memory[0].item())
         self.parameters, self.config, state = served(self.parameters, self.config, state)
-        self.memory[:], self._flat_config[:] = stored(state), stored(self.config)
+        self.memory[:], self.flat_config[:] = stored(state), stored(self.config)

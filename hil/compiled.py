@@ -1,0 +1,48 @@
+"""How the closed loop compiles: one kernel of the firmware's, the plant's and the bench's own functions.
+
+numba's cache notices neither an edited callee nor a reordered record, so the folder of the cache is named by
+a hash of all sources that the kernel may hold.
+"""
+
+import functools
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numba
+from numba.core import config as numba_config
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+PACKAGES = ("firmware_py", "plant_sim", "hil")
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Where compiled loops are kept: $VIBROHIL_CACHE_DIR, else vibrohil/ in the user's cache folder."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256(numba.__version__.encode())
+    for package in PACKAGES:
+        for source in sorted((root / package).rglob("*.py")):
+            digest.update(source.relative_to(root).as_posix().encode())
+            digest.update(source.read_bytes())
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    chosen = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
+    folder = chosen / f"loop-{digest.hexdigest()[:16]}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile what Python calls, cached."""
+    # numba reads its global cache folder when it decorates; put back, for other packages have their own.
+    settings: Any = numba_config
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    try:
+        compiled: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        settings.CACHE_DIR = previous
+    return compiled

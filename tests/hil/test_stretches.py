@@ -1,0 +1,132 @@
+"""Stretches of lockstep in one compiled call: to the same bits as tick by tick, and where they may be."""
+
+import math
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from firmware_py.builds.flat import layout
+from firmware_py.interface.frame import Frame
+from firmware_py.node.tick import NodeState
+from hil import stretches, trace
+from hil.can_log import CanLog
+from hil.closed_loop import LINE_BYTES, log_line
+from hil.lockstep import run_lockstep
+from hil.scenario import check_scenario, read_scenario
+from hil.settings import apply_settings
+from hil.stretches import has_stretches, moves_to, quiet_until_s, word_frame
+
+SETTINGS = [
+    "script.duration_s=4.0",
+    'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=3.0,request="e-stop"}]',
+    "firmware.start.rise_s=1.0",
+]
+STIFFER = {"kind": "stiffness-changed", "at_s": 1.0, "factor": 1.1}
+NOISY = {"kind": "sensor-noisy", "at_s": 1.6, "duration_s": 0.2, "sensor": "striker-low", "std": 1.0}
+PAUSED = {"kind": "paused", "at_s": 2.2, "duration_s": 0.01, "process": "firmware"}
+AWAY = {"kind": "restarted", "at_s": 2.2, "duration_s": 0.2, "process": "plant"}
+
+
+def scenario_with(*faults: dict[str, Any]) -> Any:
+    document = apply_settings(read_scenario("soft-start-multistable"), SETTINGS)
+    document["script"]["faults"] = list(faults)
+    return check_scenario(document, "in-stretches")
+
+
+@pytest.mark.parametrize("faults", [(), (STIFFER, NOISY, PAUSED)], ids=["undisturbed", "disturbed"])
+def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
+    faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = scenario_with(*faults)
+    lengths: list[int] = []
+    run = stretches.Stretches.run
+
+    def counted(self: stretches.Stretches, tick: int, ticks: int, operator_period: int) -> int:
+        lengths.append(ticks)
+        return run(self, tick, ticks, operator_period)
+
+    monkeypatch.setattr(stretches.Stretches, "run", counted)
+    folders = tmp_path / "in-stretches", tmp_path / "tick-by-tick"
+    for folder in folders:
+        folder.mkdir()
+        run_lockstep(scenario, folder, 1, lambda *_: None, "compiled")
+        monkeypatch.setattr(stretches, "has_stretches", lambda _: False)
+    assert sum(lengths) > (0.5 if faults else 0.99) * scenario.ticks
+    ours, wanted = ((folder / "can.log").read_bytes() for folder in folders)
+    assert ours == wanted
+    for name in ("plant", "impacts", "operator", "firmware"):
+        one, other = (trace.read(folder / f"{name}.trace") for folder in folders)
+        assert len(one) == len(other)
+        for column in one.dtype.names or ():
+            if column != "work_us":
+                np.testing.assert_array_equal(one[column], other[column], err_msg=f"{name}: {column}")
+
+
+@pytest.mark.parametrize(
+    ("t_s", "until_s"),
+    [
+        (0.0, 0.995),  # up to just before the stiffness changes
+        (0.999, 0.999),  # it is about to
+        (1.1, 1.1),
+        (1.3, 1.595),  # it has changed, and stays so
+        (1.7, 1.7),  # the noise acts
+        (1.9, 1.9),
+        (2.1, math.inf),
+    ],
+)
+def test_a_stretch_ends_before_a_fault_begins_and_starts_after_its_end(t_s: float, until_s: float) -> None:
+    faults = scenario_with(STIFFER, NOISY).faults
+    assert quiet_until_s(faults, t_s) == pytest.approx(until_s)
+
+
+def test_a_node_with_a_clock_of_its_own_has_no_stretches() -> None:
+    jumped = {"kind": "clock-jumped", "at_s": 1.0, "by_s": 0.5}
+    assert has_stretches(scenario_with(STIFFER))
+    assert not has_stretches(scenario_with(AWAY))
+    assert not has_stretches(scenario_with(jumped))
+
+
+def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
+    dice = random.Random(1)
+    frames = [
+        (dice.randrange(10 ** dice.randrange(1, 11)), Frame(dice.randrange(0x800), dice.randbytes(length)))
+        for length in [*range(9)] * 20
+    ]
+    with CanLog(tmp_path / "can.log") as log:
+        for t_us, frame in frames:
+            log.write(t_us, [frame])
+    buffer, end = np.zeros(len(frames) * LINE_BYTES, np.uint8), 0
+    for t_us, frame in frames:
+        end = log_line(buffer, end, t_us, word_frame(frame))
+    assert buffer[:end].tobytes() == (tmp_path / "can.log").read_bytes()
+
+
+def test_moves_take_each_column_from_its_place_in_the_firmware_s_memory() -> None:
+    columns = np.dtype(
+        [("tick", "<i8"), ("state.estimator.x_m", "<f8"), ("outputs.impact", "?"), ("counters.frames", "<i8")]
+    )
+    memory, record = np.zeros(1, layout(NodeState)), np.zeros(1, columns)
+    memory["core"]["estimator"]["x_m"], memory["outputs"]["impact"] = 0.125, True
+    memory["counters"]["frames"] = 7
+    source, rows = memory.view(np.uint8), record.view(np.uint8)
+    for start, end, length in moves_to(columns).tolist():
+        rows[end : end + length] = source[start : start + length]
+    assert record[0].item() == (0, 0.125, True, 7)
+
+
+def test_a_trace_takes_many_records_at_once(tmp_path: Path) -> None:
+    fields: list[tuple[str, type[Any]]] = [("tick", int), ("x_m", float), ("hit", bool)]
+    many = 3 * trace.WINDOW_BYTES // 17 // 2
+    with trace.TraceWriter(tmp_path / "a.trace", fields) as writer:
+        writer.append(0, 0.5, True)
+        records = np.zeros(many, writer.dtype)
+        records["tick"], records["x_m"] = np.arange(1, many + 1), 0.25
+        writer.append_all(records)
+        writer.append(many + 1, 0.5, True)
+    found = trace.read(tmp_path / "a.trace")
+    np.testing.assert_array_equal(found["tick"], np.arange(many + 2))
+    assert found["x_m"][[0, 1, many, many + 1]].tolist() == [0.5, 0.25, 0.25, 0.5]
+    assert np.count_nonzero(found["hit"]) == 2
