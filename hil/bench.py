@@ -10,9 +10,11 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +37,6 @@ from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import LOG_NAME, show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.soak import SETTLED_SHARE, MemoryWatch
-from hil.warm import warm_firmware, warm_plant
 
 Progress = Callable[[float, str], None]
 ClockName = Literal["real", "lockstep"]
@@ -43,6 +44,7 @@ ClockName = Literal["real", "lockstep"]
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
+WARM_TICKS = 50
 LIVE = "live"
 """The child that shows the run in a viewer."""
 PERIODS_A_MEMORY_SAMPLE = 100
@@ -123,8 +125,7 @@ def simulate(
     run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
     progress(0.0, "compiling kernels")
-    warm_plant(scenario.scene)
-    warm_firmware(scenario.parameters, firmware)
+    warm_lockstep(scenario, firmware)
     started = time.perf_counter()
     memory = MemoryWatch({"lockstep": os.getpid()})
 
@@ -140,6 +141,13 @@ def simulate(
     if any(check.name.startswith("memory.") for check in scenario.checks):
         outcome.memory_growth_mb = memory.growth_mb()
         outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
+
+
+def warm_lockstep(scenario: Scenario, firmware: Build) -> None:
+    """Compile or load all that a run needs, by a run of a moment that is thrown away."""
+    moment = replace(scenario, duration_s=WARM_TICKS * scenario.period_s, commands=(), faults=())
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(moment, Path(folder), 0, lambda *_: None, firmware)
 
 
 def in_real_time(

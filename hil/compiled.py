@@ -21,17 +21,17 @@ PACKAGES = ("firmware_py", "plant_sim", "hil")
 
 
 @functools.cache
-def cache_folder() -> Path:
-    """Where compiled loops are kept: $VIBROHIL_CACHE_DIR, else vibrohil/ in the user's cache folder."""
+def cache_folder(name: str, packages: tuple[str, ...]) -> Path:
+    """Where kernels of these packages are kept: $VIBROHIL_CACHE_DIR, else vibrohil/ in the user's cache."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256(numba.__version__.encode())
-    for package in PACKAGES:
+    for package in packages:
         for source in sorted((root / package).rglob("*.py")):
             digest.update(source.relative_to(root).as_posix().encode())
             digest.update(source.read_bytes())
     user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     chosen = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
-    folder = chosen / f"loop-{digest.hexdigest()[:16]}"
+    folder = chosen / f"{name}-{digest.hexdigest()[:16]}"
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -40,7 +40,7 @@ def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile what Python calls, cached."""
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
     settings: Any = numba_config
-    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder("loop", PACKAGES))
     try:
         compiled: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:

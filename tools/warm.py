@@ -2,8 +2,8 @@
 
 import time
 
+from hil.bench import warm_lockstep
 from hil.scenario import load_scenario
-from hil.warm import warm_firmware, warm_plant
 from plant_sim.kernels import cache_folder
 
 DEFAULT_SCENARIO = "soft-start-multistable"
@@ -15,9 +15,7 @@ def main() -> None:
         f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
     )
     started_s = time.perf_counter()
-    scenario = load_scenario(DEFAULT_SCENARIO)
-    warm_plant(scenario.scene)
-    warm_firmware(scenario.parameters, "compiled")
+    warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled")
     print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 

@@ -6,16 +6,14 @@ sources that a kernel may hold.
 """
 
 import functools
-import hashlib
-import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
 from numba.core import config as numba_config
 
 from firmware_py.core.compiled import COMPILED
+from hil.compiled import cache_folder
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -25,22 +23,6 @@ PACKAGES = ("firmware_py", "plant_sim", "hil", "tools/campaign")
 
 class NotCompiledError(RuntimeError):
     """The process runs the firmware interpreted."""
-
-
-@functools.cache
-def cache_folder() -> Path:
-    """Where compiled campaigns are kept: $VIBROHIL_CACHE_DIR, else vibrohil/ in the user's cache folder."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256(numba.__version__.encode())
-    for package in PACKAGES:
-        for source in sorted((root / package).rglob("*.py")):
-            digest.update(source.relative_to(root).as_posix().encode())
-            digest.update(source.read_bytes())
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    chosen = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
-    folder = chosen / f"campaign-{digest.hexdigest()[:16]}"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -57,7 +39,7 @@ def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
         return refuse
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
     settings: Any = numba_config
-    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder("campaign", PACKAGES))
     try:
         return _compiled(function, cache=True)
     finally:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from hil.compiled import cache_folder
 from plant_sim.scene import load_scene, read_scene
 from tools.campaign import processes
-from tools.campaign.kernels import cache_folder
+from tools.campaign.kernels import PACKAGES
 from tools.output import BadInputError
 from tools.study import store, work
 from tools.study.basin import Basin, axes, keep, statistics, wilson
@@ -105,7 +106,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
         "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
     }
     found = Basin(case, ratio, plane, size, table, 0, numbers, start="soft")
-    keep(found, where, sources=cache_folder().name)
+    keep(found, where, sources=cache_folder("campaign", PACKAGES).name)
     return found
 
 
@@ -118,7 +119,7 @@ def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any
             "plane": plane,
             "size": size,
             "rows": [first, min(first + ROWS_AT_ONCE, size)],
-            "sources": cache_folder().name,
+            "sources": cache_folder("campaign", PACKAGES).name,
         }
         for first in range(0, size, ROWS_AT_ONCE)
     ]
