@@ -98,11 +98,12 @@ def step(
     innovation_rad = wrap_pi(measured_rad - angle_rad)
     if elapsed_ticks > 1:
         # How long a pause was is known to a tick or two only: the encoder says where the crank is, its drive
-        # how fast it turns, and the way made in between neither.
+        # how fast it turns, and the way made in between neither. Nor is the
+        # disturbance: misjudged pauses, one after another, would add up in it.
         return CrankState(
             angle_rad=wrap_two_pi(measured_rad),
             omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
-            disturbance_rad_s2=state.disturbance_rad_s2,
+            disturbance_rad_s2=0.0,
             innovation_rad=innovation_rad,
             missed_ticks=0,
         )
