@@ -42,7 +42,7 @@ def ticks_of(its_codec: codec.FrameCodec[Any], period_s: float) -> int:
     return max(1, round(its_codec.period_s / period_s))
 
 
-def report_ticks(period_s: float, heartbeat_s: float | None = None) -> Ticks:
+def report_ticks(period_s: float, heartbeat_s: float | None) -> Ticks:
     """The reports' periods in ticks of `period_s`; the heartbeat's is given, or `vibro.dbc`'s."""
     current, heartbeat, errors, temperature, supply = (ticks_of(its_codec, period_s) for its_codec in CODECS)
     if heartbeat_s is not None:

@@ -90,7 +90,7 @@ def as_mcap(frames: list[DecodedFrames], path: Path) -> None:
             for wall_ns, *row in zip(one.wall_ns.tolist(), *columns, strict=True):
                 data = json.dumps(dict(zip(one.signals, row, strict=True))).encode()
                 writer.add_message(channel_id, wall_ns, data, wall_ns)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap types all but this
 
 
 def as_parquet(frames: list[DecodedFrames], folder: Path) -> None:

@@ -116,7 +116,7 @@ def run(
         scales,
         drive,
         power_up(drive),
-        report_ticks(tick_s),
+        report_ticks(tick_s, None if scene.axis is None else scene.axis.heartbeat_s),
         first_reports(0),
         FIRST_HEARD,
         config,
