@@ -313,7 +313,6 @@ def test_a_blow_shorter_than_the_sampling_is_carried_across_by_newtons_law(conta
 
 
 SILENT_SENSOR, SILENT_ENCODER = {Fault.SENSOR_TIMEOUT}, {Fault.ENCODER_TIMEOUT, Fault.DRIVE_FROZEN}
-STOPS = {Fault.NONE}
 BAD_NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300)
 END_OF = {
     "accelerometer.low_m_s2": SILENT_SENSOR,
@@ -326,7 +325,7 @@ END_OF = {
     "power.voltage_v": {Fault.UNDERVOLTAGE, Fault.OVERVOLTAGE},
     "power.inverter_degc": {Fault.OVERTEMPERATURE},
     "power.motor_degc": {Fault.OVERTEMPERATURE},
-    "operator.target_ratio": STOPS,
+    "operator.target_ratio": {Fault.LOAD_IMPLAUSIBLE},  # it stops, and the recorded crank does not follow
     "operator.target_impulse_n_s": None,  # refused, and the ratio held
     "gait.shank_rate_rad_s": None,  # none is fitted
     "gait.along_m_s2": None,
@@ -373,7 +372,7 @@ def test_nothing_that_is_no_number_ever_drives_the_motor(in_motion: tuple[Bench,
             assert ended.mode in (Mode.SOFT_START, Mode.RUN), bad
         else:
             assert ended.fault in faults, bad
-            assert ended.mode == (Mode.STOPPING if faults is STOPS else Mode.FAULT), bad
+            assert ended.mode == Mode.FAULT, bad
 
 
 def test_nothing_moves_at_power_up_whatever_the_operator_says() -> None:

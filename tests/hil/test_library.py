@@ -5,6 +5,7 @@ import pytest
 
 import hil
 from hil.scenario import ScenarioError
+from hil.settings import SettingError
 
 pytest_plugins = ["pytester"]
 
@@ -58,7 +59,7 @@ def test_a_run_whose_checks_fail_is_returned_and_says_so(scenario, tmp_path):
 
 
 def test_what_cannot_run_raises_a_sentence():
-    with pytest.raises(ScenarioError, match="starts with 'plant'"):
+    with pytest.raises(SettingError, match="starts with 'plant'"):
         hil.run("soft-start-multistable", set={"plant.mass_kg": 1.0})
     with pytest.raises(ScenarioError, match="no named scenario"):
         hil.run("soft-strat")
@@ -80,7 +81,7 @@ def test_that_fails(bench):
 def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester):
     (pytester.path / "still.toml").write_text(SCENARIO)
     pytester.makepyfile(TESTS)
-    result = pytester.runpytest_subprocess("-p", "hil.pytest_plugin", "-p", "no:cacheprovider")
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
     kept = list((pytester.path / "runs").iterdir())
     assert [hil.open_run(folder).figures.duration_s for folder in kept] == [0.25]
@@ -95,5 +96,5 @@ def test_the_clock_of_the_session_is_that_of_its_runs(pytester):
         """
     )
     options = ("--vibrohil-clock", "real", "--vibrohil-bus", "local")
-    result = pytester.runpytest_subprocess("-p", "hil.pytest_plugin", "-p", "no:cacheprovider", *options)
+    result = pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
     result.assert_outcomes(passed=1)

@@ -71,6 +71,7 @@ def test_the_verdict_has_every_key_and_is_what_is_written(finished):
         "value": "impact",
         "unit": "",
         "limit": "= impact",
+        "requirement": None,
     }
     assert {"t_s", "v_m_s"} == set(verdict["impacts"][0])
 

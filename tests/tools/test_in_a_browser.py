@@ -10,6 +10,7 @@ from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
 from hil.report import write_suite_report
+from hil.requirements import trace
 from hil.rerun_program import rerun_environment
 from tools import view
 from tools.quiet_viewer import served
@@ -59,7 +60,7 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
 def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
     verdict = json.loads((run_dir / "verdict.json").read_text())
     failed = {**verdict, "passed": False, "reasons": ["plant left no trace"]}
-    write_suite_report(tmp_path / "index.html", [verdict, failed])
+    write_suite_report(tmp_path / "index.html", [verdict, failed], trace([verdict, failed]))
     browser.open((tmp_path / "index.html").as_uri(), dark)
     browser.wait_for("document.querySelectorAll('a').length == 2")
     assert near(browser.look(), RED[dark], 8) > 800

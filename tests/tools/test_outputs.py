@@ -61,7 +61,7 @@ def test_a_format_that_nobody_writes_is_refused(
     assert "ending in" in refused(command, option, tmp_path / "x.xyz", capsys)
 
 
-ENDINGS = {"--rrd": ".rrd", "--plot": ".svg", "--to": ".csv"}
+ENDINGS = {"--extremes": ".md", "--rrd": ".rrd", "--plot": ".svg", "--to": ".csv"}
 
 
 def file_name(command: str, option: str) -> str:

@@ -31,7 +31,7 @@ def columns(path: Path, entity: str, component: str) -> list:
 
 
 def test_a_sweep_shows_its_orbits_at_every_ratio(found, tmp_path):
-    path = tmp_path / "new" / "sweep.rrd"
+    path = tmp_path / "sweep.rrd"
     recordings.sweeps(found, path)
     assert log_of(path) == path, "what vibrohil view opens"
     assert rerun(["rrd", "verify", path]).returncode == 0
