@@ -1,6 +1,7 @@
 """Did all runs on vcan cross the kernel's own CAN, and were they judged and passed? Prints their timing.
 
-`judge_vcan.py FOLDER STATUS COUNT`: the suite's folder with what it printed in suite.json, its exit status,
+`judge_vcan.py FOLDER STATUS COUNT`: FOLDER holds what the suite printed (suite.json) and the suite's own folder (suite);
+its exit status,
 and how many scenarios it was asked to run.
 """
 
@@ -17,7 +18,7 @@ except json.JSONDecodeError:
 wrong = []
 for scenario in suite.get("scenarios", []):
     name = scenario["name"]
-    verdict = json.loads((folder / name / "verdict.json").read_text(encoding="utf-8"))
+    verdict = json.loads((folder / "suite" / name / "verdict.json").read_text(encoding="utf-8"))
     timing = {key: verdict[key] for key in ("real_time", "ticks", "overruns", "baseline_overruns")}
     print(f"ci: {'passed' if verdict['passed'] else 'FAILED'} {name}: {timing}, work {verdict['tick_us']}")
     for check in verdict["checks"]:
