@@ -1,7 +1,7 @@
 """Did all runs on vcan cross the kernel's own CAN, and were they judged and passed? Prints their timing.
 
-`judge_vcan.py FOLDER STATUS COUNT`: FOLDER holds what the suite printed, suite.json, and the suite's own folder,
-suite; then its exit status, and how many scenarios it was asked to run.
+`judge_vcan.py FOLDER STATUS COUNT`: FOLDER holds what the suite printed, suite.json, and the suite's own
+folder, suite; then its exit status, and how many scenarios it was asked to run.
 """
 
 import json
