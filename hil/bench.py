@@ -32,7 +32,7 @@ from hil.log_reader import is_whole
 from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
-from hil.processes import Child
+from hil.processes import STOP_TIMEOUT_S, Child
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority
 from hil.rerun_log import LOG_NAME, show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
@@ -45,8 +45,13 @@ READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
 WARM_TICKS = 50
+RECORDER = "recorder"
+RECORDER_STOP_S = 30.0
+"""It writes what it has not come to while the nodes had the CPU; a slow machine may leave it half a run."""
 LIVE = "live"
 """The child that shows the run in a viewer."""
+PERIODS_A_LOOK = 10
+"""Of the operator's, from one look at the other processes to the next."""
 PERIODS_A_MEMORY_SAMPLE = 100
 REACTION_S = 0.5
 """How long the survivors of a dead node are watched."""
@@ -263,7 +268,7 @@ class RealTimeRun:
             "plant": [program(), "plant", scenario, *common],
             **again,
             "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
-            "recorder": [*python, "hil.recorder", str(self.run_dir), "--bus", address],
+            RECORDER: [*python, "hil.recorder", str(self.run_dir), "--bus", address],
             **({} if self.viewer is None else {LIVE: live}),
         }
 
@@ -286,18 +291,20 @@ class RealTimeRun:
             self.play(operator, tell_bus, t0_ns)
 
     def play(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
-        """The operator's loop, with a look at the others in each of its periods."""
+        """The operator's loop, with a look at the others now and then."""
         period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
         loop = FixedRateLoop(self.clock, t0_ns, period_ns)
         periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
         last_period = periods
         scripted = ProcessFaults(self.scenario.faults)
         signals, restarts = scripted.signals(), scripted.restarts()
+        watched = self.watched
         dead: set[str] = set()
-        memory = MemoryWatch({name: child.pid for name, child in self.watched.items()})
+        memory = MemoryWatch({name: child.pid for name, child in watched.items()})
+        next_look = next_sample = 0
 
         def step(period: int, _: int) -> None:
-            nonlocal last_period
+            nonlocal next_look
             t_s = period * OPERATOR_PERIOD_S
             while signals and signals[0].at_s <= t_s:
                 self.children[signals[0].process].signal(signals[0].number)
@@ -308,20 +315,27 @@ class RealTimeRun:
                 del restarts[0]
             tell_bus(t_s)
             operator.step(period)
-            for name, child in self.watched.items():
+            if period >= next_look:
+                next_look = period + PERIODS_A_LOOK
+                look(period)
+            if period >= last_period:
+                loop.stop()
+
+        def look(period: int) -> None:
+            """At the others: what costs more than a command has its turn less often."""
+            nonlocal last_period, next_sample
+            t_s = period * OPERATOR_PERIOD_S
+            for name, child in watched.items():
                 if name not in dead and child.ended:
                     dead.add(name)
                     its_last_ticks = child.succeeded and t_s > self.scenario.duration_s - END_SLACK_S
                     if its_last_ticks or scripted.kills(name, by_s=t_s):
                         continue
-                    at_s = period * OPERATOR_PERIOD_S
-                    self.outcome.reasons.append(f"{child.how_it_ended()} at {at_s:.2f} s{child.why()}")
+                    self.outcome.reasons.append(f"{child.how_it_ended()} at {t_s:.2f} s{child.why()}")
                     last_period = min(last_period, period + round(REACTION_S / OPERATOR_PERIOD_S))
-            if period >= last_period:
-                loop.stop()
-            if period % 10 == 0:
-                self.progress(period / periods, "running")
-            if period % PERIODS_A_MEMORY_SAMPLE == 0:
+            self.progress(period / periods, "running")
+            if period >= next_sample:
+                next_sample = period + PERIODS_A_MEMORY_SAMPLE
                 memory.sample()
 
         def record(_: int, __: LoopTiming) -> None:
@@ -353,7 +367,10 @@ class RealTimeRun:
 
     def stop_all(self) -> None:
         """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""
-        said = {name: child.stop().strip() for name, child in self.children.items()}
+        said = {
+            name: child.stop(RECORDER_STOP_S if name == RECORDER else STOP_TIMEOUT_S).strip()
+            for name, child in self.children.items()
+        }
         nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}
         run_folder.note(self.run_dir, nodes=nodes)
         for name, one in nodes.items():

@@ -172,12 +172,12 @@ class Child:
             return False
         return True
 
-    def stop(self) -> str:
-        """Ask it to end, insist after some seconds, and give what it last said on standard output."""
+    def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> str:
+        """Ask it to end, insist after `timeout_s`, and give what it last said on standard output."""
         if not self.ended:
             self._process.terminate()
         try:
-            said, _ = self._process.communicate(timeout=STOP_TIMEOUT_S)
+            said, _ = self._process.communicate(timeout=timeout_s)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self.killed_at_stop = True

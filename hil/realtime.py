@@ -28,7 +28,8 @@ RESET_ON_FORK = 1
 SCHEDULING_ATTRIBUTES = struct.Struct("=IIQiIQQQII")
 
 NODE_PRIORITY = 20
-OPERATOR_PRIORITY = 10
+OPERATOR_PRIORITY = NODE_PRIORITY
+"""Its commands are few and short; behind the nodes a machine too slow for them would silence it."""
 
 
 class Reservation(NamedTuple):
