@@ -1,10 +1,11 @@
 """A whole run: folder, bus, processes, common start, supervision, and the finished log.
 
-In real time this process plays the operator, 100 times a second, and watches the others between its frames:
-a child that ends early is named within 50 ms, the others go on for half a second so that their reaction is in
+In real time this process plays the operator, 100 times a second, and watches the others in between: a child
+that ends early is named within 100 ms, the others go on for half a second so that their reaction is in
 the log, then all are stopped in order and the run folder is finished as after any run.
 """
 
+import gc
 import json
 import os
 import shutil
@@ -33,7 +34,7 @@ from hil.loop import FixedRateLoop, LoopTiming
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
 from hil.processes import STOP_TIMEOUT_S, Child
-from hil.realtime import OPERATOR_PRIORITY, fixed_priority
+from hil.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from hil.rerun_log import LOG_NAME, show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.soak import SETTLED_SHARE, MemoryWatch
@@ -228,6 +229,8 @@ class RealTimeRun:
             faulty_bus, tell_bus = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)
             operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
             stack.callback(operator.close)
+            settle_garbage()
+            stack.callback(gc.unfreeze)
             t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
             wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)

@@ -6,7 +6,6 @@ traces lose nothing. It ends on SIGTERM, or when its parent is gone, with everyt
 """
 
 import argparse
-import gc
 import json
 import os
 import select
@@ -23,6 +22,7 @@ from hil.bus.addressed import addressed
 from hil.can_log import CanLog
 from hil.follower import TRACES, Follower
 from hil.processes import READY, read_start, stop_requests
+from hil.realtime import settle_garbage
 from hil.rerun_log import LOG_NAME, RunLog
 from hil.run_folder import write_json
 from hil.run_traces import LOSSES, BusLog, LogLoss, RunTraces, read_json, read_scenario
@@ -123,8 +123,7 @@ def main() -> None:
     stopping = stop_requests()
     places = addresses_from(read_scenario(arguments.run_dir).get("firmware", {}))
     bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
-    gc.collect()
-    gc.freeze()
+    settle_garbage()
     print(READY, flush=True)
     read_start()
     recorder = Recorder(arguments.run_dir, bus)
