@@ -4,7 +4,8 @@
 
 One change at a time (a comparison's operator or edge, and/or, a sign, a number, an enumeration's member, the
 branches of a conditional expression), each in a forked process of its own that runs the named tests until
-one fails. mutmut leaves decorated functions alone, and every function of the firmware's core is decorated.
+one fails. The code as it is must pass them first: tests that fail anyway, or are not found, would kill every
+mutant. mutmut leaves decorated functions alone, and every function of the firmware's core is decorated.
 """
 
 import ast
@@ -122,21 +123,21 @@ def members_of(module: ModuleType) -> dict[str, list[str]]:
     }
 
 
-def survives(name: str, mutant: Mutant, tests: Sequence[str]) -> bool:
-    """Whether no test notices the mutant. Runs in a process of its own."""
+def passes(name: str, code: ast.Module, tests: Sequence[str]) -> bool:
+    """Whether the tests pass where the module is `code`. Runs in a process of its own."""
     child = os.fork()
     if child == 0:
-        os._exit(_in_child(name, mutant, tests))
+        os._exit(_in_child(name, code, tests))
     _, status = os.waitpid(child, 0)
     return os.waitstatus_to_exitcode(status) == pytest.ExitCode.OK
 
 
-def _in_child(name: str, mutant: Mutant, tests: Sequence[str]) -> int:
+def _in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
     signal.alarm(LONGEST_S)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    sys.meta_path.insert(0, _Finder(name, lambda: compile(mutant.code, name, "exec")))
+    sys.meta_path.insert(0, _Finder(name, lambda: compile(code, name, "exec")))
     # All of the package is loaded anew: what has been loaded holds the module as it was.
     for loaded in list(sys.modules):
         if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
@@ -163,16 +164,21 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def main(name: str, tests: Sequence[str]) -> int:
-    """Try all mutants, print those that survive; the exit code is 1 if any does."""
+    """Try all mutants and print those that survive. The exit code is 1 if any does, 4 for unusable tests."""
     specification = importlib.util.find_spec(name)
     assert specification is not None
     assert specification.origin is not None
-    everything = list(
-        mutants(Path(specification.origin).read_text(), members_of(importlib.import_module(name)))
-    )
+    source = Path(specification.origin).read_text()
+    if not passes(name, ast.parse(source), tests):
+        print(
+            f"{name} does not pass {' '.join(tests)} as it is; check the path and mend the tests first",
+            file=sys.stderr,
+        )
+        return int(pytest.ExitCode.USAGE_ERROR)
+    everything = list(mutants(source, members_of(importlib.import_module(name))))
     survivors = 0
     for mutant in everything:
-        if survives(name, mutant, tests):
+        if passes(name, mutant.code, tests):
             survivors += 1
             print(f"{name}:{mutant.line}: {mutant.before}  →  {mutant.after}", flush=True)
     print(f"{name}: {len(everything)} mutants, {survivors} survive")

@@ -1,7 +1,9 @@
 """The mutation tool on a module of a few lines."""
 
 import importlib
+import sys
 import textwrap
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -35,24 +37,55 @@ def test_every_change_is_made_once_and_the_rest_stays() -> None:
     assert not any("float" in before for before, _ in made)
 
 
-@pytest.mark.parametrize(("edge", "survivors"), [(2.0, 0), (5.0, 1)])
-def test_a_mutant_survives_what_does_not_look_at_it(
-    edge: float, survivors: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Tests that look at x = 5 only do not see a moved edge."""
+@pytest.fixture
+def tests_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[float], str]]:
+    """What writes tests of SOURCE that look at one x only, where a module is to be ON; their path."""
     package = tmp_path / "small_package"
     package.mkdir()
     (package / "__init__.py").write_text("")
     (package / "module.py").write_text(SOURCE)
-    tests = tmp_path / "test_small_module.py"
-    tests.write_text(
-        textwrap.dedent(f"""
-            from small_package import module
-            def test_it():
-                assert module.mode({edge}) == module.Mode.ON
-        """)
-    )
     monkeypatch.syspath_prepend(tmp_path)
+
+    def write(x: float) -> str:
+        tests = tmp_path / "test_small_module.py"
+        tests.write_text(
+            textwrap.dedent(f"""
+                from small_package import module
+                def test_it():
+                    assert module.mode({x}) == module.Mode.ON
+            """)
+        )
+        return str(tests)
+
+    yield write
+    for name in ("small_package", "small_package.module"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(("x", "survives"), [(2.0, False), (5.0, True)])
+def test_a_mutant_survives_tests_that_do_not_look_at_it(
+    x: float, survives: bool, tests_of: Callable[[float], str]
+) -> None:
+    """Tests that look at x = 5 only do not see a moved edge."""
+    tests = tests_of(x)
     importlib.import_module("small_package.module")  # as the tool itself does, to know the enumerations
     moved = next(m for m in mutation.mutants(SOURCE, {}) if m.after == "x > 2.0")
-    assert mutation.survives("small_package.module", moved, [str(tests)]) == bool(survivors)
+    assert mutation.passes("small_package.module", moved.code, [tests]) == survives
+
+
+def test_survivors_are_counted(tests_of: Callable[[float], str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert mutation.main("small_package.module", [tests_of(2.0)]) == 1
+    out = capsys.readouterr().out
+    assert "x >= 2.0 and well  →  x >= 2.0 or well" in out
+    assert "x >= 2.0  →  x > 2.0" not in out
+
+
+@pytest.mark.parametrize("mistake", ["fails", "missing"])
+def test_tests_that_do_not_pass_on_the_code_as_it_is_kill_nothing(
+    mistake: str, tests_of: Callable[[float], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    tests = tests_of(1.0)
+    assert mutation.main("small_package.module", [tests + ("x" if mistake == "missing" else "")]) == 4
+    out, err = capsys.readouterr()
+    assert not out
+    assert "does not pass" in err
