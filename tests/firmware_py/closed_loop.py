@@ -25,7 +25,7 @@ from firmware_py.interface.records import (
     SetAxisState,
     SetInputTorque,
 )
-from firmware_py.shell.node import FirmwareNode
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import config_from
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState
@@ -67,9 +67,10 @@ class Bench:
     """What happens to the frames on their way to the firmware."""
     overrun: Callable[[int], bool] = lambda _: False
     """Whether the firmware misses this tick; its frames wait for the next one."""
+    build: Build = "python"
 
     def __post_init__(self) -> None:
-        self.node = FirmwareNode(config_from(self.parameters), self.parameters)
+        self.node = node_of(self.build)(config_from(self.parameters), self.parameters)
         self.plant = Plant(load_scene(self.scene), self.seed)
         self.tick = 0
         self.axis_state = AxisState.IDLE.value

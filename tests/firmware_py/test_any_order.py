@@ -1,7 +1,7 @@
 """The whole node by frames: whatever comes in whatever order, nothing moves that must not.
 
     python -m pytest tests/firmware_py/test_any_order.py                                some 10,000 ticks
-    VIBROHIL_LONG_TICKS=2000000 python -m pytest tests/firmware_py/test_any_order.py    two million
+    VIBROHIL_LONG_TICKS=2000000 python -m pytest tests/firmware_py/test_any_order.py    two million, compiled
 
 Events are requests of the operator, errors of the drive, readings beyond their limits, frames that are lost,
 late, repeated or corrupted, a drive that ignores its commands, E-stops and host stalls. The rules below see
@@ -40,6 +40,8 @@ from firmware_py.interface.records import (
 )
 
 TICKS = int(os.environ.get("VIBROHIL_LONG_TICKS", "10000"))
+LONG = TICKS >= 200_000
+"""Long enough to reach every mode, and to be worth the compiled build."""
 EXAMPLES = 10
 """Of one seed; the first of them is the shortest there is."""
 REPEAT_TICKS = 20
@@ -136,7 +138,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.bench = Bench(QUICK, ratio=1.1, change=self.on_the_way)
+        self.bench = Bench(QUICK, ratio=1.1, change=self.on_the_way, build="compiled" if LONG else "python")
         self.rules = Rules()
         self.lost: dict[int, int] = {}
         self.late: dict[int, tuple[int, int]] = {}
@@ -288,5 +290,5 @@ def test_nothing_moves_that_must_not_whatever_comes_in_whatever_order() -> None:
             ),
         )
         number += 1
-    reached = set(Mode) if TICKS >= 200_000 else set(Mode) - {Mode.RUN, Mode.E_STOP}
+    reached = set(Mode) if LONG else set(Mode) - {Mode.RUN, Mode.E_STOP}
     assert AnyOrder.modes >= reached
