@@ -86,6 +86,12 @@ EVENTS = [
 ]
 
 
+def test_frames_and_requests_have_numbers_of_their_own() -> None:
+    """Traces hold the numbers."""
+    assert list(map(int, DriveFrame)) == list(range(8))
+    assert list(map(int, AxisRequest)) == list(range(5))
+
+
 def test_nothing_is_remembered_at_power_up() -> None:
     nothing = DriveLinkState(AxisRequest.OPEN, 0, 0, 0, confirmed=False, service_ticks=NEVER_TICKS)
     assert nothing == drive_link.INITIAL
@@ -127,18 +133,14 @@ def test_every_state_under_every_event(mode: Mode) -> None:
         assert (after.round_ticks == 0) == (frame in ROUNDS[request][:1])
         if after.confirmed:
             assert frame not in (*ARMING, *DISARMING)
-        # Errors are cleared in INIT alone, the position is brought back in READY alone.
-        if frame == DriveFrame.CLEAR_ERRORS:
-            assert mode == Mode.INIT
-            assert asks_clear
-            assert drive.axis_error != 0
-            assert state.service_ticks + 1 >= 50
-        if frame == DriveFrame.RE_ZERO:
-            assert mode == Mode.READY
-            assert drive_link.is_idle(after)
-            assert abs(position_rev) >= 64.0
-            assert abs(velocity_rev_s) < 0.02
-            assert state.service_ticks + 1 >= 1000
+        # Errors are cleared in INIT alone, the position is brought back in READY alone; neither displaces a
+        # frame of the request.
+        free = frame not in (*ARMING, *DISARMING)
+        wrong, far = drive.axis_error != 0, abs(position_rev) >= 64.0
+        clears = mode == Mode.INIT and asks_clear and wrong and state.service_ticks + 1 >= 50
+        assert (frame == DriveFrame.CLEAR_ERRORS) == (free and clears)
+        rests = mode == Mode.READY and drive_link.is_idle(after) and abs(velocity_rev_s) < 0.02
+        assert (frame == DriveFrame.RE_ZERO) == (free and rests and far and state.service_ticks + 1 >= 1000)
         assert (after.service_ticks == 0) == (frame in (DriveFrame.CLEAR_ERRORS, DriveFrame.RE_ZERO))
 
 
