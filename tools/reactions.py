@@ -2,15 +2,18 @@
 
     python -m tools.reactions --seeds 20 [SCENARIO…]
 
-Runs scenarios in lockstep, each in so many seeds, which also move the fault's moment, and prints for every
-fault that the firmware latched the worst of each time as the table of docs/safety.md. The times count from
-the moment at which the scenario's first fault begins; IDLE counts once the torque is 0 for good.
+Runs scenarios in lockstep on the compiled firmware, each in so many seeds, which also move the moment of the
+fault, and prints for every fault that the firmware latched the worst of each time as the table of
+docs/safety.md. The times count from the moment at which the scenario's first fault begins; IDLE counts once
+the torque is 0 for good.
 """
 
 import argparse
 import math
+import shutil
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,13 +21,22 @@ import can
 
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
-from firmware_py.interface.enums import AxisState
+from firmware_py.interface.enums import LATCHED, AxisState, Fault
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import DriveHeartbeat, SetAxisState, SetInputTorque
-from hil.bench import run_scenario
+from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetAxisState, SetInputTorque
+from hil.lockstep import run_lockstep
 from hil.suite import Case, cases_of, scenarios_for, silent
 
 IDLE = SetAxisState(AxisState.IDLE)
+WATCHED = tuple(
+    message.can_id
+    for message in (
+        codec.SET_INPUT_TORQUE,
+        codec.SET_AXIS_STATE,
+        codec.DRIVE_HEARTBEAT,
+        codec.FIRMWARE_HEARTBEAT,
+    )
+)
 
 
 class Reaction(NamedTuple):
@@ -36,15 +48,17 @@ class Reaction(NamedTuple):
 
 
 def records(log: Path) -> Iterator[tuple[float, Any]]:
-    """The time in s and the record of every frame in `log` that can be decoded."""
+    """The time in s and the record of every frame in `log` that matters here and can be decoded."""
     for message in can.CanutilsLogReader(log):
+        if message.arbitration_id not in WATCHED:
+            continue
         try:
             yield message.timestamp, codec.decode(Frame(message.arbitration_id, bytes(message.data)))
         except FrameError:
             continue
 
 
-def reaction(sent: Iterator[tuple[float, Any]], fault_s: float) -> Reaction:
+def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
     """How a run reacted to the fault at `fault_s`, by the frames on its bus."""
     torque_s = idle_s = confirmed_s = math.inf
     for t_s, record in sent:
@@ -61,11 +75,20 @@ def reaction(sent: Iterator[tuple[float, Any]], fault_s: float) -> Reaction:
     return Reaction(torque_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
 
 
-def reacted(case: Case) -> tuple[str | None, Reaction]:
+def latched(sent: Iterable[tuple[float, Any]]) -> Fault | None:
+    """The first fault that the firmware's heartbeat says is latched."""
+    beats = (record for _, record in sent if isinstance(record, FirmwareHeartbeat))
+    return next((Fault(beat.fault) for beat in beats if beat.mode in LATCHED and beat.fault), None)
+
+
+def reacted(case: Case) -> tuple[Fault | None, Reaction]:
     """The fault that a run latched, None for none, and how soon."""
-    verdict = run_scenario(case.scenario, "lockstep", "auto", case.run_dir, case.seed, silent)
+    case.run_dir.mkdir(parents=True)
+    run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
+    sent = list(records(case.run_dir / "can.log"))
+    shutil.rmtree(case.run_dir)
     fault_s = min(fault.at_s for fault in case.scenario.faults)
-    return verdict["fault"], reaction(records(case.run_dir / "can.log"), fault_s)
+    return latched(sent), reaction(sent, fault_s)
 
 
 def worst(reactions: Sequence[Reaction]) -> Reaction:
@@ -78,12 +101,12 @@ def shown(time_s: float) -> str:
     return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
 
 
-def markdown(found: dict[str, list[Reaction]]) -> str:
+def markdown(found: dict[Fault, list[Reaction]]) -> str:
     """The table of docs/safety.md."""
     lines = ["| fault | runs | torque 0 | IDLE sent | idle confirmed |", "|---|---|---|---|---|"]
     for fault in sorted(found):
         times = " | ".join(map(shown, worst(found[fault])))
-        lines.append(f"| {fault} | {len(found[fault])} | {times} |")
+        lines.append(f"| {fault.name} | {len(found[fault])} | {times} |")
     return "\n".join(lines)
 
 
@@ -95,10 +118,16 @@ def main() -> None:
     asked = parser.parse_args()
     scenarios, _ = scenarios_for(asked.names, "lockstep")
     faulty = [scenario for scenario in scenarios if scenario.faults]
-    found: dict[str, list[Reaction]] = {}
+    found: dict[Fault, list[Reaction]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for case in cases_of(faulty, range(1, asked.seeds + 1), Path(folder)):
+        cases = cases_of(faulty, range(1, asked.seeds + 1), Path(folder))
+        for case in sorted(cases, key=lambda case: case.seed):
             fault, times = reacted(case)
+            found_fault = "no fault" if fault is None else fault.name
+            steps = ", ".join(map(shown, times))
+            print(
+                f"{case.scenario.name}, seed {case.seed}: {found_fault}: {steps}", file=sys.stderr, flush=True
+            )
             if fault is not None:
                 found.setdefault(fault, []).append(times)
     print(markdown(found))

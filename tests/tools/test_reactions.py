@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState
-from firmware_py.interface.records import DriveHeartbeat, SetInputTorque
+from firmware_py.interface.enums import AxisState, Fault, Mode
+from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
 from hil.can_log import CanLog
-from tools.reactions import IDLE, Reaction, markdown, reaction, records, worst
+from tools.reactions import IDLE, Reaction, latched, markdown, reaction, records, worst
 
 OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
 CLOSED = DriveHeartbeat(0, AxisState.CLOSED_LOOP_CONTROL.value, 0, 0)
@@ -44,7 +44,18 @@ def test_frames_are_read_from_a_run_s_log(tmp_path: Path) -> None:
     assert rounded(reaction(records(tmp_path / "can.log"), 0.95)) == [0.07, 0.07, 0.2]
 
 
+def test_the_first_latched_fault_counts() -> None:
+    def beat(mode: Mode, fault: Fault) -> tuple[float, Any]:
+        return (1.0, FirmwareHeartbeat(mode.value, fault.value, 0, 0, 0.0))
+
+    moving = [*RUN, beat(Mode.RUN, Fault.NONE)]
+    assert latched(moving) is None
+    assert latched([*moving, beat(Mode.E_STOP, Fault.NONE)]) is None
+    faults = (Fault.STALL, Fault.OVERSPEED)
+    assert latched([*moving, *(beat(Mode.FAULT, fault) for fault in faults)]) == Fault.STALL
+
+
 def test_the_table_has_the_worst_of_each_time() -> None:
-    found = {"overspeed": [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]}
-    assert worst(found["overspeed"]) == Reaction(0.003, 0.002, math.inf)
-    assert markdown(found).splitlines()[-1] == "| overspeed | 2 | 3 ms | 2 ms | never |"
+    found = {Fault.OVERSPEED: [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]}
+    assert worst(found[Fault.OVERSPEED]) == Reaction(0.003, 0.002, math.inf)
+    assert markdown(found).splitlines()[-1] == "| OVERSPEED | 2 | 3 ms | 2 ms | never |"
