@@ -173,7 +173,7 @@ class FaultFigures:
     ]
     peak_force_n: Annotated[
         float | None,
-        Quantity("N", "largest force on the stop of blows from the fault's begin on; 0 without any"),
+        Quantity("N", "largest force of impacts on the stop from the fault's start on; 0 without any"),
     ]
     impacts_again_after_s: Annotated[
         float | None,
@@ -266,7 +266,7 @@ class Figures:
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
-    regime_believed: Annotated[str, Quantity("", "what the firmware believed at the end of the hold")]
+    regime_believed: Annotated[str, Quantity("", "the regime that the firmware reported at the end of the hold")]
     hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]
     hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
     impacts_per_period: Annotated[float | None, Quantity("", "impacts per turn of the crank during the hold")]
@@ -281,7 +281,7 @@ class Figures:
         float | None, Quantity("m/s", "median approach speed over the second half of the hold")
     ]
     impact_impulse_n_s: Annotated[
-        float | None, Quantity("N s", "median impulse of a blow over the second half of the hold")
+        float | None, Quantity("N s", "median impulse of an impact over the second half of the hold")
     ]
     peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
     felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]

@@ -41,7 +41,7 @@ ON_THE_BUS = {
 
 
 class Command(NamedTuple):
-    """From `at_s` on, ask for `request`; the ratio is Ω over the believed ω, an impulse 0 is none."""
+    """From `at_s` on, ask for `request`; the ratio is Ω over the nominal ω, an impulse 0 is none."""
 
     at_s: float
     request: Request

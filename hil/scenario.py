@@ -46,13 +46,13 @@ class CommandTable(Table):
         description="what is asked for: idle, run, clear-faults, e-stop or silent"
     )
     target_ratio: float | None = Field(
-        default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the believed ω"
+        default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
     )
     target_impulse_n_s: float | None = Field(
         default=None,
         gt=0.0,
         le=LARGEST_IMPULSE_N_S,
-        description="the impulse of a blow to be held, in N s, once the drive has reached its ratio",
+        description="the impulse of an impact to be held, in N s, once the drive has reached its ratio",
     )
 
     @model_validator(mode="after")

@@ -42,7 +42,7 @@ class Regime(IntEnum):
 
 
 class ContactPhase(IntEnum):
-    """Where the firmware believes the striker to be."""
+    """Where the firmware estimates the striker to be."""
 
     FREE = 0
     CONTACT = 1
@@ -102,7 +102,7 @@ class Refusal(IntEnum):
 
 class ActingLimit(IntEnum):
     """Which limit is shaping the torque right now; IMPACT_PHASE keeps the speed away from the fold,
-    RETREAT from where the blows were lost.
+    RETREAT from where the impacts were lost.
     """
 
     NONE = 0

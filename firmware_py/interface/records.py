@@ -138,9 +138,9 @@ class GaitSensors(NamedTuple):
 
 
 class OperatorCommand(NamedTuple):
-    """0x048, operator → firmware, every 100 ms. `target_ratio` is Ω over the believed ω.
+    """0x048, operator → firmware, every 100 ms. `target_ratio` is Ω over the nominal ω.
 
-    A `target_impulse_n_s` above 0 is what the blows on the stop are to give, from the ratio on.
+    A `target_impulse_n_s` above 0 is what the impacts on the stop are to give, once the ratio is reached.
     """
 
     request: int

@@ -287,7 +287,7 @@ class StopMoved(FaultTable):
 
 
 class Kick(FaultTable):
-    """A blow from outside changes the striker's velocity, once."""
+    """An impulse from outside changes the striker's velocity, once."""
 
     kind: Literal["kick"]
     change_m_s: float = Field(description="by how much, in m/s, towards the stop positive")
@@ -331,7 +331,7 @@ class ClockJitter(FaultTable):
 
     kind: Literal["clock-jitter"]
     process: Process = Field(description="the process: plant or firmware")
-    largest_s: float = Field(gt=0.0, le=0.1, description="each is drawn from 0 to this, in s")
+    largest_s: float = Field(gt=0.0, le=0.1, description="each is sampled from 0 to this, in s")
 
 
 class ParametersDamaged(FaultTable):

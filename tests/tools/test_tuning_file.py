@@ -10,6 +10,7 @@ from hil.parameter_file import merged, read_document, read_parameters
 from hil.scenario import load_scenario
 from plant_sim.text_input import TextInputError
 from tools import cli
+from tools.commands.tune_tables import show_difference
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
 from tools.tuning.difference import difference
@@ -209,3 +210,12 @@ def test_a_difference_says_what_it_does_on_the_suite(tmp_path: Path, monkeypatch
     said = capsys.readouterr().out
     assert "no parameter differs" in said
     assert "no figure differs" in said
+
+
+def test_a_difference_names_figures_as_its_json_does(tmp_path: Path, capsys) -> None:
+    figures = {"detector.latency_ms.p50": {"unit": "ms", "a": 2.0, "b": 3.0}}
+    passed = {"a": True, "b": True}
+    one = {"scenario": "some", "passed": passed, "failed": {"a": [], "b": []}, "figures": figures}
+    safe = {"a": None, "b": None}
+    show_difference({"changed": [], "figures_of_merit": {}, "suite": [one], "safe": safe}, tmp_path, tmp_path)
+    assert "detector.latency_ms.p50" in capsys.readouterr().out

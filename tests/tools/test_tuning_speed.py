@@ -23,6 +23,7 @@ from tools.tuning.speed import (
 )
 from tools.tuning.speed_figure import draw_speed
 from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
+from tools.tuning.views import of_speed
 
 J, B, T, TRACKER = 5e-4, 1e-4, 1e-3, DEFAULTS["crank.bandwidth_rad_s"]
 
@@ -186,3 +187,17 @@ def test_it_is_drawn(design: SpeedDesign, measured: MeasuredLoop, tmp_path: Path
     draw_speed(Belief(), design, measured, tmp_path / "speed.svg")
     content = (tmp_path / "speed.svg").read_text()
     assert content.count("<path") > 50
+
+
+def test_the_recordings_bode_plot_is_over_the_logarithm_of_frequency(design: SpeedDesign) -> None:
+    """The axis of a timeline is linear, so it counts thousandths of a decade."""
+    told = of_speed(Belief(), design, None)
+    assert told.timeline == "frequency_1000_log10_hz"
+    loop = respond(Belief(), design.gain_p_n_m_s, design.gain_i_n_m)
+    hertz = loop.omega_rad_s / (2.0 * np.pi)
+    assert set(told.views) == {
+        "gain [dB] over 1000 log10(f / 1 Hz)",
+        "phase [deg] over 1000 log10(f / 1 Hz)",
+    }
+    for curves in told.views.values():
+        np.testing.assert_allclose(10.0 ** (curves["L, designed"].steps / 1000.0), hertz, rtol=2e-3)

@@ -34,10 +34,10 @@ def campaign(
         typer.Argument(help="What is put to the test; endurance: the covariance over many ticks."),
     ],
     trials: Annotated[
-        int | None, typer.Option(help="How many draws; by default enough for the campaign's goals.", min=1)
+        int | None, typer.Option(help="Number of trials; by default enough for the campaign's goals.", min=1)
     ] = None,
     seed: Annotated[
-        int, typer.Option(help="Seed of all draws; below 10000 lie those of tuning and tests.", min=0)
+        int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
     ] = 20_260,
     change: Annotated[
         list[str] | None,
@@ -50,7 +50,7 @@ def campaign(
     ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Run many closed loops over drawn truths and starts, and judge them by their goals."""
+    """Run many closed loops over sampled modules and starts, and judge them by their goals."""
     if name == "endurance":
         result = run_endurance(ticks, change or [])
     else:

@@ -32,7 +32,7 @@ def firmware(
         bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
     ] = False,
     again: Annotated[
-        bool, typer.Option("--again", help="With --sync: join only once told, and go on with the trace.")
+        bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
     ] = False,
     until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
 ) -> None:

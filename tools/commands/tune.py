@@ -33,8 +33,8 @@ Plot = Annotated[Path | None, file_option("Draw what explains the result into th
 Rrd = Annotated[
     Path | None, file_option("Write the result as a Rerun recording, too; open it with view.", RECORDINGS)
 ]
-Seed = Annotated[int | None, typer.Option(help="Of the draws to choose on, below 10000.", min=0)]
-FreshSeed = Annotated[int | None, typer.Option(help="Of the draws to judge on, from 10000 on.", min=0)]
+Seed = Annotated[int | None, typer.Option(help="Seed of the trials to choose on, below 10000.", min=0)]
+FreshSeed = Annotated[int | None, typer.Option(help="Seed of the trials to judge on, from 10000 on.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
@@ -203,7 +203,7 @@ def identify(
     trials: Annotated[
         int | None,
         typer.Option(
-            help="Instead of a log: so many drawn modules of all friction laws, and how often they are told.",
+            help="Instead of a log: this many sampled modules of all friction laws; how often the law is identified.",
             min=1,
         ),
     ] = None,
@@ -270,9 +270,9 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
 
 @tune.command()
 def detector(
-    cost_miss: Annotated[float, typer.Option(help="What a blow that is not seen costs.")] = 1.0,
-    cost_false_alarm: Annotated[float, typer.Option(help="What a blow that was none costs.")] = 1.0,
-    trials: Annotated[int | None, typer.Option(help="Draws for each floor.", min=11)] = None,
+    cost_miss: Annotated[float, typer.Option(help="Cost of a missed impact.")] = 1.0,
+    cost_false_alarm: Annotated[float, typer.Option(help="Cost of a false alarm.")] = 1.0,
+    trials: Annotated[int | None, typer.Option(help="Trials for each floor.", min=11)] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
     workers: Workers = None,
@@ -282,7 +282,7 @@ def detector(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """The floor of the blow detector from what misses and false alarms cost, on drawn modules."""
+    """The impact detector's floor from the costs of misses and false alarms, on sampled modules."""
     from tools.tuning import views
     from tools.tuning.detector import tune_detector
     from tools.tuning.detector_figure import draw_detector
@@ -309,12 +309,12 @@ def detector(
 def estimator(
     logs: Annotated[
         list[Path] | None,
-        typer.Argument(help="Run folders or candump logs; without any, logs of drawn modules are made."),
+        typer.Argument(help="Run folders or candump logs; without any, logs of sampled modules are made."),
     ] = None,
-    modules: Annotated[int | None, typer.Option(help="Drawn modules.", min=2)] = None,
+    modules: Annotated[int | None, typer.Option(help="Number of sampled modules.", min=2)] = None,
     fresh_trials: Annotated[
         int | None,
-        typer.Option(help="Draws to judge the result on, beside default and naive; 0: none.", min=0),
+        typer.Option(help="Trials to judge the result on, beside default and naive; 0: none.", min=0),
     ] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
@@ -348,9 +348,9 @@ def estimator(
 @tune.command()
 def start(
     candidates: Annotated[int | None, typer.Option(help="How many are tried in all.", min=2)] = None,
-    trials: Annotated[int | None, typer.Option(help="Draws for each candidate.", min=8)] = None,
+    trials: Annotated[int | None, typer.Option(help="Trials for each candidate.", min=8)] = None,
     fresh_trials: Annotated[
-        int | None, typer.Option(help="Draws to choose among the best, and to judge on.", min=8)
+        int | None, typer.Option(help="Trials to choose among the best, and to judge on.", min=8)
     ] = None,
     journal: Annotated[
         Path | None,
@@ -392,7 +392,7 @@ def start(
 
 @tune.command()
 def check(
-    quick: Annotated[bool, typer.Option("--quick", help="Few draws: whether all runs and agrees.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few trials: whether all runs and agrees.")] = False,
     workers: Workers = None,
     out: Annotated[Path, folder_option("Folder of what is tuned; a killed search goes on there.")] = Path(
         "tuned"

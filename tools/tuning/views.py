@@ -24,28 +24,30 @@ class Told(NamedTuple):
 
 
 def of_speed(belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None) -> Told:
-    """Gain and phase of the loop over frequency, and what the closed loop makes of targets."""
+    """Bode: gain and phase of the loop over the logarithm of frequency, and of the closed loop."""
     response = respond(belief, design.gain_p_n_m_s, design.gain_i_n_m)
     hertz = response.omega_rad_s / (2.0 * np.pi)
+    decades: list[float] = np.log10(hertz).tolist()
 
     def gain_db(values: NDArray[np.complex128]) -> list[float]:
         decibels: list[float] = (20.0 * np.log10(np.abs(values))).tolist()
         return decibels
 
     gain = {
-        "L, designed": curve(hertz.tolist(), gain_db(response.loop), 1e-2),
-        "target to speed": curve(hertz.tolist(), gain_db(response.closed), 1e-2),
-        "sensitivity": curve(hertz.tolist(), gain_db(1.0 / (1.0 + response.loop)), 1e-2),
+        "L, designed": curve(decades, gain_db(response.loop), 1e-3),
+        "target to speed": curve(decades, gain_db(response.closed), 1e-3),
+        "sensitivity": curve(decades, gain_db(1.0 / (1.0 + response.loop)), 1e-3),
     }
     angle = np.degrees(np.unwrap(np.angle(response.loop)))
-    phase = {"L, designed": curve(hertz.tolist(), angle.tolist(), 1e-2)}
+    phase = {"L, designed": curve(decades, angle.tolist(), 1e-3)}
     if measured is not None:
         at_hz = measured.omega_rad_s / (2.0 * np.pi)
         near = np.radians(np.interp(at_hz, hertz, angle))
         found = np.degrees(near + np.angle(measured.loop * np.exp(-1j * near)))
-        gain["L, measured"] = curve(at_hz.tolist(), gain_db(measured.loop), 1e-2, dots=True)
-        phase["L, measured"] = curve(at_hz.tolist(), found.tolist(), 1e-2, dots=True)
-    return Told("frequency_centihertz", {"gain [dB]": gain, "phase [deg]": phase})
+        gain["L, measured"] = curve(np.log10(at_hz).tolist(), gain_db(measured.loop), 1e-3, dots=True)
+        phase["L, measured"] = curve(np.log10(at_hz).tolist(), found.tolist(), 1e-3, dots=True)
+    over = "over 1000 log10(f / 1 Hz)"
+    return Told("frequency_1000_log10_hz", {f"gain [dB] {over}": gain, f"phase [deg] {over}": phase})
 
 
 def of_identify(found: Identified, readings: Readings) -> Told:
