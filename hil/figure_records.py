@@ -266,7 +266,9 @@ class Figures:
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
-    regime_believed: Annotated[str, Quantity("", "the regime that the firmware reported at the end of the hold")]
+    regime_believed: Annotated[
+        str, Quantity("", "the regime that the firmware reported at the end of the hold")
+    ]
     hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]
     hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
     impacts_per_period: Annotated[float | None, Quantity("", "impacts per turn of the crank during the hold")]

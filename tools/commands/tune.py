@@ -203,7 +203,7 @@ def identify(
     trials: Annotated[
         int | None,
         typer.Option(
-            help="Instead of a log: this many sampled modules of all friction laws; how often the law is identified.",
+            help="Instead of a log: sampled modules of all friction laws, and how often each is identified.",
             min=1,
         ),
     ] = None,
