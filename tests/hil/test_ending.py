@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -73,11 +73,32 @@ def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
     ]
 
 
+@pytest.fixture
+def begin() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts the program with these arguments; kills what a failed test leaves running, workers included."""
+    begun: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: str | Path, stdout: int = subprocess.DEVNULL) -> subprocess.Popen[str]:
+        begun.append(
+            subprocess.Popen([PROGRAM, *arguments], stdout=stdout, stderr=subprocess.DEVNULL, text=True)
+        )
+        return begun[-1]
+
+    yield begin
+    for program in begun:
+        if program.poll() is None:
+            workers = psutil.Process(program.pid).children(recursive=True)
+            for process in (psutil.Process(program.pid), *workers):
+                process.kill()
+            program.wait()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_in_lockstep_is_named_by_the_verdict(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_in_lockstep_is_named_by_the_verdict(
+    number: signal.Signals, tmp_path: Path, begin: Callable[..., subprocess.Popen[str]]
+) -> None:
     out = tmp_path / "out"
-    arguments = ["run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--out", str(out)]
-    bench = subprocess.Popen([PROGRAM, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    bench = begin("run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--out", out)
     waited_for(lambda: has_begun(out))
     bench.send_signal(number)
     assert bench.wait(60.0) == EXIT_INTERRUPTED
@@ -89,10 +110,11 @@ def test_a_signal_in_lockstep_is_named_by_the_verdict(number: signal.Signals, tm
     assert error.get("message") == f"interrupted by {name}"
 
 
-def test_a_killed_run_has_a_verdict_all_the_same(tmp_path: Path) -> None:
+def test_a_killed_run_has_a_verdict_all_the_same(
+    tmp_path: Path, begin: Callable[..., subprocess.Popen[str]]
+) -> None:
     out = tmp_path / "out"
-    arguments = ["run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--out", str(out)]
-    bench = subprocess.Popen([PROGRAM, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    bench = begin("run", rests(tmp_path, "rests", 600.0), "--clock", "lockstep", "--out", out)
     waited_for((out / "operator.trace").exists)
     bench.kill()
     bench.wait()
@@ -103,12 +125,11 @@ def test_a_killed_run_has_a_verdict_all_the_same(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_goes_on(
-    tmp_path: Path,
+    tmp_path: Path, begin: Callable[..., subprocess.Popen[str]]
 ) -> None:
     names = [rests(tmp_path, "quick", 0.3), *(rests(tmp_path, f"long-{n}", 900.0) for n in range(4))]
     out = tmp_path / "out"
-    command = [PROGRAM, "suite", *names, "--out", str(out), "--jobs", "1"]
-    suite = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    suite = begin("suite", *names, "--out", out, "--jobs", "1")
     # Long ones come first where there are two processes; with one the order is as given.
     waited_for((out / "long-0" / "operator.trace").exists)
     workers = psutil.Process(suite.pid).children(recursive=True)
@@ -135,11 +156,12 @@ def test_an_interrupted_suite_is_gone_in_two_seconds_keeps_what_is_finished_and_
     assert (out / "quick" / "run.json").stat().st_mtime_ns > before
 
 
-def test_a_killed_worker_costs_only_its_scenario(tmp_path: Path) -> None:
+def test_a_killed_worker_costs_only_its_scenario(
+    tmp_path: Path, begin: Callable[..., subprocess.Popen[str]]
+) -> None:
     names = [rests(tmp_path, "long", 900.0), *(rests(tmp_path, f"quick-{n}", 0.3) for n in range(3))]
     out = tmp_path / "out"
-    command = [PROGRAM, "suite", *names, "--out", str(out), "--jobs", "2", "--json"]
-    suite = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    suite = begin("suite", *names, "--out", out, "--jobs", "2", "--json", stdout=subprocess.PIPE)
     described = out / "long" / "processes.json"
     waited_for(described.exists)
     waited_for((out / "long" / "operator.trace").exists)
