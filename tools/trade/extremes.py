@@ -12,10 +12,10 @@ from plant_sim.result import MotionState
 from plant_sim.scene import Scene, SceneError, load_scene, read_scene
 from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive import SolverError
-from plant_sim.solvers.exact import EventLimitError
+from plant_sim.solvers.exact import EventLimitError, UnsupportedSceneError
 
 METHODS = ("exact", "adaptive", "stepping", "Plant")
-REFUSALS = SceneError, SolverError, EventLimitError
+REFUSALS = SceneError, UnsupportedSceneError, SolverError, EventLimitError
 
 FINE = 1e-13
 """Accuracy of the adaptive run that is the truth where there is no closed form."""
