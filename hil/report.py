@@ -133,8 +133,20 @@ def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
 
 
 def write_suite_report(
-    path: Path, verdicts: Sequence[Mapping[str, Any]], requirements: Mapping[str, Any]
+    path: Path,
+    verdicts: Sequence[Mapping[str, Any]],
+    requirements: Mapping[str, Any],
+    changes: Sequence[Mapping[str, Any]] | None = None,
 ) -> None:
-    """Write the page of many runs: a row that links to each run's page, failed ones first; requirements."""
+    """Write the page of many runs: a row that links to each run's page, failed ones first; requirements.
+
+    `changes`: what differs from another suite, as `hil.changes` gives it.
+    """
     rows = sorted((row_of(verdict, path.parent) for verdict in verdicts), key=lambda row: bool(row["passed"]))
-    path.write_text(template("suite.html.j2").render(rows=rows, requirements=requirements), encoding="utf-8")
+    changed = None
+    if changes is not None:
+        sides = ("before", "after", "margin_before", "margin_after")
+        differing = [one for one in changes if not one["equal"]]
+        changed = [{**one, **{side: shown(one[side], one["unit"]) for side in sides}} for one in differing]
+    page = template("suite.html.j2").render(rows=rows, requirements=requirements, changed=changed)
+    path.write_text(page, encoding="utf-8")

@@ -25,7 +25,8 @@ def read_suite(folder: Path) -> dict[str, Any]:
     with reading(folder / RESULT, "run the suite again"):
         result: dict[str, Any] = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         for one in result["scenarios"]:
-            _ = one["name"], one["passed"], one["checks"]
+            _ = one["name"], one["passed"], one["work_ratios"]
+            _ = [(check["passed"], check["values"], check["margins"]) for check in one["checks"]]
         return result
 
 

@@ -62,10 +62,12 @@ def margin(check: Check, value: Any) -> float:
 
 def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
     """One check's results by seed as one: the value nearest to or furthest beyond its limit, and its seed;
-    the lowest and the highest value, where they are numbers; in how many seeds it passed.
+    the lowest and the highest value, where they are numbers; in how many seeds it passed; and of each seed
+    the value and the margin, None where the figure is missing.
     """
     seed = min(results, key=lambda one: (results[one]["passed"], margin(check, results[one]["value"])))
-    values = [one["value"] for one in results.values()]
+    values = [results[one]["value"] for one in sorted(results)]
+    margins = [margin(check, value) for value in values]
     numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
     return {
         **results[seed],
@@ -73,6 +75,8 @@ def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str
         "passed_seeds": sum(bool(one["passed"]) for one in results.values()),
         "lowest": min(numbers, default=None),
         "highest": max(numbers, default=None),
+        "values": values,
+        "margins": [inside if math.isfinite(inside) else None for inside in margins],
     }
 
 
@@ -99,4 +103,11 @@ def merged(checks: Sequence[Check], verdicts: Mapping[int, Mapping[str, Any]]) -
         "seeds": len(verdicts),
         "passed_seeds": len(verdicts) - len(failed),
         "failed_seeds": failed,
+        "work_ratios": [work_ratio(verdict) for _, verdict in sorted(verdicts.items())],
     }
+
+
+def work_ratio(verdict: Mapping[str, Any]) -> float | None:
+    """The firmware's median work in a tick over the plant's; None where either was not timed."""
+    firmware, plant = (verdict["loops"][name]["work_us"]["p50"] for name in ("firmware", "plant"))
+    return float(firmware / plant) if firmware and plant else None

@@ -12,11 +12,13 @@ from typing import Any
 from firmware_py.shell.builds import Build
 from hil import junit, requirements, run_folder, workers
 from hil.bench import ClockName, Progress, run_scenario
+from hil.changes import changes
 from hil.ending import Outcome, close, reason_of, was_cut_short
 from hil.report import write_suite_report
 from hil.run_traces import read_json
 from hil.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from hil.seeds import at_another_moment, merged
+from hil.settings import Settings
 from hil.signals import Interrupted, ending_signals
 from hil.verdict import unjudged
 
@@ -37,12 +39,17 @@ class Case:
     one_of_many: bool
 
 
-def scenarios_for(names: Sequence[str], clock: ClockName) -> tuple[list[Scenario], list[str]]:
-    """The scenarios of these names, all without one, and those left out: real time has no modelled bus."""
+def scenarios_for(
+    names: Sequence[str], clock: ClockName, settings: Settings = (), parameter_files: Sequence[Path] = ()
+) -> tuple[list[Scenario], list[str]]:
+    """The scenarios of these names, all without one, and those left out: real time has no modelled bus.
+
+    `settings` and `parameter_files` change each of them, as `load_scenario` does.
+    """
     scenarios: list[Scenario] = []
     given: dict[str, str] = {}
     for one in dict.fromkeys(names or scenario_names()):
-        scenario = load_scenario(one)
+        scenario = load_scenario(one, settings, parameter_files)
         if scenario.name in given:
             raise ScenarioError(
                 f"{given[scenario.name]} and {one} are two scenarios of one name, {scenario.name}; rename one"
@@ -147,6 +154,7 @@ def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
         "reasons": verdict["reasons"],
         "failed": [check for check in verdict["checks"] if not check["passed"]],
         "checks": verdict["checks"],
+        "work_ratios": verdict["work_ratios"],
         "out": verdict["out"],
     }
 
@@ -160,13 +168,17 @@ def run_suite(
     progress: Progress,
     processes: int = PROCESSES,
     firmware: Build = "compiled",
+    settings: Settings = (),
+    parameter_files: Sequence[Path] = (),
+    baseline: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Run scenarios and write junit.xml, index.html and suite.json beside their folders.
 
     Gives what `--json` prints, which is also what suite.json holds. An interrupted suite keeps what is
-    finished; in its folder the next one goes on where it stopped.
+    finished; in its folder the next one goes on where it stopped. `baseline`: another suite's result, with
+    which this one is compared (`hil.changes`).
     """
-    scenarios, left_out = scenarios_for(names, clock)
+    scenarios, left_out = scenarios_for(names, clock, settings, parameter_files)
     result: dict[str, Any] = {
         "scenarios": [],
         "passed": False,
@@ -179,6 +191,8 @@ def run_suite(
         "junit": None,
         "report": None,
         "requirements": requirements.trace([]),
+        "changed": [] if not scenarios else list(scenarios[0].changes),
+        "changes": None,
     }
     if not scenarios:
         return result
@@ -223,8 +237,10 @@ def run_suite(
             "report": str(page),
             "requirements": requirements.trace(ordered),
         }
+        if baseline is not None:
+            result["changes"] = changes(baseline, result)
         xml.write_text(junit.document(ordered), encoding="utf-8")
-        write_suite_report(page, ordered, result["requirements"])
+        write_suite_report(page, ordered, result["requirements"], result["changes"])
         run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": interruption is None})
     if interruption is not None:
         raise interruption

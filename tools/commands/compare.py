@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.changes import show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
 from tools.outputs import RECORDINGS, file_option
 
@@ -32,8 +33,8 @@ def compare(
 ) -> None:
     """Show the figures of two runs side by side and the first moment at which they differ.
 
-    Of two suites: which scenarios and checks have another verdict. Two runs may differ: unless
-    --must-be-equal asks for a check, the exit status is 0 either way.
+    Of two suites: which checked figures are better or worse, and which verdicts differ. Two runs may
+    differ: unless --must-be-equal asks for a check, the exit status is 0 either way.
     """
     from hil.same_verdicts import is_suite
 
@@ -59,15 +60,18 @@ def compare(
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None:
     """Show which verdicts differ; exits with 5 where the two have no scenario in common."""
+    from hil.changes import changes
     from hil.same_verdicts import SuiteError, compare, read_suite
 
     try:
-        result = compare(read_suite(a), read_suite(b))
+        before, after = read_suite(a), read_suite(b)
+        result = compare(before, after) | {"changes": changes(before, after)}
     except SuiteError as error:
         raise BadInputError(str(error)) from error
     if as_json:
         print_json(result)
     else:
+        show_changes(result["changes"])
         show_verdicts(result)
     if not result["compared"]:
         raise typer.Exit(EXIT_NOTHING_RAN)

@@ -7,6 +7,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from tools.changes import baseline_result, show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json, progress_console
 from tools.outputs import folder_option
 
@@ -33,12 +34,25 @@ def suite(
     seeds: Annotated[
         int, typer.Option(help="Run each scenario in so many seeds, from --seed on; all have to pass.", min=1)
     ] = 1,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a value in every scenario, as for run; repeatable."),
+    ] = None,
+    parameters: Annotated[
+        list[Path] | None,
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+    ] = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(help="Show what differs from this suite: its folder, or previous for the newest one."),
+    ] = None,
     jobs: Annotated[int, typer.Option(help="In lockstep: runs at once.", min=1)] = 2,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
     from hil.suite import run_suite
 
+    before = None if baseline is None else baseline_result(baseline)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -52,11 +66,25 @@ def suite(
             bar.update(task, completed=fraction, description=doing)
 
         every_seed = range(seed, seed + seeds)
-        result = run_suite(names or [], clock, bus, out, every_seed, progress, jobs, firmware)
+        result = run_suite(
+            names or [],
+            clock,
+            bus,
+            out,
+            every_seed,
+            progress,
+            jobs,
+            firmware,
+            settings=change or [],
+            parameter_files=parameters or [],
+            baseline=before,
+        )
     if as_json:
         print_json(result)
     else:
         show(result)
+        if result["changes"] is not None:
+            show_changes(result["changes"])
     if not result["scenarios"]:
         raise typer.Exit(EXIT_NOTHING_RAN)
     if not result["passed"]:

@@ -1,0 +1,152 @@
+"""What a change has done: the checks of two suites with their margins, and whether each is better or worse.
+
+Runs are paired by scenario and seed. A figure is better where its margin, its distance to the nearest
+limit, has grown. Whether that is more than chance is judged from the seeds: Wilcoxon's signed-rank test of the
+paired differences, two-sided, then Benjamini and Hochberg's bound on the share of false alarms among all
+figures.
+
+The time of a tick is judged beside the plant's in the same run, as the machine's own speed varies; all runs
+together make one figure of it.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+FALSE_ALARMS = 0.01
+"""Share of false alarms among what is called better or worse; of equal builds, the chance of any."""
+FEWEST_PAIRS = 8
+"""The test's least p-value is 2^(1 − n) of n pairs: of fewer none can be told from chance."""
+TICK_TIME = "firmware's work / plant's, p50"
+BEYOND = 1e300
+"""Stands for an infinite margin, that of a missing figure, where differences are ranked."""
+
+Numbers = NDArray[np.float64]
+
+
+def numbers(values: Sequence[float | None]) -> Numbers:
+    """Margins with those that are missing last of all."""
+    return np.array([-BEYOND if value is None else value for value in values])
+
+
+def p_value(before: Numbers, after: Numbers) -> float | None:
+    """Of the paired differences being chance; None: too few pairs to say.
+
+    >>> p_value(np.arange(10.0), np.arange(10.0))
+    1.0
+    >>> round(p_value(np.arange(10.0), np.arange(10.0) + np.linspace(1, 2, 10)), 4)
+    0.002
+    """
+    if np.array_equal(before, after):
+        return 1.0
+    if len(before) < FEWEST_PAIRS:
+        return None
+    return float(stats.wilcoxon(after - before, zero_method="zsplit").pvalue)
+
+
+def middle(values: Sequence[Any]) -> Any:
+    """The median of numbers; of words and missing values the most frequent one."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return float(np.median(values))
+    return max(values, key=list(values).count)
+
+
+def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:
+    """The places of the seeds that both suites have."""
+    of_before = {seed: place for place, seed in enumerate(before["seeds"])}
+    return [(of_before[seed], place) for place, seed in enumerate(after["seeds"]) if seed in of_before]
+
+
+def row(
+    scenario: str, check: Mapping[str, Any], sides: Sequence[Sequence[Any]], margins: Any
+) -> dict[str, Any]:
+    """One figure before and after; its verdict follows when all p-values are known."""
+    before, after = map(middle, sides)
+    margin_before, margin_after = margins
+    return {
+        "scenario": scenario,
+        "figure": check["name"],
+        "unit": check["unit"],
+        "limit": check["limit"],
+        "before": before,
+        "after": after,
+        "margin_before": middle(margin_before),
+        "margin_after": middle(margin_after),
+        "grows": float(np.median(numbers(margin_after) - numbers(margin_before))),
+        "p": p_value(numbers(margin_before), numbers(margin_after)),
+        "equal": list(sides[0]) == list(sides[1]),
+    }
+
+
+def size(one: Mapping[str, Any]) -> float:
+    """By how much a figure has changed, as a share of itself; a word that differs has changed most."""
+    before, after = one["before"], one["after"]
+    if before == after:
+        return 0.0
+    if not all(isinstance(value, float) for value in (before, after)):
+        return np.inf
+    return float(abs(after - before) / max(abs(before), abs(after)))
+
+
+def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The firmware's work beside the plant's, over all runs; None where no loop was timed."""
+    of_before = {one["name"]: one for one in before["scenarios"]}
+    pairs = [
+        (of_before[one["name"]]["work_ratios"][first], one["work_ratios"][second])
+        for one in after["scenarios"]
+        if one["name"] in of_before
+        for first, second in paired(before, after)
+    ]
+    timed = [(first, second) for first, second in pairs if first and second]
+    if not timed:
+        return None
+    sides = list(map(list, zip(*timed, strict=True)))
+    margins = [[-float(np.log(ratio)) for ratio in side] for side in sides]
+    check = {"name": TICK_TIME, "unit": "", "limit": "the less the better"}
+    return row("all runs", check, sides, margins)
+
+
+def judge(rows: Sequence[dict[str, Any]]) -> None:
+    """Give each row its verdict: better, worse, same, or differs where there are too few seeds to say."""
+    tested = [one for one in rows if one["p"] is not None]
+    adjusted = stats.false_discovery_control([one["p"] for one in tested]) if tested else []
+    for one in rows:
+        one["verdict"] = "same" if one["equal"] else "differs"
+    for one, p in zip(tested, adjusted, strict=True):
+        significant = p < FALSE_ALARMS and one["grows"] != 0.0
+        one["verdict"] = ("better" if one["grows"] > 0.0 else "worse") if significant else "same"
+
+
+def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Every check of scenarios and seeds that both suites have, what changed most first.
+
+    Both are what `run_suite` gives. A check is known by its figure and its limit.
+    """
+    places = paired(before, after)
+    of_before = {one["name"]: one for one in before["scenarios"]}
+    rows = []
+    for one in after["scenarios"]:
+        known = {
+            (check["name"], check["limit"]): check
+            for check in of_before.get(one["name"], {"checks": []})["checks"]
+        }
+        for check in one["checks"]:
+            other = known.get((check["name"], check["limit"]))
+            if other is None or not places:
+                continue
+            sides = (
+                [other["values"][first] for first, _ in places],
+                [check["values"][last] for _, last in places],
+            )
+            margins = (
+                [other["margins"][first] for first, _ in places],
+                [check["margins"][last] for _, last in places],
+            )
+            rows.append(row(one["name"], check, sides, margins))
+    ticks = tick_times(before, after) if places else None
+    rows += [] if ticks is None else [ticks]
+    judge(rows)
+    return sorted(rows, key=lambda one: (one["verdict"] == "same", -size(one)))

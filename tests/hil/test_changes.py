@@ -1,0 +1,120 @@
+"""Two suites' figures side by side: what is better, what is worse, and what is chance."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.changes import FALSE_ALARMS, TICK_TIME, changes
+from tools.cli import run
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
+
+SEEDS = range(1, 13)
+FIGURES = 40
+
+RESTS = """
+title = "It rests"
+scene = "table1-motor-soft"
+[script]
+duration_s = 0.3
+[[checks]]
+name = "impact_count"
+high = 0
+"""
+
+
+def suite(values: np.ndarray[Any, Any], ratios: np.ndarray[Any, Any] | None = None) -> dict[str, Any]:
+    """A suite of one scenario with a figure a row, at most 1, and a seed a column."""
+    checks = [
+        {
+            "name": f"figure_{number}",
+            "unit": "m",
+            "limit": "≤ 1",
+            "values": line.tolist(),
+            "margins": (1.0 - line).tolist(),
+        }
+        for number, line in enumerate(values)
+    ]
+    work = [None] * values.shape[1] if ratios is None else ratios.tolist()
+    return {"seeds": list(SEEDS), "scenarios": [{"name": "s", "checks": checks, "work_ratios": work}]}
+
+
+def verdicts(before: dict[str, Any], after: dict[str, Any]) -> dict[str, str]:
+    return {one["figure"]: one["verdict"] for one in changes(before, after)}
+
+
+def noise(rng: np.random.Generator) -> np.ndarray[Any, Any]:
+    return rng.normal(0.5, 0.01, (FIGURES, len(SEEDS)))
+
+
+def test_equal_suites_have_no_change() -> None:
+    one = suite(noise(np.random.default_rng(1)))
+    assert set(verdicts(one, one).values()) == {"same"}
+
+
+def test_chance_is_called_a_change_at_most_once_in_a_hundred_comparisons() -> None:
+    rng = np.random.default_rng(2)
+    alarms = [set(verdicts(suite(noise(rng)), suite(noise(rng))).values()) != {"same"} for _ in range(300)]
+    assert np.mean(alarms) <= FALSE_ALARMS
+
+
+def test_a_figure_that_comes_nearer_to_its_limit_is_worse_and_comes_first() -> None:
+    rng = np.random.default_rng(3)
+    before, after = noise(rng), noise(rng)
+    after[7] += 0.05
+    after[9] -= 0.04
+    found = changes(suite(before), suite(after))
+    assert [(one["figure"], one["verdict"]) for one in found[:2]] == [
+        ("figure_7", "worse"),
+        ("figure_9", "better"),
+    ]
+    assert {one["verdict"] for one in found[2:]} == {"same"}
+
+
+def test_a_figure_that_is_missing_now_is_worse() -> None:
+    before, after = suite(noise(np.random.default_rng(4))), suite(noise(np.random.default_rng(4)))
+    after["scenarios"][0]["checks"][5] |= {"values": [None] * len(SEEDS), "margins": [None] * len(SEEDS)}
+    assert verdicts(before, after)["figure_5"] == "worse"
+
+
+def test_a_tick_that_takes_five_percent_longer_is_found_on_a_noisy_machine() -> None:
+    rng = np.random.default_rng(5)
+    still = np.full((1, 12), 0.5)
+    before = suite(still, rng.normal(1.0, 0.02, 12))
+    assert verdicts(before, suite(still, rng.normal(1.0, 0.02, 12)))[TICK_TIME] == "same"
+    assert verdicts(before, suite(still, rng.normal(1.05, 0.02, 12)))[TICK_TIME] == "worse"
+
+
+def test_few_seeds_are_not_judged() -> None:
+    before, after = suite(np.full((1, 12), 0.5)), suite(np.full((1, 12), 0.6))
+    for one in (before, after):
+        one["seeds"] = one["seeds"][:3]
+    assert verdicts(before, after) == {"figure_0": "differs"}
+
+
+def test_seeds_that_only_one_suite_has_are_left_out() -> None:
+    values = noise(np.random.default_rng(6))
+    before, after = suite(values), suite(values[:, ::-1])
+    after["seeds"] = after["seeds"][::-1]
+    assert set(verdicts(before, after).values()) == {"same"}
+    after["seeds"] = [seed + 100 for seed in after["seeds"]]
+    assert changes(before, after) == []
+
+
+def test_a_suite_is_compared_with_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rests.toml").write_text(RESTS)
+    assert run(["suite", "rests.toml", "--baseline", "previous"]) == EXIT_BAD_INPUT
+    assert "there is no suite" in capsys.readouterr().err
+    assert run(["suite", "rests.toml"]) == EXIT_PASSED
+    changed = ["--set", "script.duration_s=0.4", "--baseline", "previous", "--json"]
+    capsys.readouterr()
+    assert run(["suite", "rests.toml", *changed]) == EXIT_PASSED
+    result = json.loads(capsys.readouterr().out)
+    assert result["changed"] == ["script.duration_s=0.4"]
+    assert [(one["figure"], one["equal"]) for one in result["changes"]][-1] == ("impact_count", True)
+    assert "Beside the baseline" in Path(result["report"]).read_text()
