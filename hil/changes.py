@@ -1,9 +1,9 @@
 """What a change has done: the checks of two suites with their margins, and whether each is better or worse.
 
-Runs are paired by scenario and seed. A figure is better where its margin, its distance to the nearest
-limit, has grown. Whether that is more than chance is judged from the seeds: Wilcoxon's signed-rank test of the
-paired differences, two-sided, then Benjamini and Hochberg's bound on the share of false alarms among all
-figures.
+Runs are paired by scenario and seed. A figure is better where its margin, its distance to the nearest limit,
+has grown. Whether that is more than chance is judged from the seeds, for figures that differ at all: by
+Wilcoxon's signed-rank test of the paired differences, two-sided, then by Benjamini and Hochberg's bound on
+the share of false alarms among all of them.
 
 The time of a tick is judged beside the plant's in the same run, as the machine's own speed varies; all runs
 together make one figure of it.
@@ -111,8 +111,8 @@ def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str,
 
 def judge(rows: Sequence[dict[str, Any]]) -> None:
     """Give each row its verdict: better, worse, same, or differs where there are too few seeds to say."""
-    tested = [one for one in rows if one["p"] is not None]
-    adjusted = stats.false_discovery_control([one["p"] for one in tested]) if tested else []
+    tested = [one for one in rows if one["p"] is not None and not one["equal"]]
+    adjusted = stats.false_discovery_control([one["p"] for one in tested]).tolist() if tested else []
     for one in rows:
         one["verdict"] = "same" if one["equal"] else "differs"
     for one, p in zip(tested, adjusted, strict=True):

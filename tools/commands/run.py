@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tools.output import (
@@ -14,9 +13,9 @@ from tools.output import (
     figure,
     figure_table,
     print_json,
-    progress_console,
 )
 from tools.outputs import folder_option
+from tools.progress import shown_progress
 
 if TYPE_CHECKING:
     from hil.scenario import Scenario
@@ -75,18 +74,7 @@ def run(
         from tools.view import live_viewer
 
         viewer = live_viewer()
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def progress(fraction: float, doing: str) -> None:
-            bar.update(task, completed=fraction, description=doing)
-
+    with shown_progress() as progress:
         verdict = run_scenario(
             loaded,
             clock=clock,

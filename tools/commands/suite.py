@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tools.changes import baseline_result, show_changes
-from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json, progress_console
+from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json
 from tools.outputs import folder_option
+from tools.progress import shown_progress
 
 
 def register(app: typer.Typer) -> None:
@@ -53,18 +53,7 @@ def suite(
     from hil.suite import run_suite
 
     before = None if baseline is None else baseline_result(baseline)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=progress_console,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def progress(fraction: float, doing: str) -> None:
-            bar.update(task, completed=fraction, description=doing)
-
+    with shown_progress() as progress:
         every_seed = range(seed, seed + seeds)
         result = run_suite(
             names or [],
