@@ -277,7 +277,15 @@ def chart(
     edges = BoundaryNorm(np.arange(len(Regime) + 1) - 0.5, len(Regime))
     right.imshow(regimes, cmap=colours, norm=edges, **shared)
     seen = [regime for regime in Regime if (regimes == regime).any()]
-    handles = [Patch(color=REGIME_COLOURS[one], label=one.name.lower().replace("_", "-")) for one in seen]
+    handles = [
+        Patch(
+            facecolor=REGIME_COLOURS[one],
+            edgecolor=CALM_LINE_COLOUR,
+            linewidth=0.5,
+            label=one.name.lower().replace("_", "-"),
+        )
+        for one in seen
+    ]
     right.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
     right.set(xlabel="Ω/ω", title="regime (of impact, where any start ends so)")
     figure.suptitle(
