@@ -3,9 +3,9 @@
     python -m tools.reactions --seeds 20 [SCENARIO…]
 
 Runs scenarios in lockstep on the compiled firmware, each in so many seeds, which also move the moment of the
-fault, and prints for every fault that the firmware latched the worst of each time as the table of
-docs/safety.md. The times count from the moment at which the scenario's first fault begins; IDLE counts once
-the torque is 0 for good.
+fault, and prints the worst of each time for every scenario and fault that the firmware latched, as the table
+of docs/safety.md. The times count from the moment at which the scenario's first fault begins; IDLE counts
+once the torque is 0 for good.
 """
 
 import argparse
@@ -17,26 +17,27 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import can
-
 from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import LATCHED, AxisState, Fault
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetAxisState, SetInputTorque
+from hil.faults.tables import Flood
 from hil.lockstep import run_lockstep
+from hil.scenario import Scenario
 from hil.suite import Case, cases_of, scenarios_for, silent
 
 IDLE = SetAxisState(AxisState.IDLE)
-WATCHED = tuple(
-    message.can_id
+WATCHED = {
+    f"{message.can_id:03X}": message.can_id
     for message in (
         codec.SET_INPUT_TORQUE,
         codec.SET_AXIS_STATE,
         codec.DRIVE_HEARTBEAT,
         codec.FIRMWARE_HEARTBEAT,
     )
-)
+}
+"""Identifiers as `can.log` writes them."""
 
 
 class Reaction(NamedTuple):
@@ -49,13 +50,16 @@ class Reaction(NamedTuple):
 
 def records(log: Path) -> Iterator[tuple[float, Any]]:
     """The time in s and the record of every frame in `log` that matters here and can be decoded."""
-    for message in can.CanutilsLogReader(log):
-        if message.arbitration_id not in WATCHED:
-            continue
-        try:
-            yield message.timestamp, codec.decode(Frame(message.arbitration_id, bytes(message.data)))
-        except FrameError:
-            continue
+    with log.open(encoding="ascii") as lines:
+        for line in lines:
+            stamp, _, frame = line.split()
+            can_id, data = frame.split("#")
+            if can_id not in WATCHED:
+                continue
+            try:
+                yield float(stamp[1:-1]), codec.decode(Frame(WATCHED[can_id], bytes.fromhex(data)))
+            except FrameError:
+                continue
 
 
 def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
@@ -101,13 +105,22 @@ def shown(time_s: float) -> str:
     return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
 
 
-def markdown(found: dict[Fault, list[Reaction]]) -> str:
-    """The table of docs/safety.md."""
-    lines = ["| fault | runs | torque 0 | IDLE sent | idle confirmed |", "|---|---|---|---|---|"]
-    for fault in sorted(found):
-        times = " | ".join(map(shown, worst(found[fault])))
-        lines.append(f"| {fault.name} | {len(found[fault])} | {times} |")
+def markdown(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
+    """The table of docs/safety.md; `found` by fault and scenario."""
+    lines = [
+        "| fault latched | scenario | runs | torque 0 | IDLE sent | idle confirmed |",
+        "|---|---|---|---|---|---|",
+    ]
+    for fault, name in sorted(found):
+        reactions = found[fault, name]
+        times = " | ".join(map(shown, worst(reactions)))
+        lines.append(f"| {fault.name} | `{name}` | {len(reactions)} | {times} |")
     return "\n".join(lines)
+
+
+def attributable(scenario: Scenario) -> bool:
+    """Whether there is a fault, and every frame its own sender's: a flood has all identifiers."""
+    return bool(scenario.faults) and not any(isinstance(fault, Flood) for fault in scenario.faults)
 
 
 def main() -> None:
@@ -117,19 +130,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")
     asked = parser.parse_args()
     scenarios, _ = scenarios_for(asked.names, "lockstep")
-    faulty = [scenario for scenario in scenarios if scenario.faults]
-    found: dict[Fault, list[Reaction]] = {}
+    found: dict[tuple[Fault, str], list[Reaction]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        cases = cases_of(faulty, range(1, asked.seeds + 1), Path(folder))
+        cases = cases_of(list(filter(attributable, scenarios)), range(1, asked.seeds + 1), Path(folder))
         for case in sorted(cases, key=lambda case: case.seed):
+            name = case.scenario.name
             fault, times = reacted(case)
-            found_fault = "no fault" if fault is None else fault.name
-            steps = ", ".join(map(shown, times))
-            print(
-                f"{case.scenario.name}, seed {case.seed}: {found_fault}: {steps}", file=sys.stderr, flush=True
-            )
+            what = "no fault" if fault is None else fault.name
+            print(f"{name}, seed {case.seed}: {what}: {', '.join(map(shown, times))}", file=sys.stderr)
             if fault is not None:
-                found.setdefault(fault, []).append(times)
+                found.setdefault((fault, name), []).append(times)
     print(markdown(found))
 
 

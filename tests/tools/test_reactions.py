@@ -8,7 +8,8 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
 from hil.can_log import CanLog
-from tools.reactions import IDLE, Reaction, latched, markdown, reaction, records, worst
+from hil.scenario import load_scenario
+from tools.reactions import IDLE, Reaction, attributable, latched, markdown, reaction, records, worst
 
 OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
 CLOSED = DriveHeartbeat(0, AxisState.CLOSED_LOOP_CONTROL.value, 0, 0)
@@ -56,6 +57,13 @@ def test_the_first_latched_fault_counts() -> None:
 
 
 def test_the_table_has_the_worst_of_each_time() -> None:
-    found = {Fault.OVERSPEED: [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]}
-    assert worst(found[Fault.OVERSPEED]) == Reaction(0.003, 0.002, math.inf)
-    assert markdown(found).splitlines()[-1] == "| OVERSPEED | 2 | 3 ms | 2 ms | never |"
+    reactions = [Reaction(0.001, 0.002, 0.1), Reaction(0.003, 0.001, math.inf)]
+    assert worst(reactions) == Reaction(0.003, 0.002, math.inf)
+    row = markdown({(Fault.OVERSPEED, "too-fast"): reactions}).splitlines()[-1]
+    assert row == "| OVERSPEED | `too-fast` | 2 | 3 ms | 2 ms | never |"
+
+
+def test_a_flood_s_frames_are_nobody_s_reaction() -> None:
+    assert attributable(load_scenario("a-jammed-crank-is-let-go-of"))
+    assert not attributable(load_scenario("a-flood-of-frames-on-every-identifier-does-no-harm"))
+    assert not attributable(load_scenario("operator-lost"))
