@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface import codec
-from firmware_py.interface.enums import AxisState, OperatorRequest
+from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import (
     Accelerometer,
@@ -84,6 +84,13 @@ class Bench:
         self.outputs: list[Outputs] = []
         self.motions: list[MotionState] = []
         self.touch_downs: list[tuple[float, float]] = []
+
+    @property
+    def mode(self) -> Mode:
+        """The firmware's mode, without the rest of the compiled build's outputs, which take long to read."""
+        if self.build == "compiled":
+            return Mode(int(self.node.memory["outputs"]["mode"][0]))  # type: ignore[attr-defined]
+        return self.node.outputs.mode
 
     def frames(self) -> list[Frame]:
         """What the plant and the operator send at t_k."""

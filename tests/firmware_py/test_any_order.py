@@ -160,8 +160,8 @@ class AnyOrder(RuleBasedStateMachine):
             # The compiled build has a receive queue of this length: after a stall the newest frames count.
             self.rules.received(frames[-MAX_RX:] if LONG else frames, elapsed_ticks)
             sent = node_tick(frames, elapsed_ticks)
-            self.rules.sent(sent, self.bench.node.outputs.mode, elapsed_ticks)
-            AnyOrder.modes.add(self.bench.node.outputs.mode)
+            self.rules.sent(sent, self.bench.mode, elapsed_ticks)
+            AnyOrder.modes.add(self.bench.mode)
             return sent
 
         self.bench.node.tick = judged  # type: ignore[method-assign,assignment]
@@ -203,7 +203,7 @@ class AnyOrder(RuleBasedStateMachine):
     def wait(self, ticks: int) -> None:
         self.go_on(ticks)
 
-    @precondition(lambda self: self.bench.node.outputs.mode in MOVING)
+    @precondition(lambda self: self.bench.mode in MOVING)
     @rule(ticks=st.integers(300, 2500))
     def wait_in_motion(self, ticks: int) -> None:
         self.go_on(ticks)
