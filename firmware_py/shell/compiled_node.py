@@ -12,7 +12,7 @@ from firmware_py.core.step import Config, Outputs, State
 from firmware_py.interface.frame import Frame, bytes_of, word_of
 from firmware_py.node.receiver import Counters
 from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
-from firmware_py.shell.node import RECEIVED_IDS, refuse_other_elapsed
+from firmware_py.shell.node import RECEIVED_IDS, fitting, refuse_other_elapsed
 from firmware_py.shell.parameters import parameters_of, with_overrides
 
 _TX = struct.Struct("<7q")
@@ -79,15 +79,12 @@ class CompiledNode:
         return lambda: tuple([view.item() for view in views])
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped.
-
-        Of more than `MAX_RX` frames the newest count, as from a full receive queue.
-        """
+        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
         refuse_other_elapsed(elapsed_ticks)
         if self._requests[0] > 0:
             self._serve()
         words: list[int] = []
-        for can_id, data in frames_in[-MAX_RX:]:
+        for can_id, data in fitting(frames_in):
             words += (can_id, len(data), word_of(data))
         count = len(words) // 3
         _RX[count].pack_into(self._rx, 0, *words)

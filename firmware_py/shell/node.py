@@ -13,7 +13,7 @@ from firmware_py.core.step import Config, Outputs, State
 from firmware_py.interface import packing
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.node.receiver import Counters
-from firmware_py.node.tick import INITIAL, Rx, served, tick
+from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
 
 RECEIVED_IDS = (
@@ -122,16 +122,30 @@ class FirmwareNode:
         return lambda: kept(self._state)
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
+        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
         refuse_other_elapsed(elapsed_ticks)
         if self._state.received.request_count > 0:
             self.parameters, self.config, self._state = served(self.parameters, self.config, self._state)
-        frames = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in frames_in]
+        frames = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in fitting(frames_in)]
         self._state, tx = tick(self.config, self._state, Rx(elapsed_ticks, len(frames), frames))
         torque = Frame(tx.torque.can_id, bytes_of(tx.torque.word, tx.torque.length))
         if tx.frame_count == 1:
             return [torque]
         return [torque, Frame(tx.other.can_id, bytes_of(tx.other.word, tx.other.length))]
+
+
+def fitting(frames: Sequence[Frame]) -> Sequence[Frame]:
+    """What a receive queue of `MAX_RX` frames keeps: the newest ones, and the last one of each identifier.
+
+    So an E-stop that is sent once, at the beginning of a long pause, is obeyed after it.
+    """
+    if len(frames) <= MAX_RX:
+        return frames
+    last = {frame[0]: place for place, frame in enumerate(frames) if frame[0] in RECEIVED_IDS}
+    kept = set(last.values())
+    others = [place for place in range(len(frames)) if place not in kept]
+    kept.update(others[len(kept) - MAX_RX :])
+    return [frames[place] for place in sorted(kept)]
 
 
 def refuse_other_elapsed(elapsed_ticks: int) -> None:

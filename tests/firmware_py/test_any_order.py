@@ -38,7 +38,7 @@ from firmware_py.interface.records import (
     SetInputTorque,
     SetLimits,
 )
-from firmware_py.node.tick import MAX_RX
+from firmware_py.shell.node import fitting
 
 TICKS = int(os.environ.get("VIBROHIL_LONG_TICKS", "10000"))
 LONG = TICKS >= 200_000
@@ -157,8 +157,7 @@ class AnyOrder(RuleBasedStateMachine):
         node_tick = self.bench.node.tick
 
         def judged(frames: list[Frame], elapsed_ticks: int) -> list[Frame]:
-            # The compiled build has a receive queue of this length: after a stall the newest frames count.
-            self.rules.received(frames[-MAX_RX:] if LONG else frames, elapsed_ticks)
+            self.rules.received(fitting(frames), elapsed_ticks)
             sent = node_tick(frames, elapsed_ticks)
             self.rules.sent(sent, self.bench.mode, elapsed_ticks)
             AnyOrder.modes.add(self.bench.mode)
