@@ -318,7 +318,7 @@ class RealTimeRun:
                 del restarts[0]
             tell_bus(t_s)
             operator.step(period)
-            if period >= next_look:
+            if period >= min(next_look, last_period):
                 next_look = period + PERIODS_A_LOOK
                 look(period)
             if period >= last_period:
@@ -368,6 +368,15 @@ class RealTimeRun:
             elif not child.succeeded:
                 self.outcome.reasons.append(f"{child.how_it_ended()}{child.why()}")
 
+    def note_dead_recorder(self) -> None:
+        """Of a recorder that was killed between the last look at it and its end."""
+        recorder = self.children.get(RECORDER)
+        has_run = self.outcome.wall_s > 0.0
+        if recorder is None or not has_run or recorder.succeeded or recorder.killed_at_stop:
+            return
+        if not any(reason.startswith(RECORDER) for reason in self.outcome.reasons):
+            self.outcome.reasons.append(f"{recorder.how_it_ended()} at the end{recorder.why()}")
+
     def stop_all(self) -> None:
         """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""
         said = {
@@ -382,4 +391,5 @@ class RealTimeRun:
         for name, child in self.children.items():
             if child.killed_at_stop and name != LIVE:
                 self.outcome.reasons.append(f"{name} did not end when asked to, and was killed")
+        self.note_dead_recorder()
         self.outcome.baseline_overruns = nodes.get("baseline", {}).get("overruns")

@@ -23,6 +23,9 @@ from hil.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
 MAX_QUEUED_BYTES = 1 << 16
+"""For a node: frames of most of a second; older ones are of no use to it."""
+MAX_QUEUED_STAMPED_BYTES = 1 << 19
+"""For a node that records: some six seconds, as a machine may leave it without the CPU."""
 """A node that reads nothing for 4,096 frames, half a second of a full bus, loses frames from then on."""
 
 
@@ -147,7 +150,8 @@ class Hub:
     def _pass_on(self, client: Client, frames: bytes, stamp: bytes = b"") -> None:
         chunk = client.loss_report + stamp + frames
         if client.queued:
-            if len(client.queued) + len(chunk) > MAX_QUEUED_BYTES:
+            most = MAX_QUEUED_STAMPED_BYTES if client.stamped else MAX_QUEUED_BYTES
+            if len(client.queued) + len(chunk) > most:
                 self._drop(client, len(frames) // FRAME_BYTES)
                 return
             client.unreported = 0

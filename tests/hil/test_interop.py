@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import signal
 import struct
 import subprocess
@@ -110,9 +111,14 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
             running(monitor, stdin=terminal, stdout=terminal, stderr=terminal, env=environment)
         )
         os.close(terminal)
-        time.sleep(2.0)  # what they need to start
-        assert process.poll() is None
         os.set_blocking(screen, False)
+        # A logger makes its file, and the monitor draws, once it is on the bus.
+        logs = [folder / f"live.{suffix}" for suffix in SUFFIXES]
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not (all(log.exists() for log in logs) and select.select([screen], [], [], 0.0)[0]):
+            assert process.poll() is None
+            assert time.monotonic() < deadline_s, f"of {logs} and the monitor not all began"
+            time.sleep(0.05)
         drawn = bytearray()
 
         def look(_: float, __: str) -> None:
