@@ -19,7 +19,7 @@ from scipy import stats
 FALSE_ALARMS = 0.01
 """Share of false alarms among what is called better or worse; of equal builds, the chance of any."""
 FEWEST_PAIRS = 8
-"""The test's least p-value is 2^(1 − n) of n pairs: of fewer none can be told from chance."""
+"""The test's least p-value is 2^(1 − n) of n pairs: fewer cannot be distinguished from chance."""
 TICK_TIME = "firmware's work / plant's, p50"
 BEYOND = 1e300
 """Stands for an infinite margin, that of a missing figure, where differences are ranked."""
