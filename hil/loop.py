@@ -42,10 +42,10 @@ class FixedRateLoop:
         self,
         ticks: int | None,
         step: Callable[[int, int], None],
-        record: Callable[[int, LoopTiming], None],
+        record: Callable[[int, LoopTiming], None] | None,
         first_tick: int = 0,
     ) -> None:
-        """Run ticks `first_tick` … ticks − 1, or until `stop`."""
+        """Run ticks `first_tick` … ticks − 1, or until `stop`; without a `record` nobody times the work."""
         clock, period_ns = self.clock, self.period_ns
         tick, last_tick = first_tick, first_tick - 1
         while not self.stopping and (ticks is None or tick < ticks):
@@ -62,15 +62,9 @@ class FixedRateLoop:
                 tick += skipped
                 deadline_ns += skipped * period_ns
             step(tick, tick - last_tick)
-            done_ns = clock.now_ns()
-            record(
-                tick,
-                LoopTiming(
-                    deadline_ns,
-                    (woken_ns - deadline_ns) * 1e-3,
-                    (done_ns - woken_ns) * 1e-3,
-                    self.overruns,
-                ),
-            )
+            if record is not None:
+                done_ns = clock.now_ns()
+                late_us, work_us = (woken_ns - deadline_ns) * 1e-3, (done_ns - woken_ns) * 1e-3
+                record(tick, LoopTiming(deadline_ns, late_us, work_us, self.overruns))
             last_tick = tick
             tick += 1

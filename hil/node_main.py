@@ -133,7 +133,7 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
         print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
-        loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, lambda *_: None)
+        loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, None)
         if stopped:
             node_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
 

@@ -3,21 +3,19 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, get_type_hints
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.inputs import Inputs
-from firmware_py.core.step import Outputs, State
 from firmware_py.interface.frame import Frame
-from firmware_py.node.receiver import Counters
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import powered_up
 from firmware_py.shell.parameters import of_the_build
 from hil.alignment import Alignment
 from hil.faults.memory import ParameterMemory
 from hil.faults.tables import Fault
+from hil.firmware_trace import FirmwareTrace
 from hil.loop import LoopTiming
 from hil.operator import Command, OperatorNode, OperatorRecord
 from hil.plant_node import ImpactRecord, PlantNode, PlantRecord
@@ -25,9 +23,6 @@ from hil.trace import TraceWriter
 from hil.waking import Waking
 from plant_sim.gait_sensors import GaitTruth
 from plant_sim.scene import Scene
-
-OF_A_WALK = ("gait", "lock")
-"""Parts of the firmware's state that are recorded only where somebody may walk."""
 
 WAKING_SHARE = 0.4
 """Share of a period that a tick after a pause waits for its sample; the next tick must not suffer."""
@@ -161,27 +156,15 @@ class FirmwareRunner:
         self._fixed = of_the_build(parameters)
         self._make = node_of(build)
         self._period_s = pace.period_s
-        self._trace = None
-        self._recorded = [name for name in State._fields if walks or name not in OF_A_WALK]
+        self._trace: FirmwareTrace | None = None
         self._power_up(first_tick)
         if out_dir is not None:
-            kinds = get_type_hints(State)
-            fields = [
-                ("tick", int),
-                ("t_s", float),
-                ("inputs", Inputs),
-                *((f"state.{name}", kinds[name]) for name in self._recorded),
-                ("outputs", Outputs),
-                ("counters", Counters),
-                ("", LoopTiming),
-            ]
             again = first_tick > 0
             expected = 0 if again else pace.ticks or 0
-            self._trace = TraceWriter(out_dir / "firmware.trace", fields, expected, again)
+            self._trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again)
 
     def _power_up(self, tick: int) -> None:
         self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
-        self._record = self.node.recorder(self._recorded)
         self._alignment = Alignment()
         self._waking: Waking | None = None
         self._last_frames: list[Frame] = []
@@ -223,7 +206,7 @@ class FirmwareRunner:
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
         if self._trace is not None and self._waking is None:
-            self._trace.append(tick, (tick + 0.5) * self._period_s, *self._record(), timing)
+            self._trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
 
     @property
     def is_in_step(self) -> bool:
@@ -234,23 +217,23 @@ class FirmwareRunner:
     def columns(self) -> Any:
         """A record of the trace as numpy has it."""
         assert self._trace is not None
-        return self._trace.dtype
+        return self._trace.writer.dtype
 
     def append(self, records: NDArray[np.void], last_tick: int, last_frames: list[Frame]) -> None:
         """Append records of ticks up to `last_tick`, which had `last_frames`."""
         self._last_frames, self._last_tick = last_frames, last_tick
         if self._trace is not None:
-            self._trace.append_all(records)
+            self._trace.writer.append_all(records)
 
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return 0 if self._trace is None else self._trace.lost
+        return 0 if self._trace is None else self._trace.writer.lost
 
     def close(self) -> None:
         """Close the trace."""
         if self._trace is not None:
-            self._trace.close()
+            self._trace.writer.close()
 
 
 class OperatorRunner:

@@ -9,15 +9,12 @@ are those of lockstep tick by tick.
 import math
 from collections.abc import Sequence
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.builds.entry import entry
-from firmware_py.builds.flat import layout
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.node.tick import NodeState
 from firmware_py.shell.compiled_node import CompiledNode, FirmwareFailedError
 from hil.bus.in_process import InProcessNode
 from hil.can_log import CanLog
@@ -47,6 +44,7 @@ from hil.faults.tables import (
     StopMoved,
     SupplySag,
 )
+from hil.firmware_trace import moves_to
 from hil.nodes import FirmwareRunner, OperatorRunner, PlantRunner
 from hil.operator import OPERATOR_PERIOD_S
 from hil.plant_node import ImpactRecord, PlantRecord
@@ -65,8 +63,6 @@ SHORTEST_TICKS = 20
 LONGEST_TICKS = 4096
 """What the buffers hold."""
 LINES_A_TICK = 7
-MEMORY_OF = {"inputs": "inputs", "state": "core", "outputs": "outputs", "counters": "counters"}
-"""Which member of the firmware's memory the trace's columns of a prefix are."""
 
 
 def has_stretches(scenario: Scenario) -> bool:
@@ -99,31 +95,6 @@ def word_frame(frame: Frame) -> WordFrame:
 def byte_frame(frame: WordFrame) -> Frame:
     """The frame as the bus handles it."""
     return Frame(frame.can_id, bytes_of(frame.word, frame.length))
-
-
-def place_in(memory: Any, path: Sequence[str]) -> int:
-    """Where a member of a structured type lies, in bytes."""
-    place = 0
-    for name in path:
-        memory, offset = memory.fields[name][:2]
-        place += offset
-    return place
-
-
-def moves_to(columns: Any) -> NDArray[np.int64]:
-    """Which bytes of the firmware's memory make a packed record: rows of source, destination and length."""
-    memory = layout(NodeState)
-    moves: list[list[int]] = []
-    for name in columns.names:
-        first, *path = name.split(".")
-        if path:
-            kind, destination = columns.fields[name][:2]
-            source = place_in(memory, [MEMORY_OF[first], *path])
-            if moves and moves[-1][0] + moves[-1][2] == source and moves[-1][1] + moves[-1][2] == destination:
-                moves[-1][2] += kind.itemsize
-            else:
-                moves.append([source, destination, kind.itemsize])
-    return np.array(moves, dtype=np.int64)
 
 
 class Stretches:

@@ -242,7 +242,10 @@ class TraceWriter:
 
     def append_all(self, records: NDArray[np.void]) -> None:
         """Write records of `dtype`."""
-        left = memoryview(records.view(np.uint8))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
+        self.append_bytes(memoryview(records.view(np.uint8)))  # type: ignore[arg-type]  # no buffer in numpy's stubs
+
+    def append_bytes(self, left: memoryview) -> None:
+        """Write records that are packed already."""
         while left:
             room = (self._last_offset - self._offset) // self.record_bytes + 1
             if room <= 0 and not self._has_grown():

@@ -2,7 +2,7 @@
 
 import ctypes
 import struct
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from firmware_py.builds.entry import entry
@@ -26,7 +26,7 @@ class FirmwareFailedError(ArithmeticError):
 class CompiledNode:
     """One controller, as `firmware_py.shell.node.FirmwareNode`.
 
-    `memory` holds the whole `NodeState`, laid out by `firmware_py.builds.flat.layout`.
+    `memory` holds the whole `NodeState`, one element laid out by `firmware_py.builds.flat.layout`.
     """
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
@@ -70,13 +70,6 @@ class CompiledNode:
         """Frames taken, dropped and lost since power-up."""
         counters: Counters = loaded(Counters, self.memory["counters"][0].item())
         return counters
-
-    def recorder(self, blocks: Sequence[str]) -> Callable[[], tuple[Any, ...]]:
-        """What a trace keeps of the newest tick, as plain tuples."""
-        memory = self.memory
-        core = (memory["core"][block] for block in blocks)
-        views = (memory["inputs"], *core, memory["outputs"], memory["counters"])
-        return lambda: tuple([view.item() for view in views])
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""

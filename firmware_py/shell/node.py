@@ -1,9 +1,11 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.core.compiled import COMPILED
 from firmware_py.core.configure import config_of
@@ -40,6 +42,10 @@ class Node(Protocol):
     parameters: Parameters
 
     @property
+    def memory(self) -> NDArray[np.void] | None:
+        """The whole `NodeState` as one element of flat memory, of a build that keeps it so."""
+
+    @property
     def inputs(self) -> Inputs:
         """What the core saw of the world in the newest tick."""
 
@@ -57,10 +63,6 @@ class Node(Protocol):
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
-
-    def recorder(self, blocks: Sequence[str]) -> Callable[[], tuple[Any, ...]]:
-        """What a trace keeps of the newest tick: inputs, the state of each of these blocks, outputs and
-        counters, as records or as plain tuples."""
 
 
 class MakeNode(Protocol):
@@ -89,6 +91,7 @@ class FirmwareNode:
             )
         self.config = config
         self.parameters = parameters_of(with_overrides(parameters or {}))
+        self.memory = None
         self._state = INITIAL
 
     @property
@@ -115,11 +118,6 @@ class FirmwareNode:
     def counters(self) -> Counters:
         """Frames taken, dropped and lost since power-up."""
         return self._state.counters
-
-    def recorder(self, blocks: Sequence[str]) -> Callable[[], tuple[Any, ...]]:
-        """What a trace keeps of the newest tick."""
-        kept = attrgetter("inputs", *(f"core.{block}" for block in blocks), "outputs", "counters")
-        return lambda: kept(self._state)
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""

@@ -3,6 +3,7 @@
 import math
 import random
 import struct
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -21,6 +22,9 @@ from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import fitting
 from firmware_py.shell.parameters import config_from
+from hil.firmware_trace import FirmwareTrace
+from hil.loop import LoopTiming
+from hil.trace import read
 
 
 class Twins(Bench):
@@ -115,13 +119,19 @@ def test_parameters_are_read_and_written_alike() -> None:
     assert nodes[1].parameters[7] == 80.0
 
 
-def test_a_trace_gets_the_same_numbers() -> None:
+def test_a_trace_gets_the_same_numbers(tmp_path: Path) -> None:
     bench = Twins()
     bench.run(0.3, keep=False)
-    rows = [one.recorder(["crank", "estimator", "regime"])() for one in (bench.node, bench.other)]
-    assert [len(row) for row in rows] == [6, 6]
-    assert flat.loaded(type(rows[0][1]), rows[1][1]).angle_rad == pytest.approx(rows[0][1].angle_rad)
-    assert rows[1][-1] == tuple(rows[0][-1])
+    timing = LoopTiming(1_000, 2.5, 3.5, 4)
+    for name, node in (("python", bench.node), ("compiled", bench.other)):
+        trace = FirmwareTrace(tmp_path / name, walks=True)
+        trace.append(node, 7, 0.0075, timing)
+        trace.writer.close()
+    rows = [read(tmp_path / name)[0] for name in ("python", "compiled")]
+    assert rows[0].dtype == rows[1].dtype
+    for column in rows[0].dtype.names:
+        assert rows[1][column] == pytest.approx(rows[0][column], nan_ok=True), column
+    assert (rows[1]["tick"], rows[1]["t_s"], rows[1]["overruns"]) == (7, 0.0075, 4)
 
 
 def test_a_record_survives_the_way_into_flat_memory() -> None:

@@ -14,10 +14,11 @@ from firmware_py.node.tick import NodeState
 from hil import stretches, trace
 from hil.can_log import CanLog
 from hil.closed_loop import LINE_BYTES, log_line
+from hil.firmware_trace import moves_to
 from hil.lockstep import run_lockstep
 from hil.scenario import check_scenario, read_scenario
 from hil.settings import apply_settings
-from hil.stretches import has_stretches, moves_to, quiet_until_s, word_frame
+from hil.stretches import has_stretches, quiet_until_s, word_frame
 
 SETTINGS = [
     "script.duration_s=4.0",
