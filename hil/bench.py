@@ -17,30 +17,29 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from
 from hil import run_folder
 from hil.bus import ProvidedBus, join, provide
 from hil.bus.addressed import addressed
-from hil.clock import NS_PER_S, MonotonicClock
+from hil.clock import NS_PER_S, SPEEDS, ClockName, MonotonicClock
 from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
 from hil.faults.processes import FIRMWARE, ProcessFaults
 from hil.lockstep import run_lockstep
 from hil.log_reader import is_whole
-from hil.loop import FixedRateLoop, LoopTiming
+from hil.loop import FixedRateLoop
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
-from hil.processes import STOP_TIMEOUT_S, Child
+from hil.processes import STOP_TIMEOUT_S, Child, Start
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from hil.rerun_log import LOG_NAME, show
 from hil.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.soak import SETTLED_SHARE, MemoryWatch
 
 Progress = Callable[[float, str], None]
-ClockName = Literal["real", "lockstep"]
 
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
@@ -89,7 +88,7 @@ def run_scenario(
     `only_if_failed`: a run that has passed leaves its verdict and nothing else. `of_a_suite`: an interrupted
     run is not judged. `keep_traces`: otherwise a run that has passed keeps its log, which holds them, alone.
     """
-    if clock == "real":
+    if clock != "lockstep":
         refuse_other_periods(scenario.period_s)
         refuse_modelled_bus(scenario)
     with run_folder.claimed(scenario.name, out_dir) as run_dir:
@@ -99,7 +98,9 @@ def run_scenario(
             if clock == "lockstep":
                 simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
             else:
-                in_real_time(scenario, run_dir, seed, bus, ending.outcome, progress, viewer, firmware)
+                in_real_time(
+                    scenario, run_dir, seed, bus, SPEEDS[clock], ending.outcome, progress, viewer, firmware
+                )
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
             show(run_dir, viewer)
@@ -163,17 +164,18 @@ def in_real_time(
     run_dir: Path,
     seed: int,
     bus: str,
+    speed: float,
     outcome: Outcome,
     progress: Progress,
     viewer: str | None,
     firmware: Build,
 ) -> None:
-    """Run on the wall clock, on a bus that is made for it or named."""
+    """Run on the wall clock, or one that goes at `speed` beside it, on a bus that is made for it or named."""
     run_folder.note(run_dir, bus=bus, kernel_can=False)
     with provide(bus) as provided:
         holders = provided.processes
         run_folder.note(run_dir, **provided.described)
-        RealTimeRun(scenario, run_dir, seed, provided, outcome, progress, viewer, firmware).run()
+        RealTimeRun(scenario, run_dir, seed, provided, speed, outcome, progress, viewer, firmware).run()
     outcome.reasons += [
         f"{name} did not end when asked to, and was killed"
         for name, holder in holders.items()
@@ -193,7 +195,7 @@ def program() -> str:
 
 
 class RealTimeRun:
-    """One run on the wall clock, with a process for each node."""
+    """One run on the wall clock, or a slower one, with a process for each node."""
 
     def __init__(
         self,
@@ -201,6 +203,7 @@ class RealTimeRun:
         run_dir: Path,
         seed: int,
         provided: ProvidedBus,
+        speed: float,
         outcome: Outcome,
         progress: Progress,
         viewer: str | None = None,
@@ -213,7 +216,8 @@ class RealTimeRun:
         self.provided = provided
         self.progress = progress
         self.viewer = viewer
-        self.clock = MonotonicClock()
+        self.speed = speed
+        self.clock = MonotonicClock(speed)
         self.outcome = outcome
         self.children: dict[str, Child] = {}
 
@@ -232,18 +236,18 @@ class RealTimeRun:
             settle_garbage()
             stack.callback(gc.unfreeze)
             t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
-            wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
+            wall_start_ns = time.time_ns() + round((t0_ns - self.clock.now_ns()) / self.speed)
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
             later = {again_name(process) for _, process, _ in ProcessFaults(self.scenario.faults).restarts()}
             for name, child in self.children.items():
                 if name not in later:
-                    child.tell(str(t0_ns))
+                    child.start(Start(t0_ns, speed=self.speed))
             try:
                 self.attend(operator, tell_bus, t0_ns)
                 if not self.outcome.reasons:
                     self.await_ends()
             finally:
-                self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / NS_PER_S
+                self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / (NS_PER_S * self.speed)
 
     @property
     def watched(self) -> dict[str, Child]:
@@ -314,7 +318,7 @@ class RealTimeRun:
                 del signals[0]
             while restarts and restarts[0].at_s <= t_s:
                 first_tick = round(restarts[0].start_s / self.scenario.period_s)
-                self.children[again_name(restarts[0].process)].tell(f"{t0_ns} {first_tick}")
+                self.children[again_name(restarts[0].process)].start(Start(t0_ns, first_tick, self.speed))
                 del restarts[0]
             tell_bus(t_s)
             operator.step(period)
@@ -341,10 +345,7 @@ class RealTimeRun:
                 next_sample = period + PERIODS_A_MEMORY_SAMPLE
                 memory.sample()
 
-        def record(_: int, __: LoopTiming) -> None:
-            """The operator's own timing is nobody's concern."""
-
-        loop.run(periods, step, record)
+        loop.run(periods, step, None)
         self.continue_paused()
         self.outcome.memory_growth_mb = memory.growth_mb()
         self.outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * self.scenario.duration_s

@@ -240,11 +240,11 @@ class Figures:
     """All figures of a run."""
 
     scenario: Annotated[str, Quantity("", "the scenario's name")]
-    clock: Annotated[str, Quantity("", "real or lockstep")]
+    clock: Annotated[str, Quantity("", "real, slow or lockstep")]
     bus: Annotated[str, Quantity("", "the bus it ran on")]
     kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
     real_time: Annotated[
-        bool | None, Quantity("", "whether a real-time run met its timing; none in lockstep")
+        bool | None, Quantity("", "whether a real-time run met its timing; none on other clocks")
     ]
     duration_s: Annotated[float, Quantity("s", "simulated duration")]
     ticks: Annotated[int, Quantity("", "ticks the firmware ran")]

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from hil.bench import ClockName, run_scenario
+from hil.bench import run_scenario
+from hil.clock import ClockName
 from hil.recorded_run import Run, open_run
 from hil.scenario import load_scenario
 from hil.settings import Settings

@@ -194,7 +194,7 @@ def run_loop(
     """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
     if start.first_tick > 0:
         become_realtime(NODE)
-    clock: Clock = MonotonicClock()
+    clock: Clock = MonotonicClock(start.speed)
     ticks = pace.ticks
     if clock_faults.any:
         clock = FaultyClock(clock, clock_faults, start.t0_ns)

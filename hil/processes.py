@@ -35,10 +35,11 @@ def stop_requests() -> socket.socket:
 
 
 class Start(NamedTuple):
-    """When all begin, and the first tick of a process that comes later."""
+    """When all begin, the first tick of a process that comes later, and how fast their clock goes."""
 
     t0_ns: int
     first_tick: int = 0
+    speed: float = 1.0
 
 
 def read_start() -> Start:
@@ -46,7 +47,8 @@ def read_start() -> Start:
     line = sys.stdin.readline()
     if not line:
         sys.exit()
-    return Start(*map(int, line.split()))
+    t0_ns, first_tick, speed = line.split()
+    return Start(int(t0_ns), int(first_tick), float(speed))
 
 
 class ChildError(RuntimeError):
@@ -150,8 +152,9 @@ class Child:
             raise ChildError(f"{self.name} said {line!r}; wanted {READY!r}")
         return rest
 
-    def tell(self, line: str) -> None:
-        """Write one line to its standard input."""
+    def start(self, start: Start) -> None:
+        """Tell it when to begin; it waits for that in `read_start`."""
+        line = " ".join(map(str, start))
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{line}\n".encode())

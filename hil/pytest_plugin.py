@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from hil.bench import ClockName
+    from hil.clock import ClockName
     from hil.recorded_run import Run
     from hil.settings import Settings
 
@@ -54,9 +54,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("vibrohil", "vibrohil: runs on the bench")
     group.addoption(
         "--vibrohil-clock",
-        choices=("lockstep", "real"),
+        choices=("lockstep", "slow", "real"),
         default="lockstep",
-        help="clock of the runs: lockstep (default, deterministic, fast) or real time",
+        help="clock of the runs: lockstep (default, deterministic, fast), real time, or a quarter of it",
     )
     group.addoption(
         "--vibrohil-bus",

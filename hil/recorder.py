@@ -20,6 +20,7 @@ from firmware_py.shell.parameters import addresses_from
 from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.can_log import CanLog
+from hil.clock import SPEEDS
 from hil.follower import TRACES, Follower
 from hil.processes import READY, read_start, stop_requests
 from hil.realtime import settle_garbage
@@ -43,6 +44,7 @@ class Recorder:
         self.follower = Follower(run_dir)
         run = read_json(run_dir / "run.json")
         self.wall_start_ns = round(float(run["wall_start_s"]) * 1e9)
+        self.speed = SPEEDS[run["clock"]]
         self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
@@ -56,13 +58,17 @@ class Recorder:
         before = len(self._payloads)
         while self.bus is not None and (arrived := self.bus.receive_stamped()):
             for wall_ns, frame in arrived:
-                t_us = (wall_ns - self.wall_start_ns) // 1000
+                t_us = self.since_start_ns(wall_ns) // 1000
                 if t_us >= 0:  # what was sent before the start is not of this run
                     self.can_log.write(t_us, (frame,))
                     self._arrived_s.append(t_us * 1e-6)
                     self._can_ids.append(frame.can_id)
                     self._payloads.append(frame.data)
         return len(self._payloads) > before
+
+    def since_start_ns(self, wall_ns: int) -> int:
+        """The run's time at one of the wall clock."""
+        return int((wall_ns - self.wall_start_ns) * self.speed)
 
     def append(self) -> None:
         """Bring both logs up to date, and hand them to the operating system."""
@@ -84,9 +90,9 @@ class Recorder:
         if self.bus is None or not self.bus.losses:
             return []
         new = [
-            LogLoss(max(loss.from_ns - self.wall_start_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
+            LogLoss(max(self.since_start_ns(loss.from_ns), 0) * 1e-9, to_ns * 1e-9, loss.frames)
             for loss in self.bus.losses
-            if (to_ns := loss.to_ns - self.wall_start_ns) > 0  # of this run, not before its start
+            if (to_ns := self.since_start_ns(loss.to_ns)) > 0  # of this run, not before its start
         ]
         self.bus.losses.clear()
         self.losses += new

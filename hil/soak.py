@@ -47,7 +47,7 @@ def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str,
         *longer.get("checks", []),
         {"name": "memory.nodes_growth_mb", "high": LARGEST_GROWTH_MB, "unit": "MB"},
     ]
-    if clock == "real":
+    if clock != "lockstep":
         name = "memory.recorder_growth_mb_min"
         longer["checks"].append({"name": name, "high": LARGEST_RECORDER_GROWTH_MB_MIN, "unit": "MB/min"})
     return longer

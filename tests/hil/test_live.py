@@ -15,7 +15,7 @@ from hil.bench import RealTimeRun
 from hil.ending import Outcome
 from hil.follower import Follower
 from hil.log_reader import column_hashes, repair
-from hil.processes import Child
+from hil.processes import Child, Start
 from hil.rerun_log import rebuild, show
 from hil.rerun_program import rerun_environment, rerun_program
 
@@ -64,7 +64,7 @@ def start(run_dir, viewer) -> Child:
     command = [sys.executable, "-m", "hil.live", str(run_dir), "--to", viewer.url]
     child = Child("live", command, run_dir / "live.log")
     child.wait_ready(30.0)
-    child.tell("0")
+    child.start(Start(0))
     return child
 
 

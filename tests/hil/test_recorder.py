@@ -14,7 +14,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.records import SetInputTorque
 from hil.bus import join, provide
 from hil.log_reader import column_hashes, read_traces, repair
-from hil.processes import Child
+from hil.processes import Child, Start
 from hil.rerun_log import rebuild
 from hil.run_traces import read_bus, read_run
 from hil.trace import TraceWriter
@@ -39,7 +39,7 @@ def start(run_dir, *options) -> Child:
     command = [sys.executable, "-m", "hil.recorder", str(run_dir), *options]
     child = Child("recorder", command, run_dir / "recorder.log")
     child.wait_ready(30.0)
-    child.tell("0")
+    child.start(Start(0))
     return child
 
 
