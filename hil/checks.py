@@ -13,12 +13,19 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 from hil.figure_records import CATALOGUE, incomplete, value_of
 from hil.requirements import requirements
+from hil.run_traces import NOTHING_LEFT, RunTraces
+
+LONGEST_S = 86_400.0
+"""No run lasts longer."""
 
 Value = bool | int | float | str
 
 
 class Check(BaseModel):
     """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the value wanted.
+
+    With an `expression` it is a figure of one's own (`hil.own_figures`), of any name and unit, taken from
+    `from_s` to `to_s`.
 
     `unit`, where given, must be the figure's own: a bound in millimetres on a figure in metres is refused.
 
@@ -37,15 +44,33 @@ class Check(BaseModel):
     unit: str | None = None
     requirement: str | None = None
     """The id of the requirement that it proves; see docs/requirements.md."""
+    expression: str | None = None
+    from_s: float = 0.0
+    to_s: float = LONGEST_S
+
+    @model_validator(mode="after")
+    def _an_expression_can_be_worked_out(self) -> Self:
+        if self.expression is None:
+            if {"from_s", "to_s"} & self.model_fields_set:
+                raise ValueError(f"check {self.name!r} has a window but no expression; give both or none")
+            return self
+        if self.name in CATALOGUE:
+            raise ValueError(f"check {self.name!r}: a run has such a figure already; give yours another name")
+        if not self.from_s < self.to_s:
+            raise ValueError(f"check {self.name!r}: from_s = {self.from_s} is not before to_s = {self.to_s}")
+        from hil.own_figures import refuse_unknown  # noqa: PLC0415 - most scenarios have none
+
+        refuse_unknown(self.expression)
+        return self
 
     @model_validator(mode="after")
     def _names_a_figure_and_one_limit(self) -> Self:
         spec = CATALOGUE.get(self.name)
-        if spec is None:
+        if spec is None and self.expression is None:
             near = difflib.get_close_matches(self.name, CATALOGUE, n=3, cutoff=0.4)
             known = ", ".join(near) if near else ", ".join(CATALOGUE)
             raise ValueError(f"check {self.name!r} names no figure of a run; did you mean {known}?")
-        if self.unit is not None and self.unit != spec.unit:
+        if spec is not None and self.unit is not None and self.unit != spec.unit:
             raise ValueError(f"check {self.name!r} has unit {self.unit!r}; the figure is in {spec.unit!r}")
         if self.requirement is not None and self.requirement not in requirements():
             known = ", ".join(requirements())
@@ -91,14 +116,26 @@ def within(check: Check, value: Any) -> bool:
     return (check.low is None or value >= check.low) and (check.high is None or value <= check.high)
 
 
-def evaluate(checks: Iterable[Check], figures: Mapping[str, Any]) -> list[CheckResult]:
-    """Each check against the figures, given as `Figures.as_json()`."""
+def own_value(check: Check, traces: RunTraces) -> float | None:
+    """The value of a figure of one's own."""
+    from hil.own_figures import Window, own_figure  # noqa: PLC0415 - most scenarios have none
+
+    assert check.expression is not None
+    return own_figure(check.expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)
+
+
+def evaluate(
+    checks: Iterable[Check], figures: Mapping[str, Any], traces: RunTraces = NOTHING_LEFT
+) -> list[CheckResult]:
+    """Each check against the figures, given as `Figures.as_json()`; figures of one's own are of `traces`."""
     doubtful = incomplete(figures)
     results = []
     for check in checks:
-        value = value_of(figures, check.name)
+        if check.expression is None:
+            value, unit = value_of(figures, check.name), CATALOGUE[check.name].unit
+        else:
+            value, unit = own_value(check, traces), check.unit or ""
         passed = within(check, value) and check.name not in doubtful
-        unit = CATALOGUE[check.name].unit
         results.append(CheckResult(check.name, passed, value, unit, check.limit, check.requirement))
     return results
 

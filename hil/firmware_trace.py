@@ -15,7 +15,7 @@ from firmware_py.node.receiver import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
 from hil.loop import LoopTiming
-from hil.trace import TraceWriter
+from hil.trace import FieldType, TraceWriter
 
 OF_A_WALK = ("gait", "lock")
 """Parts of the firmware's state that are recorded only where somebody may walk."""
@@ -50,23 +50,32 @@ def moves_to(columns: Any) -> NDArray[np.int64]:
     return np.array(moves, dtype=np.int64)
 
 
+def blocks_of(walks: bool) -> list[str]:
+    """The parts of the firmware's state that are recorded."""
+    return [name for name in State._fields if walks or name not in OF_A_WALK]
+
+
+def fields_of(walks: bool) -> list[tuple[str, FieldType]]:
+    """What a record is made of, as `TraceWriter` takes it."""
+    kinds = get_type_hints(State)
+    return [
+        ("tick", int),
+        ("t_s", float),
+        ("inputs", Inputs),
+        *((f"state.{name}", kinds[name]) for name in blocks_of(walks)),
+        ("outputs", Outputs),
+        ("counters", Counters),
+        ("", LoopTiming),
+    ]
+
+
 class FirmwareTrace:
     """The firmware's trace; of a run in which nobody walks without what concerns a gait."""
 
     def __init__(self, path: Path, walks: bool, expected_records: int = 0, resume: bool = False) -> None:
         """As `TraceWriter`."""
-        kinds = get_type_hints(State)
-        self._blocks = [name for name in State._fields if walks or name not in OF_A_WALK]
-        fields = [
-            ("tick", int),
-            ("t_s", float),
-            ("inputs", Inputs),
-            *((f"state.{name}", kinds[name]) for name in self._blocks),
-            ("outputs", Outputs),
-            ("counters", Counters),
-            ("", LoopTiming),
-        ]
-        self.writer = TraceWriter(path, fields, expected_records, resume)
+        self._blocks = blocks_of(walks)
+        self.writer = TraceWriter(path, fields_of(walks), expected_records, resume)
         self._moves = moves_to(self.writer.dtype).tolist()
         self._node: Node | None = None
         self._parts: list[memoryview] = []

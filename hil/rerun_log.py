@@ -441,7 +441,7 @@ def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:
     """What a log is made of, from the traces of a run, also of one that was killed."""
     traces = read_run(run_dir)
     figures = figures_from(traces)
-    return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json())
+    return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json(), traces)
 
 
 def rebuild(run_dir: Path) -> Path:

@@ -82,6 +82,9 @@ NO_BUS = BusLog(
     payloads=(),
 )
 
+NOTHING_LEFT = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS)
+"""Of a run that left nothing behind."""
+
 
 def column(records: Records, name: str) -> FloatArray:
     """One column as floats; an empty trace gives an empty column, an unknown name raises."""

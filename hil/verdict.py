@@ -78,7 +78,7 @@ def host_stall(traces: RunTraces, figures: Figures) -> str | None:
 def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
     """The verdict on a run from what it left behind, and its checks' results."""
     content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
-    results = evaluate(checks_of(traces.scenario), content)
+    results = evaluate(checks_of(traces.scenario), content, traces)
     failed = not all(result.passed for result in results)
     content["host_stall"] = host_stall(traces, figures) if failed else None
     return verdict_of(content, results, reasons_of(traces), out), results

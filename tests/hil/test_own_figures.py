@@ -1,0 +1,113 @@
+"""Figures of one's own: against closed forms, on the instants that they say, and refused before a run."""
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from hil.checks import Check, evaluate
+from hil.own_figures import Window, own_figure
+from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces
+
+WHOLE = Window(0.0, 100.0)
+LOG = {"log": {"frames_lost": 0}}
+
+
+def plant(t_s, **columns):
+    records = np.zeros(len(t_s), [("t_s", "<f8"), *((name, "<f8") for name in columns)])
+    records["t_s"] = t_s
+    for name, values in columns.items():
+        records[name] = values
+    return records
+
+
+def firmware(t_s, values):
+    records = np.zeros(len(t_s), [("t_s", "<f8"), ("outputs.torque_n_m", "<f8"), ("outputs.mode", "<i8")])
+    records["t_s"], records["outputs.torque_n_m"] = t_s, values
+    return records
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.5, 0.7])
+def test_a_step_response_has_the_overshoot_of_its_closed_form(damping):
+    t_s = np.arange(80_000) * 1e-3
+    omega_d = math.sqrt(1.0 - damping**2)
+    envelope = np.exp(-damping * t_s) / omega_d
+    response = 1.0 - envelope * np.sin(omega_d * t_s + math.acos(damping))
+    records = plant(t_s + 3.0, omega_rad_s=5.0 + 2.0 * response)
+    idle = firmware(t_s + 3.0, 0.0)
+    overshoot = own_figure("overshoot(plant.omega_rad_s)", WHOLE, records, idle)
+    assert overshoot == pytest.approx(100.0 * math.exp(-math.pi * damping / omega_d), abs=0.05)
+    settling_s = own_figure("settling_s(plant.omega_rad_s)", WHOLE, records, idle)
+    outside = t_s[np.abs(response - 1.0) > 0.02][-1]
+    assert settling_s == pytest.approx(outside, abs=0.003)
+
+
+def test_a_first_order_rise_takes_ln_9_time_constants():
+    t_s = np.arange(10_000) * 1e-3
+    records = plant(t_s, omega_rad_s=1.0 - np.exp(-t_s / 0.5))
+    rise_s = own_figure("rise_s(plant.omega_rad_s)", WHOLE, records, firmware(t_s, 0.0))
+    assert rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
+
+
+def test_signals_of_the_firmware_are_those_of_its_newest_tick():
+    t_s = np.arange(6) * 1.0
+    held = firmware([0.5, 1.5, 3.5], [10.0, 20.0, 30.0])  # two ticks were skipped
+    own = own_figure(
+        "max(abs(firmware.outputs.torque_n_m - plant.x_m))", Window(1.0, 6.0), plant(t_s, x_m=t_s), held
+    )
+    assert own == 26.0
+    expected = [10.0, 20.0, 20.0, 30.0, 30.0]
+    found = own_figure("mean(firmware.outputs.torque_n_m)", Window(1.0, 6.0), plant(t_s, x_m=t_s), held)
+    assert found == pytest.approx(np.mean(expected))
+
+
+def test_a_window_has_its_begin_and_not_its_end():
+    t_s = np.arange(10) * 1.0
+    records, idle = plant(t_s, x_m=t_s), firmware(t_s, 0.0)
+    assert own_figure("first(plant.x_m)", Window(2.0, 5.0), records, idle) == 2.0
+    assert own_figure("last(plant.x_m)", Window(2.0, 5.0), records, idle) == 4.0
+    assert own_figure("last(plant.x_m)", Window(20.0, 50.0), records, idle) is None
+
+
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("max(plant.omega)", r"no signal plant.omega; it has omega_rad_s"),
+        ("max(firmware.outputs.torque)", r"no signal firmware.outputs.torque; it has .*torque_n_m"),
+        ("plant.omega_rad_s", r"is a signal; make a number of it, by min, max"),
+        ("max(firmware.state.estimator)", r"cannot be worked out"),
+        ("max(plant.x_m", r"cannot be worked out: .*never closed"),
+        ("largest(plant.x_m)", r"cannot be worked out: .*'largest' is not defined"),
+        ("open('/etc/hostname')", r"'open' is not defined"),
+        ("plant.__class__", r"cannot be worked out"),
+        ("'word'", r"gives 'word'; wanted a number"),
+    ],
+)
+def test_what_no_run_could_work_out_is_refused_before_it(expression, said):
+    with pytest.raises(ValidationError, match=said):
+        Check(name="mine", expression=expression, high=1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"name": "speed.ripple", "expression": "max(plant.x_m)"}, "a run has such a figure already"),
+        ({"name": "speed.ripple", "from_s": 1.0}, "has a window but no expression"),
+        ({"name": "mine", "expression": "max(plant.x_m)", "from_s": 2.0, "to_s": 2.0}, "is not before to_s"),
+    ],
+)
+def test_a_check_is_of_the_run_s_figures_or_of_one_s_own(given, said):
+    with pytest.raises(ValidationError, match=said):
+        Check(**given, high=1.0)
+
+
+def test_own_figures_are_checked_like_others_and_never_pass_when_missing():
+    t_s = np.arange(10) * 1e-3
+    traces = RunTraces(plant(t_s, x_m=t_s), firmware(t_s, 0.0), NO_RECORDS, NO_RECORDS, NO_BUS)
+    check = Check(name="farthest", expression="1e3 * max(plant.x_m)", high=9.5, unit="mm")
+    (result,) = evaluate([check], LOG, traces)
+    assert (result.passed, result.unit, result.limit) == (True, "mm", "\u2264 9.5")
+    assert result.value == pytest.approx(9.0)
+    (missing,) = evaluate([check], LOG)
+    assert (missing.passed, missing.value) == (False, None)
