@@ -23,14 +23,13 @@ from plant_sim.solvers.adaptive import (
     DONE,
     NO_GRID,
     NO_SAMPLES,
-    SolverError,
     advance,
-    complaint,
     electrical_ledger,
     ledger,
     motion_state,
     observation,
     peak_felt_force_n,
+    refusal,
 )
 from plant_sim.solvers.memory import (
     ELAPSED,
@@ -178,7 +177,7 @@ class Plant:
             if status == DONE:
                 return
             if status != BUFFER_FULL:
-                raise SolverError(complaint(status, self.parts, memory, self.t_s))
+                raise refusal(status, self.parts, memory, self.t_s)
 
     def sense(self) -> SensorReading:
         """Sample every sensor now; each call draws new noise."""
@@ -222,7 +221,7 @@ class Plant:
         """Go on from where compiled code has left the module; raise SolverError where it could not go on."""
         self._t_s, self._t_rest_s, self._torque_n_m = t_s, t_rest_s, torque_n_m
         if status != DONE:
-            raise SolverError(complaint(status, self.parts, self._memory, self.t_s))
+            raise refusal(status, self.parts, self._memory, self.t_s)
         self.now = observation(self._memory, self._stored_before_j)
 
     def take_impacts(self) -> list[Impact]:

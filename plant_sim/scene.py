@@ -197,7 +197,7 @@ class Scene(Table):
         return self.striker.rest_length_m if self.initial.x_m is None else self.initial.x_m
 
     def parts(self, seed: int = 1) -> Parts:
-        """The records that kernels are specialised for; of a walk the strides are drawn from `seed`."""
+        """The records that kernels are specialised for; of a walk the strides are sampled with `seed`."""
         return Parts(
             self._striker(),
             self._drive(),

@@ -313,7 +313,7 @@ class StumbleTable(Table):
 
 
 class GaitTable(Table):
-    """[gait]: the module is on the shank of somebody who walks. The strides are drawn from the run's seed."""
+    """[gait]: the module is on a walker's shank. The strides are sampled with the run's seed."""
 
     axis: Literal["up", "down", "forward", "backward", "outward", "inward"] = Field(
         description="where the striker's axis points, towards the stop: up or down along the shank, forward "

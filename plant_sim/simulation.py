@@ -26,7 +26,7 @@ def simulate(
     """Run a scene from its start to `until_s` under a held motor torque, N m.
 
     `samples_s` asks for the motion at that spacing, both ends included. Any real numbers will do. Raises
-    `SimulationError`, or the solver's `SolverError`, `EventLimitError` or `UnsupportedSceneError`.
+    `SimulationError`, or the solver's `SolverError` or `UnsupportedSceneError`.
     """
     until_s = _real(until_s, "until_s", "time to run to, in s", above_zero=True)
     torque_n_m = _real(torque_n_m, "torque_n_m", "motor torque, in N m")

@@ -122,12 +122,12 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
 def solver_errors() -> tuple[type[Exception], ...]:
     """The solvers' refusals; none where no solver was loaded, which a refusal need not wait for."""
-    if "plant_sim.solvers.adaptive" not in sys.modules:
+    if "plant_sim.solvers.cost" not in sys.modules:
         return ()
-    from plant_sim.solvers.adaptive import SolverError
-    from plant_sim.solvers.exact import EventLimitError, UnsupportedSceneError
+    from plant_sim.solvers.cost import SolverError
+    from plant_sim.solvers.exact import UnsupportedSceneError
 
-    return SolverError, EventLimitError, UnsupportedSceneError
+    return SolverError, UnsupportedSceneError
 
 
 def refuse(message: str, as_json: bool) -> int:

@@ -5,6 +5,7 @@ compiler aligns them.
 """
 
 from enum import IntEnum
+from functools import cache
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 Memory = NDArray[np.void]
 
 
-def members(kind: Any) -> list[tuple[str, Any]]:
+@cache
+def members(kind: Any) -> tuple[tuple[str, Any], ...]:
     """Names and types of a NamedTuple's members, in order."""
     hints = get_type_hints(kind)
-    return [(name, hints[name]) for name in kind._fields]
+    return tuple((name, hints[name]) for name in kind._fields)
 
 
 def layout(kind: Any) -> Any:

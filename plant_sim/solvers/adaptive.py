@@ -10,7 +10,7 @@ import numpy as np
 
 from plant_sim.kernels import by_part, jit, law, subroutine, unowned
 from plant_sim.parts.drive import Drive, MotorDrive
-from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.friction import Stribeck, static_limit_n
 from plant_sim.parts.housing import is_level, smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
@@ -28,6 +28,7 @@ from plant_sim.result import (
 )
 from plant_sim.sensing import NoSensing, Probe, is_sensing, note_readings, sense_step
 from plant_sim.solvers.bernstein import DEGREE, evaluate
+from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt, too_costly
 from plant_sim.solvers.currents import (
     current_s,
     magnetic_energy_j,
@@ -47,6 +48,7 @@ from plant_sim.solvers.memory import (
     CRANK_STUCK,
     CURRENT,
     DAMPING,
+    DEBT,
     DIRECTION,
     DRIVE_WORK,
     ELAPSED,
@@ -119,11 +121,8 @@ from plant_sim.solvers.transitions import (
     voltage_zeros,
 )
 
-DONE, BUFFER_FULL, STEP_TOO_SMALL, ENDLESS_EVENTS = range(4)
+DONE, BUFFER_FULL, STEP_TOO_SMALL, TOO_COSTLY = range(4)
 """What `advance` returns."""
-
-MOST_EVENTS = 10_000
-"""One after the other with no time between them."""
 
 LEAST_ERROR = 1e-6
 """Of a step, in tolerances; a smaller one, as of rest, says nothing of the next step."""
@@ -160,7 +159,6 @@ def advance(
     elif mode[CRANK_STUCK] == 1:
         settle_crank(parts.drive, parts, memory, torque_n_m)
     settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
-    timeless = 0
     status = DONE
     while True:
         _sample_now(parts, memory, start_s, grid_s, samples)
@@ -173,9 +171,8 @@ def advance(
         if used < 0.0:
             status = STEP_TOO_SMALL
             break
-        timeless = timeless + 1 if used == 0.0 else 0
-        if timeless > MOST_EVENTS:
-            status = ENDLESS_EVENTS
+        if held[DEBT] > ALLOWANCE:
+            status = TOO_COSTLY
             break
     _observe(parts, memory, torque_n_m, start_s + held[ELAPSED])
     note_readings(probe)
@@ -229,8 +226,10 @@ def _step(
     longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
     longest = min(longest, current_s(parts.winding, parts.drive))
     derivative(parts, flow, 0.0, y, k[0])
+    attempts = 0.0
     while True:
         h = min(held[place], longest, remaining)
+        attempts += 1.0
         error = attempt(parts, flow, h, y, scale, k, trial, new)
         if error <= 1.0:
             break
@@ -265,6 +264,8 @@ def _step(
     turn_crank(parts.drive, memory, used)
     mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
     _pass_time(memory, flow.phase, used, remaining, duration_s)
+    if used < remaining:  # what ends a call is as short as the caller asked for
+        held[DEBT] = debt(held[DEBT], attempts, used / longest)
     if event != NONE:
         held[LAST_STEP] = 0.0
         apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
@@ -570,10 +571,6 @@ def _observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
         observed[PHASE_NOW] = STICK  # friction holds it there, the stop does not have to
 
 
-class SolverError(RuntimeError):
-    """A run that cannot be carried on; the message says where it stands and what to change."""
-
-
 IMPACTS_AT_ONCE = 4096
 """Rows of the impacts' buffer; a fuller run empties it in between."""
 
@@ -638,23 +635,36 @@ def run(
 ) -> Vector:
     """`advance`, its failures raised; returns (and forgets) the impacts so far, shape (impacts, 6)."""
     status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
-    if status in (STEP_TOO_SMALL, ENDLESS_EVENTS):
-        raise SolverError(complaint(status, parts, memory, start_s))
+    if status in (STEP_TOO_SMALL, TOO_COSTLY):
+        raise refusal(status, parts, memory, start_s)
     impacts = memory.impacts[: memory.mode[IMPACTS]].copy()
     memory.mode[IMPACTS] = 0
     return impacts
 
 
-def complaint(status: int, parts: Parts, memory: Memory, start_s: float) -> str:
+def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> SolverError:
     """What went wrong where, and what to do."""
     x_m = from_stop_m(parts.wearer, parts.drive, memory.y) + origin_m(parts.stop, parts.striker)
     place = f"at t = {start_s + memory.held[ELAPSED]:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
-    if status == ENDLESS_EVENTS:
+    if status == TOO_COSTLY:
+        return too_costly(place, _remedy(parts, memory))
+    return SolverError(
+        f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
+    )
+
+
+def _remedy(parts: Parts, memory: Memory) -> str:
+    """The keys that most likely make a run so costly."""
+    if memory.mode[PHASE] == CONTACT:
         return (
-            f"{MOST_EVENTS} events in no time {place}, in phase {memory.mode[PHASE]}; "
-            "make the parts less extreme (friction.v_s_m_s), or lower stop.restitution if it chatters"
+            "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "
+            "(initial.x_m, stop.position_m), or raise solver.accuracy"
         )
-    return f"no step is small enough {place}; raise solver.accuracy, or make the parts less extreme"
+    if isinstance(parts.friction, Stribeck):
+        return "make friction less steep at rest (friction.v_s_m_s), or raise solver.accuracy"
+    if is_rigid(parts.stop):
+        return "lower stop.restitution if it chatters, or raise solver.accuracy"
+    return "raise solver.accuracy, or make the parts less extreme"
 
 
 _PHASES = tuple(Phase)

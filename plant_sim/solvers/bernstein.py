@@ -71,11 +71,11 @@ def without_root_at_start(b: Coefficients, degree: int) -> None:
 
 @subroutine
 def first_rise(b: Coefficients, degree: int, stack: Coefficients) -> float:
-    """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does.
+    """Smallest s in [0, 1] at which p, negative before, reaches 0; NO_ROOT if it never does, or p = 0.
 
     `stack` is scratch of shape (DEEPEST_HALVING + 2, DEGREE + 3): coefficients, start, width.
     """
-    if not _reaches_zero(b, degree):
+    if not _reaches_zero(b, degree) or _is_zero(b, degree):
         return NO_ROOT
     top = 0
     for i in range(degree + 1):
@@ -109,6 +109,15 @@ def _reaches_zero(b: Coefficients, degree: int) -> bool:
     for i in range(1, degree + 1):
         highest = max(highest, b[i])
     return highest >= 0.0
+
+
+@subroutine
+def _is_zero(b: Coefficients, degree: int) -> bool:
+    """Whether p = 0 throughout: what stays on a surface does not cross it."""
+    largest = 0.0
+    for i in range(degree + 1):
+        largest = max(largest, abs(b[i]))
+    return largest == 0.0
 
 
 @subroutine

@@ -21,6 +21,7 @@ from plant_sim.parts.stop import NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
+from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.ledger import booked, empty_ledger, stored_j
 from plant_sim.solvers.modes import Event, Motion, after, begin, next_event
@@ -29,17 +30,9 @@ from plant_sim.solvers.oscillator import Oscillator, flow, launch, oscillator
 REST_SPEED_M_S = 1e-9
 """Chatter that is certain to end is ended below this speed; later motion does not depend on it."""
 
-EVENTS_PER_RUN = 100_000
-EVENTS_PER_CYCLE = 1_000
-"""Events a run may have, and more for each cycle of drive or striker: bounces that end need far fewer."""
-
 
 class UnsupportedSceneError(ValueError):
     """The scene has no closed form, or the start makes no sense."""
-
-
-class EventLimitError(RuntimeError):
-    """Bounces that go on and on."""
 
 
 @jit
@@ -56,7 +49,7 @@ def _run(
 ) -> tuple[
     NDArray[np.float64], tuple[float, float, float, float], tuple[float, float, float, float], int, bool
 ]:
-    """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether there were too many events.
+    """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether it was too costly.
 
     `start` is (t, y, v, crank). Shapes: impacts (6, n) in the order of `Impacts`; samples
     (len(samples_t_s), 3) as y, v, crank.
@@ -65,11 +58,10 @@ def _run(
     motion = begin(o, start[0], start[1], start[2], start[3])
     before_j = stored_j(o, motion)
     ledger = empty_ledger()
-    cycles = (until_s - motion.t_s) * (o.drive_rad_s + o.natural_rad_s) / TURN_RAD
-    events_left = EVENTS_PER_RUN + EVENTS_PER_CYCLE * cycles
+    fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
     blows, found, next_sample = np.empty((64, 4)), 0, 0
     event = Event.IMPACT
-    while event != Event.HORIZON and events_left > 0.0:
+    while event != Event.HORIZON and behind <= ALLOWANCE:
         arrival, event = next_event(o, motion, until_s)
         departure = after(o, arrival, event, rest_speed_m_s)
         ledger = booked(o, ledger, motion, arrival, departure)
@@ -82,8 +74,8 @@ def _run(
             blows[found, 2] = departure.v_m_s
             blows[found, 3] = arrival.crank_rad
             found += 1
+        behind = debt(behind, 1.0, (arrival.t_s - motion.t_s) * fastest_rad_s)
         motion = departure
-        events_left -= 1.0
     impacts = np.empty((6, found))
     for index in range(found):
         v, v_after = blows[index, 1], blows[index, 2]
@@ -183,11 +175,9 @@ def simulate(
         _compiled_runs[kinds] = entry_point(_run, *arguments)
     impacts, final, energies, phase, too_many = _compiled_runs[kinds](*arguments)
     if too_many:
-        raise EventLimitError(
-            f"{EVENTS_PER_RUN} events and {EVENTS_PER_CYCLE} more a cycle were used up by t = {final[0]} s, "
-            f"at a speed of {abs(final[2])} m/s; bounces on {stop!r} do not die out: lower the restitution, "
-            "or end the run earlier"
-        )
+        t_s, y_m, v_m_s, _ = final
+        place = f"at t = {t_s:.9g} s, x = {striker.rest_length_m + y_m:.9g} m, v = {v_m_s:.6g} m/s"
+        raise too_costly(place, "the bounces do not die out: lower stop.restitution, or end the run earlier")
     t_s, y_m, v_m_s, crank_rad = final
     return SimulationResult(
         impacts=Impacts(*impacts),

@@ -50,9 +50,13 @@ UNSETTLED = -1
     REST_SPEED,
     LAST_STEP,
     LAST_MARGIN,
+    DEBT,
     CRANK_ANGLE,
-) = range(8)
-"""`ELAPSED_LOW` is what rounding leaves out of `ELAPSED`: over 1e6 s of steps it would add up to 0.1 ms."""
+) = range(9)
+"""`ELAPSED_LOW` is what rounding leaves out of `ELAPSED`: over 1e6 s of steps it would add up to 0.1 ms.
+
+`DEBT` is the cost (`plant_sim.solvers.cost`) that simulated time has not paid for.
+"""
 
 NO_IMPACT, IN_CONTACT, LET_GO = range(3)
 """Values of IN_IMPACT; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
@@ -122,7 +126,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     has_motor = isinstance(drive, MotorDrive)
     has_winding = isinstance(parts.winding, DqWinding)
-    held = np.zeros(7 if has_motor else 8)
+    held = np.zeros(8 if has_motor else 9)
     held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
     memory = Memory(
         y=np.zeros(size),
@@ -162,7 +166,7 @@ def restart(
     held, striker = memory.held, parts.striker
     held[ELAPSED] = held[ELAPSED_LOW] = 0.0
     held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
-    held[LAST_STEP] = held[LAST_MARGIN] = 0.0
+    held[LAST_STEP] = held[LAST_MARGIN] = held[DEBT] = 0.0
     _set_crank(parts.drive, memory, crank_rad % TURN, omega_rad_s)
 
 

@@ -24,6 +24,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop, Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
+from plant_sim.solvers.cost import ALLOWANCE, TIME_STEP, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.exact import UnsupportedSceneError, require_plain, require_run, start_m
 from plant_sim.solvers.laws import damping_n_s_m, dry_limit_m_s2, has_stop, restitution, stop_position_m
@@ -50,10 +51,6 @@ class _Step(NamedTuple):
     dry_n_s: float
     contact_n_s: float
     phase: Phase
-
-
-MOST_STEPS = 200_000_000
-"""Of a run; some seconds of computing."""
 
 
 @jit
@@ -153,11 +150,11 @@ def simulate(
         )
     if not (math.isfinite(step_s) and step_s > 0.0):
         raise UnsupportedSceneError(f"the step is {step_s} s; it must be finite and above 0")
-    if (until_s - initial.t_s) / step_s > MOST_STEPS:
-        raise UnsupportedSceneError(
-            f"{until_s - initial.t_s:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,}; raise "
-            "solver.step_s or solver.accuracy, or end the run earlier"
-        )
+    duration_s = until_s - initial.t_s
+    fastest_rad_s = max(drive.omega_rad_s, math.sqrt(striker.spring_n_m / striker.mass_kg))
+    if debt(0.0, duration_s / step_s * TIME_STEP, duration_s * fastest_rad_s) > ALLOWANCE:
+        place = f"over {duration_s:g} s in steps of {step_s:g} s, {1.0 / TIME_STEP:g} of which count as one"
+        raise too_costly(place, "raise solver.step_s or solver.accuracy, or end the run earlier")
     grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
     require_run(initial, until_s, grid)
     until_s = float(until_s)

@@ -6,11 +6,13 @@ import pytest
 from test_scene import changed
 
 from plant_sim import scene_tables
+from plant_sim.plant import Plant
 from plant_sim.quantities import quantity_of
-from plant_sim.scene import SceneError, load_scene
+from plant_sim.scene import SceneError, load_scene, scene_names
 from plant_sim.scene_tables import Table
 from plant_sim.simulation import simulate
-from plant_sim.solvers.exact import UnsupportedSceneError
+from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt
+from plant_sim.solvers.memory import DEBT
 
 TABLES = [
     thing for thing in vars(scene_tables).values() if isinstance(thing, type) and issubclass(thing, Table)
@@ -66,5 +68,56 @@ def test_a_run_of_too_many_steps_is_refused() -> None:
     scene = load_scene(
         changed("table1-viscous", {"solver": {"method": "stepping", "step_s": 1e-9}, "drive.ratio": 1.0})
     )
-    with pytest.raises(UnsupportedSceneError, match=r"solver\.step_s"):
+    with pytest.raises(SolverError, match=r"solver\.step_s"):
         simulate(scene, 10.0)
+
+
+def test_a_striker_at_rest_on_its_stop_stays_there() -> None:
+    """The motor stands, the spring is relaxed and the stop just touched: nothing happens, at little cost."""
+    result = simulate(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.12})), 1.0)
+    assert (result.final.x_m, result.final.v_m_s) == (0.12, 0.0)
+    assert result.impacts.t_s.size == 0
+
+
+def test_a_striker_is_pushed_out_of_a_stop_that_it_begins_in() -> None:
+    scene = load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1199}))
+    assert simulate(scene, 1.0).final.x_m < 0.12
+
+
+def test_work_without_end_names_the_stop() -> None:
+    """20 mm inside a stop whose damping is that of the slowest touch-down: it creeps out over 10 s."""
+    with pytest.raises(SolverError, match=r"stop\.contact_s.*initial\.x_m"):
+        simulate(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1})), 1.0)
+
+
+def for_a_second(plant: Plant) -> None:
+    for _ in range(1000):
+        plant.advance(0.0, 1e-3)
+
+
+def test_the_bound_holds_over_a_run_in_ticks_however_short_they_are() -> None:
+    plant = Plant(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1})), seed=0)
+    with pytest.raises(SolverError, match=r"stop\.contact_s.*initial\.x_m"):
+        for_a_second(plant)
+
+
+def test_short_ticks_of_a_slow_module_cost_nothing() -> None:
+    plant = Plant(load_scene(changed("table1-viscous", {"striker.mass_kg": 1e5})), seed=0)
+    for _ in range(2000):
+        plant.advance(0.0, 1e-7)
+    assert plant._memory.held[DEBT] == 0.0
+
+
+def test_a_burst_of_work_is_paid_for_by_later_time() -> None:
+    assert debt(debt(0.0, 500.0, 0.01), 1.0, 10.0) == 0.0
+    assert debt(0.0, 500.0, 0.01) == 400.0
+
+
+def test_no_scene_of_the_repository_comes_near_the_bound() -> None:
+    for name in scene_names():
+        plant = Plant(load_scene(name), seed=0)
+        most = 0.0
+        for _ in range(3000):
+            plant.advance(0.05, 1e-3)
+            most = max(most, float(plant._memory.held[DEBT]))
+        assert most < 1e-3 * ALLOWANCE, name

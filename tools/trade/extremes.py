@@ -11,11 +11,11 @@ from plant_sim.plant import Plant
 from plant_sim.result import MotionState
 from plant_sim.scene import Scene, SceneError, load_scene, read_scene
 from plant_sim.simulation import simulate
-from plant_sim.solvers.adaptive import SolverError
-from plant_sim.solvers.exact import EventLimitError, UnsupportedSceneError
+from plant_sim.solvers.cost import SolverError
+from plant_sim.solvers.exact import UnsupportedSceneError
 
 METHODS = ("exact", "adaptive", "stepping", "Plant")
-REFUSALS = SceneError, UnsupportedSceneError, SolverError, EventLimitError
+REFUSALS = SceneError, UnsupportedSceneError, SolverError
 
 FINE = 1e-13
 """Accuracy of the adaptive run that is the truth where there is no closed form."""

@@ -25,11 +25,10 @@ from plant_sim.solvers.adaptive import (
     IMPACTS_AT_ONCE,
     NO_GRID,
     NO_SAMPLES,
-    SolverError,
     advance,
-    complaint,
     electrical_ledger,
     peak_felt_force_n,
+    refusal,
 )
 from plant_sim.solvers.memory import ELAPSED, IMPACTS, IMPULSE, PEAK_FORCE, Memory, allocate
 from plant_sim.solvers.motion import work_place
@@ -143,7 +142,7 @@ def carry_on(rig: Rig, ratio: float, periods: int) -> np.ndarray[Any, np.dtype[n
 def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
     status = rig.kernel(parts, rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID, NO_SAMPLES)
     if status != DONE:
-        raise SolverError(complaint(status, parts, rig.memory, 0.0))
+        raise refusal(status, parts, rig.memory, 0.0)
 
 
 def spent_us_s(rig: Rig) -> float:
