@@ -107,8 +107,9 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
         assert name in program.commands, f"{place}: vibrohil {name}"
         command = program.commands[name]
         if hasattr(command, "commands") and words and words[0] != "--help":
-            assert words[0] in command.commands, f"{place}: vibrohil {name} {words[0]}"
-            command = command.commands[words[0]]
+            named = words[0] if words[0] in command.commands else getattr(command, "unnamed", words[0])
+            assert named in command.commands, f"{place}: vibrohil {name} {words[0]}"
+            command = command.commands[named]
         known = {
             option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
         }

@@ -11,7 +11,7 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
 from tools.reference import every_command
 
-FOLDERS = {"run", "suite", "import", "firmware", "plant", "tune check"}
+FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "tune check"}
 """Commands whose --out is a folder; `study`'s is one, too."""
 READ = {("run", "--parameters"), ("suite", "--parameters"), ("suite", "--baseline")}
 """Options that name a file to read."""

@@ -1,19 +1,72 @@
-"""`vibrohil firmware`: the controller alone, on any bus."""
+"""`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
 
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from rich.table import Table
+from typer.core import TyperGroup
 
+from tools.output import console, print_json
 from tools.outputs import folder_option
 
 
+class NodeUnlessNamed(TyperGroup):
+    """A group with a command for where none is named."""
+
+    unnamed = "node"
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        """Name the command."""
+        is_named = args[:1] == ["--help"] or any(name in self.commands for name in args[:1])
+        return super().parse_args(ctx, args if is_named else [self.unnamed, *args])
+
+
+firmware = typer.Typer(
+    name="firmware",
+    cls=NodeUnlessNamed,
+    help="The controller alone: as a node on any bus, or built for a board.",
+)
+
+
 def register(app: typer.Typer) -> None:
-    """Add the command to the program."""
-    app.command()(firmware)
+    """Add the commands to the program."""
+    app.add_typer(firmware)
 
 
-def firmware(
+@firmware.command()
+def build(
+    target: Annotated[
+        Literal["cortex-m7", "host"],
+        typer.Option(help="The machine: a Cortex-M7 with double precision, or one like this."),
+    ],
+    out: Annotated[Path, folder_option("The folder for the object file and the header.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Make an object file of the firmware, and a C header for it; no C compiler is needed.
+
+    The first time after a change of the firmware it takes a minute.
+    """
+    from firmware_py.builds.c_header import header
+    from firmware_py.builds.machine_code import object_code, sizes
+
+    code = object_code(target)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "vibro_firmware.o").write_bytes(code)
+    (out / "vibro_firmware.h").write_text(header(), encoding="utf-8")
+    found = sizes(code)
+    if as_json:
+        print_json({"target": target, "bytes": found, "out": str(out)})
+        return
+    table = Table("what", "bytes", box=None, pad_edge=False)
+    for name, size in found.items():
+        table.add_row(name, f"{size:,}")
+    console.print(table)
+    console.print(f"{out}/vibro_firmware.o and vibro_firmware.h", highlight=False)
+
+
+@firmware.command()
+def node(
     scenario: Annotated[
         str | None,
         typer.Argument(help="A scenario whose firmware parameters to run with; the defaults without one."),
@@ -36,7 +89,7 @@ def firmware(
     ] = False,
     until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
 ) -> None:
-    """Run the controller as one CAN node at 1 kHz."""
+    """Run the controller as one CAN node at 1 kHz; the command of `vibrohil firmware` where none is named."""
     from hil.node_main import firmware_main
 
     firmware_main(

@@ -1,0 +1,134 @@
+"""The C header of the firmware's one function: its records as structs, in the layout of `flat.layout`."""
+
+import inspect
+import re
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import Any, get_args, get_origin
+
+from firmware_py.builds.flat import layout, members
+from firmware_py.core.step import Config
+from firmware_py.interface.frame import WordFrame
+from firmware_py.node.tick import MAX_RX, NodeState, Tx
+
+RECORDS = (Config, NodeState, WordFrame, Tx)
+"""What the function's pointers point to."""
+CPP_KEYWORDS = ("operator",)
+"""Of the members' names those that C++ refuses; they get an underscore."""
+
+TOP = """\
+/* The controller of the vibro-impact drive, built by `vibrohil firmware build`; made by machine, don't edit.
+ *
+ * SI units: the end of a name is its unit (x_m, v_m_s, omega_rad_s, torque_n_m); without one it has none.
+ * An integer that holds an enum's value names the enum in its comment.
+ */
+#ifndef VIBRO_FIRMWARE_H
+#define VIBRO_FIRMWARE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {{
+#define VIBRO_HOLDS static_assert
+#else
+#define VIBRO_HOLDS _Static_assert
+#endif
+
+#define VIBRO_MAX_FRAMES {max_rx}
+"""
+
+BOTTOM = """\
+/* One control period, called once in config->tick_s. It allocates nothing, keeps nothing beside `state`, and
+ * reads no clock.
+ *
+ * `state` begins as a copy of vibro_initial_state. `elapsed_ticks` is 1, or more after skipped periods.
+ * `frames` are those received since the last call, at most VIBRO_MAX_FRAMES, in the order of their arrival.
+ * tx->torque is to be sent at once, tx->other if tx->frame_count is 2.
+ *
+ * Returns 0; another number where the arithmetic failed, with `state` and `tx` unchanged: stop the drive.
+ */
+int32_t vibro_tick(const vibro_config *config, vibro_node_state *state, int64_t elapsed_ticks,
+                   int64_t frame_count, const vibro_word_frame *frames, vibro_tx *tx);
+
+extern const vibro_node_state vibro_initial_state;
+extern const vibro_config vibro_default_config; /* of the parameters' defaults */
+
+#ifdef __cplusplus
+}
+#endif
+#endif
+"""
+
+
+def header() -> str:
+    """The header's text."""
+    found: dict[Any, None] = {}
+    for record in RECORDS:
+        for kind in needed(record):
+            found[kind] = None
+    blocks = [enum_text(kind) if issubclass(kind, IntEnum) else struct_text(kind) for kind in found]
+    return "\n".join([TOP.format(max_rx=MAX_RX), *blocks, BOTTOM])
+
+
+def needed(kind: Any) -> Iterator[Any]:
+    """The records and enums that make up a type, each after those that it is made of."""
+    if get_origin(kind) is tuple:
+        yield from needed(get_args(kind)[0])
+    elif hasattr(kind, "_fields"):
+        for _, member in members(kind):
+            yield from needed(member)
+        yield kind
+    elif issubclass(kind, IntEnum):
+        yield kind
+
+
+def c_name(kind: type) -> str:
+    """A Python class's name in C.
+
+    >>> c_name(NodeState)
+    'vibro_node_state'
+    """
+    return "vibro_" + re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def comment(kind: type) -> str:
+    """The first paragraph of a class's docstring."""
+    text = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())
+    return f"/* {text} */"
+
+
+def enum_text(kind: type[IntEnum]) -> str:
+    """An enum's values."""
+    prefix = c_name(kind).upper()
+    values = "\n".join(f"    {prefix}_{member.name} = {member.value}," for member in kind)
+    return f"{comment(kind)}\nenum {c_name(kind)} {{\n{values}\n}};\n"
+
+
+def struct_text(kind: Any) -> str:
+    """A record's struct, and its size held."""
+    lines = "\n".join(f"    {declaration(name, member)}" for name, member in members(kind))
+    name = c_name(kind)
+    size = layout(kind).itemsize
+    return (
+        f"{comment(kind)}\ntypedef struct {{\n{lines}\n}} {name};\n"
+        f'VIBRO_HOLDS(sizeof({name}) == {size}, "{name} has another layout");\n'
+    )
+
+
+def declaration(name: str, kind: Any) -> str:
+    """A member's line."""
+    if get_origin(kind) is tuple:
+        items = get_args(kind)
+        first, _, rest = declaration(f"{name}[{len(items)}]", items[0]).partition(";")
+        return f"{first};{rest}"
+    name = f"{name}_" if name in CPP_KEYWORDS else name
+    if kind is float:
+        return f"double {name};"
+    if kind is bool:
+        return f"bool {name};"
+    if hasattr(kind, "_fields"):
+        return f"{c_name(kind)} {name};"
+    if kind is int:
+        return f"int64_t {name};"
+    return f"int64_t {name}; /* enum {c_name(kind)} */"

@@ -1,0 +1,30 @@
+"""The firmware as one function of flat memory, which a compiler may turn into one C function:
+
+    tick(config *, state *, int64 elapsed_ticks, int64 count, frame *, tx *)
+
+The structs are those of `flat.layout`; a frame is three 64-bit integers.
+"""
+
+from typing import Any, cast
+
+from numba.core import types
+
+from firmware_py.builds.numba_subset import loader, numba_type, register, store
+from firmware_py.core.step import Config
+from firmware_py.interface.frame import WordFrame
+from firmware_py.node.tick import NodeState, Rx, tick
+
+register()
+
+_load_config, _load_state, _store = loader(Config), loader(NodeState), cast(Any, store)
+_pointer: Any = types.CPointer
+_FRAMES = _pointer(numba_type(WordFrame))
+SIGNATURE = types.int64(types.voidptr, types.voidptr, types.int64, types.int64, _FRAMES, types.voidptr)
+
+
+def flat_tick(config: Any, state: Any, elapsed_ticks: int, count: int, frames: Any, tx: Any) -> int:
+    """One control period; 1."""
+    now, sent = tick(_load_config(config), _load_state(state), Rx(elapsed_ticks, count, frames))
+    _store(now, state)
+    _store(sent, tx)
+    return 1

@@ -1,0 +1,138 @@
+"""The firmware as an object file for another machine: numba's raw code, retargeted by LLVM. No C compiler.
+
+    int vibro_tick(const vibro_config *, vibro_state *, int64_t elapsed_ticks, int64_t frame_count,
+                   const vibro_frame *, vibro_tx *)
+
+It returns 0, or another number with state and tx unchanged where the arithmetic failed. The object also holds
+the constants `vibro_initial_state` and `vibro_default_config`. It wants a C library's sin, cos, exp, pow,
+atan2 and fmod, what its target has no instruction for, and nothing of an operating system.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import llvmlite.binding as llvm
+
+from firmware_py.builds.flat import layout, stored
+from firmware_py.core.compiled import cache_folder
+from firmware_py.core.step import Config
+from firmware_py.node.tick import INITIAL, NodeState, Tx
+from firmware_py.shell.parameters import config_from
+
+TargetName = Literal["cortex-m7", "host"]
+
+
+class Target(NamedTuple):
+    """A machine as LLVM knows it."""
+
+    triple: str
+    cpu: str
+    features: str
+    relocation: str
+
+
+TARGETS: dict[TargetName, Target] = {
+    "cortex-m7": Target("thumbv7em-none-unknown-eabihf", "cortex-m7", "+fp-armv8d16,+fp64", "static"),
+    "host": Target(llvm.get_default_triple(), "", "", "pic"),
+}
+"""The host's own features are left out: an FMA where another target has none would change bits."""
+
+ENTRY = "vibro_tick"
+SPEED = 2
+MOST_ARGUMENTS = 100
+"""A function with more is inlined: numba passes each number of a record by itself, and LLVM cannot compile a
+call with kilobytes of arguments for ARM."""
+WRAPPER = """
+define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{tick}(
+    ptr %returned, ptr %raised,
+    ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx)
+  ret i32 %status
+}}
+@vibro_initial_state = constant [{state_size} x i8] c"{state}", align 8
+@vibro_default_config = constant [{config_size} x i8] c"{config}", align 8
+"""
+KEPT = (ENTRY, "vibro_initial_state", "vibro_default_config")
+
+
+def escaped(content: bytes) -> str:
+    """Bytes as LLVM assembly writes them."""
+    return "".join(f"\\{byte:02x}" for byte in content)
+
+
+def kept(name: str) -> Path:
+    """A file that depends on nothing but the firmware's sources, made once."""
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / name
+
+
+def raw_assembly() -> str:
+    """The firmware's LLVM assembly as `raw_ir` writes it; the first time it takes half a minute."""
+    path = kept("raw.ll")
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            fresh = Path(folder) / path.name
+            environment = os.environ | {"NUMBA_OPT": "0"}
+            command = [sys.executable, "-m", "firmware_py.builds.raw_ir", str(fresh)]
+            subprocess.run(command, env=environment, check=True)
+            fresh.replace(path)
+    return path.read_text()
+
+
+def object_code(target: TargetName) -> bytes:
+    """The firmware as a relocatable object file."""
+    path = kept(f"{target}.o")
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            fresh = Path(folder) / path.name
+            fresh.write_bytes(_compiled(TARGETS[target], raw_assembly()))
+            fresh.replace(path)
+    return path.read_bytes()
+
+
+def _compiled(target: Target, assembly: str) -> bytes:
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=SPEED, reloc=target.relocation, codemodel="default"
+    )
+    state, config = stored(INITIAL).tobytes(), stored(config_from({})).tobytes()
+    tick = assembly.partition("\n")[0].removeprefix("; ")
+    wrapper = WRAPPER.format(
+        tick=tick,
+        state_size=len(state),
+        state=escaped(state),
+        config_size=len(config),
+        config=escaped(config),
+    )
+    module = llvm.parse_assembly(assembly + wrapper)
+    module.triple, module.data_layout = target.triple, str(machine.target_data)
+    for symbol in (*module.functions, *module.global_variables):
+        if not symbol.is_declaration and symbol.name not in KEPT:
+            symbol.linkage = "internal"
+    for function in module.functions:
+        if not function.is_declaration and len(list(function.arguments)) > MOST_ARGUMENTS:
+            function.add_function_attribute("alwaysinline")
+    options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
+    options.slp_vectorization = options.loop_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return bytes(machine.emit_object(module))
+
+
+def sizes(code: bytes) -> dict[str, int]:
+    """Bytes that an object file takes in flash, and its caller's structs in RAM."""
+    text = constants = 0
+    for section in llvm.ObjectFileRef.from_data(code).sections():  # one object that moves on: not to be kept
+        text += section.size() if section.is_text() else 0
+        constants += section.size() if (section.name() or b"").startswith(b".rodata") else 0
+    records = {"config": Config, "state": NodeState, "tx": Tx}
+    structs = {name: layout(kind).itemsize for name, kind in records.items()}
+    return {"code": text, "constants": constants, **structs}

@@ -1,0 +1,25 @@
+"""`NUMBA_OPT=0 python -m firmware_py.builds.raw_ir FILE`: the firmware as numba hands it to LLVM.
+
+FILE gets the LLVM assembly of `flat_tick` and all that it calls, not optimised; the first line is a comment
+with the function's name. It is a process of its own, because numba reads NUMBA_OPT once.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from firmware_py.builds.flat_tick import SIGNATURE, flat_tick
+
+
+def main() -> None:
+    """Write the file."""
+    dispatcher = numba.njit(SIGNATURE)(flat_tick)
+    result: Any = next(iter(dispatcher.overloads.values()))
+    text = result.library.get_llvm_str()
+    Path(sys.argv[1]).write_text(f"; {result.fndesc.mangled_name}\n{text}")
+
+
+if __name__ == "__main__":
+    main()
