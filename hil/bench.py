@@ -88,6 +88,7 @@ def run_scenario(
     `only_if_failed`: a run that has passed leaves its verdict and nothing else. `of_a_suite`: an interrupted
     run is not judged. `keep_traces`: otherwise a run that has passed keeps its log, which holds them, alone.
     """
+    prepare(firmware, clock)
     if clock != "lockstep":
         refuse_other_periods(scenario.period_s)
         refuse_modelled_bus(scenario)
@@ -107,6 +108,20 @@ def run_scenario(
         if not keep_traces and ending.verdict["passed"] and is_whole(run_dir / LOG_NAME):
             run_folder.drop_traces(run_dir)
     return ending.verdict
+
+
+def prepare(firmware: Build, clock: ClockName) -> None:
+    """Make what a build needs beside this process; raise BoardError where it cannot run here."""
+    if firmware != "cortex-m7":
+        return
+    from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
+
+    if clock != "lockstep":
+        raise BoardError(
+            f"--firmware cortex-m7 with --clock {clock}: an emulated board keeps no wall clock's time; "
+            "give --clock lockstep"
+        )
+    image()
 
 
 def in_lockstep(

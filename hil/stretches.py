@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from firmware_py.builds.entry import entry
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.shell.compiled_node import CompiledNode, FirmwareFailedError
+from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.flat_node import FirmwareFailedError
 from hil.bus.in_process import InProcessNode
 from hil.can_log import CanLog
 from hil.clock import NS_PER_S

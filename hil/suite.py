@@ -11,7 +11,7 @@ from typing import Any
 
 from firmware_py.shell.builds import Build
 from hil import junit, requirements, run_folder, workers
-from hil.bench import Progress, run_scenario
+from hil.bench import Progress, prepare, run_scenario
 from hil.changes import changes
 from hil.clock import ClockName
 from hil.ending import Outcome, close, reason_of, was_cut_short
@@ -179,6 +179,7 @@ def run_suite(
     finished; in its folder the next one goes on where it stopped. `baseline`: another suite's result, with
     which this one is compared (`hil.changes`).
     """
+    prepare(firmware, clock)
     scenarios, left_out = scenarios_for(names, clock, settings, parameter_files)
     result: dict[str, Any] = {
         "scenarios": [],

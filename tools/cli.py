@@ -115,6 +115,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     return (
         *(BadInputError, TextInputError, ParameterError),
         *solver_errors(),
+        *board_errors(),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
         *(DamagedFileError, RerunError),
     )
@@ -128,6 +129,15 @@ def solver_errors() -> tuple[type[Exception], ...]:
     from plant_sim.solvers.exact import UnsupportedSceneError
 
     return SolverError, UnsupportedSceneError
+
+
+def board_errors() -> tuple[type[Exception], ...]:
+    """The refusals of a build for a board; none where no such build was asked for."""
+    if "firmware_py.builds.board" not in sys.modules:
+        return ()
+    from firmware_py.builds.board import BoardError
+
+    return (BoardError,)
 
 
 def refuse(message: str, as_json: bool) -> int:

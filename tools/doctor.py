@@ -15,6 +15,8 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from firmware_py.builds.board import REMEDY as INSTALL_BOARD
+from firmware_py.builds.board import missing_tools
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
 from hil.bus.vcan import VcanError, enter_own_network
@@ -65,6 +67,7 @@ REST = {
     "SCHED_FIFO": "real time beside other work",
     "mlockall": "real time without page faults",
     "timer wake-up": "real time without overruns",
+    "emulated board": "the firmware on an emulated Cortex-M7",
 }
 """What each check is needed for beyond lockstep and the local bus, the most useful first."""
 
@@ -103,6 +106,7 @@ def checks() -> list[DoctorCheck]:
         _vcan(),
         _namespaces(),
         _user_mode_linux(),
+        _board(),
         DoctorCheck(
             "SCHED_FIFO",
             realtime.scheduler != "ordinary",
@@ -235,6 +239,12 @@ def _user_mode_linux() -> DoctorCheck:
         INSTALL_UML,
         ", ".join(path or f"no {program}" for program, path in found.items()),
     )
+
+
+def _board() -> DoctorCheck:
+    missing = missing_tools()
+    found = f"no {', no '.join(missing)}" if missing else "compiler, C library and emulator are there"
+    return DoctorCheck("emulated board", not missing, INSTALL_BOARD, found)
 
 
 def _bare_loop() -> tuple[RealtimeReport, list[float]]:

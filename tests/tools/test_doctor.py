@@ -13,7 +13,7 @@ from tools import doctor
 
 def test_every_check_has_a_name_a_finding_and_a_remedy() -> None:
     found = doctor.checks()
-    assert len({check.name for check in found}) == len(found) == 11
+    assert len({check.name for check in found}) == len(found) == 12
     for check in found:
         assert check.detail, check
         assert check.remedy, check

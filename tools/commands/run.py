@@ -36,8 +36,10 @@ def run(
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
     ] = "auto",
     firmware: Annotated[
-        Literal["python", "compiled"],
-        typer.Option(help="The firmware's build: interpreted, or compiled by numba."),
+        Literal["python", "compiled", "cortex-m7"],
+        typer.Option(
+            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7."
+        ),
     ] = "python",
     out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,

@@ -25,8 +25,10 @@ def suite(
     ] = "lockstep",
     bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
     firmware: Annotated[
-        Literal["python", "compiled"],
-        typer.Option(help="The firmware's build: interpreted, or compiled by numba."),
+        Literal["python", "compiled", "cortex-m7"],
+        typer.Option(
+            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7."
+        ),
     ] = "compiled",
     out: Annotated[
         Path | None, folder_option("The folder for all runs; by default a new one under runs/.")

@@ -1,0 +1,82 @@
+"""The firmware for a Cortex-M7, linked with the few lines that let QEMU's emulated board run it.
+
+The image reads requests from standard input and answers on standard output; see `board_image/main.c`.
+"""
+
+import hashlib
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from firmware_py.builds.c_header import header
+from firmware_py.builds.machine_code import kept, object_code
+
+COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
+REMEDY = (
+    "install Debian's packages: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+)
+SOURCES = Path(__file__).parent / "board_image"
+OPTIONS = (
+    *("-mthumb", "-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
+    *("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib"),
+)
+LIBRARIES = ("-lm", "-lc", "-lgcc")
+BOARD = (
+    *("-machine", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"),
+    *("-icount", "shift=6,align=off,sleep=off", "-semihosting-config", "enable=on,target=native"),
+)
+"""Each instruction takes 64 ns of the board's own time, so that two runs are alike."""
+
+
+class BoardError(ValueError):
+    """The image cannot be made or run here; names the remedy."""
+
+
+def missing_tools() -> list[str]:
+    """Which of the programs and libraries are not there."""
+    missing = [program for program in (COMPILER, EMULATOR) if shutil.which(program) is None]
+    if COMPILER not in missing:
+        found = subprocess.run(
+            [COMPILER, "-print-file-name=libc_nano.a"], capture_output=True, text=True, check=True
+        )
+        if not Path(found.stdout.strip()).is_absolute():
+            missing.append("newlib")
+    return missing
+
+
+def refuse_without_tools() -> None:
+    """Raise BoardError where anything is missing."""
+    if missing := missing_tools():
+        raise BoardError(f"--firmware cortex-m7 needs {' and '.join(missing)}; {REMEDY}")
+
+
+def image() -> Path:
+    """The linked image; the first one after a change of the firmware takes a minute."""
+    refuse_without_tools()
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
+        :16
+    ]
+    path = kept(f"cortex-m7-{digest}.elf")
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            _link(Path(folder)).replace(path)
+    return path
+
+
+def _link(folder: Path) -> Path:
+    (folder / "vibro_firmware.o").write_bytes(object_code("cortex-m7"))
+    (folder / "vibro_firmware.h").write_text(header(), encoding="utf-8")
+    linked = folder / "image.elf"
+    parts = [str(SOURCES / "main.c"), str(folder / "vibro_firmware.o"), "-T", str(SOURCES / "mps2.ld")]
+    command = [COMPILER, *OPTIONS, "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")
+    return linked
+
+
+def start() -> "subprocess.Popen[bytes]":
+    """A board that has just been switched on."""
+    command = [EMULATOR, *BOARD, "-kernel", str(image())]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)

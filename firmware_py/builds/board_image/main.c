@@ -1,0 +1,101 @@
+/* The firmware on an emulated board: frames in and out through QEMU's standard input and output.
+ *
+ * A request is its kind and two numbers; behind TICK come its frames, behind CONFIG and STATE a new one, which
+ * takes the place of the old. TICK and STATE are answered with the status, the frames to be sent and the state.
+ * Semihosting carries the bytes: a debugger's way in, which has no part in the firmware.
+ */
+#include <string.h>
+
+#include "vibro_firmware.h"
+
+enum { TICK, CONFIG, STATE };
+enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
+enum { READ_BINARY = 1, WRITE_BINARY = 5, ENDED = 0x20026 };
+
+static struct {
+    int64_t kind, elapsed_ticks, frame_count;
+} request;
+static struct {
+    int64_t status;
+    vibro_tx tx;
+    vibro_node_state state;
+} reply;
+static vibro_config config;
+static vibro_word_frame frames[VIBRO_MAX_FRAMES];
+static int input, output;
+
+static int semihosting(int operation, const void *arguments) {
+    register int r0 __asm__("r0") = operation;
+    register const void *r1 __asm__("r1") = arguments;
+    __asm__ volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory", "cc");
+    return r0;
+}
+
+static void end(uint32_t status) {
+    const uint32_t arguments[2] = {ENDED, status};
+    semihosting(SYS_EXIT_EXTENDED, arguments);
+    for (;;) {
+    }
+}
+
+static int open_file(const char *name, uint32_t mode) {
+    const uint32_t arguments[3] = {(uint32_t)name, mode, strlen(name)};
+    return semihosting(SYS_OPEN, arguments);
+}
+
+/* Read all of it; the end of the input ends the emulator. */
+static void take(void *place, uint32_t size) {
+    while (size > 0) {
+        const uint32_t arguments[3] = {(uint32_t)input, (uint32_t)place, size};
+        const uint32_t left = (uint32_t)semihosting(SYS_READ, arguments);
+        if (left >= size) {
+            end(0);
+        }
+        place = (uint8_t *)place + (size - left);
+        size = left;
+    }
+}
+
+static void give(const void *place, uint32_t size) {
+    const uint32_t arguments[3] = {(uint32_t)output, (uint32_t)place, size};
+    if (semihosting(SYS_WRITE, arguments) != 0) {
+        end(1);
+    }
+}
+
+static void serve(void) {
+    input = open_file("/dev/stdin", READ_BINARY);
+    output = open_file("/dev/stdout", WRITE_BINARY);
+    config = vibro_default_config;
+    reply.state = vibro_initial_state;
+    for (;;) {
+        take(&request, sizeof request);
+        if (request.kind == CONFIG) {
+            take(&config, sizeof config);
+        } else if (request.kind == STATE) {
+            take(&reply.state, sizeof reply.state);
+        } else {
+            take(frames, (uint32_t)request.frame_count * sizeof frames[0]);
+            reply.status = vibro_tick(&config, &reply.state, request.elapsed_ticks, request.frame_count, frames,
+                                      &reply.tx);
+            give(&reply, sizeof reply);
+        }
+    }
+}
+
+extern uint32_t _bss, _ebss, _stack;
+
+void reset(void) {
+    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* CPACR: the floating-point unit on */
+    __asm__ volatile("dsb\n isb");
+    for (uint32_t *word = &_bss; word < &_ebss; word++) {
+        *word = 0;
+    }
+    serve();
+}
+
+static void fault(void) { end(2); }
+
+__attribute__((section(".vectors"), used)) static const void *const vectors[16] = {
+    &_stack, reset, fault, fault, fault, fault, fault,
+};

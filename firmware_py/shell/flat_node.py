@@ -1,0 +1,104 @@
+"""A node whose firmware is one C function: config, state and frames are in flat memory."""
+
+import ctypes
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+from firmware_py.builds.flat import Memory, loaded, stored
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.step import Config, Outputs, State
+from firmware_py.interface.frame import Frame, bytes_of, word_of
+from firmware_py.node.receiver import Counters
+from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
+from firmware_py.shell.node import RECEIVED_IDS, fitting, refuse_other_elapsed
+from firmware_py.shell.parameters import parameters_of, with_overrides
+
+FRAME_BYTES = 24
+_TX = struct.Struct("<7q")
+_RX = [struct.Struct(f"<{3 * count}q") for count in range(MAX_RX + 1)]
+
+
+class FirmwareFailedError(ArithmeticError):
+    """The arithmetic of a tick failed."""
+
+
+class FlatNode(ABC):
+    """One controller, as `firmware_py.shell.node.FirmwareNode`; a build says where its tick runs.
+
+    `memory` holds the whole `NodeState`, one element laid out by `firmware_py.builds.flat.layout`.
+    """
+
+    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+        self.config = config
+        self.parameters = parameters_of(with_overrides(parameters or {}))
+        self.memory: Memory = stored(INITIAL)
+        self.flat_config = stored(config)
+        self.tx = stored(NO_TX)
+        self._sent = memoryview(self.tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
+        self._rx = ctypes.create_string_buffer(_RX[-1].size)
+        self._requests = self.memory["received"]["request_count"]
+
+    @abstractmethod
+    def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
+        """One tick on `memory`, its frames into `tx`; False where the arithmetic failed."""
+
+    @abstractmethod
+    def changed(self) -> None:
+        """`flat_config` and `memory` have new content."""
+
+    @property
+    def can_ids(self) -> Collection[int]:
+        """The identifiers it listens to."""
+        return RECEIVED_IDS
+
+    @property
+    def inputs(self) -> Inputs:
+        """What the core saw of the world."""
+        inputs: Inputs = loaded(Inputs, self.memory["inputs"][0].item())
+        return inputs
+
+    @property
+    def state(self) -> State:
+        """What the core hands to its next tick."""
+        state: State = loaded(State, self.memory["core"][0].item())
+        return state
+
+    @property
+    def outputs(self) -> Outputs:
+        """What left the core."""
+        outputs: Outputs = loaded(Outputs, self.memory["outputs"][0].item())
+        return outputs
+
+    @property
+    def counters(self) -> Counters:
+        """Frames taken, dropped and lost since power-up."""
+        counters: Counters = loaded(Counters, self.memory["counters"][0].item())
+        return counters
+
+    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
+        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
+        refuse_other_elapsed(elapsed_ticks)
+        if self._requests[0] > 0:
+            self._serve()
+        words: list[int] = []
+        for can_id, data in fitting(frames_in):
+            words += (can_id, len(data), word_of(data))
+        count = len(words) // 3
+        _RX[count].pack_into(self._rx, 0, *words)
+        if not self.run(elapsed_ticks, count, self._rx):
+            raise FirmwareFailedError("a division by zero or a domain error in the firmware's tick")
+        frame_count, *words = _TX.unpack_from(self._sent)
+        return [
+            Frame(words[place], bytes_of(words[place + 2], words[place + 1]))
+            for place in range(0, 3 * frame_count, 3)
+        ]
+
+    def _serve(self) -> None:
+        """Answer parameter requests, interpreted: it happens a few times in a life."""
+        state = loaded(NodeState, self.memory[0].item())
+        self.parameters, self.config, state = served(self.parameters, self.config, state)
+        self.memory[:], self.flat_config[:] = stored(state), stored(self.config)
+        self.changed()
