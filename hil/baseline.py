@@ -44,7 +44,7 @@ def main() -> None:
     become_realtime(BASELINE)
     print("ready", flush=True)
     start = read_start()
-    loop = BareLoop(MonotonicClock(start.speed), start.t0_ns)
+    loop = BareLoop(MonotonicClock(), start.t0_ns)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
     loop.run(ticks)
     print(json.dumps({"overruns": loop.overruns}), flush=True)

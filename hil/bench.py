@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,8 @@ from firmware_py.shell.parameters import addresses_from
 from hil import run_folder
 from hil.bus import ProvidedBus, join, provide
 from hil.bus.addressed import addressed
-from hil.clock import NS_PER_S, SPEEDS, ClockName, MonotonicClock
+from hil.bus.base import BusError
+from hil.clock import NS_PER_S, ClockName, MonotonicClock
 from hil.ending import Outcome, ending_with_a_verdict
 from hil.faults.line import with_faults
 from hil.faults.processes import FIRMWARE, ProcessFaults
@@ -33,6 +34,7 @@ from hil.log_reader import is_whole
 from hil.loop import FixedRateLoop
 from hil.nodes import OperatorRunner, Pace
 from hil.operator import OPERATOR_PERIOD_S
+from hil.patient_clock import PatientClock, Row, shared_memory
 from hil.processes import STOP_TIMEOUT_S, Child, Start
 from hil.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 from hil.rerun_log import LOG_NAME, show
@@ -63,6 +65,15 @@ END_SLACK_S = 0.1
 def again_name(process: str) -> str:
     """What the process is called that takes the place of one that is restarted."""
     return f"{process}-again"
+
+
+ROWS = {
+    "firmware": Row.FIRMWARE,
+    "plant": Row.PLANT,
+    again_name("firmware"): Row.FIRMWARE_AGAIN,
+    again_name("plant"): Row.PLANT_AGAIN,
+}
+"""The nodes' places in what patient clocks share."""
 
 
 class BenchError(RuntimeError):
@@ -99,8 +110,16 @@ def run_scenario(
             if clock == "lockstep":
                 simulate(scenario, run_dir, seed, ending.outcome, progress, firmware)
             else:
-                in_real_time(
-                    scenario, run_dir, seed, bus, SPEEDS[clock], ending.outcome, progress, viewer, firmware
+                in_processes(
+                    scenario,
+                    run_dir,
+                    seed,
+                    bus,
+                    clock == "patient",
+                    ending.outcome,
+                    progress,
+                    viewer,
+                    firmware,
                 )
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
@@ -174,23 +193,28 @@ def warm_lockstep(scenario: Scenario, firmware: Build) -> None:
         run_lockstep(moment, Path(folder), 0, lambda *_: None, firmware)
 
 
-def in_real_time(
+def in_processes(
     scenario: Scenario,
     run_dir: Path,
     seed: int,
     bus: str,
-    speed: float,
+    patient: bool,
     outcome: Outcome,
     progress: Progress,
     viewer: str | None,
     firmware: Build,
 ) -> None:
-    """Run on the wall clock, or one that goes at `speed` beside it, on a bus that is made for it or named."""
+    """Run on the wall clock or on patient clocks, on a bus that is made for it or named."""
     run_folder.note(run_dir, bus=bus, kernel_can=False)
     with provide(bus) as provided:
         holders = provided.processes
         run_folder.note(run_dir, **provided.described)
-        RealTimeRun(scenario, run_dir, seed, provided, speed, outcome, progress, viewer, firmware).run()
+        if patient and not provided.kernel_can:
+            raise BusError(
+                f"bus {provided.name} ({provided.reason}): patient clocks need a bus that delivers at once; "
+                "wanted vcan, or `vibrohil kernel -- vibrohil run … --clock patient --bus vcan`"
+            )
+        ProcessesRun(scenario, run_dir, seed, provided, patient, outcome, progress, viewer, firmware).run()
     outcome.reasons += [
         f"{name} did not end when asked to, and was killed"
         for name, holder in holders.items()
@@ -209,8 +233,8 @@ def program() -> str:
     return found
 
 
-class RealTimeRun:
-    """One run on the wall clock, or a slower one, with a process for each node."""
+class ProcessesRun:
+    """One run on the wall clock, or on patient clocks, with a process for each node."""
 
     def __init__(
         self,
@@ -218,7 +242,7 @@ class RealTimeRun:
         run_dir: Path,
         seed: int,
         provided: ProvidedBus,
-        speed: float,
+        patient: bool,
         outcome: Outcome,
         progress: Progress,
         viewer: str | None = None,
@@ -231,14 +255,17 @@ class RealTimeRun:
         self.provided = provided
         self.progress = progress
         self.viewer = viewer
-        self.speed = speed
-        self.clock = MonotonicClock(speed)
+        self.patient = patient
+        self.shared = shared_memory() if patient else -1
+        self.clock = PatientClock(self.shared, Row.OPERATOR) if patient else MonotonicClock()
         self.outcome = outcome
         self.children: dict[str, Child] = {}
 
     def run(self) -> None:
         """Start, run, stop in order."""
         with ExitStack() as stack:
+            if self.patient:
+                stack.callback(os.close, self.shared)
             stack.callback(self.stop_all)
             self.start_all()
             places = addresses_from(self.scenario.parameters)
@@ -250,19 +277,33 @@ class RealTimeRun:
             stack.callback(operator.close)
             settle_garbage()
             stack.callback(gc.unfreeze)
-            t0_ns = self.clock.now_ns() + round(START_DELAY_S * NS_PER_S)
-            wall_start_ns = time.time_ns() + round((t0_ns - self.clock.now_ns()) / self.speed)
+            delay_s = 0.0 if self.patient else START_DELAY_S
+            t0_ns = self.clock.now_ns() + round(delay_s * NS_PER_S)
+            began_s = time.monotonic() + delay_s
+            wall_start_ns = time.time_ns() + t0_ns - self.clock.now_ns()
             run_folder.note(self.run_dir, t0_ns=t0_ns, wall_start_s=wall_start_ns / NS_PER_S)
             later = {again_name(process) for _, process, _ in ProcessFaults(self.scenario.faults).restarts()}
             for name, child in self.children.items():
                 if name not in later:
-                    child.start(Start(t0_ns, speed=self.speed))
+                    child.start(self.start_of(name, t0_ns))
             try:
                 self.attend(operator, tell_bus, t0_ns)
                 if not self.outcome.reasons:
                     self.await_ends()
             finally:
-                self.outcome.wall_s = (self.clock.now_ns() - t0_ns) / (NS_PER_S * self.speed)
+                self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
+
+    def start_of(self, name: str, t0_ns: int, first_tick: int = 0) -> Start:
+        """What a child is told."""
+        if not self.patient:
+            return Start(t0_ns, first_tick)
+        return Start(t0_ns, first_tick, self.shared, ROWS.get(name, -1))
+
+    def restart(self, name: str, t0_ns: int, first_tick: int) -> None:
+        """Let a process begin that takes the place of another."""
+        if isinstance(self.clock, PatientClock):
+            self.clock.expect(ROWS[name], t0_ns + round(first_tick * self.scenario.period_s * NS_PER_S))
+        self.children[name].start(self.start_of(name, t0_ns, first_tick))
 
     @property
     def watched(self) -> dict[str, Child]:
@@ -278,6 +319,7 @@ class RealTimeRun:
         common = ["--bus", address, "--out", str(self.run_dir), "--sync", "--until", duration]
         common += ["--seed", str(self.seed)]
         python = [sys.executable, "-m"]
+        baseline = [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)]
         live = [*python, "hil.live", str(self.run_dir), "--to", str(self.viewer)]
         restarts = ProcessFaults(self.scenario.faults).restarts()
         build = {FIRMWARE: ["--firmware", self.firmware]}
@@ -289,7 +331,7 @@ class RealTimeRun:
             "firmware": [program(), "firmware", scenario, *common, *build[FIRMWARE]],
             "plant": [program(), "plant", scenario, *common],
             **again,
-            "baseline": [*python, "hil.baseline", "--ticks", str(self.scenario.ticks)],
+            **({} if self.patient else {"baseline": baseline}),
             RECORDER: [*python, "hil.recorder", str(self.run_dir), "--bus", address],
             **({} if self.viewer is None else {LIVE: live}),
         }
@@ -297,8 +339,9 @@ class RealTimeRun:
     def start_all(self) -> None:
         """Start the children together and wait until each is warm and on the bus."""
         self.progress(0.0, f"starting on {self.provided.name}")
+        descriptors = [self.shared] if self.patient else []
         for name, command in self.commands().items():
-            self.children[name] = Child(name, command, self.run_dir / f"{name}.log")
+            self.children[name] = Child(name, command, self.run_dir / f"{name}.log", descriptors)
         pids = {name: child.pid for name, child in self.watched.items()}
         run_folder.write_json(self.run_dir / "processes.json", {"operator": os.getpid(), **pids})
         allowed = {}
@@ -309,8 +352,11 @@ class RealTimeRun:
 
     def attend(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
         """Play the operator to the end of the script, or until some time after a child has died."""
-        with fixed_priority(OPERATOR_PRIORITY):
-            self.play(operator, tell_bus, t0_ns)
+        with nullcontext() if self.patient else fixed_priority(OPERATOR_PRIORITY):
+            try:
+                self.play(operator, tell_bus, t0_ns)
+            finally:
+                self.clock.leave()
 
     def play(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
         """The operator's loop, with a look at the others now and then."""
@@ -333,7 +379,7 @@ class RealTimeRun:
                 del signals[0]
             while restarts and restarts[0].at_s <= t_s:
                 first_tick = round(restarts[0].start_s / self.scenario.period_s)
-                self.children[again_name(restarts[0].process)].start(Start(t0_ns, first_tick, self.speed))
+                self.restart(again_name(restarts[0].process), t0_ns, first_tick)
                 del restarts[0]
             tell_bus(t_s)
             operator.step(period)
@@ -375,8 +421,9 @@ class RealTimeRun:
         """The loops end by themselves within a tick or two of the script."""
         scripted = ProcessFaults(self.scenario.faults)
         later = [again_name(process) for _, process, _ in scripted.restarts()]
-        for name in ("firmware", "plant", "baseline", *later):
-            child = self.children[name]
+        for name, child in self.children.items():
+            if name not in ("firmware", "plant", "baseline", *later):
+                continue
             if scripted.kills(name):
                 continue
             if not child.wait(END_TIMEOUT_S):

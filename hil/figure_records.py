@@ -240,7 +240,7 @@ class Figures:
     """All figures of a run."""
 
     scenario: Annotated[str, Quantity("", "the scenario's name")]
-    clock: Annotated[str, Quantity("", "real, slow or lockstep")]
+    clock: Annotated[str, Quantity("", "real, patient or lockstep")]
     bus: Annotated[str, Quantity("", "the bus it ran on")]
     kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
     real_time: Annotated[

@@ -192,9 +192,12 @@ def run_loop(
     sync: bool,
 ) -> None:
     """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
-    if start.first_tick > 0:
+    if start.shared >= 0:
+        leave_realtime()  # nobody is late, and the recorder needs the CPU as well
+    elif start.first_tick > 0:
         become_realtime(NODE)
-    clock: Clock = MonotonicClock(start.speed)
+    own_clock = start.clock()
+    clock: Clock = own_clock
     ticks = pace.ticks
     if clock_faults.any:
         clock = FaultyClock(clock, clock_faults, start.t0_ns)
@@ -215,6 +218,7 @@ def run_loop(
     try:
         loop.run(ticks, step, runner.record, start.first_tick)
     finally:
+        own_clock.leave()
         leave_realtime()
         runner.close()
     summary = {

@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from hil.clock import MonotonicClock
+from hil.patient_clock import PatientClock, Row
 from hil.realtime import end_with_parent
 
 READY = "ready"
@@ -35,11 +37,20 @@ def stop_requests() -> socket.socket:
 
 
 class Start(NamedTuple):
-    """When all begin, the first tick of a process that comes later, and how fast their clock goes."""
+    """When all begin, and the first tick of a process that comes later.
+
+    `shared` is the descriptor of what patient clocks share (`hil.patient_clock`), and `row` this process's
+    place there; on the wall clock -1.
+    """
 
     t0_ns: int
     first_tick: int = 0
-    speed: float = 1.0
+    shared: int = -1
+    row: int = -1
+
+    def clock(self) -> MonotonicClock | PatientClock:
+        """The clock of the process that was told so."""
+        return MonotonicClock() if self.shared < 0 else PatientClock(self.shared, Row(self.row))
 
 
 def read_start() -> Start:
@@ -47,8 +58,7 @@ def read_start() -> Start:
     line = sys.stdin.readline()
     if not line:
         sys.exit()
-    t0_ns, first_tick, speed = line.split()
-    return Start(int(t0_ns), int(first_tick), float(speed))
+    return Start(*map(int, line.split()))
 
 
 class ChildError(RuntimeError):
@@ -70,7 +80,10 @@ class Child:
     order. When the parent is gone, it gets SIGTERM from the kernel, and its standard input ends.
     """
 
-    def __init__(self, name: str, command: Sequence[str], errors: Path | None = None) -> None:
+    def __init__(
+        self, name: str, command: Sequence[str], errors: Path | None = None, descriptors: Sequence[int] = ()
+    ) -> None:
+        """`descriptors`: those of ours that it has too, under the same numbers."""
         self.name = name
         self.errors = errors
         with ExitStack() as stack:
@@ -81,6 +94,7 @@ class Child:
                 stdout=subprocess.PIPE,
                 stderr=error_file,
                 process_group=0,
+                pass_fds=descriptors,
                 preexec_fn=asked_to_end_with_parent,  # noqa: PLW1509  one system call, no lock
             )
         self.killed_at_stop = False

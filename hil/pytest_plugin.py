@@ -54,9 +54,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("vibrohil", "vibrohil: runs on the bench")
     group.addoption(
         "--vibrohil-clock",
-        choices=("lockstep", "slow", "real"),
+        choices=("lockstep", "patient", "real"),
         default="lockstep",
-        help="clock of the runs: lockstep (default, deterministic, fast), real time, or a quarter of it",
+        help="clock of the runs: lockstep (default, deterministic, fast), patient, or real time",
     )
     group.addoption(
         "--vibrohil-bus",

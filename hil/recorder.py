@@ -15,13 +15,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import addresses_from
 from hil.bus import Bus, join
 from hil.bus.addressed import addressed
 from hil.can_log import CanLog
-from hil.clock import SPEEDS
 from hil.follower import TRACES, Follower
+from hil.patient_clock import RunTimes
 from hil.processes import READY, read_start, stop_requests
 from hil.realtime import settle_garbage
 from hil.rerun_log import LOG_NAME, RunLog
@@ -38,13 +39,14 @@ NICENESS = 10
 class Recorder:
     """Follows one run: drains the bus, appends to can.log and run.rrd."""
 
-    def __init__(self, run_dir: Path, bus: Bus | None) -> None:
+    def __init__(self, run_dir: Path, bus: Bus | None, times: RunTimes | None = None) -> None:
+        """`times`: of a run on patient clocks."""
+        self.times = times
         self.run_dir = run_dir
         self.bus = bus
         self.follower = Follower(run_dir)
         run = read_json(run_dir / "run.json")
         self.wall_start_ns = round(float(run["wall_start_s"]) * 1e9)
-        self.speed = SPEEDS[run["clock"]]
         self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
@@ -57,8 +59,9 @@ class Recorder:
         """Take the frames that have arrived; whether there were any."""
         before = len(self._payloads)
         while self.bus is not None and (arrived := self.bus.receive_stamped()):
-            for wall_ns, frame in arrived:
-                t_us = self.since_start_ns(wall_ns) // 1000
+            stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
+            times_us = self.since_start_ns(stamps_ns) // 1000
+            for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
                 if t_us >= 0:  # what was sent before the start is not of this run
                     self.can_log.write(t_us, (frame,))
                     self._arrived_s.append(t_us * 1e-6)
@@ -66,9 +69,9 @@ class Recorder:
                     self._payloads.append(frame.data)
         return len(self._payloads) > before
 
-    def since_start_ns(self, wall_ns: int) -> int:
-        """The run's time at one of the wall clock."""
-        return int((wall_ns - self.wall_start_ns) * self.speed)
+    def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The run's times at those of the wall clock."""
+        return wall_ns - self.wall_start_ns if self.times is None else self.times.since_start_ns(wall_ns)
 
     def append(self) -> None:
         """Bring both logs up to date, and hand them to the operating system."""
@@ -90,9 +93,10 @@ class Recorder:
         if self.bus is None or not self.bus.losses:
             return []
         new = [
-            LogLoss(max(self.since_start_ns(loss.from_ns), 0) * 1e-9, to_ns * 1e-9, loss.frames)
+            LogLoss(max(from_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
             for loss in self.bus.losses
-            if (to_ns := self.since_start_ns(loss.to_ns)) > 0  # of this run, not before its start
+            for from_ns, to_ns in [self.since_start_ns(np.array([loss.from_ns, loss.to_ns])).tolist()]
+            if to_ns > 0  # of this run, not before its start
         ]
         self.bus.losses.clear()
         self.losses += new
@@ -113,6 +117,8 @@ def record(recorder: Recorder, wakers: list[int]) -> None:
     due_s = time.monotonic() + APPEND_PERIOD_S
     while not select.select(wakers, [], [], DRAIN_PERIOD_S)[0]:
         recorder.drain()
+        if recorder.times is not None:
+            recorder.times.has_caught_up()
         if time.monotonic() >= due_s:
             recorder.append()
             due_s += APPEND_PERIOD_S
@@ -131,8 +137,9 @@ def main() -> None:
     bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
     settle_garbage()
     print(READY, flush=True)
-    read_start()
-    recorder = Recorder(arguments.run_dir, bus)
+    start = read_start()
+    times = None if start.shared < 0 else RunTimes(start.shared, start.t0_ns)
+    recorder = Recorder(arguments.run_dir, bus, times)
     record(recorder, [stopping.fileno(), sys.stdin.fileno()])
     lost = None if bus is None else bus.counters.lost
     if bus is not None:

@@ -26,7 +26,6 @@ from firmware_py.interface.codec import CODEC_BY_ID
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.bus_figures import bits_on_the_bus, load_by_bin, load_over_time
 from hil.checks import CheckResult, checks_of, evaluate
-from hil.clock import SPEEDS
 from hil.drawing import Drawing
 from hil.figure_records import Figures
 from hil.figures import figures_from
@@ -113,16 +112,14 @@ def axis_errors(bits: int) -> str:
 class Timebase:
     """Turns simulated seconds into the log's two time columns."""
 
-    def __init__(self, wall_start_s: float, speed: float = 1.0) -> None:
-        """`speed`: of the run's clock beside the wall clock."""
+    def __init__(self, wall_start_s: float) -> None:
         self.wall_start_ns = round(wall_start_s * 1e9)
-        self.speed = speed
 
     def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
         """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that, if known."""
         sim_ns = np.round(t_s * 1e9).astype(np.int64)
         late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
-        wall_ns = self.wall_start_ns + ((sim_ns + late_ns) / self.speed).astype(np.int64)
+        wall_ns = self.wall_start_ns + sim_ns + late_ns
         return [
             rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
             rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
@@ -153,7 +150,7 @@ class RunLog:
         else:
             self.recording.connect_grpc(to, default_blueprint=blueprint)
             self._flush_s = VIEWER_TIMEOUT_S
-        self.time = Timebase(float(run.get("wall_start_s", 0.0)), SPEEDS.get(run.get("clock", ""), 1.0))
+        self.time = Timebase(float(run.get("wall_start_s", 0.0)))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
         self._push_off = push_off(scenario) if self._walked else None
         self._phases: list[tuple[FloatArray, FloatArray]] = []

@@ -62,7 +62,7 @@ def host_stall(traces: RunTraces, figures: Figures) -> str | None:
     A pause that the scenario itself asks for is none of the machine's.
     """
     faults = traces.scenario.get("script", {}).get("faults", [])
-    if figures.clock == "lockstep" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
+    if figures.clock != "real" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
         return None
     loops = {"plant": figures.loops.plant, "firmware": figures.loops.firmware}
     name = max(loops, key=lambda one: loops[one].longest_hold_ms or 0.0)

@@ -16,7 +16,6 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from hil.clock import SPEEDS
 from hil.figure_records import CATALOGUE, value_of
 from hil.lanes import ALARM
 from hil.layout import overlay
@@ -103,7 +102,7 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
 def first_difference(a: Run, b: Run) -> Difference | None:
     """The first difference of two runs; among equal times the earlier in the chain of causes."""
     names = [name for name in TRACES if name in a.names or name in b.names]
-    if not any(run.traces.run.get("clock") in SPEEDS for run in (a, b)):
+    if all(run.traces.run.get("clock") not in ("real", "patient") for run in (a, b)):
         names += [name for name in ("can/raw",) if name in a.names or name in b.names]
     if not names:
         raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")

@@ -15,12 +15,10 @@ import numpy as np
 import psutil
 import pytest
 
-from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode
 from hil import trace
 from hil.bench import run_scenario
 from hil.processes import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
-from hil.run_traces import read_run
 from hil.scenario import Scenario, load_scenario
 from tools.output import EXIT_BAD_INPUT
 
@@ -89,18 +87,6 @@ def test_run_starts_together_keeps_its_rate_and_leaves_nothing(tmp_path: Path) -
     assert described["nodes"]["firmware"]["unsent"] == 0
     assert verdict["impact_count"] > 0
     assert none_left(tmp_path)
-
-
-@pytest.mark.realtime
-def test_a_slow_run_is_one_whose_clock_goes_at_a_quarter_of_the_speed(tmp_path: Path) -> None:
-    verdict = run_scenario(quick(), "slow", "local", tmp_path, seed=1, progress=silent)
-    assert (verdict["clock"], verdict["real_time"], verdict["reasons"]) == ("slow", None, [])
-    assert verdict["realtime_factor"] == pytest.approx(0.25, abs=0.005)
-    assert trace.read(tmp_path / "plant.trace")["tick"][-1] == 2999
-    frames = read_run(tmp_path).bus
-    assert 2.9 < frames.t_s[-1] < 3.1
-    samples_s = frames.t_s[frames.can_id == codec.ACCELEROMETER.can_id]
-    assert np.median(np.diff(samples_s)) == pytest.approx(1e-3, rel=0.05)
 
 
 @pytest.mark.realtime

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from run_folder import make_run, write_run
 
-from hil.bench import RealTimeRun
+from hil.bench import ProcessesRun
 from hil.ending import Outcome
 from hil.follower import Follower
 from hil.log_reader import column_hashes, repair
@@ -102,7 +102,9 @@ def test_a_viewer_that_is_closed_ends_only_the_view(run_dir, viewer):
 
 def test_a_run_does_not_end_with_its_live_view(run_dir):
     provided = SimpleNamespace(processes={"hub": object()}, address="local:x", name="local")
-    run = RealTimeRun(None, run_dir, 1, provided, Outcome(), lambda *_: None, viewer="rerun+http://x/proxy")
+    run = ProcessesRun(
+        None, run_dir, 1, provided, False, Outcome(), lambda *_: None, viewer="rerun+http://x/proxy"
+    )
     run.children = dict.fromkeys(("plant", "live"), object())
     assert set(run.watched) == {"plant", "hub"}
 

@@ -29,8 +29,8 @@ def register(app: typer.Typer) -> None:
 def run(
     scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
     clock: Annotated[
-        Literal["real", "slow", "lockstep"],
-        typer.Option(help="Wall clock with two processes, a quarter of its speed, or lockstep in one."),
+        Literal["real", "patient", "lockstep"],
+        typer.Option(help="Wall clock with two processes, one that waits for them, or lockstep in one."),
     ] = "real",
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")

@@ -20,8 +20,8 @@ def register(app: typer.Typer) -> None:
 def suite(
     names: Annotated[list[str] | None, typer.Argument(help="Scenarios by name or file; all without.")] = None,
     clock: Annotated[
-        Literal["real", "slow", "lockstep"],
-        typer.Option(help="Wall clock or a quarter of its speed, one by one, or lockstep, two at a time."),
+        Literal["real", "patient", "lockstep"],
+        typer.Option(help="Wall clock or one that waits for all, one by one, or lockstep, two at a time."),
     ] = "lockstep",
     bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
     firmware: Annotated[
