@@ -1,6 +1,7 @@
-"""The C header of the firmware's one function: its records as structs, in the layout of `flat.layout`."""
+"""The C headers of the firmware: structs in the layout of `flat.layout`, and a config's values."""
 
 import inspect
+import math
 import re
 from collections.abc import Iterator
 from enum import IntEnum
@@ -52,7 +53,6 @@ int32_t vibro_tick(const vibro_config *config, vibro_node_state *state, int64_t 
                    int64_t frame_count, const vibro_word_frame *frames, vibro_tx *tx);
 
 extern const vibro_node_state vibro_initial_state;
-extern const vibro_config vibro_default_config; /* of the parameters' defaults */
 
 #ifdef __cplusplus
 }
@@ -61,8 +61,44 @@ extern const vibro_config vibro_default_config; /* of the parameters' defaults *
 """
 
 
+CONFIG = """\
+/* A config of the vibro-impact drive's controller, made by `vibrohil firmware build` of its parameters. */
+#ifndef VIBRO_CONFIG_H
+#define VIBRO_CONFIG_H
+
+#include <math.h>
+
+#include "vibro_firmware.h"
+
+static const vibro_config VIBRO_CONFIG = {values};
+
+#endif
+"""
+
+
+def config_header(config: Config) -> str:
+    """The header with a config's values, floats to the last bit."""
+    return CONFIG.format(values=initializer(config, ""))
+
+
+def initializer(value: Any, indent: str) -> str:
+    """A record or one of its members as C initialises it."""
+    inner = indent + "    "
+    if hasattr(value, "_fields"):
+        members = zip(value._fields, value, strict=True)
+        lines = "".join(f"{inner}.{c_member(name)} = {initializer(one, inner)},\n" for name, one in members)
+        return f"{{\n{lines}{indent}}}"
+    if isinstance(value, tuple):
+        return f"{{{', '.join(initializer(one, inner) for one in value)}}}"
+    if isinstance(value, float):
+        if math.isnan(value):
+            return "NAN"
+        return value.hex() if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+    return str(value).lower() if isinstance(value, bool) else str(int(value))
+
+
 def header() -> str:
-    """The header's text."""
+    """The text of the header with the structs and the function."""
     found: dict[Any, None] = {}
     for record in RECORDS:
         for kind in needed(record):
@@ -90,6 +126,11 @@ def c_name(kind: type) -> str:
     'vibro_node_state'
     """
     return "vibro_" + re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def c_member(name: str) -> str:
+    """A member's name in C."""
+    return f"{name}_" if name in CPP_KEYWORDS else name
 
 
 def comment(kind: type) -> str:
@@ -122,7 +163,7 @@ def declaration(name: str, kind: Any) -> str:
         items = get_args(kind)
         first, _, rest = declaration(f"{name}[{len(items)}]", items[0]).partition(";")
         return f"{first};{rest}"
-    name = f"{name}_" if name in CPP_KEYWORDS else name
+    name = c_member(name)
     if kind is float:
         return f"double {name};"
     if kind is bool:

@@ -4,8 +4,8 @@
                    const vibro_frame *, vibro_tx *)
 
 It returns 0, or another number with state and tx unchanged where the arithmetic failed. The object also holds
-the constants `vibro_initial_state` and `vibro_default_config`. It wants a C library's sin, cos, exp, pow,
-atan2 and fmod, what its target has no instruction for, and nothing of an operating system.
+the constant `vibro_initial_state`. It wants a C library's sin, cos, exp, pow, atan2 and fmod, what its target
+has no instruction for, and nothing of an operating system.
 """
 
 import os
@@ -21,7 +21,6 @@ from firmware_py.builds.flat import layout, stored
 from firmware_py.core.compiled import cache_folder
 from firmware_py.core.step import Config
 from firmware_py.node.tick import INITIAL, NodeState, Tx
-from firmware_py.shell.parameters import config_from
 
 TargetName = Literal["cortex-m7", "host"]
 
@@ -56,9 +55,8 @@ define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %f
   ret i32 %status
 }}
 @vibro_initial_state = constant [{state_size} x i8] c"{state}", align 8
-@vibro_default_config = constant [{config_size} x i8] c"{config}", align 8
 """
-KEPT = (ENTRY, "vibro_initial_state", "vibro_default_config")
+KEPT = (ENTRY, "vibro_initial_state")
 
 
 def escaped(content: bytes) -> str:
@@ -103,15 +101,9 @@ def _compiled(target: Target, assembly: str) -> bytes:
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=SPEED, reloc=target.relocation, codemodel="default"
     )
-    state, config = stored(INITIAL).tobytes(), stored(config_from({})).tobytes()
+    state = stored(INITIAL).tobytes()
     tick = assembly.partition("\n")[0].removeprefix("; ")
-    wrapper = WRAPPER.format(
-        tick=tick,
-        state_size=len(state),
-        state=escaped(state),
-        config_size=len(config),
-        config=escaped(config),
-    )
+    wrapper = WRAPPER.format(tick=tick, state_size=len(state), state=escaped(state))
     module = llvm.parse_assembly(assembly + wrapper)
     module.triple, module.data_layout = target.triple, str(machine.target_data)
     for symbol in (*module.functions, *module.global_variables):

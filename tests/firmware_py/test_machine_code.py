@@ -1,4 +1,4 @@
-"""The firmware as an object file: the same bits as numba's own code, and a header that C accepts."""
+"""The firmware as an object file: the same bits as numba's own code, and headers that C accepts."""
 
 import ctypes
 import random
@@ -11,7 +11,7 @@ import llvmlite.binding as llvm
 import pytest
 from closed_loop import Bench
 
-from firmware_py.builds.c_header import header
+from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import stored
 from firmware_py.builds.machine_code import object_code, sizes
 from firmware_py.interface.frame import Frame, word_of
@@ -62,24 +62,82 @@ def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: Any) ->
 
 
 def test_it_begins_as_the_compiled_build_does(loaded: Any) -> None:
-    for name, wanted in (("initial_state", stored(INITIAL)), ("default_config", stored(config_from({})))):
-        content = ctypes.string_at(loaded.get_global_value_address(f"vibro_{name}"), wanted.nbytes)
-        assert content == wanted.tobytes()
+    wanted = stored(INITIAL)
+    content = ctypes.string_at(loaded.get_global_value_address("vibro_initial_state"), wanted.nbytes)
+    assert content == wanted.tobytes()
 
 
 def test_sizes_are_counted() -> None:
     found = sizes(object_code("host"))
     assert found["state"] == stored(INITIAL).nbytes
     assert found["code"] > 20_000
-    assert found["constants"] > found["state"] + found["config"]
+    assert found["constants"] > found["state"]
+
+
+PAGE = Path(__file__).parents[2] / "docs/how-to/put-the-firmware-on-a-board.md"
+DRIVER = """
+static int64_t frames[4096][3];
+static int64_t count;
+int64_t *sent(void) { return &frames[0][0]; }
+int64_t sent_count(void) { return count; }
+const void *config(void) { return &VIBRO_CONFIG; }
+void can_send(uint32_t can_id, uint32_t length, const void *data) {
+    frames[count][0] = can_id;
+    frames[count][1] = length;
+    memcpy(&frames[count++][2], data, length);
+}
+"""
+
+
+def example() -> str:
+    """The code on the page for people with a board."""
+    return PAGE.read_text("utf-8").partition("```c\n")[2].partition("```")[0]
+
+
+def compiled(compiler: str, source: Path, text: str, *options: str) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} on this machine")
+    (source.parent / "vibro_firmware.h").write_text(header())
+    (source.parent / "vibro_config.h").write_text(config_header(config_from({})))
+    source.write_text(text)
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run([compiler, *strict, str(source), *options], check=True)
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "g++", "arm-none-eabi-gcc"])
-def test_the_header_describes_the_memory_of_the_structs(compiler: str, tmp_path: Path) -> None:
-    if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler} on this machine")
-    (tmp_path / "vibro_firmware.h").write_text(header())
+def test_the_headers_describe_the_memory_of_the_structs(compiler: str, tmp_path: Path) -> None:
     source = tmp_path / ("a.cpp" if compiler == "g++" else "a.c")
-    source.write_text('#include "vibro_firmware.h"\n')  # the header holds each struct's size itself
-    options = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-c", str(source), "-o", str(tmp_path / "a.o")]
-    subprocess.run([compiler, *options], check=True)
+    compiled(compiler, source, '#include "vibro_firmware.h"\n', "-c", "-o", str(tmp_path / "a.o"))
+
+
+def test_the_example_for_a_board_compiles_for_one(tmp_path: Path) -> None:
+    compiled("arm-none-eabi-gcc", tmp_path / "a.c", example(), "-c", "-o", str(tmp_path / "a.o"))
+
+
+def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Path) -> None:
+    (tmp_path / "vibro_firmware.o").write_bytes(object_code("host"))
+    library = tmp_path / "board.so"
+    more = (str(tmp_path / "vibro_firmware.o"), "-fPIC", "-shared", "-lm", "-o", str(library))
+    compiled("gcc", tmp_path / "a.c", example() + DRIVER, *more)
+    board = ctypes.CDLL(str(library))
+    board.sent.restype = ctypes.POINTER(ctypes.c_int64)
+    board.config.restype = ctypes.c_void_p
+    wanted = stored(config_from({}))
+    assert ctypes.string_at(board.config(), wanted.nbytes) == wanted.tobytes()
+    sent: list[tuple[int, int, int]] = []
+    board.control_power_up()
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        for frame in frames:
+            board.control_receive(frame.can_id, len(frame.data), frame.data)
+        board.control_tick(ctypes.c_int64(1))
+        sent.extend((frame.can_id, len(frame.data), word_of(frame.data)) for frame in node.tick(frames, 1))
+        return frames
+
+    node = node_of("compiled")(config_from({}))
+    bench = Bench(change=change)
+    bench.started()
+    bench.run(0.5, keep=False)
+    words = board.sent()[: 3 * board.sent_count()]
+    assert list(zip(words[::3], words[1::3], words[2::3], strict=True)) == sent
+    assert len(sent) > 500

@@ -10,6 +10,14 @@ from typer.core import TyperGroup
 from tools.output import console, print_json
 from tools.outputs import folder_option
 
+Scenario = Annotated[
+    str | None,
+    typer.Argument(help="A scenario whose firmware parameters to take; the defaults without one."),
+]
+Change = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
+]
+
 
 class NodeUnlessNamed(TyperGroup):
     """A group with a command for where none is named."""
@@ -36,24 +44,35 @@ def register(app: typer.Typer) -> None:
 
 @firmware.command()
 def build(
+    scenario: Scenario = None,
+    *,
     target: Annotated[
         Literal["cortex-m7", "host"],
         typer.Option(help="The machine: a Cortex-M7 with double precision, or one like this."),
     ],
-    out: Annotated[Path, folder_option("The folder for the object file and the header.")],
+    out: Annotated[Path, folder_option("The folder for the object file and its headers.")],
+    change: Change = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Make an object file of the firmware, and a C header for it; no C compiler is needed.
+    """Make an object file of the firmware, a C header for it and one with its config; it takes no C compiler.
 
     The first time after a change of the firmware it takes a minute.
     """
-    from firmware_py.builds.c_header import header
+    from firmware_py.builds.c_header import config_header, header
     from firmware_py.builds.machine_code import object_code, sizes
+    from firmware_py.shell.parameters import config_from
+    from hil.scenario import load_scenario
+    from hil.settings import apply_settings
 
+    if scenario is None:
+        config = config_from(apply_settings({"firmware": {}}, change or [])["firmware"])
+    else:
+        config = config_from(load_scenario(scenario, change or []).parameters)
     code = object_code(target)
     out.mkdir(parents=True, exist_ok=True)
     (out / "vibro_firmware.o").write_bytes(code)
     (out / "vibro_firmware.h").write_text(header(), encoding="utf-8")
+    (out / "vibro_config.h").write_text(config_header(config), encoding="utf-8")
     found = sizes(code)
     if as_json:
         print_json({"target": target, "bytes": found, "out": str(out)})
@@ -62,24 +81,19 @@ def build(
     for name, size in found.items():
         table.add_row(name, f"{size:,}")
     console.print(table)
-    console.print(f"{out}/vibro_firmware.o and vibro_firmware.h", highlight=False)
+    console.print(f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h", highlight=False)
 
 
 @firmware.command()
 def node(
-    scenario: Annotated[
-        str | None,
-        typer.Argument(help="A scenario whose firmware parameters to run with; the defaults without one."),
-    ] = None,
+    scenario: Scenario = None,
     bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
     build: Annotated[
         Literal["python", "compiled"],
         typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
     ] = "python",
     out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
-    change: Annotated[
-        list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
-    ] = None,
+    change: Change = None,
     seed: Annotated[int, typer.Option(help="Seed of what faults break at random.", min=0)] = 1,
     sync: Annotated[
         bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")

@@ -66,7 +66,6 @@ static void give(const void *place, uint32_t size) {
 static void serve(void) {
     input = open_file("/dev/stdin", READ_BINARY);
     output = open_file("/dev/stdout", WRITE_BINARY);
-    config = vibro_default_config;
     reply.state = vibro_initial_state;
     for (;;) {
         take(&request, sizeof request);
