@@ -32,6 +32,7 @@ EXAMPLES = {
     "study feasibility": "vibrohil study feasibility",
     "study pulse": "vibrohil study pulse --way gated",
     "firmware node": "vibrohil firmware --bus socketcan:can0",
+    "firmware budget": "vibrohil firmware budget",
     "firmware build": "vibrohil firmware build --target cortex-m7 --out board",
     "plant": "vibrohil plant table1-motor-soft --bus socketcan:can0",
     "operator": "vibrohil operator soft-start-multistable --bus socketcan:can0",

@@ -27,6 +27,8 @@ BOARD = (
     *("-icount", "shift=6,align=off,sleep=off", "-semihosting-config", "enable=on,target=native"),
 )
 """Each instruction takes 64 ns of the board's own time, so that two runs are alike."""
+TIMER_TICKS_AN_INSTRUCTION = 64.0 / 40.0
+"""The board's timer runs at 25 MHz."""
 
 
 class BoardError(ValueError):
@@ -48,7 +50,7 @@ def missing_tools() -> list[str]:
 def refuse_without_tools() -> None:
     """Raise BoardError where anything is missing."""
     if missing := missing_tools():
-        raise BoardError(f"--firmware cortex-m7 needs {' and '.join(missing)}; {REMEDY}")
+        raise BoardError(f"an emulated Cortex-M7 needs {' and '.join(missing)}; {REMEDY}")
 
 
 def image() -> Path:

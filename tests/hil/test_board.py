@@ -15,6 +15,7 @@ from firmware_py.shell.parameters import config_from
 from hil.lockstep import run_lockstep
 from hil.scenario import load_scenario
 from tools import cli, doctor
+from tools.budget import budget
 from tools.output import EXIT_BAD_INPUT
 
 
@@ -71,6 +72,18 @@ def test_a_board_ends_with_its_node_and_says_so_when_it_has_died() -> None:
     node._process.kill()
     with pytest.raises(BoardDiedError, match="status -9"):
         node.tick([], 1)
+
+
+@pytest.mark.usefixtures("tools")
+def test_the_firmware_keeps_its_budget() -> None:
+    found = budget(["a-controller-that-pauses-for-long-stops-the-motor"], lambda *_: None)
+    assert 100_000 < found["flash"]["image"] < 160_000
+    assert sum(found["ram"].values()) < 8192
+    assert 4096 < found["stack"] < 8192
+    ordinary, late = found["instructions"]["ordinary"], found["instructions"]["after_a_pause"]
+    assert 5_000 < ordinary["p50"] <= ordinary["p99"] <= ordinary["worst"] < 12_000
+    assert ordinary["worst"] < late["worst"] < 40_000
+    assert late["elapsed_ticks"] > 100
 
 
 def test_without_the_tools_a_sentence_names_the_packages(

@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from tools.output import console, print_json
 from tools.outputs import folder_option
+from tools.progress import shown_progress
 
 Scenario = Annotated[
     str | None,
@@ -82,6 +83,34 @@ def build(
         table.add_row(name, f"{size:,}")
     console.print(table)
     console.print(f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h", highlight=False)
+
+
+@firmware.command()
+def budget(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Scenarios to measure in; an ordinary one and a pause without.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Measure what the firmware takes of an emulated Cortex-M7: flash, RAM, stack, instructions a tick."""
+    from tools.budget import budget as measure
+
+    with shown_progress() as progress:
+        found = measure(names or [], progress)
+    if as_json:
+        print_json(found)
+        return
+    table = Table("what", "", box=None, pad_edge=False)
+    for group in ("flash", "ram"):
+        for name, size in found[group].items():
+            table.add_row(f"{group}: {name}", f"{size:,} B")
+    table.add_row("stack", f"{found['stack']:,} B")
+    for name, ticks in found["instructions"].items():
+        if ticks is not None:
+            figures = ", ".join(f"{key} {ticks[key]:,.0f}" for key in ("p50", "p99", "worst"))
+            where = f"{ticks['scenario']}, {ticks['elapsed_ticks']} ticks after the last"
+            table.add_row(f"instructions, {name.replace('_', ' ')}", f"{figures} ({where})")
+    console.print(table)
 
 
 @firmware.command()

@@ -1,14 +1,15 @@
 /* The firmware on an emulated board: frames in and out through QEMU's standard input and output.
  *
  * A request is its kind and two numbers; behind TICK come its frames, behind CONFIG and STATE a new one, which
- * takes the place of the old. TICK and STATE are answered with the status, the frames to be sent and the state.
+ * takes the place of the old. A TICK is answered with the status, the frames to be sent and the state; a
+ * MEASURED_TICK, which is slower, also with the time and the stack that it took.
  * Semihosting carries the bytes: a debugger's way in, which has no part in the firmware.
  */
 #include <string.h>
 
 #include "vibro_firmware.h"
 
-enum { TICK, CONFIG, STATE };
+enum { TICK, CONFIG, STATE, MEASURED_TICK };
 enum { SYS_OPEN = 0x01, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
 enum { READ_BINARY = 1, WRITE_BINARY = 5, ENDED = 0x20026 };
 
@@ -16,7 +17,7 @@ static struct {
     int64_t kind, elapsed_ticks, frame_count;
 } request;
 static struct {
-    int64_t status;
+    int64_t status, timer_ticks, stack_bytes;
     vibro_tx tx;
     vibro_node_state state;
 } reply;
@@ -63,9 +64,36 @@ static void give(const void *place, uint32_t size) {
     }
 }
 
+/* The board's timer counts down; the stack below this function is painted, and looked through from its far end. */
+#define TIMER ((volatile uint32_t *)0x40000000)
+enum { CONTROL, VALUE, RELOAD, PAINT = 0x50A17ED, PAINTED_WORDS = 4096 };
+
+static void tick(void) {
+    reply.status = vibro_tick(&config, &reply.state, request.elapsed_ticks, request.frame_count, frames, &reply.tx);
+}
+
+static __attribute__((noinline)) void measured_tick(void) {
+    uint32_t *top;
+    __asm__ volatile("mov %0, sp" : "=r"(top));
+    uint32_t *const end_of_paint = top - PAINTED_WORDS;
+    for (volatile uint32_t *word = end_of_paint; word < top; word++) {
+        *word = PAINT;
+    }
+    TIMER[CONTROL] = 1;
+    const uint32_t before = TIMER[VALUE];
+    tick();
+    reply.timer_ticks = before - TIMER[VALUE];
+    const volatile uint32_t *deepest = end_of_paint;
+    while (*deepest == PAINT) {
+        deepest++;
+    }
+    reply.stack_bytes = (int64_t)((uintptr_t)top - (uintptr_t)deepest);
+}
+
 static void serve(void) {
     input = open_file("/dev/stdin", READ_BINARY);
     output = open_file("/dev/stdout", WRITE_BINARY);
+    TIMER[RELOAD] = TIMER[VALUE] = 0xFFFFFFFF;
     reply.state = vibro_initial_state;
     for (;;) {
         take(&request, sizeof request);
@@ -75,8 +103,11 @@ static void serve(void) {
             take(&reply.state, sizeof reply.state);
         } else {
             take(frames, (uint32_t)request.frame_count * sizeof frames[0]);
-            reply.status = vibro_tick(&config, &reply.state, request.elapsed_ticks, request.frame_count, frames,
-                                      &reply.tx);
+            if (request.kind == MEASURED_TICK) {
+                measured_tick();
+            } else {
+                tick();
+            }
             give(&reply, sizeof reply);
         }
     }
