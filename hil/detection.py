@@ -22,7 +22,7 @@ WEAKEST_PEAK_N = 5.0
 LONGEST_LATENCY_S = 0.040
 """A detection later than this is not of that impact: four contact times of the default stop."""
 ASLEEP_S = 0.005
-"""Half a contact of the default stop: a blow whose first half falls between two ticks need not be seen."""
+"""Half a contact of the default stop: an impact whose first half falls between two ticks need not be seen."""
 LARGEST_LEAD_S = 0.001
 """A detection may precede the located touch-down by a tick: the sensors are sampled, the event is not."""
 

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from hil.lanes import ALARM, BELIEF, CALM, TRUTH
+from hil.lanes import ALARM, CALM, ESTIMATE, TRUTH
 from hil.run_traces import Records, column
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Drawing:
 
     def _declare_estimate(self) -> None:
         """The ghost; alone in the picture where a log holds no truth."""
-        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], BELIEF, 2.0)
+        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
 
     def _once(self, declare: Callable[[], None]) -> None:
         """Draw the shapes of a part before it first moves."""
@@ -115,7 +115,7 @@ class Drawing:
         self._move("striker", t_s, translation=moved(striker_mm))
 
     def estimate(self, firmware: Records) -> None:
-        """The striker where the firmware believes it."""
+        """The striker at its estimated place."""
         shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
         if len(shown):
             self._once(self._declare_estimate)

@@ -152,7 +152,7 @@ class SafeStateFigures:
     command_zero_after_s: Annotated[
         float | None, Quantity("s", "until the firmware's torque command was zero for good")
     ]
-    blows_after: Annotated[
+    impacts_after: Annotated[
         int | None, Quantity("", "impacts after that moment: a torque of zero is no promise of none")
     ]
 
@@ -164,7 +164,7 @@ class FaultFigures:
     torque_zero_after_s: Annotated[
         float | None, Quantity("s", "from the fault's begin until the motor's torque was zero for good")
     ]
-    blows_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was zero for good")]
+    impacts_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was zero for good")]
     largest_torque_n_m: Annotated[
         float | None, Quantity("N m", "largest motor torque from the fault's begin on")
     ]
@@ -266,7 +266,7 @@ class Figures:
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
     regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
-    regime_believed: Annotated[
+    regime_estimated: Annotated[
         str, Quantity("", "the regime that the firmware reported at the end of the hold")
     ]
     hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]

@@ -1,7 +1,7 @@
 """Every figure of a run, from its traces alone; the same code for lockstep and real time.
 
-Truth is the plant's trace and its located impacts; belief is the firmware's trace. Nothing is taken from the
-firmware's word but when it says it holds (mode RUN), what it commands, and what it estimates.
+Truth is the plant's trace and its located impacts; the estimate is the firmware's trace. Nothing is taken
+from the firmware's word but when it says it holds (mode RUN), what it commands, and what it estimates.
 """
 
 from collections.abc import Mapping
@@ -184,10 +184,10 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
     _, of_plant, of_firmware = np.intersect1d(
         column(plant, "tick"), column(inside, "tick"), return_indices=True, assume_unique=True
     )
-    truth, belief = plant[of_plant], inside[of_firmware]
-    x_error = column(belief, "state.estimator.x_m") - column(truth, "x_m")
-    v_error = column(belief, "state.estimator.v_m_s") - column(truth, "v_m_s")
-    nis = column(belief, "state.estimator.nis")
+    truth, estimated = plant[of_plant], inside[of_firmware]
+    x_error = column(estimated, "state.estimator.x_m") - column(truth, "x_m")
+    v_error = column(estimated, "state.estimator.v_m_s") - column(truth, "v_m_s")
+    nis = column(estimated, "state.estimator.nis")
     return EstimateFigures(
         x_rmse_m=rms(x_error),
         v_rmse_m_s=rms(v_error),
@@ -343,7 +343,7 @@ def safe_state_figures(
         command_zero_after_s=zero_after(
             column(firmware, "t_s"), column(firmware, "outputs.torque_n_m"), end.at_s
         ),
-        blows_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s)))
+        impacts_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s)))
         if len(plant)
         else None,
     )
@@ -382,7 +382,7 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
         again_s = None if again is None else again - fault.end_s
     return FaultFigures(
         torque_zero_after_s=zero_s,
-        blows_after_zero=None
+        impacts_after_zero=None
         if zero_s is None
         else int(np.count_nonzero(strong_t_s > fault.start_s + zero_s)),
         largest_torque_n_m=float(np.max(np.abs(torque_n_m[since]))),
@@ -464,9 +464,9 @@ def figures_from(traces: RunTraces) -> Figures:
     end = drive_end(plant, firmware)
     impacts_t_s, impacts_v_m_s = column(impacts, "t_s"), column(impacts, "v_m_s")
     before = impacts_v_m_s[impacts_t_s < hold.start_s] if hold is not None else impacts_v_m_s
-    believed = column(firmware, "outputs.regime")
+    reported = column(firmware, "outputs.regime")
     if hold is not None:
-        believed = believed[hold.holds(column(firmware, "t_s"))]
+        reported = reported[hold.holds(column(firmware, "t_s"))]
     mode = column(firmware, "outputs.mode")
     last_tick = max(
         (float(column(records, "tick")[-1]) for records in (plant, firmware) if len(records)), default=-1
@@ -498,7 +498,7 @@ def figures_from(traces: RunTraces) -> Figures:
         ),
         impact_count=len(impacts_t_s),
         regime=lower_name(motion.regime),
-        regime_believed=lower_name(Regime(int(believed[-1])) if len(believed) else Regime.UNCERTAIN),
+        regime_estimated=lower_name(Regime(int(reported[-1])) if len(reported) else Regime.UNCERTAIN),
         hold_start_s=hold.start_s if hold else None,
         hold_end_s=hold.end_s if hold else None,
         impacts_per_period=motion.impacts_per_period,

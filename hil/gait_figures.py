@@ -1,9 +1,9 @@
-"""What a walk's traces tell: the phase estimate against the truth, pulses in and out of the window, the end.
+"""What a walk's traces show: the phase estimate against the truth, pulses in and out of the window, the end.
 
-With the crank off the leg alone may shake the striker against the stop. Such pulses are counted apart, and
-are none of those that follow a stop: the last of these is followed by a pause.
+With the crank off the leg alone may shake the striker against the stop. Such pulses are counted separately,
+and are none of those that follow a stop: the last of these is followed by a pause.
 
-A pulse is a true blow of at least `detection.WEAKEST_V_M_S`; its phase is the true one at its touch-down. The
+A pulse is a true impact of at least `detection.WEAKEST_V_M_S`; its phase is the true one at touch-down. The
 window is the firmware's own, from its parameters.
 """
 
@@ -29,7 +29,7 @@ SETTLING_STRIDES = 4
 
 
 PAUSE_S = 2.0
-"""Pulses after so long a pause are no longer the drive's."""
+"""Pulses after a pause of this length are no longer the drive's."""
 
 
 class PushOff(NamedTuple):
@@ -44,7 +44,7 @@ class PushOff(NamedTuple):
 
 
 class Pulses(NamedTuple):
-    """Blows with the true phase at touch-down, nan where nobody walks; shapes (n,)."""
+    """Impacts with the true phase at touch-down, nan where nobody walks; shapes (n,)."""
 
     t_s: FloatArray
     v_m_s: FloatArray

@@ -8,8 +8,8 @@ from firmware_py.interface.enums import ActingLimit, AxisState, Fault, GaitState
 from plant_sim.gait_sensors import LegState
 from plant_sim.result import Phase
 
-TRUTH, BELIEF, TARGET, OTHER, ALARM = 0x4C9BE8FF, 0xF2A33AFF, 0x9A9AA2FF, 0x7BC67EFF, 0xE5484DFF
-"""One colour (RGBA) a meaning throughout the log: truth, the firmware's belief, what was asked for."""
+TRUTH, ESTIMATE, TARGET, OTHER, ALARM = 0x4C9BE8FF, 0xF2A33AFF, 0x9A9AA2FF, 0x7BC67EFF, 0xE5484DFF
+"""One colour (RGBA) a meaning throughout the log: truth, the firmware's estimate, the request."""
 CALM, BUSY, GOOD, WARN = 0x5B6470FF, 0x4C9BE8FF, 0x3FA66BFF, 0xF2A33AFF
 
 
@@ -73,8 +73,8 @@ LEG_LANE = Lane(
     LegState,
     {LegState.STANDING: CALM, LegState.STANCE: BUSY, LegState.SWING: GOOD},
 )
-LEG_BELIEVED_LANE = Lane(
-    "states/leg_believed",
+LEG_ESTIMATED_LANE = Lane(
+    "states/leg_estimated",
     "state.gait.doing",
     GaitState,
     {

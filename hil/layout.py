@@ -11,16 +11,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from hil.lanes import ALARM, BELIEF, GOOD, OTHER, TARGET, TRUTH
+from hil.lanes import ALARM, ESTIMATE, GOOD, OTHER, TARGET, TRUTH
 
 LARGEST_NIS = 9.0
 """Of an honest filter 0.3 % lie beyond; a contact not yet found goes into the thousands."""
 
-DARK_TRUTH, DARK_BELIEF = 0x2E6DA8FF, 0xA8691EFF
+DARK_TRUTH, DARK_ESTIMATE = 0x2E6DA8FF, 0xA8691EFF
 
 
 class Moments(NamedTuple):
-    """What to open on, in simulated seconds: the run-up, and a few drive periods close up; the fastest blow,
+    """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest impact,
     the innovation's usual σ in flight, whether a check failed, and whether somebody wears the module.
     """
 
@@ -119,26 +119,26 @@ def span(span_s: tuple[float, float]) -> rr.TimeRange:
 
 POSITION = (
     Line("/plant", "x_m", "true position", "m", TRUTH),
-    Line("/firmware", "state.estimator.x_m", "estimate ± σ", "m", BELIEF, "state.estimator.p_xx"),
+    Line("/firmware", "state.estimator.x_m", "estimate ± σ", "m", ESTIMATE, "state.estimator.p_xx"),
     Whole("/stop"),
     Dots("/impacts/touch_down", None, "touch-down", ALARM, "circle"),
 )
 VELOCITY = (
     Line("/plant", "v_m_s", "true velocity", "m/s", TRUTH),
-    Line("/firmware", "state.estimator.v_m_s", "estimate ± σ", "m/s", BELIEF, "state.estimator.p_vv"),
+    Line("/firmware", "state.estimator.v_m_s", "estimate ± σ", "m/s", ESTIMATE, "state.estimator.p_vv"),
 )
 SPEED = (
     Line("/plant", "omega_rad_s", "true", "rad/s", TRUTH),
     Line("/firmware", "outputs.target_omega_rad_s", "target", "rad/s", TARGET),
-    Line("/firmware", "state.crank.omega_rad_s", "estimate", "rad/s", BELIEF),
+    Line("/firmware", "state.crank.omega_rad_s", "estimate", "rad/s", ESTIMATE),
 )
 TORQUE = (
     Line("/plant", "motor_torque_n_m", "motor", "N m", TRUTH),
-    Line("/firmware", "outputs.torque_n_m", "asked for", "N m", BELIEF),
+    Line("/firmware", "outputs.torque_n_m", "asked for", "N m", ESTIMATE),
 )
-BLOWS = (
+IMPACTS = (
     Dots("/impacts/truth", "v_m_s", "true v⁻ [m/s]", TRUTH, "circle"),
-    Dots("/impacts/detected", None, "reported v⁻ [m/s]", BELIEF, "cross"),
+    Dots("/impacts/detected", None, "reported v⁻ [m/s]", ESTIMATE, "cross"),
 )
 
 
@@ -176,7 +176,7 @@ def overview(
         lanes("Modes and regimes", "mode", "regime", "checks"),
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
-            plot("Impacts", *BLOWS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Impacts", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
             plot("Crank speed [rad/s]", *SPEED, legend=None),
             plot("Torque [N m]", *TORQUE, legend=None),
         ),
@@ -191,7 +191,7 @@ def start_up(run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, floa
     return shares(
         rrb.Vertical,
         plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
-        plot("Impacts", *BLOWS, span_s=run_up_s, range_y=speeds_m_s),
+        plot("Impacts", *IMPACTS, span_s=run_up_s, range_y=speeds_m_s),
         plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
         plot("Torque [N m]", *TORQUE, span_s=run_up_s),
         by=(4, 2, 2, 2),
@@ -208,7 +208,7 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
         plot(
             "Acceleration, close up [m/s²]",
             Line("/can/Accelerometer", "striker_high_m_s2", "high range", "m/s²", OTHER),
-            Line("/can/Accelerometer", "striker_low_m_s2", "low range", "m/s²", BELIEF),
+            Line("/can/Accelerometer", "striker_low_m_s2", "low range", "m/s²", ESTIMATE),
             Line("/can/Accelerometer", "housing_m_s2", "housing", "m/s²", TARGET),
             Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
             span_s=detail_s,
@@ -217,7 +217,7 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
         rrb.Horizontal(
             plot(
                 "Innovation in flight, close up [m/s²]",
-                Line("/firmware", innovation, "innovation", "m/s²", BELIEF),
+                Line("/firmware", innovation, "innovation", "m/s²", ESTIMATE),
                 Line("/firmware", deviation, "its σ", "m/s²", TARGET),
                 span_s=detail_s,
                 range_y=innovations_m_s2,
@@ -234,7 +234,7 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
                     "state.estimator.bias_m_s2",
                     "bias ± σ",
                     "m/s²",
-                    BELIEF,
+                    ESTIMATE,
                     "state.estimator.p_bb",
                 ),
                 legend=rrb.Corner2D.RightBottom,
@@ -245,13 +245,13 @@ def estimator(detail_s: tuple[float, float] | None, innovations_m_s2: tuple[floa
 
 
 def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, worn: bool) -> Any:
-    """The blows: how fast, how hard, what the wearer feels of them, and what they cost."""
+    """The impacts: how fast, how hard, what the wearer feels of them, and what they cost."""
     forces = [Line("/plant", "stop_force_n", "on the stop", "N", ALARM)]
     if worn:
         forces.append(Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER))
     return rrb.Vertical(
         rrb.Horizontal(
-            plot("Approach speed", *BLOWS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot("Approach speed", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
             plot(
                 "Impulse",
                 Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", OTHER, "diamond"),
@@ -271,7 +271,7 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
         plot(
             "Energy [J]",
             Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
-            Line("/plant", "friction_j", "friction", "J", BELIEF),
+            Line("/plant", "friction_j", "friction", "J", ESTIMATE),
             Line("/plant", "impact_loss_j", "impacts", "J", ALARM),
             Line("/plant", "stored_j", "stored", "J", OTHER),
         ),
@@ -283,11 +283,11 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
     """The wearer's cycle, true and estimated, and where in it the pulses come."""
     return shares(
         rrb.Vertical,
-        lanes("The leg: true, believed", "leg", "leg_believed"),
+        lanes("The leg: true, estimated", "leg", "leg_estimated"),
         plot(
             "Gait cycle: phase and pulses",
             Line("/plant", "gait.phase", "true", "", TRUTH),
-            Line("/firmware", "state.gait.phase", "estimate", "", BELIEF),
+            Line("/firmware", "state.gait.phase", "estimate", "", ESTIMATE),
             Whole("/gait/window/from"),
             Whole("/gait/window/to"),
             Dots("/gait/inside", None, "pulse in the window", GOOD, "circle"),
@@ -309,7 +309,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
                 "Strides a second, crank turns a stride, confidence",
                 Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
                 Line("/firmware", "state.lock.harmonic", "turns a stride", "", OTHER),
-                Line("/firmware", "state.gait.confidence", "confidence", "", BELIEF),
+                Line("/firmware", "state.gait.confidence", "confidence", "", ESTIMATE),
             ),
         ),
         rrb.Horizontal(
@@ -327,7 +327,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
             plot(
                 "Shank's rate, close up [rad/s]",
-                Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", BELIEF),
+                Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
                 Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
                 span_s=detail_s,
                 legend=None,
@@ -350,8 +350,8 @@ def bus_and_timing() -> Any:
         rrb.Horizontal(
             plot(
                 "Firmware loop [µs]",
-                Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_BELIEF),
-                Line("/firmware", "work_us", "work", "µs", BELIEF),
+                Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_ESTIMATE),
+                Line("/firmware", "work_us", "work", "µs", ESTIMATE),
             ),
             plot(
                 "Plant loop [µs]",
@@ -362,7 +362,7 @@ def bus_and_timing() -> Any:
         rrb.Horizontal(
             plot(
                 "Ticks skipped so far",
-                Line("/firmware", "overruns", "firmware", "", BELIEF),
+                Line("/firmware", "overruns", "firmware", "", ESTIMATE),
                 Line("/plant", "overruns", "plant", "", TRUTH),
             ),
             plot("Bus load (of 1 Mbit/s)", Whole("/can/load"), range_y=(0.0, 1.0)),
@@ -416,7 +416,7 @@ def both(name: str, entity: str, field: str, unit: str, **options: Any) -> rrb.T
     return plot(
         name,
         Line(f"/a{entity}", field, "a", unit, TRUTH),
-        Line(f"/b{entity}", field, "b", unit, BELIEF),
+        Line(f"/b{entity}", field, "b", unit, ESTIMATE),
         **options,
     )
 
@@ -446,7 +446,7 @@ def overlay(difference_s: float | None) -> rrb.Blueprint:
                 plot(
                     "Impacts, v⁻ [m/s]",
                     Dots("/a/impacts/truth", "v_m_s", "a", TRUTH, "circle"),
-                    Dots("/b/impacts/truth", "v_m_s", "b", BELIEF, "cross"),
+                    Dots("/b/impacts/truth", "v_m_s", "b", ESTIMATE, "cross"),
                     legend=rrb.Corner2D.LeftBottom,
                 ),
                 both("Torque asked for [N m]", "/firmware", "outputs.torque_n_m", "N m"),

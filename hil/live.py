@@ -33,7 +33,7 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
 
 
 def main() -> None:
-    """Show the run in a folder until told to stop, or until the viewer is gone."""
+    """Show the run in a folder until asked to stop, or until the viewer is gone."""
     parser = argparse.ArgumentParser(description="Show a run that is going on.")
     parser.add_argument("run_dir", type=Path)
     parser.add_argument("--to", required=True, help="the viewer's address, rerun+http://HOST:PORT/proxy")

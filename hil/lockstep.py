@@ -24,7 +24,7 @@ from hil.operator import OPERATOR_PERIOD_S
 from hil.scenario import Scenario
 
 Progress = Callable[[float, str], None]
-"""Told how much of the run is done, 0…1, and what is being done."""
+"""Called with how much of the run is done, 0…1, and what is being done."""
 
 PROGRESS_TICKS = 500
 TIME_RESOLUTION_S = 1e-9

@@ -23,8 +23,8 @@ class LoopTiming(NamedTuple):
 class FixedRateLoop:
     """Calls a step at t0 + offset + k · period.
 
-    A step is told its tick k and how many periods have passed since the step before. After it, `record` is
-    told the tick and its timing. Two clock readings and one sleep a tick.
+    A step receives its tick k and how many periods have passed since the step before. After it, `record`
+    receives the tick and its timing. Two clock readings and one sleep a tick.
     """
 
     def __init__(self, clock: Clock, t0_ns: int, period_ns: int, offset_ns: int = 0) -> None:

@@ -33,7 +33,7 @@ from hil.trace import bring_home
 from hil.warm import warm_firmware, warm_plant
 
 START_DELAY_S = 0.2
-"""A node alone starts so long after it is ready."""
+"""A node alone starts this long after it is ready."""
 
 FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
 """All that the firmware listens to."""
@@ -165,7 +165,7 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
 
 
 def await_start(sync: bool) -> Start:
-    """Take what the machine allows, say so, and wait to be told when to begin."""
+    """Take what the machine allows, say so, and wait for the time to begin."""
     report = become_realtime(NODE)
     if sync:
         print(READY, json.dumps(report._asdict()), flush=True)

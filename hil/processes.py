@@ -66,7 +66,7 @@ class ChildError(RuntimeError):
 
 
 class ChildRefusalError(ChildError):
-    """A process that ends as its input is at fault, which its last line tells."""
+    """A process that ends as its input is at fault, which its last line says."""
 
 
 asked_to_end_with_parent = partial(end_with_parent, signal.SIGTERM)
@@ -167,14 +167,14 @@ class Child:
         return rest
 
     def start(self, start: Start) -> None:
-        """Tell it when to begin; it waits for that in `read_start`."""
+        """Send it the time to begin; it waits for that in `read_start`."""
         line = " ".join(map(str, start))
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{line}\n".encode())
             self._process.stdin.flush()
         except BrokenPipeError as error:
-            raise ChildError(f"{self.how_it_ended()} before it was told {line!r}") from error
+            raise ChildError(f"{self.how_it_ended()} before it received {line!r}") from error
 
     def signal(self, number: signal.Signals) -> None:
         """Send it a signal; one that has ended gets none."""

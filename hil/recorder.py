@@ -126,7 +126,7 @@ def record(recorder: Recorder, wakers: list[int]) -> None:
 
 
 def main() -> None:
-    """Record the run in a folder until told to stop."""
+    """Record the run in a folder until asked to stop."""
     parser = argparse.ArgumentParser(description="Record a run that is going on.")
     parser.add_argument("run_dir", type=Path)
     parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")

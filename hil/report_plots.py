@@ -21,8 +21,8 @@ from hil.run_traces import Records, RunTraces, column
 
 FloatArray = NDArray[np.float64]
 
-TRUTH, BELIEF, TARGET, ALARM, OTHER = "#3f8fe0", "#e8912d", "#8e8e96", "#e5484d", "#4fa65b"
-"""The colours of the log: the plant's truth, the firmware's belief, what was asked for, alarms, the rest."""
+TRUTH, ESTIMATE, TARGET, ALARM, OTHER = "#3f8fe0", "#e8912d", "#8e8e96", "#e5484d", "#4fa65b"
+"""The colours of the log: the plant's truth, the firmware's estimate, the request, alarms, the rest."""
 INK, FAINT = "#010203", "#040506"
 """Stand-ins for the page's own colours, which differ in the dark."""
 MOST_POINTS = 2400
@@ -112,22 +112,22 @@ def stop_of(traces: RunTraces) -> float | None:
 
 
 def start_up(traces: RunTraces, figures: Figures) -> Plot:
-    """Position, blows and crank speed from the first motion to just after the run-up."""
+    """Position, impacts and crank speed from the first motion to just after the run-up."""
     start_s, end_s = run_up(traces, figures)
     plant, firmware = within(traces.plant, start_s, end_s), within(traces.firmware, start_s, end_s)
-    blows = within(traces.impacts, start_s, end_s)
+    touched = within(traces.impacts, start_s, end_s)
     with canvas(9.6, 5.0) as figure:
         position, speed, crank = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.0, 1.0])
-        believed = thinned(column(firmware, "t_s"), 1e3 * column(firmware, "state.estimator.x_m"))
-        position.plot(*believed, color=BELIEF, lw=0.9, label="estimate")
+        estimated = thinned(column(firmware, "t_s"), 1e3 * column(firmware, "state.estimator.x_m"))
+        position.plot(*estimated, color=ESTIMATE, lw=0.9, label="estimate")
         t_s, x_mm = thinned(column(plant, "t_s"), 1e3 * column(plant, "x_m"))
         position.plot(t_s, x_mm, color=TRUTH, lw=0.9, label="true position")
         if (stop_m := stop_of(traces)) is not None:
             position.axhline(1e3 * stop_m, color=ALARM, lw=1.0, label="stop")
         position.set_ylabel("x [mm]")
         position.legend(loc="lower left", ncols=3)
-        speed.vlines(column(blows, "t_s"), 0.0, column(blows, "v_m_s"), color=ALARM, lw=0.8)
-        speed.plot(column(blows, "t_s"), column(blows, "v_m_s"), ".", color=ALARM, ms=4)
+        speed.vlines(column(touched, "t_s"), 0.0, column(touched, "v_m_s"), color=ALARM, lw=0.8)
+        speed.plot(column(touched, "t_s"), column(touched, "v_m_s"), ".", color=ALARM, ms=4)
         speed.set_ylim(bottom=0.0)
         speed.set_ylabel("v⁻ [m/s]")
         crank.plot(*thinned(column(plant, "t_s"), column(plant, "omega_rad_s")), color=TRUTH, label="true")
@@ -149,7 +149,7 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
     captured = (
         "Never captured."
         if figures.capture_s is None
-        else f"Captured at {figures.capture_s:.2f} s (green): every drive period from there on has its blow."
+        else f"Captured at {figures.capture_s:.2f} s (green): every later drive period has its impact."
     )
     return Plot(
         "Start-up",
@@ -175,10 +175,10 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot:
         else:
             span_s = PORTRAIT_PERIODS * 2.0 * np.pi / abs(figures.speed.mean_rad_s)
             start_s = max(figures.hold_start_s, figures.hold_end_s - span_s)
-            belief = within(traces.firmware, start_s, figures.hold_end_s)
+            estimated = within(traces.firmware, start_s, figures.hold_end_s)
             truth = within(traces.plant, start_s, figures.hold_end_s)
             for records, x, v, color, label in (
-                (belief, "state.estimator.x_m", "state.estimator.v_m_s", BELIEF, "estimate"),
+                (estimated, "state.estimator.x_m", "state.estimator.v_m_s", ESTIMATE, "estimate"),
                 (truth, "x_m", "v_m_s", TRUTH, "truth"),
             ):
                 axes.plot(1e3 * column(records, x), column(records, v), color=color, lw=0.7, label=label)
@@ -190,7 +190,7 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot:
     return Plot("Phase portrait", f"The last {PORTRAIT_PERIODS} drive periods of the hold.", svg, half=True)
 
 
-def blows(traces: RunTraces, figures: Figures) -> Plot:
+def impact_speeds(traces: RunTraces, figures: Figures) -> Plot:
     """Approach speeds over the run, true and as the firmware reported them."""
     seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
     reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
@@ -211,7 +211,7 @@ def blows(traces: RunTraces, figures: Figures) -> Plot:
                 reported_s,
                 column(seen, "outputs.impact_speed_m_s"),
                 "x",
-                color=BELIEF,
+                color=ESTIMATE,
                 ms=4,
                 label="reported",
             )
@@ -243,14 +243,14 @@ def distributions(traces: RunTraces, _: Figures) -> Plot:
     latency_ms = 1e3 * (column(seen, "t_s")[pairs.detection] - column(traces.impacts, "t_s")[pairs.truth])
     with canvas(9.6, 2.6) as figure:
         left, middle, right = figure.subplots(1, 3)
-        histogram(left, latency_ms, BELIEF, "detection latency [ms]", "nothing detected")
+        histogram(left, latency_ms, ESTIMATE, "detection latency [ms]", "nothing detected")
         histogram(middle, column(traces.impacts, "v_m_s"), TRUTH, "v⁻ [m/s]", "no impact")
         without_force = "a rigid stop has none" if len(traces.impacts) else "no impact"
         histogram(right, column(traces.impacts, "peak_force_n"), ALARM, "peak force [N]", without_force)
         left.set_ylabel("impacts")
         svg = svg_of(figure)
     return Plot(
-        "Detection and blows", "From touch-down to the tick that reports it; how fast, how hard.", svg
+        "Detection and impacts", "From touch-down to the tick that reports it; how fast, how hard.", svg
     )
 
 
@@ -262,7 +262,7 @@ def timing(traces: RunTraces, figures: Figures) -> Plot:
             (work, "work_us", "work [µs]"),
             (wake, "wake_latency_us", "wake-up latency [µs]"),
         ):
-            loops = [(traces.plant, TRUTH, "plant"), (traces.firmware, BELIEF, "firmware")]
+            loops = [(traces.plant, TRUTH, "plant"), (traces.firmware, ESTIMATE, "firmware")]
             samples = [column(records, name) for records, _, _ in loops]
             largest = max((float(sample.max()) for sample in samples if len(sample)), default=0.0)
             if largest <= 0.0:
@@ -347,7 +347,7 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
             nothing(felt, "nobody wears the module")
         t_s, off = phase_error(traces.plant, traces.firmware)
         if len(t_s):
-            error.plot(*thinned(t_s, 100.0 * off), color=BELIEF, lw=0.7)
+            error.plot(*thinned(t_s, 100.0 * off), color=ESTIMATE, lw=0.7)
         error.axhline(0.0, color=FAINT, lw=0.8)
         error.set(xlabel="simulated time [s]", ylabel="phase error [% of the cycle]")
         error.set_ylim(-15.0, 15.0)
@@ -389,7 +389,13 @@ def _held(t_s: FloatArray, figures: Figures) -> NDArray[np.bool_]:
     return (t_s >= figures.hold_start_s) & (t_s <= figures.hold_end_s)
 
 
-PLOTS: tuple[Callable[[RunTraces, Figures], Plot], ...] = (start_up, portrait, blows, distributions, timing)
+PLOTS: tuple[Callable[[RunTraces, Figures], Plot], ...] = (
+    start_up,
+    portrait,
+    impact_speeds,
+    distributions,
+    timing,
+)
 
 
 def plots(traces: RunTraces, figures: Figures) -> list[Plot]:

@@ -33,7 +33,7 @@ from hil.gait_figures import push_off
 from hil.lanes import (
     ALARM,
     FIRMWARE_LANES,
-    LEG_BELIEVED_LANE,
+    LEG_ESTIMATED_LANE,
     LEG_LANE,
     PLANT_LANES,
     TARGET,
@@ -50,7 +50,7 @@ LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
 """A failed check is marked at this fraction of the run at the latest."""
 VIEWER_TIMEOUT_S = 5.0
-"""A viewer that takes nothing for so long is given up."""
+"""A viewer that accepts nothing for this time is given up."""
 
 FloatArray = NDArray[np.float64]
 
@@ -242,7 +242,7 @@ class RunLog:
         self._phases = [*self._phases[-1:], (t_s, column(records, "gait.phase"))]
 
     def _pulses(self, records: Records) -> None:
-        """Each blow at its phase of the gait cycle; one in standing has none."""
+        """Each impact at its phase of the gait cycle; one in standing has none."""
         if self._push_off is None or not self._phases:
             return
         t_s = np.concatenate([times for times, _ in self._phases])
@@ -260,7 +260,7 @@ class RunLog:
         self._records("firmware", records, column(records, "wake_latency_us"))
         self._lanes(records, FIRMWARE_LANES)
         if self._walked:
-            self._lanes(records, (LEG_BELIEVED_LANE,))
+            self._lanes(records, (LEG_ESTIMATED_LANE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
         seen = records[column(records, "outputs.impact") != 0.0]

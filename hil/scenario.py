@@ -1,4 +1,4 @@
-"""A scenario: a plant, the firmware's beliefs, a script of commands, and the checks that judge the run.
+"""A scenario: a plant, the firmware's parameters, a script of commands, and the checks that judge the run.
 
 Files lie in hil/scenarios, named as sentences. `read_scenario` gives the raw tables with a scene's name
 replaced by its tables, so that every value can be changed; `load_scenario` checks them.

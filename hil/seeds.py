@@ -1,4 +1,4 @@
-"""One scenario in many seeds: noise and the moment of its fault drawn anew; one verdict of all of them.
+"""One scenario in many seeds: noise and the moment of its fault sampled anew; one verdict of all of them.
 
 The verdict has the worst figure of each check.
 """
@@ -18,13 +18,13 @@ BEYOND = -math.inf
 AS_WRITTEN = 1
 """The seed in which faults come when the scenario says."""
 DRIVE_PERIOD_S = 0.61
-"""At r = 1.1, where faults are provoked: so much later a fault comes at the same phase again."""
+"""At r = 1.1, where faults are provoked: a fault that is this much later has the same phase."""
 SEED_OF_MOMENTS = 4000
-"""Apart from the seeds of all faults."""
+"""Independent of the seeds of all faults."""
 
 
 def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario with all from its first fault on later, by up to a drive period, as the seed draws it.
+    """The scenario with all from its first fault on later, by up to a drive period, sampled by the seed.
 
     What is wrong from the start stays so.
     """

@@ -72,7 +72,7 @@ def heard(bus: BusLog, record: type[Any]) -> Heard:
 
 
 def held(frames: Heard, t_s: FloatArray) -> FloatArray:
-    """The signals last heard at each of `t_s`, shape (n, signals); NaN before the first frame."""
+    """The signals last received at each of `t_s`, shape (n, signals); NaN before the first frame."""
     last = np.searchsorted(frames.t_s, t_s, side="right") - 1
     padded = np.vstack([np.full((1, frames.signals.shape[1]), np.nan), frames.signals])
     values: FloatArray = padded[last + 1]

@@ -31,7 +31,7 @@ def duration_s(text: str) -> float:
 
 
 def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str, Any]:
-    """A scenario's tables with so much more time before the script's last command.
+    """A scenario's tables with more time before the script's last command.
 
     That command and faults from then on come later; checks hold the growth of memory beside the others. In
     lockstep there is one process, and no recorder.
@@ -54,7 +54,7 @@ def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str,
 
 
 def own_memory_mb(pid: int) -> float | None:
-    """What a process has for itself, without mapped files, in MB; None where that cannot be told."""
+    """What a process has for itself, without mapped files, in MB; None where that is unknown."""
     try:
         status = Path(f"/proc/{pid}/status").read_text()
     except OSError:

@@ -33,9 +33,9 @@ PREAMBLE = struct.Struct("<8sIIQ")
 COUNT = struct.Struct("<Q")
 COUNT_OFFSET = 16
 WINDOW_BYTES = 8 << 20
-"""The file grows by so much at a time: some ten seconds of a hundred columns at 1 kHz."""
+"""The file's growth in one step: some ten seconds of a hundred columns at 1 kHz."""
 LARGEST_FIRST_WINDOW_BYTES = 256 << 20
-"""So much at most is in memory from the start: some two minutes of what the firmware knows."""
+"""The most that is in memory from the start: some two minutes of what the firmware knows."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
 """A full disk, a used-up quota; no memory to map the file into, or none that may be locked."""
@@ -289,7 +289,7 @@ class TraceWriter:
 
 
 def refuse_full_disk(home: Path, needed_bytes: int) -> None:
-    """Raise TraceError where a file of so many bytes has no room."""
+    """Raise TraceError where a file of this number of bytes has no room."""
     free_bytes = shutil.disk_usage(home.parent).free
     if needed_bytes > free_bytes:
         memory = (

@@ -175,7 +175,7 @@ def _search_path() -> str:
 
 
 def _environment() -> dict[str, str]:
-    """Return the command's environment: the caller's, and what a terminal would have told it.
+    """Return the command's environment: the caller's, and what a terminal would have set in it.
 
     The command writes to files, so it cannot ask whether the reader is a person.
     """

@@ -2,7 +2,7 @@
 
 A sample stands for the instant it was sent at, and does not say which that was. While a loop keeps its pace,
 that is this tick. After a pause, of the whole machine say, samples from before it may lie there, and those of
-now may take a moment. The accelerometer's rolling counter tells them apart: it counts the sensors' ticks, so
+now may take a moment. The accelerometer's rolling counter separates them: it counts the sensors' ticks, so
 that over the pause it must have moved as far as the clock has, give or take the one tick that either loop may
 be late at any time. After a pause of nearly a turn of the counter, 256 ticks, nothing that lies there is
 taken; what comes in the next tick is of now. The bus may have been held up for longer than the loop, and then

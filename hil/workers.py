@@ -83,7 +83,7 @@ def results(
     processes: int,
     prepare: Callable[[], None] | None = None,
 ) -> Generator[tuple[Task, Result | Died]]:
-    """Each task with its result as they come, from at most so many processes; `prepare` is called in each.
+    """Each task with its result as they come, from at most `processes`; `prepare` is called in each.
 
     What `function` raises is raised here. Closing the iterator ends all workers.
     """

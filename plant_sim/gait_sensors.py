@@ -178,4 +178,4 @@ class GaitSensors:
 
 
 GAIT_STREAM = 10
-"""The gait sensors' noise is drawn apart from the others', which stays as it is without them."""
+"""The gait sensors' noise is sampled separately from the others', which is the same without them."""

@@ -54,7 +54,7 @@ class PlantError(ValueError):
 
 
 class Impact(NamedTuple):
-    """One blow. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
+    """One impact. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
 
     `peak_force_n` is nan at a rigid stop, which has none.
     """
@@ -81,7 +81,7 @@ class Lent(NamedTuple):
 
 
 class Plant:
-    """A scene's module, advanced under a held torque; its sensors' noise is drawn from `seed`."""
+    """A scene's module, advanced under a held torque; its sensors' noise is sampled from `seed`."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
         if not (real(seed) >= 0.0 and real(seed).is_integer()):
@@ -143,7 +143,7 @@ class Plant:
         self._disturb(in_contact_too=moved_m != 0.0)
 
     def kick(self, change_m_s: float) -> None:
-        """Change the striker's velocity at once, as a blow from outside does, which the accelerometers feel.
+        """Change the striker's velocity at once, as a kick does, which the accelerometers feel.
 
         Its work is in no ledger.
         """
@@ -180,7 +180,7 @@ class Plant:
                 raise refusal(status, self.parts, memory, self.t_s)
 
     def sense(self) -> SensorReading:
-        """Sample every sensor now; each call draws new noise."""
+        """Sample every sensor now; each call samples new noise."""
         if self._sensors is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         return self._sensors.read(self.now.crank_rad)

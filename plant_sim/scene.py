@@ -63,7 +63,7 @@ from plant_sim.text_input import TextInputError, read_toml
 SCENES = Path(__file__).parent / "scenes"
 
 STRIDES_STREAM = 9
-"""Strides are drawn apart from the sensors' noise, which is the seed's own."""
+"""Strides are sampled separately from the sensors' noise, which is the seed's own."""
 
 
 class SceneError(TextInputError):

@@ -17,7 +17,7 @@ from plant_sim.strides import Pace, Trip, Walk
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 CONTACT_REFERENCE_SPEED_M_S = 0.9
-"""`contact_s` holds at this approach speed: what the module strikes with at r = 1.3 (0.91 m/s)."""
+"""`contact_s` holds at this approach speed: the module's at r = 1.3 (0.91 m/s)."""
 
 
 class Table(BaseModel):
@@ -183,7 +183,7 @@ class StribeckTable(Table):
 
 
 class NoStopTable(Table):
-    """Nothing to hit."""
+    """No stop."""
 
     law: Literal["none"]
 

@@ -1,4 +1,4 @@
-"""The strides of a walk, drawn one after the other: rows for `plant_sim.parts.walking`.
+"""The strides of a walk, sampled one after the other: rows for `plant_sim.parts.walking`.
 
 A stride's frequency, its size and its length differ from the wanted ones by a few per cent, at random and
 each for itself (stride times of healthy walkers vary by 1 to 3 %, after a stroke by more: Hausdorff et al.,

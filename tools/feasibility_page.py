@@ -50,21 +50,21 @@ says **yes** where all of these hold, else which of them fails first:
 
 | mark | what fails |
 |---|---|
-| region | no r has exactly one blow a turn: here a stiff foot plate comes back and is met twice |
+| region | no r has exactly one impact a turn: here a stiff foot plate comes back and is met twice |
 | n | no whole number n of crank turns a stride puts r = n f 2π/ω into the measured region |
-| leg | the leg's motion alone, with the crank at rest, makes the striker strike: it cannot be switched off |
-| lost | more than 1 % of the turns are without a blow |
+| leg | the leg's motion alone, with the crank at rest, causes impacts: it cannot be switched off |
+| lost | more than 1 % of the turns are without an impact |
 | hard, soft | some pulse that the wearer feels peaks above 40 N, or below 10 N |
 
 The plant alone, with an ideal crank at n turns a mean stride, and a walk of 2 % variability (30 s from a
 rise of 6 s on, of which the last 24 s count). Where the n nearest to r = 1.12 fails, the one with the
-softest blows is tried as well. The region is measured for each module, stop and wearer on a standing leg,
+softest impacts is tried as well. The region is measured for each module, stop and wearer on a standing leg,
 from r = 0.97 on. `table1`: c = 70 N/m, gap 60 mm, A = 20 mm (viscous) or 30 mm. `gait`: c = 505 N/m, gap 60
 mm, A = 12 mm. `walking`: c = 720 N/m, gap 22 mm, A = 6.5 mm. All: m_B = 0.8 kg, k = 0.5, b = 0.2 N s/m, or μ
 = 0.15 and μ_s = 4/3 μ. Axes are the shank's: *up* along it, *forward* and *outward* across it. Wearers: a
 foot plate of 1 kg on 10 kN/m and 100 N s/m (stiff) or 2 kN/m and 40 N s/m (compliant). A felt pulse is the
 ankle's force above that at touch-down. With dry friction the plant has no yielding wearer: there the force
-is the bare stop's, and the compliant wearer is left out. How the crank is brought into step, and one blow
+is the bare stop's, and the compliant wearer is left out. How the crank is brought into step, and one impact
 into the push-off window, is [another page](explanation/gait.md).
 """
 
@@ -123,19 +123,19 @@ def claims(rows: Sequence[Row]) -> Iterator[str]:
     yield "\n## The paper's C3, C7 and C12\n"
     yield (
         "[The claims](claims.md) are judged on the module alone; this is what a walk adds. Crank frequencies "
-        "are n f; pulses are judged where the blows go on.\n"
+        "are n f; pulses are judged where the impacts go on.\n"
     )
-    yield "| preset | crank, Hz (C3, C12) | strides, Hz | cells with blows | all pulses in 10–40 N (C7) |"
+    yield "| preset | crank, Hz (C3, C12) | strides, Hz | cells with impacts | all pulses in 10–40 N (C7) |"
     yield "|---|---|---|---|---|"
     for preset in presets_of(rows):
         chosen = [row for row in rows if row["preset"] == preset]
         good = [row for row in chosen if row["verdict"] == FEASIBLE]
-        struck = [row for row in chosen if row["verdict"] in (FEASIBLE, TOO_HARD, TOO_SOFT)]
+        with_impacts = [row for row in chosen if row["verdict"] in (FEASIBLE, TOO_HARD, TOO_SOFT)]
         cranks = [row["harmonic"] * row["stride_hz"] for row in good]
         strides = sorted({row["stride_hz"] for row in good})
         yield (
             f"| {preset} | {_span(cranks)} | {', '.join(f'{hz:g}' for hz in strides) or 'none'} | "
-            f"{len(struck)} | {len(good)} |"
+            f"{len(with_impacts)} | {len(good)} |"
         )
     yield (
         "\nC3 and C12 tie a crank frequency to a cadence. A walk asks for none: n takes up the difference. "
@@ -186,7 +186,7 @@ def text_of(row: Row) -> str:
         return mark
     text = f"{mark} {row['harmonic']}×, r {row['ratio']:.2f}"
     if row["verdict"] == LEG_STRIKES:
-        return f"{text}, {row['idle_blows_hz']:.1f}/s"
+        return f"{text}, {row['idle_impacts_hz']:.1f}/s"
     if np.isfinite(row["felt_high_n"]):
         text += f", {row['felt_low_n']:.0f}–{row['felt_high_n']:.0f}"
     return text

@@ -139,7 +139,7 @@ class Life:
         self._not_addressed = [0, 0]
 
     def step(self, strangers_at_firmware: int, strangers_at_plant: int) -> None:
-        """One tick of both nodes, each with so many strangers among its frames."""
+        """One tick of both nodes, each with this number of foreign frames."""
         published = self.plant.publish()
         if self.tick % self._operator_ticks == 0:
             published += self._operator.publish(self.tick // self._operator_ticks)
@@ -225,7 +225,7 @@ def together(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Life after life from `seed` on, until so many frames have come in, or enough has failed."""
+    """Life after life from `seed` on, until this number of frames has come in, or enough has failed."""
     outcomes: list[Outcome] = []
     so_far = failures = 0
     while so_far < frames and failures < ENOUGH_FAILURES:

@@ -357,7 +357,7 @@ class Worker:
 
 
 def fuzz(kind: Kind, inputs: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Cases of the seeds from `seed` on, until there were so many, or enough has failed."""
+    """Cases of the seeds from `seed` on, until there were `inputs`, or enough have failed."""
     statuses: dict[int, int] = {}
     failures: list[Failure] = []
     slowest_s = largest_mb = 0.0

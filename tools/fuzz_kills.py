@@ -210,7 +210,7 @@ def one_kill(kill: Kill) -> list[str]:
 
 
 def fuzz_kills(count: int, seed: int, progress: Callable[[int], None]) -> list[Failure]:
-    """So many kills, as many runs at once as there are cores; those after which something was wrong."""
+    """`count` kills, as many runs at once as there are cores; those after which something was wrong."""
     chosen = list(itertools.islice(kills(seed), count))
     failures = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:

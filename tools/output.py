@@ -1,4 +1,4 @@
-"""What commands print: one JSON object for machines, tables for people, and how a wish goes wrong."""
+"""What commands print: one JSON object for machines, tables for people, and how a command fails."""
 
 import json
 import math

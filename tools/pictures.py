@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 PLACE = Path("docs/explanation")
 SOFT, INSTANT = "soft-start-multistable", "instant-start-multistable"
 STIFFER = "scene.striker.spring_n_m=71.4"
-"""2 % more than the firmware believes."""
+"""2 % more than nominal."""
 
 PATIENT = "firmware.start.missing_periods=100"
 """The crank goes on where the firmware would have given up."""
 
-TRUTH, BELIEF, TARGET, ALARM, OTHER = "#3f8fe0", "#e8912d", "#8e8e96", "#e5484d", "#4fa65b"
+TRUTH, ESTIMATE, TARGET, ALARM, OTHER = "#3f8fe0", "#e8912d", "#8e8e96", "#e5484d", "#4fa65b"
 """The log's and the report's."""
 
 CLOSE_UP_S = (15.0, 16.3)
 START_S = (0.0, 12.0)
 AVERAGED_TICKS = 1000
 SHOWN_OF = 20
-"""Over a whole run, so many ticks are a point."""
+"""Over a whole run, this number of ticks is a point."""
 CONTACT_S = 0.01
 """The bench's soft stop."""
 
@@ -83,9 +83,9 @@ def thinned(series: Series) -> Series:
 
 def error(run: RunTraces, name: str) -> Series:
     """The estimate less the truth, in the ticks in which both were written."""
-    believed, true = column(run.firmware, f"state.estimator.{name}"), column(run.plant, name)
-    count = min(len(believed), len(true))
-    return Series(column(run.plant, "t_s")[:count], believed[:count] - true[:count])
+    estimated, true = column(run.firmware, f"state.estimator.{name}"), column(run.plant, name)
+    count = min(len(estimated), len(true))
+    return Series(column(run.plant, "t_s")[:count], estimated[:count] - true[:count])
 
 
 def averaged(series: Series) -> Series:
@@ -99,7 +99,7 @@ def with_band(axes: "Axes", values: Series, variance: Series, scale: float, unit
     """An error with the ±σ that the filter gives it, close up."""
     shown, spread = within(values, CLOSE_UP_S), within(variance, CLOSE_UP_S)
     sigma = scale * np.sqrt(spread.values)
-    axes.fill_between(spread.t_s, -sigma, sigma, color=BELIEF, alpha=0.3, lw=0, label="±σ of the filter")
+    axes.fill_between(spread.t_s, -sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="±σ of the filter")
     axes.plot(shown.t_s, scale * shown.values, color=TRUTH, lw=0.9, label="estimate less truth")
     axes.set_ylabel(unit)
 
@@ -116,17 +116,17 @@ def estimator(path: Path) -> None:
     left[2].fill_between(
         deviation.t_s, -deviation.values, deviation.values, color=TARGET, alpha=0.3, lw=0, label="±σ of it"
     )
-    left[2].plot(innovation.t_s, innovation.values, color=BELIEF, lw=0.7, label="innovation")
+    left[2].plot(innovation.t_s, innovation.values, color=ESTIMATE, lw=0.7, label="innovation")
     left[2].set(ylabel="y [m/s²]", ylim=(-0.15, 0.15), xlabel="simulated time [s]")
-    blows = column(nominal.impacts, "t_s")
+    touch_downs_s = column(nominal.impacts, "t_s")
     for axes in left:
-        for touch_s in blows[(blows >= CLOSE_UP_S[0]) & (blows <= CLOSE_UP_S[1])]:
+        for touch_s in touch_downs_s[(touch_downs_s >= CLOSE_UP_S[0]) & (touch_downs_s <= CLOSE_UP_S[1])]:
             axes.axvline(touch_s, color=ALARM, lw=0.8)
         axes.set_xlim(*CLOSE_UP_S)
         axes.legend(loc="lower left", fontsize=8, ncols=2)
     left[0].set_title("three drive periods close up; red: touch-down", fontsize=10)
 
-    for run, colour, name in ((nominal, TRUTH, "as believed"), (stiffer, BELIEF, "spring 2 % stiffer")):
+    for run, colour, name in ((nominal, TRUTH, "nominal"), (stiffer, ESTIMATE, "spring 2 % stiffer")):
         variance = thinned(of_firmware(run, "state.estimator.model_variance"))
         right[0].semilogy(variance.t_s, np.sqrt(variance.values), color=colour, lw=1.0, label=name)
         nis = thinned(averaged(of_firmware(run, "state.estimator.nis")))
@@ -137,8 +137,8 @@ def estimator(path: Path) -> None:
     bias = thinned(of_firmware(nominal, "state.estimator.bias_m_s2"))
     spread = thinned(of_firmware(nominal, "state.estimator.p_bb"))
     sigma = np.sqrt(spread.values)
-    right[2].fill_between(bias.t_s, bias.values - sigma, bias.values + sigma, color=BELIEF, alpha=0.3, lw=0)
-    right[2].plot(bias.t_s, bias.values, color=BELIEF, lw=1.0, label="estimate ± σ")
+    right[2].fill_between(bias.t_s, bias.values - sigma, bias.values + sigma, color=ESTIMATE, alpha=0.3, lw=0)
+    right[2].plot(bias.t_s, bias.values, color=ESTIMATE, lw=1.0, label="estimate ± σ")
     right[2].set(ylabel="bias [m/s²]", xlabel="simulated time [s]", ylim=(0.0, 0.35))
     for axes in (right[0], right[2]):
         axes.legend(loc="upper right", fontsize=8)
@@ -170,11 +170,11 @@ def start_up(path: Path) -> None:
             sweep.column("ratio"), sweep.column("v_max_m_s"), marker, color=colour, ms=3, mew=0, label=name
         )
     natural_rad_s = diagram.case.natural_rad_s
-    blows = soft.impacts[column(soft.impacts, "t_s") < START_S[1]]
+    rising = soft.impacts[column(soft.impacts, "t_s") < START_S[1]]
     turning = of_plant(soft, "omega_rad_s")
-    ratios = np.interp(column(blows, "t_s"), turning.t_s, turning.values) / natural_rad_s
+    ratios = np.interp(column(rising, "t_s"), turning.t_s, turning.values) / natural_rad_s
     map_.plot(
-        ratios, column(blows, "v_m_s"), "o-", color=TRUTH, ms=4, lw=0.8, label="blows of the soft start"
+        ratios, column(rising, "v_m_s"), "o-", color=TRUTH, ms=4, lw=0.8, label="impacts of the soft start"
     )
     map_.set(xlabel="Ω/ω", ylabel="v⁻ at the stop [m/s]", xlim=(0.7, 1.6))
     map_.set_title("two motions at one speed where shaded", fontsize=10)
@@ -182,7 +182,7 @@ def start_up(path: Path) -> None:
 
     for run, axes, colour, name in (
         (soft, slow, TRUTH, f"soft: S-curve of {DEFAULTS['start.rise_s']:g} s"),
-        (instant, fast, BELIEF, "as good as instant: 0.1 s"),
+        (instant, fast, ESTIMATE, "as good as instant: 0.1 s"),
     ):
         shown = within(of_plant(run, "omega_rad_s"), START_S)
         speed.plot(shown.t_s, shown.values / natural_rad_s, color=colour, lw=1.1, label=name)

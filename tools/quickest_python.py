@@ -13,11 +13,11 @@ from pathlib import Path
 PROBE = """
 import ensurepip, sys, timeit, venv
 from collections import namedtuple
-Belief = namedtuple("Belief", "x v")
-def predict(belief, dt): return Belief(belief.x + belief.v * dt, 0.9 * belief.v - belief.x * dt)
+Estimate = namedtuple("Estimate", "x v")
+def predict(estimate, dt): return Estimate(estimate.x + estimate.v * dt, 0.9 * estimate.v - estimate.x * dt)
 def run():
-    belief = Belief(1.0, 0.0)
-    for _ in range(20000): belief = predict(belief, 1e-3)
+    estimate = Estimate(1.0, 0.0)
+    for _ in range(20000): estimate = predict(estimate, 1e-3)
 print(sys.version_info[0], sys.version_info[1], min(timeit.repeat(run, number=1, repeat=9)), sys.executable)
 """
 """What a candidate has to be able to do, then what the firmware does all day."""

@@ -2,10 +2,10 @@
 
     python -m tools.reactions --seeds 20 [SCENARIO…]
 
-Runs scenarios in lockstep on the compiled firmware, each in so many seeds, which also move the moment of the
-fault, and prints the worst of each time for every scenario and fault that the firmware latched, as the table
-of docs/safety.md. The times count from the moment at which the scenario's first fault begins; IDLE counts
-once the torque is 0 for good.
+Runs scenarios in lockstep on the compiled firmware, each with several seeds, which also move the moment of
+the fault, and prints the worst of each time for every scenario and fault that the firmware latched, as the
+table of docs/safety.md. The times count from the moment at which the scenario's first fault begins; IDLE
+counts once the torque is 0 for good.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """A stop that takes the striker's energy first, and then lets the crank rest where the gap is widest.
 
-A striker with little damping goes on striking after a crank that merely stops. The piston's pull takes the
-power −c x_A v from it, most of it where x_A goes against v. With the striker's free motion as a phasor,
+A striker with little damping keeps meeting the stop after the crank has stopped. The piston's pull takes
+the power −c x_A v from it, most of it where x_A goes against v. With the striker's free motion as a phasor,
 
     x − l₀ = R cos ψ,  v = −R ω sin ψ,  x_A = A sin θ        P = −c A R ω sin θ sin ψ
 
@@ -11,7 +11,7 @@ that is a crank at θ = ψ: it turns on at the striker's own frequency, in step 
 
 (a phase-locked loop, as in `lock`), until the swing no longer reaches the stop. Then it turns on to its
 backward dead centre, θ = −90°, where the gap is wider by A and the spring has no lever on a motor without
-torque. Nothing here is believed for longer than `longest_s`: a stop ends in a crank at rest.
+torque. It lasts no longer than `longest_s`: a stop ends in a crank at rest.
 """
 
 import math

@@ -65,7 +65,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
     )
     estimator_config = estimator.EstimatorConfig(
         tick_s=tick_s,
-        striker=estimator.StrikerBelief(
+        striker=estimator.NominalStriker(
             stiffness_1_s2=stiffness_1_s2,
             damping_1_s=damping_1_s,
             dry_m_s2=p.friction_mu * STANDARD_GRAVITY_M_S2,
@@ -74,7 +74,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             stop_m=p.stop_position_m,
             restitution=restitution,
         ),
-        sensor=estimator.SensorBelief(
+        sensor=estimator.NominalSensors(
             low_full_scale_m_s2=p.sensor_low_full_scale_m_s2,
             high_full_scale_m_s2=p.sensor_high_full_scale_m_s2,
             delay_s=delay_s,
@@ -108,7 +108,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             xx=0.0, vv=_square(estimator.CONTACT_NOISE_M_S), bb=_square(estimator.BIAS_NOISE_M_S2)
         ),
         bend_share=estimator.BEND_SHARE,
-        trust=estimator.ModelTrust(
+        noise=estimator.AdaptiveNoise(
             floor=_square(p.estimator_model_std_m_s2),
             start=_square(p.estimator_initial_model_std_m_s2),
             ceiling=_square(p.estimator_largest_model_std_m_s2),
@@ -229,7 +229,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             gain_p_n_m_s=p.speed_gain_p_n_m_s,
             gain_i_n_m=p.speed_gain_i_n_m,
             lead_s=1.5 * tick_s,  # sensors at t_k, torque from t_{k+1} to t_{k+2}
-            load=speed.LoadBelief(
+            load=speed.NominalLoad(
                 inertia_kg_m2=p.motor_inertia_kg_m2,
                 viscous_n_m_s=p.motor_viscous_n_m_s,
                 dry_n_m=p.motor_dry_n_m,

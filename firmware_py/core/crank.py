@@ -1,7 +1,7 @@
 """Where the crank is and how fast it turns: a critically damped g-h-k tracker on the encoder.
 
 Source: Zarchan & Musoff, Fundamentals of Kalman Filtering, ch. 1 (fading-memory filter of third order). The
-torque that the motor and the crank's load are believed to apply enters as a known acceleration, so that the
+estimated torque of the motor and the crank's load enters as a known acceleration, so that the
 tracker lags only behind what is not known; that remainder is the third state. Angles are compared on the
 circle, so neither a circular nor a running encoder count can make it jump.
 """
@@ -14,7 +14,7 @@ from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
 
 FASTEST_RAD_S = 1000.0
-"""No speed is believed beyond: 25 times what the motor can do."""
+"""Larger speeds are implausible: 25 times what the motor can do."""
 
 
 class CrankConfig(NamedTuple):

@@ -56,7 +56,7 @@ class DetectorConfig(NamedTuple):
 
 
 class DetectorState(NamedTuple):
-    """`excess` is how much the acceleration lies below the model's; impulse and speed are the last blow's.
+    """`excess` is how much the acceleration lies below the model's; impulse and speed are the last impact's.
 
     `area_m_s` is ∫excess dt over the contact so far. `since_touch_down_s` is the time from the last
     touch-down to the sensors' time; it stops at the separation.
@@ -154,10 +154,10 @@ def _may_touch(
     sure_m_s2 = config.sure_factor * limit_m_s2
     if excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2:
         return True
-    belief = predicted.belief
-    reach_m = config.near_m + 3.0 * math.sqrt(at_least(belief.p.xx, 0.0))
-    slack_m_s = 3.0 * math.sqrt(at_least(belief.p.vv, 0.0))
-    return belief.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
+    estimate = predicted.estimate
+    reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
+    slack_m_s = 3.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
+    return estimate.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
 
 
 @compiled
@@ -172,7 +172,7 @@ def _free(
     # Without what the excess took in this tick (trapezoid, and τ times its change) it would still be coming.
     dt_s = elapsed_ticks * config.tick_s
     lost_m_s = excess_m_s2 * (0.5 * dt_s + config.delay_s) + state.excess_m_s2 * (0.5 * dt_s - config.delay_s)
-    coming_m_s = predicted.belief.v_m_s + lost_m_s
+    coming_m_s = predicted.estimate.v_m_s + lost_m_s
     # Where a dry guide reverses, the model is off by up to twice the friction.
     dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
     limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * predicted.spread_m_s2
@@ -258,12 +258,12 @@ def _contact(
 
     before_m_s = state.approach_speed_m_s
     # A stop gives back at most what it got.
-    believable = -1.2 * before_m_s - 0.05 < predicted.belief.v_m_s < 0.2 * before_m_s + 0.05
-    measured = measurable and believable
+    plausible = -1.2 * before_m_s - 0.05 < predicted.estimate.v_m_s < 0.2 * before_m_s + 0.05
+    measured = measurable and plausible
     expected_m_s = (1.0 + config.restitution) * before_m_s
     change_m_s = area_m_s if measured else expected_m_s
-    if measurable and not believable:
-        # Estimate and readings contradict each other: for the limit on a blow, the worse of the two counts.
+    if measurable and not plausible:
+        # Estimate and readings contradict each other: the limit on an impact counts the worse of the two.
         change_m_s = at_least(area_m_s, expected_m_s)
     freed = DetectorState(
         phase=FREE,

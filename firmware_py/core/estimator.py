@@ -33,7 +33,7 @@ from typing import NamedTuple
 from firmware_py.core import kalman
 from firmware_py.core.compiled import compiled
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
-from firmware_py.core.kalman import Belief, Covariance, ProcessNoise, Push, Row, Transition
+from firmware_py.core.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
@@ -45,7 +45,7 @@ The filter's written-out form does that: as many of filterpy's calls would take 
 
 
 LONGEST_TRAPEZOID_TICKS = 5
-"""The readings before and after a longer gap say nothing about a blow in it: half of a soft one fits in."""
+"""The readings before and after a longer gap say nothing of an impact in it: half of a soft one fits in."""
 
 CLIPPED_SHARE = 0.98
 """Of the full scale: a reading beyond may be more."""
@@ -55,11 +55,11 @@ STILL_VARIANCE = 1e-4
 
 
 FEWEST_HOUSING = 1000
-"""The housing's offset starts as 0, as sure as by so many readings: it may move from the start."""
+"""The housing's offset starts as 0, as certain as after this many readings: it may move at once."""
 
 
 LONGEST_FLIGHT_TICKS = 5000
-"""A flight that no blow ends begins anew."""
+"""A flight that no impact ends begins anew."""
 
 
 LARGEST = 1e3
@@ -84,14 +84,14 @@ CONTACT_NOISE_M_S = 0.001
 BEND_SHARE = 0.05
 """Of a reading's second difference: the trapezoid's error."""
 GAP_NOISE_M_S = 0.003
-"""By tick without a reading: a blow may be missed."""
+"""By tick without a reading: an impact may be missed."""
 SEPARATION_JITTER_S = 0.001
 """A contact ends more softly than it starts."""
 STILL_M_S2 = 0.25
 """A dry guide holds: noise, bias not yet known."""
 
 
-class StrikerBelief(NamedTuple):
+class NominalStriker(NamedTuple):
     """The firmware's nominal striker, by unit of mass; the plant's truth may differ."""
 
     stiffness_1_s2: float
@@ -103,7 +103,7 @@ class StrikerBelief(NamedTuple):
     restitution: float
 
 
-class SensorBelief(NamedTuple):
+class NominalSensors(NamedTuple):
     """The accelerometers: full scales, delay of the low-pass, how fast the high one's offset is learnt."""
 
     low_full_scale_m_s2: float
@@ -125,7 +125,7 @@ class Spread(NamedTuple):
     floor_bb: float
 
 
-class ModelTrust(NamedTuple):
+class AdaptiveNoise(NamedTuple):
     """Variances of a single innovation by the model: floor, start and ceiling of what is learnt.
 
     `readings_as_one` is N; `learning_rate` is by tick.
@@ -143,11 +143,11 @@ class ModelTrust(NamedTuple):
 
 
 class EstimatorConfig(NamedTuple):
-    """F and Q by tick, how far the model is trusted, and how well the stop and Newton's law are known."""
+    """F and Q by tick, the variance of the model, and how well the stop and Newton's law are known."""
 
     tick_s: float
-    striker: StrikerBelief
-    sensor: SensorBelief
+    striker: NominalStriker
+    sensor: NominalSensors
     spread: Spread
     row: Row
     model: Transition
@@ -156,7 +156,7 @@ class EstimatorConfig(NamedTuple):
     model_noise: ProcessNoise
     contact_noise: ProcessNoise
     bend_share: float
-    trust: ModelTrust
+    noise: AdaptiveNoise
     stop_variance: float
     coarse_variance: float
     touch_down_jitter_s: float
@@ -194,13 +194,13 @@ class Flight(NamedTuple):
 
 
 class EstimatorState(NamedTuple):
-    """Mean, upper triangle of P, the last innovation, and the belief kept from touch-down.
+    """Mean, upper triangle of P, the last innovation, and the estimate kept from touch-down.
 
     `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
     the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
     of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker,
     `strange_ticks` for how long the innovation has been none that the model can have. `spring_share` and
-    `friction_share` are by how much the model's are taken for more than believed (`identify`).
+    `friction_share` are by how much the model's exceed their nominal values (`identify`).
     """
 
     x_m: float
@@ -220,7 +220,7 @@ class EstimatorState(NamedTuple):
     still_ticks: int
     strange_ticks: int
     sensor: SensorState
-    touch_down: Belief
+    touch_down: StateEstimate
     started: bool
     flight: Flight
     spring_share: float
@@ -235,7 +235,7 @@ class Prediction(NamedTuple):
     what does not depend on the state.
     """
 
-    belief: Belief
+    estimate: StateEstimate
     sensor: SensorState
     innovation_m_s2: float
     innovation_std_m_s2: float
@@ -260,7 +260,7 @@ class Contact(NamedTuple):
     settled: bool
 
 
-_NO_BELIEF = Belief(0.0, 0.0, 0.0, Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+_NO_ESTIMATE = StateEstimate(0.0, 0.0, 0.0, Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 NO_FLIGHT = Flight(0.0, 0.0, -1)
 
@@ -282,7 +282,7 @@ INITIAL = EstimatorState(
     still_ticks=0,
     strange_ticks=0,
     sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
-    touch_down=_NO_BELIEF,
+    touch_down=_NO_ESTIMATE,
     started=False,
     flight=NO_FLIGHT,
     spring_share=0.0,
@@ -291,9 +291,9 @@ INITIAL = EstimatorState(
 
 
 @compiled
-def belief_of(state: EstimatorState) -> Belief:
+def estimate_of(state: EstimatorState) -> StateEstimate:
     """The mean and covariance that `state` holds."""
-    return Belief(
+    return StateEstimate(
         x_m=state.x_m,
         v_m_s=state.v_m_s,
         bias_m_s2=state.bias_m_s2,
@@ -304,7 +304,7 @@ def belief_of(state: EstimatorState) -> Belief:
 
 
 @compiled
-def model_acceleration(config: StrikerBelief, angle_rad: float, x_m: float, v_m_s: float) -> float:
+def model_acceleration(config: NominalStriker, angle_rad: float, x_m: float, v_m_s: float) -> float:
     """x'' in free flight, m/s²."""
     friction = config.damping_1_s * v_m_s
     if v_m_s > 0.0:
@@ -317,7 +317,7 @@ def model_acceleration(config: StrikerBelief, angle_rad: float, x_m: float, v_m_
 
 @compiled
 def sense(
-    config: SensorBelief, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
+    config: NominalSensors, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
 ) -> SensorState:
     """Choose the range and learn the high one's offset from the low one where both can be read.
 
@@ -346,7 +346,7 @@ def sense(
     if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2
         clipped = False
-        # Near zero only: there neither range is on the flank of a blow.
+        # Near zero only: there neither range is on the flank of an impact.
         if abs(new.low_m_s2) < 0.2 * config.low_full_scale_m_s2:
             offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
@@ -415,38 +415,38 @@ def _strapdown_noise(
 
 @compiled
 def _by_model(
-    config: EstimatorConfig, belief: Belief, angle_rad: float, omega_rad_s: float, ticks: int
-) -> Belief:
-    """Carry the belief over `ticks` without a reading; the crank turned to `angle_rad` meanwhile."""
+    config: EstimatorConfig, estimate: StateEstimate, angle_rad: float, omega_rad_s: float, ticks: int
+) -> StateEstimate:
+    """Carry the estimate over `ticks` without a reading; the crank turned to `angle_rad` meanwhile."""
     bounded = min(ticks, LONGEST_GAP_TICKS)
     for tick in range(bounded):
         middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
         # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
         fixed_m = config.striker.rest_length_m + config.striker.amplitude_m * math.sin(middle_rad)
-        belief = kalman.predict_written_out(
-            belief,
+        estimate = kalman.predict_written_out(
+            estimate,
             config.model,
             Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
             config.model_noise,
         )
-        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # a blow longer than a gap is not over within it
-        if unseen and belief.x_m > config.striker.stop_m and belief.v_m_s > 0.0:
-            belief = _thrown_back(config, belief)
-    return belief
+        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact longer than a gap is not over within it
+        if unseen and estimate.x_m > config.striker.stop_m and estimate.v_m_s > 0.0:
+            estimate = _thrown_back(config, estimate)
+    return estimate
 
 
 @compiled
-def _thrown_back(config: EstimatorConfig, belief: Belief) -> Belief:
-    """Newton's law for a blow that nobody saw; when it was is known to a contact's length only."""
+def _thrown_back(config: EstimatorConfig, estimate: StateEstimate) -> StateEstimate:
+    """Newton's law for an impact that nobody saw; when it was is known to a contact's length only."""
     k = config.striker.restitution
-    jitter_m = (1.0 + k) * belief.v_m_s * config.separation_jitter_s
+    jitter_m = (1.0 + k) * estimate.v_m_s * config.separation_jitter_s
     return kalman.predict_written_out(
-        belief,
+        estimate,
         Transition(-k, 0.0, 0.0, 0.0, -k, 0.0),
         Push(x_m=(1.0 + k) * config.striker.stop_m, v_m_s=0.0),
         ProcessNoise(
             xx=config.stop_variance + jitter_m * jitter_m,
-            vv=belief.v_m_s * belief.v_m_s * config.restitution_variance,
+            vv=estimate.v_m_s * estimate.v_m_s * config.restitution_variance,
             bb=0.0,
         ),
     )
@@ -472,7 +472,7 @@ def propagate(
     mean_m_s2 = 0.0
     spread = config.spread
     if not state.started:
-        belief = Belief(
+        estimate = StateEstimate(
             x_m=config.striker.rest_length_m + config.striker.amplitude_m * math.sin(angle_rad),
             v_m_s=0.0,
             bias_m_s2=0.0,
@@ -487,31 +487,31 @@ def propagate(
             + (sensor.acceleration_m_s2 - state.sensor.acceleration_m_s2) * config.sensor.delay_s / dt_s
             - 0.5 * config.sensor.housing_weight * (sensor.housing_m_s2 + state.sensor.housing_m_s2)
         )
-        belief = kalman.predict(
-            belief_of(state),
+        estimate = kalman.predict(
+            estimate_of(state),
             config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
             Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
             _strapdown_noise(config, sensor, phase, dt_s),
         )
     else:
-        belief = belief_of(state)
+        estimate = estimate_of(state)
         if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
-            # The blow that the gap began in is over by now, and nobody saw how it ended.
+            # The impact that the gap began in is over by now, and nobody saw how it ended.
             since_rad = omega_rad_s * elapsed_ticks * config.tick_s
-            belief = _newton(config, belief.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
-        belief = _by_model(config, belief, angle_rad, omega_rad_s, elapsed_ticks)
+            estimate = _newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
+        estimate = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
 
     innovation = of_state_m_s2 = 0.0
-    model_variance = state.model_variance if state.started else config.trust.start
+    model_variance = state.model_variance if state.started else config.noise.start
     variance = model_variance
     own_variance = 0.0
     if fresh:
-        of_state_m_s2 = sensor.acceleration_m_s2 - _known(config, state, belief, angle_rad, omega_rad_s)
-        innovation = kalman.innovation(belief, of_state_m_s2, config.row)
-        own_variance = at_least(kalman.innovation_variance(belief.p, config.row, 0.0), 0.0)
-        variance = own_variance + model_variance + _dry_variance(config, belief)
+        of_state_m_s2 = sensor.acceleration_m_s2 - _known(config, state, estimate, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(estimate, of_state_m_s2, config.row)
+        own_variance = at_least(kalman.innovation_variance(estimate.p, config.row, 0.0), 0.0)
+        variance = own_variance + model_variance + _dry_variance(config, estimate)
     return Prediction(
-        belief,
+        estimate,
         sensor,
         innovation,
         math.sqrt(variance),
@@ -540,67 +540,69 @@ def correct(
 
     A coarse position corrects it whenever one has come.
     """
-    belief = predicted.belief
+    estimate = predicted.estimate
     touch_down = state.touch_down
     striker = config.striker
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
     still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
-    strange_ticks = _strange_ticks(config.trust, state.strange_ticks, predicted, elapsed_ticks)
+    strange_ticks = _strange_ticks(config.noise, state.strange_ticks, predicted, elapsed_ticks)
     if contact.touch_down:
         # Since touch-down it has moved on by about v⁻ · age.
         z = striker.stop_m + contact.approach_speed_m_s * contact.age_s
         jitter_m = contact.approach_speed_m_s * config.touch_down_jitter_s
-        belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
-        touch_down = Belief(
-            x_m=striker.stop_m, v_m_s=contact.approach_speed_m_s, bias_m_s2=belief.bias_m_s2, p=belief.p
+        estimate = kalman.update(estimate, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
+        touch_down = StateEstimate(
+            x_m=striker.stop_m, v_m_s=contact.approach_speed_m_s, bias_m_s2=estimate.bias_m_s2, p=estimate.p
         )
     elif contact.separation:
         if contact.measured:
-            z = striker.stop_m + belief.v_m_s * contact.age_s
-            jitter_m = belief.v_m_s * config.separation_jitter_s
-            belief = kalman.update(belief, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m)
-            # Newton's law beside the measured jump: it counts where the blow was too short to sample.
+            z = striker.stop_m + estimate.v_m_s * contact.age_s
+            jitter_m = estimate.v_m_s * config.separation_jitter_s
+            estimate = kalman.update(
+                estimate, z, Row(1.0, 0.0, 0.0), config.stop_variance + jitter_m * jitter_m
+            )
+            # Newton's law beside the measured jump: it counts where the impact was too short to sample.
             before_m_s = contact.approach_speed_m_s
-            belief = kalman.update(
-                belief,
+            estimate = kalman.update(
+                estimate,
                 -striker.restitution * before_m_s,
                 Row(0.0, 1.0, 0.0),
                 before_m_s * before_m_s * config.restitution_variance,
             )
         elif elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:  # else the gap's first step was Newton's
-            belief = _newton(config, belief.bias_m_s2, touch_down, angle_rad, contact.age_s)
-    elif by_model and not 0 < strange_ticks <= config.trust.strange_ticks:
+            estimate = _newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
+    elif by_model and not 0 < strange_ticks <= config.noise.strange_ticks:
         of_state_m_s2 = predicted.of_state_m_s2
-        stuck = still_ticks > config.trust.still_ticks
+        stuck = still_ticks > config.noise.still_ticks
         if stuck:
-            belief = kalman.update(belief, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
-            known = _known(config, state, belief, angle_rad, omega_rad_s)
+            estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
+            known = _known(config, state, estimate, angle_rad, omega_rad_s)
             of_state_m_s2 = predicted.sensor.acceleration_m_s2 - known
         hold_m = striker.dry_m_s2 / striker.stiffness_1_s2
-        if not stuck or belief.p.xx > hold_m * hold_m:
-            learnt = config.trust.readings_as_one * (model_variance + _dry_variance(config, belief))
-            belief = kalman.update(belief, of_state_m_s2, config.row, learnt)
+        if not stuck or estimate.p.xx > hold_m * hold_m:
+            learnt = config.noise.readings_as_one * (model_variance + _dry_variance(config, estimate))
+            estimate = kalman.update(estimate, of_state_m_s2, config.row, learnt)
         own = predicted.spread_m_s2 * predicted.spread_m_s2
-        model_variance = _learnt(config.trust, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
+        model_variance = _learnt(config.noise, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
     if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
-        belief = kalman.update(belief, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
+        estimate = kalman.update(estimate, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
     flight = NO_FLIGHT
     if config.has_flights and contact.settled:
         flight = _flight(config, state, predicted, elapsed_ticks)
     spread = config.spread
-    p = belief.p
+    p = estimate.p
     if not (
-        abs(belief.x_m) < LARGEST
-        and abs(belief.v_m_s) < LARGEST
-        and abs(belief.bias_m_s2) < LARGEST
+        abs(estimate.x_m) < LARGEST
+        and abs(estimate.v_m_s) < LARGEST
+        and abs(estimate.bias_m_s2) < LARGEST
         and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
     ):
         return INITIAL
     return EstimatorState(
-        belief.x_m,
-        belief.v_m_s,
-        belief.bias_m_s2,
+        estimate.x_m,
+        estimate.v_m_s,
+        estimate.bias_m_s2,
         at_least(p.xx, spread.floor_xx),
         p.xv,
         p.xb,
@@ -630,7 +632,7 @@ def _flight(
     """The flight a tick on; a gap in the readings ends it, and another begins."""
     flight = state.flight
     if not (0 <= flight.ticks < LONGEST_FLIGHT_TICKS and predicted.carried):
-        return Flight(predicted.belief.x_m, predicted.belief.v_m_s, 0)
+        return Flight(predicted.estimate.x_m, predicted.estimate.v_m_s, 0)
     dt_s = elapsed_ticks * config.tick_s
     change_m_s = predicted.mean_m_s2 * dt_s
     return Flight(
@@ -642,7 +644,7 @@ def _flight(
 
 @compiled
 def fed(state: EstimatorState, spring_share: float, friction_share: float) -> EstimatorState:
-    """The same, with a model whose spring and friction are by so much more than believed."""
+    """The same, with a model whose spring and friction exceed their nominal values by these shares."""
     return EstimatorState(
         state.x_m,
         state.v_m_s,
@@ -671,7 +673,11 @@ def fed(state: EstimatorState, spring_share: float, friction_share: float) -> Es
 
 @compiled
 def _known(
-    config: EstimatorConfig, state: EstimatorState, belief: Belief, angle_rad: float, omega_rad_s: float
+    config: EstimatorConfig,
+    state: EstimatorState,
+    estimate: StateEstimate,
+    angle_rad: float,
+    omega_rad_s: float,
 ) -> float:
     """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
 
@@ -684,35 +690,35 @@ def _known(
     known = striker.stiffness_1_s2 * (
         (1.0 + delay_s * striker.damping_1_s) * (striker.rest_length_m + crank_m) - delay_s * crank_m_s
     )
-    if belief.v_m_s > 0.0:
+    if estimate.v_m_s > 0.0:
         known -= striker.dry_m_s2
-    elif belief.v_m_s < 0.0:
+    elif estimate.v_m_s < 0.0:
         known += striker.dry_m_s2
     if state.spring_share != 0.0 or state.friction_share != 0.0:
-        # What was identified is added at the estimate; the row of H stays the believed one.
-        pull = striker.stiffness_1_s2 * (belief.x_m - striker.rest_length_m - crank_m)
-        friction = -model_acceleration(striker, angle_rad, belief.x_m, belief.v_m_s) - pull
+        # What was identified is added at the estimate; the row of H stays the nominal one.
+        pull = striker.stiffness_1_s2 * (estimate.x_m - striker.rest_length_m - crank_m)
+        friction = -model_acceleration(striker, angle_rad, estimate.x_m, estimate.v_m_s) - pull
         known -= state.spring_share * pull + state.friction_share * friction
     return known
 
 
 @compiled
-def _dry_variance(config: EstimatorConfig, belief: Belief) -> float:
+def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
     """What the model's acceleration is not known to where dry friction may hold or turn: all of that."""
     dry = config.striker.dry_m_s2
-    if dry <= 0.0 or abs(belief.v_m_s) >= 0.02 + 2.0 * math.sqrt(at_least(belief.p.vv, 0.0)):
+    if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)):
         return 0.0
     return dry * dry
 
 
 @compiled
 def _learnt(
-    trust: ModelTrust, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
+    noise: AdaptiveNoise, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
 ) -> float:
-    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; what lies beyond 3 σ is a blow badly seen."""
+    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; what lies beyond 3 σ is an impact badly seen."""
     seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
-    rate = min(elapsed_ticks * trust.learning_rate, 1.0)
-    return min(at_least(variance + rate * (seen - variance), trust.floor), trust.ceiling)
+    rate = min(elapsed_ticks * noise.learning_rate, 1.0)
+    return min(at_least(variance + rate * (seen - variance), noise.floor), noise.ceiling)
 
 
 @compiled
@@ -720,30 +726,32 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
     """For how long a striker on a dry guide has neither moved nor been pulled: it sticks."""
     if config.striker.dry_m_s2 <= 0.0:
         return 0
-    belief, sensor = predicted.belief, predicted.sensor
-    pulled = abs(sensor.acceleration_m_s2 - belief.bias_m_s2 - sensor.housing_m_s2)
-    still = pulled < config.trust.still_m_s2 and abs(belief.v_m_s) < 0.05
+    estimate, sensor = predicted.estimate, predicted.sensor
+    pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
+    still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < 0.05
     return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 
 
 @compiled
-def _strange_ticks(trust: ModelTrust, strange_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
+def _strange_ticks(
+    noise: AdaptiveNoise, strange_ticks: int, predicted: Prediction, elapsed_ticks: int
+) -> int:
     """For how long the innovation has been beyond what the model may be off by.
 
     Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
     again where that lasts, as the estimate is lost then.
     """
-    if abs(predicted.innovation_m_s2) <= trust.strange_sigmas * predicted.innovation_std_m_s2:
+    if abs(predicted.innovation_m_s2) <= noise.strange_sigmas * predicted.innovation_std_m_s2:
         return 0
     if elapsed_ticks > 1:
-        return NEVER_TICKS  # in what was skipped a blow may be missing: lost at once
+        return NEVER_TICKS  # in what was skipped an impact may be missing: lost at once
     return min(strange_ticks + elapsed_ticks, NEVER_TICKS)
 
 
 @compiled
 def _newton(
-    config: EstimatorConfig, bias_m_s2: float, touch_down: Belief, angle_rad: float, age_s: float
-) -> Belief:
+    config: EstimatorConfig, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
+) -> StateEstimate:
     """Reset by x'⁺ = −k x'⁻, `age_s` after the separation.
 
     Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
@@ -763,7 +771,7 @@ def _newton(
         Push(x_m=(1.0 + k) * striker.stop_m, v_m_s=-slope * striker.stop_m),
         ProcessNoise(xx=config.stop_variance + jitter_m * jitter_m, vv=spread, bb=0.0),
     )
-    return Belief(
+    return StateEstimate(
         x_m=striker.stop_m + after_m_s * age_s,
         v_m_s=after_m_s + a_after * age_s,
         bias_m_s2=bias_m_s2,

@@ -37,7 +37,7 @@ SWING_RAD_S = 1.0
 STILL_RAD_S = 0.25
 """Of the shank: in stance it turns by 0.5 and more."""
 STANDING_S = 1.0
-"""For so long: standing."""
+"""A leg at rest for this time: standing."""
 GAIN_STRIDE = 0.5
 """Share of a stride in the mean: 20 % in 5 are followed."""
 EVENT_STD = 0.0045
@@ -140,7 +140,7 @@ FIRST_SPREAD = 0.03
 _FIRST_VARIANCE = 0.0004
 MOST_MISSED = 3
 PACE = 1.15
-"""A strike alone may be early as the pace changes: it has to be by so much more than what confirms it."""
+"""A strike alone may be early as the pace changes: it must exceed the confirming threshold by this margin."""
 
 INITIAL = CycleState(
     phase=0.0,
@@ -168,7 +168,7 @@ INITIAL = CycleState(
 
 @compiled
 def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Event:
-    """The event with what a whole stride tells of it, ready for the next one (Welford's mean, variance)."""
+    """The event with what a whole stride shows of it, ready for the next one (Welford's mean, variance)."""
     if event.at_s <= 0.0:
         return event
     if known == 1:
@@ -213,7 +213,7 @@ def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> 
 
 
 @compiled
-def _struck(config: GaitConfig, stride: Stride) -> Stride:
+def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
     """A heel strike: a stride has ended, or several, and the next one begins."""
     took_s = stride.since_seen_s - config.edge_age_s
     whole = _whole_strides(config, stride, took_s)
@@ -289,7 +289,7 @@ def _heard(
         swung = False
         took_s = stride.since_seen_s - config.edge_age_s
         plain = stride.missed == 0 and _whole_strides(config, stride, took_s) == 1
-        stride = _struck(config, stride)
+        stride = _heel_struck(config, stride)
         if plain and stride.known > 0:
             events = Events(
                 _learnt(config, toe_down, took_s, stride.known),

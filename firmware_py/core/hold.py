@@ -8,7 +8,7 @@ exactly one impact, an integral law moves the ratio r = Ω/ω by the smaller of 
     Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 64.5°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r
 
 (an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). Below the first few degrees φ no longer
-tells r, but there Δ_guard is the larger one and has no say. Without exactly one impact nothing moves.
+shows r, but there Δ_guard is the larger one and has no say. Without exactly one impact nothing moves.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ PHASE_SLOPE_RAD = 1.4
 PHASE_SLOPE_GROWTH = 1.6
 """By rad: 2.3 deg per 0.01 at 65 deg and more."""
 GAIN_IMPULSE = 0.2
-"""Of the error a period; a blow settles in two."""
+"""Of the error a period; an impact settles in two."""
 IMPULSE_TOLERANCE = 0.03
 """Further off than this it is not met."""
 
@@ -133,10 +133,10 @@ def step(
     target_ratio: float,
     target_impulse_n_s: float,
     regime: RegimeState,
-    blow_n_s: float,
+    impact_n_s: float,
     elapsed_ticks: int,
 ) -> HoldState:
-    """One tick. `base_ratio` is the S-curve's end, `blow_n_s` the last blow's impulse."""
+    """One tick. `base_ratio` is the S-curve's end, `impact_n_s` the last impact's impulse."""
     if not possible(config, target_impulse_n_s):
         target_impulse_n_s = 0.0
         unmet = Refusal.IMPULSE_OUT_OF_RANGE
@@ -162,7 +162,7 @@ def step(
     ):
         refusal = unmet
     if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
-        impulse_n_s = blow_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (blow_n_s - impulse_n_s)
+        impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)
         ratio = base_ratio + wanted_trim
         wanted = wanted_step(config, ratio, target_ratio, target_impulse_n_s, impulse_n_s)
         guard = phase_step(config, regime.last.phase_rad)

@@ -1,4 +1,4 @@
-"""What spring and friction really are, from the flights between blows, and what the stop gives back.
+"""What spring and friction really are, from the flights between impacts, and what the stop gives back.
 
     z = −(1 + p) (c/m) (x − l0 − x_A) − (1 + f) R(x') + b,   R = (b/m) x' + μ g sign x'
 
@@ -7,20 +7,20 @@ parabola in time, and so does an error of l0. So a parabola is taken out of all 
 squares, and what is left knows only p and f (partial regression: Frisch & Waugh, Econometrica 1:387, 1933).
 Nothing of it depends on what the estimator makes of x, so feeding p and f to that closes no loop.
 
-Flights add up and are forgotten over `memory` of them. Each new one first judges what was believed before it:
+Flights add up and are forgotten over `memory` of them. Each new one first judges the values before it:
 only where that explains it better than the parameters do, p and f are handed on, slowly and within bounds.
-The restitution is the blows' mean of −x'⁺/x'⁻; nothing uses it.
+The restitution is the impacts' mean of −x'⁺/x'⁻; nothing uses it.
 """
 
 import math
 from typing import NamedTuple
 
 from firmware_py.core.compiled import compiled
-from firmware_py.core.estimator import Contact, EstimatorState, StrikerBelief, fed
+from firmware_py.core.estimator import Contact, EstimatorState, NominalStriker, fed
 from firmware_py.core.numbers import clamp
 
 SAMPLE_TICKS = 10
-"""One reading in so many counts; the integrals see them all."""
+"""One reading in this number counts; the integrals use them all."""
 
 FEWEST_SAMPLES = 15
 
@@ -34,7 +34,7 @@ LARGEST_SPRING = 0.1
 LARGEST_FRICTION = 0.5
 """Of b or mu, known to +-30 % and +-10 %."""
 LARGEST_RESTITUTION = 0.15
-"""A blow further off the mean is misjudged."""
+"""An impact further off the mean is misjudged."""
 NOISE_M_S2 = 0.03
 """Of a sample: the sensor's and its integral's."""
 SPRING_STD = 0.03
@@ -48,7 +48,7 @@ LARGEST_RESIDUAL_M_S2 = 0.5
 class IdentifyConfig(NamedTuple):
     """`largest_…` bound p and f, `prior_…` are what is known of them beforehand, relative to the noise.
 
-    `feeds`: p and f go to the estimator's model, else they are only told.
+    `feeds`: p and f go to the estimator's model, else they are only reported.
     """
 
     enabled: bool
@@ -122,7 +122,7 @@ class IdentifyState(NamedTuple):
     gain: float
     spring: float
     friction: float
-    blows: int
+    impacts: int
     restitution: float
 
 
@@ -140,7 +140,7 @@ INITIAL = IdentifyState(
     gain=0.0,
     spring=0.0,
     friction=0.0,
-    blows=0,
+    impacts=0,
     restitution=0.0,
 )
 
@@ -209,12 +209,12 @@ def solved(config: IdentifyConfig, normal: Normal) -> tuple[float, float]:
 @compiled
 def sample_of(
     config: IdentifyConfig,
-    striker: StrikerBelief,
+    striker: NominalStriker,
     estimate: EstimatorState,
     angle_rad: float,
     omega_rad_s: float,
 ) -> Sample:
-    """The newest reading against the believed model at the flight's own x; both late by the low-pass."""
+    """The newest reading against the nominal model at the flight's own x; both late by the low-pass."""
     flight = estimate.flight
     crank_m = striker.amplitude_m * math.sin(angle_rad - omega_rad_s * config.delay_s)
     late_m = flight.x_m - flight.v_m_s * config.delay_s
@@ -231,7 +231,7 @@ def sample_of(
 
 @compiled
 def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -> IdentifyState:
-    """The pending sample counts now that no blow has come after it, and the new one waits."""
+    """The pending sample counts now that no impact has come after it, and the new one waits."""
     sums = _NO_SUMS if begins else state.sums
     if state.has_pending and not begins:
         sums = _added(sums, state.pending)
@@ -244,7 +244,7 @@ def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -
         state.gain,
         state.spring,
         state.friction,
-        state.blows,
+        state.impacts,
         state.restitution,
     )
 
@@ -280,17 +280,17 @@ def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
         gain,
         spring,
         friction,
-        state.blows,
+        state.impacts,
         state.restitution,
     )
 
 
 @compiled
-def _blown(config: IdentifyConfig, state: IdentifyState, blow: float) -> IdentifyState:
-    """At a separation: `blow` is −x'⁺/x'⁻."""
-    if not abs(blow - state.restitution) <= (1.0 if state.blows == 0 else config.largest_restitution):
+def _after_impact(config: IdentifyConfig, state: IdentifyState, impact: float) -> IdentifyState:
+    """At a separation: `impact` is −x'⁺/x'⁻."""
+    if not abs(impact - state.restitution) <= (1.0 if state.impacts == 0 else config.largest_restitution):
         return state
-    blows = min(state.blows + 1, 1_000_000)
+    impacts = min(state.impacts + 1, 1_000_000)
     return IdentifyState(
         state.pending,
         state.has_pending,
@@ -300,8 +300,8 @@ def _blown(config: IdentifyConfig, state: IdentifyState, blow: float) -> Identif
         state.gain,
         state.spring,
         state.friction,
-        blows,
-        state.restitution + (blow - state.restitution) / min(blows, config.memory),
+        impacts,
+        state.restitution + (impact - state.restitution) / min(impacts, config.memory),
     )
 
 
@@ -309,7 +309,7 @@ def _blown(config: IdentifyConfig, state: IdentifyState, blow: float) -> Identif
 def towards(
     config: IdentifyConfig, state: IdentifyState, holding: bool, estimate: EstimatorState
 ) -> EstimatorState:
-    """The estimate with its model a step nearer to what was identified, or to the belief without trust."""
+    """The estimate with its model a step nearer to what was identified, or to the estimate without noise."""
     aims = holding and trusted(config, state)
     to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
     spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
@@ -326,7 +326,7 @@ def trusted(config: IdentifyConfig, state: IdentifyState) -> bool:
 @compiled
 def step(
     config: IdentifyConfig,
-    striker: StrikerBelief,
+    striker: NominalStriker,
     state: IdentifyState,
     estimate: EstimatorState,
     holding: bool,
@@ -338,7 +338,7 @@ def step(
     if contact.touch_down:
         return _flown(config, state)
     if contact.separation and contact.measured and holding and contact.approach_speed_m_s > SLOWEST_M_S:
-        return _blown(config, state, -estimate.v_m_s / contact.approach_speed_m_s)
+        return _after_impact(config, state, -estimate.v_m_s / contact.approach_speed_m_s)
     ticks = estimate.flight.ticks
     if ticks < 0 or ticks % SAMPLE_TICKS != 0 or not holding:
         return state

@@ -1,6 +1,6 @@
 """What the core sees of the world: the newest reading of each source with its age in ticks.
 
-An age of 0 means that the reading arrived in this tick. A source that was never heard has `NEVER_TICKS`.
+An age of 0 means that the reading arrived in this tick. A source that was never received has `NEVER_TICKS`.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class AccelerometerInput(NamedTuple):
 
 
 class CoarseInput(NamedTuple):
-    """The striker's place by a slow absolute sensor, where one is fitted: never heard otherwise."""
+    """The striker's place by a slow absolute sensor, where one is fitted: never received otherwise."""
 
     position_m: float
     age_ticks: int
@@ -57,9 +57,9 @@ class PowerInput(NamedTuple):
 
 
 class OperatorInput(NamedTuple):
-    """What the operator wants. `target_ratio` is Ω over the believed natural frequency.
+    """What the operator wants. `target_ratio` is Ω over the nominal natural frequency.
 
-    `target_impulse_n_s` is what a blow is to give; 0: the ratio alone counts.
+    `target_impulse_n_s` is what an impact is to give; 0: the ratio alone counts.
     """
 
     request: OperatorRequest
@@ -69,7 +69,7 @@ class OperatorInput(NamedTuple):
 
 
 class GaitInput(NamedTuple):
-    """The wearer's shank and foot, where sensors for them are fitted: never heard otherwise.
+    """The wearer's shank and foot, where sensors for them are fitted: never received otherwise.
 
     The shank's rate is positive where its top goes forward; both switches are closed on the ground.
     """

@@ -21,7 +21,7 @@ class Covariance(NamedTuple):
     bb: float
 
 
-class Belief(NamedTuple):
+class StateEstimate(NamedTuple):
     """Mean and covariance."""
 
     x_m: float
@@ -65,9 +65,9 @@ class Row(NamedTuple):
 
 
 @compiled
-def innovation(belief: Belief, z: float, row: Row) -> float:
+def innovation(estimate: StateEstimate, z: float, row: Row) -> float:
     """y = z − H x."""
-    return z - (row.x * belief.x_m + row.v * belief.v_m_s + row.b * belief.bias_m_s2)
+    return z - (row.x * estimate.x_m + row.v * estimate.v_m_s + row.b * estimate.bias_m_s2)
 
 
 @compiled
@@ -80,11 +80,11 @@ def innovation_variance(p: Covariance, row: Row, variance: float) -> float:
 
 
 @compiled
-def predict_written_out(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
+def predict_written_out(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise) -> StateEstimate:
     """x = F x + u, P = F P Fᵀ + Q."""
-    p = belief.p
-    x_m = f.x_x * belief.x_m + f.x_v * belief.v_m_s + f.x_b * belief.bias_m_s2 + push.x_m
-    v_m_s = f.v_x * belief.x_m + f.v_v * belief.v_m_s + f.v_b * belief.bias_m_s2 + push.v_m_s
+    p = estimate.p
+    x_m = f.x_x * estimate.x_m + f.x_v * estimate.v_m_s + f.x_b * estimate.bias_m_s2 + push.x_m
+    v_m_s = f.v_x * estimate.x_m + f.v_v * estimate.v_m_s + f.v_b * estimate.bias_m_s2 + push.v_m_s
     # F P
     xx = f.x_x * p.xx + f.x_v * p.xv + f.x_b * p.xb
     xv = f.x_x * p.xv + f.x_v * p.vv + f.x_b * p.vb
@@ -92,10 +92,10 @@ def predict_written_out(belief: Belief, f: Transition, push: Push, q: ProcessNoi
     vx = f.v_x * p.xx + f.v_v * p.xv + f.v_b * p.xb
     vv = f.v_x * p.xv + f.v_v * p.vv + f.v_b * p.vb
     vb = f.v_x * p.xb + f.v_v * p.vb + f.v_b * p.bb
-    return Belief(
+    return StateEstimate(
         x_m=x_m,
         v_m_s=v_m_s,
-        bias_m_s2=belief.bias_m_s2,
+        bias_m_s2=estimate.bias_m_s2,
         p=Covariance(
             xx=xx * f.x_x + xv * f.x_v + xb * f.x_b + q.xx,
             xv=xx * f.v_x + xv * f.v_v + xb * f.v_b,
@@ -108,10 +108,10 @@ def predict_written_out(belief: Belief, f: Transition, push: Push, q: ProcessNoi
 
 
 @compiled
-def update_written_out(belief: Belief, z: float, row: Row, variance: float) -> Belief:
+def update_written_out(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
     """K = P Hᵀ / S, x = x + K y, P = (I − KH) P (I − KH)ᵀ + K R Kᵀ   (Joseph)."""
-    p = belief.p
-    y = z - (row.x * belief.x_m + row.v * belief.v_m_s + row.b * belief.bias_m_s2)
+    p = estimate.p
+    y = z - (row.x * estimate.x_m + row.v * estimate.v_m_s + row.b * estimate.bias_m_s2)
     column_x = p.xx * row.x + p.xv * row.v + p.xb * row.b
     column_v = p.xv * row.x + p.vv * row.v + p.vb * row.b
     column_b = p.xb * row.x + p.vb * row.v + p.bb * row.b
@@ -133,10 +133,10 @@ def update_written_out(belief: Belief, z: float, row: Row, variance: float) -> B
     bx = abx * p.xx + abv * p.xv + abb * p.xb
     bv = abx * p.xv + abv * p.vv + abb * p.vb
     bb = abx * p.xb + abv * p.vb + abb * p.bb
-    return Belief(
-        x_m=belief.x_m + kx * y,
-        v_m_s=belief.v_m_s + kv * y,
-        bias_m_s2=belief.bias_m_s2 + kb * y,
+    return StateEstimate(
+        x_m=estimate.x_m + kx * y,
+        v_m_s=estimate.v_m_s + kv * y,
+        bias_m_s2=estimate.bias_m_s2 + kb * y,
         p=Covariance(
             xx=xx * axx + xv * axv + xb * axb + kx * variance * kx,
             xv=xx * avx + xv * avv + xb * avb + kx * variance * kv,
@@ -191,28 +191,28 @@ else:
         _I = _constant(np.eye(3))
         _alpha_sq = 1.0
 
-        def __init__(self, belief: Belief) -> None:
-            (xx, xv, xb, vv, vb, bb) = belief.p
-            self.x = np.array(belief[:3])
+        def __init__(self, estimate: StateEstimate) -> None:
+            (xx, xv, xb, vv, vb, bb) = estimate.p
+            self.x = np.array(estimate[:3])
             self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
         def covariance(self) -> Covariance:
             (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
             return Covariance(xx, xv, xb, vv, vb, bb)
 
-    def predict(belief: Belief, f: Transition, push: Push, q: ProcessNoise) -> Belief:
+    def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise) -> StateEstimate:
         """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
-        one = _Filter(belief)
+        one = _Filter(estimate)
         one.F = _transition(f)
         one.Q = _diagonal(q)
         one.predict()
         x_m, v_m_s, bias_m_s2 = one.x.tolist()
-        return Belief(x_m + push.x_m, v_m_s + push.v_m_s, bias_m_s2, one.covariance())
+        return StateEstimate(x_m + push.x_m, v_m_s + push.v_m_s, bias_m_s2, one.covariance())
 
-    def update(belief: Belief, z: float, row: Row, variance: float) -> Belief:
+    def update(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
         """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
-        one = _Filter(belief)
+        one = _Filter(estimate)
         one.R = np.array(((variance,),))
         one.update(z, H=_row(row))
         x_m, v_m_s, bias_m_s2 = one.x.tolist()
-        return Belief(x_m, v_m_s, bias_m_s2, one.covariance())
+        return StateEstimate(x_m, v_m_s, bias_m_s2, one.covariance())

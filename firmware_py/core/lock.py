@@ -1,16 +1,16 @@
-"""The crank locked to the gait: n turns a stride, and one of their blows in the push-off window.
+"""The crank locked to the gait: n turns a stride, and one of their impacts in the push-off window.
 
     r = n f_stride 2π/ω,  n such that r lies nearest to the centre of the impact region
 
-and the crank's angle is led to where a blow falls on the middle p_c of the window,
+and the crank's angle is led to where an impact falls on the middle p_c of the window,
 
     θ* = 2π n (p − p_c) + θ_b,   ω_crank = n ω_stride + g (θ* − θ)
 
-with θ_b the angle at which blows come, filtered from the regime's reports: a phase-locked loop (Gardner,
-Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n blows may be the one in
-the window: the error is taken on the circle. Another n makes θ* leap by 2π (p − p_c): it is taken where that
+with θ_b the angle at which impacts come, filtered from the regime's reports: a phase-locked loop (Gardner,
+Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n impacts may be in the
+window: the error is taken on the circle. Another n makes θ* leap by 2π (p − p_c): it is taken where that
 is what the change of speed costs. All of it is a slow change of the ratio in the hold, limited in size and
-rate, so that the striker's motion follows from the blow before to the next.
+rate, so that the striker's motion follows from the impact before to the next.
 """
 
 import math
@@ -28,17 +28,17 @@ MOST_TURNS = 15
 COUNTS = 65536
 
 AIM_HYSTERESIS = 0.01
-"""As `hysteresis`, where an impulse is asked for: what the mean blow of some strides is uncertain by."""
+"""As `hysteresis`, where an impulse is asked for: what the mean impact of some strides is uncertain by."""
 
 LARGEST_SHARE = 0.45
-"""After the heel strike, which tells the stride that turns are chosen for."""
+"""After the heel strike, which gives the stride that turns are chosen for."""
 
 
 class LockConfig(NamedTuple):
     """`hysteresis`: by how much of r another n has to lie nearer to the centre.
 
     The crank may leave the region by `margin`, and an n that is taken already by twice that: strides vary.
-    Ratios are believed ones.
+    Ratios refer to the nominal ω.
     """
 
     follow: bool
@@ -60,7 +60,7 @@ class LockConfig(NamedTuple):
 class LockState(NamedTuple):
     """`base_ratio` is where a start ends, `trim` what the ratio is off it now.
 
-    `phase` is that of the cycle, `error_rad` is θ* − θ, `blow_rad` is θ_b. Counts of pulses wrap at COUNTS.
+    `phase` is that of the cycle, `error_rad` is θ* − θ, `impact_rad` is θ_b. Counts of pulses wrap at COUNTS.
     """
 
     harmonic: int
@@ -69,7 +69,7 @@ class LockState(NamedTuple):
     trim: float
     trim_rate_1_s: float
     error_rad: float
-    blow_rad: float
+    impact_rad: float
     in_window: int
     outside: int
     refusal: Refusal
@@ -82,7 +82,7 @@ INITIAL = LockState(
     trim=0.0,
     trim_rate_1_s=0.0,
     error_rad=0.0,
-    blow_rad=0.5 * math.pi,
+    impact_rad=0.5 * math.pi,
     in_window=0,
     outside=0,
     refusal=Refusal.NOT_WALKING,
@@ -167,14 +167,14 @@ def step(
     if not moving and harmonic > 0:
         base_ratio = harmonic * TAU / (gait.stride.mean_s * config.natural_rad_s)
 
-    blow_rad = state.blow_rad
+    impact_rad = state.impact_rad
     if regime.ended and regime.last.impacts == 1:
-        blow_rad += 0.3 * wrap_pi(regime.last.phase_rad + 0.5 * math.pi - blow_rad)
+        impact_rad += 0.3 * wrap_pi(regime.last.phase_rad + 0.5 * math.pi - impact_rad)
     trim, rate_1_s, error_rad = 0.0, 0.0, 0.0
     if holding:
         wanted = base_ratio + state.trim
         if harmonic > 0:
-            error_rad = wrap_pi(TAU * harmonic * (gait.phase - middle) + blow_rad - angle_rad)
+            error_rad = wrap_pi(TAU * harmonic * (gait.phase - middle) + impact_rad - angle_rad)
             wanted = harmonic * one + clamp(
                 config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
             )
@@ -200,7 +200,7 @@ def step(
         trim,
         rate_1_s,
         error_rad,
-        blow_rad,
+        impact_rad,
         in_window,
         outside,
         refused(config, gait, harmonic),

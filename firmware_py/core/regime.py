@@ -19,7 +19,7 @@ NO_PHASE_RAD = 0.0
 EQUAL_SPEED = 0.15
 """Approach speeds of like periods; a rise changes 5 %."""
 GRAZING_M_S = 0.05
-"""Slower blows decide nothing."""
+"""Slower impacts decide nothing."""
 CHATTERING_IMPACTS = 4
 """In a period."""
 STILL_M_S2 = 0.6
@@ -112,7 +112,7 @@ def decide(  # noqa: PLR0911 - a table, read top to bottom
     if last.impacts > 0 and alike(config, last, second):
         return Regime.IMPACT
     if last.impacts == 1 and second.impacts == 1 and third.impacts == 1:
-        # One blow a period whose strength alternates repeats after two.
+        # One impact a period whose strength alternates repeats after two.
         alternating = alike(config, last, third) and alike(config, second, fourth)
         return Regime.PERIOD_N if alternating else Regime.IMPACT
     if alike(config, last, third) or alike(config, last, fourth):

@@ -17,7 +17,7 @@ from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
 
-class LoadBelief(NamedTuple):
+class NominalLoad(NamedTuple):
     """What turns with the crank, and its spring, which no striker stretches beyond the longest stretch."""
 
     inertia_kg_m2: float
@@ -36,7 +36,7 @@ class SpeedConfig(NamedTuple):
     gain_p_n_m_s: float
     gain_i_n_m: float
     lead_s: float
-    load: LoadBelief
+    load: NominalLoad
     load_share: float
     torque_limit_n_m: float
     torque_rate_n_m_s: float
@@ -65,7 +65,7 @@ INITIAL = SpeedState(
 
 
 @compiled
-def stretch_at(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
     """The spring's stretch `ahead_s` from the estimate, m; NaN beyond the longest: the estimate is lost."""
     angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
     x_m = estimate.x_m + estimate.v_m_s * ahead_s
@@ -74,7 +74,7 @@ def stretch_at(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ah
 
 
 @compiled
-def crank_load(load: LoadBelief, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+def crank_load(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
     """The torque by which the spring opposes the crank `ahead_s` from the estimate, N m."""
     stretch_m = stretch_at(load, crank, estimate, ahead_s)
     if math.isnan(stretch_m):

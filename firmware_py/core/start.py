@@ -6,10 +6,10 @@ non-impact motion for every crank phase. Followed from below it can, so the spee
     ω(s) = ω₀ + (ω₁ − ω₀) (3 s² − 2 s³),  s = t / T
 
 with no jump in acceleration's integral anywhere and zero acceleration at both ends. A first one leads quickly
-to below resonance, where nothing strikes yet; the second is slow, so that what the striker still swings of
-its own does not add to what resonance gives it. Impacts in consecutive periods confirm the capture. Where it
-fails, or is lost later, the speed dips to where the impact regime alone exists and rises again; a bounded
-number of attempts, then it is said to have failed.
+to below resonance, where there are no impacts yet; the second is slow, so that what the striker
+still swings of its own does not add to what resonance gives it. Impacts in consecutive periods confirm the
+capture. Where it fails, or is lost later, the speed dips to where the impact regime alone exists and rises
+again; a bounded number of attempts, then it is said to have failed.
 """
 
 from enum import IntEnum
@@ -43,7 +43,7 @@ REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
 
 
 class StartConfig(NamedTuple):
-    """Times of the S-curves; `natural_rad_s` is the believed ω that ratios refer to."""
+    """Times of the S-curves; `natural_rad_s` is the nominal ω that ratios refer to."""
 
     tick_s: float
     natural_rad_s: float
@@ -319,7 +319,7 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
         return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
     if state.stage == DWELL:
         settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
-        # Without a blow in the dip either there may be none to be had: that counts as two.
+        # Without an impact in the dip either there may be none to be had: that counts as two.
         attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
         return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
     if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:

@@ -347,7 +347,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         acting_limit = ActingLimit.RETREAT
     refusal = NO_REFUSAL
     if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
-        lost_again = retreated and start_now.attempts > 1  # a step below, too, or no blow in the dip
+        lost_again = retreated and start_now.attempts > 1  # a step below, too, or no impact in the dip
         refusal = refused(
             valid_ratio,
             mode == READY and findings.whirling,

@@ -1,12 +1,12 @@
-"""An impulse asked for while a gait is followed: the turns a stride whose blows come nearest to it.
+"""An impulse asked for while a gait is followed: the turns a stride whose impacts come nearest to it.
 
-The cadence leaves a few ratios r = n f_stride 2π/ω, and blows grow with r. From their mean J̄ at the mean r̄,
+The cadence leaves a few ratios r = n f_stride 2π/ω, and impacts grow with r. From their mean J̄ at the mean r̄,
 
     r* = r̄ + (J* − J̄)/J'
 
-is where blows would be those asked for, and n is chosen next to it in place of the region's centre. J' is
+is where impacts would be those asked for, and n is chosen next to it in place of the region's centre. J' is
 believed until two n have been tried, and from then on their secant: so both agree on which of them is nearer,
-and no step is taken back. Whole turns seldom meet a request; what is left over is told.
+and no step is taken back. Whole turns seldom meet a request; the remainder is reported.
 """
 
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from firmware_py.core.regime import RegimeState
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 SETTLING, MEAN, TELLING = 1, 4, 6
-"""Strides that go by until blows count, that they are the mean of, and until a miss is told."""
+"""Strides that go by until impacts count, that they are the mean of, and until a miss is reported."""
 
 LARGEST_ERROR = 2.0
-"""How wrong the believed J' may be, as a factor; a secant beyond is that of a leg that changed its walk."""
+"""How wrong the parameter J' may be, as a factor; a secant beyond is that of a leg that changed its walk."""
 
 
 class TherapyConfig(NamedTuple):
-    """Ratios are believed ones; `impulse_slope_n_s` is J', per unit of r."""
+    """Ratios refer to the nominal ω; `impulse_slope_n_s` is J', per unit of r."""
 
     lowest_ratio: float
     highest_ratio: float
@@ -65,18 +65,18 @@ def known(state: TherapyState) -> bool:
 
 @compiled
 def slope_n_s(config: TherapyConfig, state: TherapyState) -> float:
-    """J': the secant of two n, within what the belief may be wrong by."""
-    believed_n_s = config.impulse_slope_n_s
+    """J': the secant of two n, within the bounds of the parameter's error."""
+    nominal_n_s = config.impulse_slope_n_s
     change = state.ratio - state.left_ratio
     if state.left_ratio == 0.0 or change == 0.0:
-        return believed_n_s
+        return nominal_n_s
     secant_n_s = (state.impulse_n_s - state.left_impulse_n_s) / change
-    return min(max(secant_n_s, believed_n_s / LARGEST_ERROR), believed_n_s * LARGEST_ERROR)
+    return min(max(secant_n_s, nominal_n_s / LARGEST_ERROR), nominal_n_s * LARGEST_ERROR)
 
 
 @compiled
 def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> Refusal:
-    """Whether the blows are others than asked for, once other n had their time."""
+    """Whether the impacts are others than asked for, once other n had their time."""
     if state.turns < TELLING * state.harmonic:
         return NO_REFUSAL
     miss_n_s = state.impulse_n_s - target_impulse_n_s
@@ -87,7 +87,7 @@ def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float)
 
 @compiled
 def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> TherapyState:
-    """The same blows with r* and what is left over."""
+    """The same impacts with r* and what is left over."""
     aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
     return TherapyState(
         state.harmonic,
@@ -110,9 +110,9 @@ def step(
     ratio: float,
     target_impulse_n_s: float,
     regime: RegimeState,
-    blow_n_s: float,
+    impact_n_s: float,
 ) -> TherapyState:
-    """One tick. `ratio` is the crank's, `blow_n_s` the last blow's impulse; a target of 0 asks for none."""
+    """One tick. `ratio` is the crank's, `impact_n_s` the last impact's impulse; target 0 asks for none."""
     if not holding or harmonic == 0:
         return INITIAL
     turns, left_ratio, left_impulse_n_s = state.turns, state.left_ratio, state.left_impulse_n_s
@@ -126,7 +126,7 @@ def step(
         counted = min(turns - SETTLING * harmonic, MEAN * harmonic)
         share = 1.0 / counted if counted > 0 else 1.0
         mean_ratio += share * (ratio - mean_ratio)
-        impulse_n_s += share * (blow_n_s - impulse_n_s)
+        impulse_n_s += share * (impact_n_s - impulse_n_s)
     asks = target_impulse_n_s > 0.0
     now = TherapyState(
         harmonic,

@@ -137,7 +137,7 @@ def _range(where: str, dbc: DbcSignal) -> tuple[int, int]:
 
 
 def span(is_signed: bool, bits: int) -> tuple[int, int]:
-    """Counts that so many bits can hold."""
+    """Counts that this number of bits can hold."""
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
 
 

@@ -215,7 +215,7 @@ class ParameterValue(NamedTuple):
 
 
 class GaitReport(NamedTuple):
-    """0x07C, firmware → all, every 40 ms where the firmware hears gait sensors.
+    """0x07C, firmware → all, every 40 ms where the firmware receives gait sensors.
 
     The phase runs from 0 at heel strike to 1; `harmonic` is the crank's turns a stride, 0 where it is not
     locked. Both counts of pulses wrap: whoever sends them takes them modulo 256.

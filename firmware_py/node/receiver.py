@@ -178,7 +178,7 @@ def taken(
     counter_bits: int,
     period_ticks: float,
 ) -> tuple[Heard, Counters, bool]:
-    """Judge one frame of a source: `(heard, counters, usable)`. Without a counter, `counter_bits` is 0."""
+    """Judge one frame of a source: `(received, counters, usable)`. Without a counter, `counter_bits` is 0."""
     if reason != FrameErrorReason.NONE:
         return heard, refused(counters, reason), False
     if counter_bits == 0:

@@ -112,7 +112,7 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.IMPULSE_LIMIT,
-        "a blow of more than limit.impulse_n_s",
+        "an impact of more than limit.impulse_n_s",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.1,
@@ -148,7 +148,7 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.FORCE_LIMIT,
-        "a blow that peaks above limit.force_n on the stop",
+        "an impact that peaks above limit.force_n on the stop",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.1,

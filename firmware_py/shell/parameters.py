@@ -26,7 +26,7 @@ OF_THE_BUILD = [parameter.name for parameter in TABLE if parameter.tier is Param
 
 
 class ParameterError(ValueError):
-    """A parameter that is not there, is no number or is out of bounds; or a file not to be trusted."""
+    """A parameter that is not there, is no number or is out of bounds; or an invalid file."""
 
 
 def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -70,7 +70,7 @@ class AdapterBus:
         return frames
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over; at once if the interface cannot tell."""
+        """Return when frames have arrived, or when the time is over; at once if the interface cannot wait."""
         if self.fileno() >= 0:
             select.select([self], [], [], timeout_s)
 

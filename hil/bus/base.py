@@ -41,7 +41,7 @@ class Loss(NamedTuple):
 
 
 class Bus(Protocol):
-    """One node's connection. It never hears its own frames; no call blocks longer than a send may wait."""
+    """One node's connection. It never receives its own frames; no call blocks longer than a send may wait."""
 
     @property
     def counters(self) -> BusCounters:

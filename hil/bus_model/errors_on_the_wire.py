@@ -24,7 +24,7 @@ DOMINANT, RECESSIVE = 0, 1
 FLAG_BITS = 6
 DELIMITER_BITS = 8
 SUSPEND_BITS = 8
-"""An error-passive node keeps silent for so long after a frame of its own."""
+"""An error-passive node keeps silent for this time after a frame of its own."""
 
 ACKNOWLEDGEMENT_SLOT = 1
 ACKNOWLEDGEMENT_DELIMITER = 2

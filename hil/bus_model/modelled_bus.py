@@ -108,7 +108,7 @@ class ModelledBus:
         self._state = core.switch_off(self._state, self._number(node))
 
     def unplug(self, node: str) -> None:
-        """Cut `node` off: it neither sends nor hears, and what it queues is lost."""
+        """Cut `node` off: it neither sends nor receives, and what it queues is lost."""
         self._state = core.connect(self._state, self._number(node), connected=False)
 
     def plug(self, node: str) -> None:

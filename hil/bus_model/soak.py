@@ -23,9 +23,9 @@ SLOWEST_CLOCK_PPM = 300
 PAYLOADS = 16
 QUEUE_FRAMES = 10_000
 SAVE_UP_ODDS = 200
-"""One tick in so many, a node begins to save up its slow frames …"""
+"""Once in this number of ticks, a node begins to save up its slow frames …"""
 SAVE_UP_TICKS = 12
-"""… for so many ticks."""
+"""… for this number of ticks."""
 LONGEST_BIT = 140
 """Bits after arbitration; the last bit of every frame lies before."""
 

@@ -1,4 +1,4 @@
-"""Clock faults: what time a process believes it is, and how late its clock wakes it.
+"""Clock faults: the time that a process reads, and how late its clock wakes it.
 
 A clock that leaps ahead makes a loop skip the ticks in between, once; one that falls back lets it sleep until
 its time has come again. Jitter wakes it late. In real time that is a clock around the machine's own; in
@@ -17,7 +17,7 @@ from hil.faults.tables import ClockJitter, ClockJumped, Fault, Restarted
 from hil.loop import LoopTiming
 
 SEED_OF_CLOCKS = 2000
-"""Apart from the seeds of bus and sensor faults."""
+"""Independent of the seeds of bus and sensor faults."""
 
 
 class ClockFaults:

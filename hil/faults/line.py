@@ -1,7 +1,7 @@
 """Bus faults where frames leave and reach a node: a bus around the node's own, alike under both clocks.
 
 Frames are broken where they leave their sender. What a stranger sends goes out beside the plant's frames, and
-the plant hears it too.
+the plant receives it too.
 """
 
 from collections.abc import Callable, Iterable, Sequence

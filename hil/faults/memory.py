@@ -10,7 +10,7 @@ from firmware_py.shell.parameters import with_overrides, written
 from hil.faults.tables import Fault, ParametersDamaged
 
 SEED_OF_MEMORY = 3000
-"""Apart from the seeds of all other faults."""
+"""Independent of the seeds of all other faults."""
 VALUE = re.compile(r"= (-?[0-9.e+-]+)$", re.MULTILINE)
 
 

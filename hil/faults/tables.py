@@ -1,6 +1,6 @@
 """The tables [[script.faults]] of a scenario: what breaks, when, for how long, and how badly.
 
-What must follow is said by the scenario's checks, on the truth: the motor's torque, the stop's force, blows.
+The scenario's checks say what must follow, on the truth: the motor's torque, the stop's force, impacts.
 """
 
 import math
@@ -129,7 +129,7 @@ class Flood(FaultTable):
 
 
 class Unplugged(FaultTable):
-    """A node whose connector is off: it neither sends nor hears."""
+    """A node whose connector is off: it neither sends nor receives."""
 
     kind: Literal["unplugged"]
     node: Node = Field(description="the node: plant, firmware or operator")

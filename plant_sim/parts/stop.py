@@ -1,4 +1,4 @@
-"""The stop that the striker hits at x = position_m, approached with x' > 0."""
+"""The stop that the striker meets at x = position_m, approached with x' > 0."""
 
 import math
 from typing import NamedTuple, TypeAlias
@@ -8,7 +8,7 @@ from plant_sim.parts.striker import Striker
 
 
 class NoStop(NamedTuple):
-    """Nothing to hit."""
+    """No stop."""
 
 
 class RigidStop(NamedTuple):

@@ -1,4 +1,4 @@
-"""The wearer behind the stop: a foot plate on the ankle, which gives way under a blow.
+"""The wearer behind the stop: a foot plate on the ankle, which gives way under an impact.
 
 m_f p'' = F_stop − k_a p − d_a p' (− m_f a_b), with p the plate's way from where the scene puts the stop. The
 stop's law holds between striker and plate. What the wearer feels is k_a p + d_a p'.

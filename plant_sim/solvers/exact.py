@@ -59,7 +59,7 @@ def _run(
     before_j = stored_j(o, motion)
     ledger = empty_ledger()
     fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
-    blows, found, next_sample = np.empty((64, 4)), 0, 0
+    rows, found, next_sample = np.empty((64, 4)), 0, 0
     event = Event.IMPACT
     while event != Event.HORIZON and behind <= ALLOWANCE:
         arrival, event = next_event(o, motion, until_s)
@@ -67,24 +67,24 @@ def _run(
         ledger = booked(o, ledger, motion, arrival, departure)
         next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
         if event == Event.IMPACT:
-            if found == len(blows):
-                blows = np.concatenate((blows, np.empty_like(blows)))
-            blows[found, 0] = arrival.t_s
-            blows[found, 1] = arrival.v_m_s
-            blows[found, 2] = departure.v_m_s
-            blows[found, 3] = arrival.crank_rad
+            if found == len(rows):
+                rows = np.concatenate((rows, np.empty_like(rows)))
+            rows[found, 0] = arrival.t_s
+            rows[found, 1] = arrival.v_m_s
+            rows[found, 2] = departure.v_m_s
+            rows[found, 3] = arrival.crank_rad
             found += 1
         behind = debt(behind, 1.0, (arrival.t_s - motion.t_s) * fastest_rad_s)
         motion = departure
     impacts = np.empty((6, found))
     for index in range(found):
-        v, v_after = blows[index, 1], blows[index, 2]
-        impacts[0, index] = blows[index, 0]
+        v, v_after = rows[index, 1], rows[index, 2]
+        impacts[0, index] = rows[index, 0]
         impacts[1, index] = v
         impacts[2, index] = v_after
         impacts[3, index] = o.mass_kg * (v - v_after)
         impacts[4, index] = np.nan  # a rigid stop has no peak force
-        impacts[5, index] = blows[index, 3] % TURN_RAD
+        impacts[5, index] = rows[index, 3] % TURN_RAD
     return (
         impacts,
         (motion.t_s, motion.y_m, motion.v_m_s, motion.crank_rad),
@@ -145,7 +145,7 @@ def simulate(
     The crank starts at `initial.crank_rad` and turns at the drive's speed; the mode follows from the state.
     `samples_t_s`, shape (n,), ascending within the run, asks for the motion at those times; a sample at the
     very instant of an event sees what comes after it. The bounces of chatter below `rest_speed_m_s` that are
-    certain to end at rest are one plastic blow.
+    certain to end at rest are one plastic impact.
     """
     striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     require_plain(parts)

@@ -48,7 +48,7 @@ def _(friction: Stribeck, gravity_m_s2: float, v_m_s: float) -> float:
 
 @by_part
 def has_stop(stop: Stop) -> bool:
-    """Whether there is anything to hit."""
+    """Whether there is a stop."""
     return False
 
 

@@ -10,7 +10,7 @@
             plastic or end of chatter       RELEASE_UP, RELEASE_DOWN          RELEASE_DOWN with dry friction
     FLIGHT ◀─────────────── REST_ON_STOP: RELEASE_DOWN without dry friction
 
-A striker that sticks has no speed and therefore cannot hit the stop. Every function here is pure and
+A striker that sticks has no speed and therefore cannot meet the stop. Every function here is pure and
 compiled, so that studies can run this loop inside kernels of their own:
 
     motion = begin(o, t_s, x − l0, v, crank)

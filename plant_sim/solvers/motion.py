@@ -402,7 +402,7 @@ def in_touch(phase: int, depth_m: float) -> bool:
 
 @subroutine
 def held_force_n(parts: Parts, theta_rad: float, y: Vector, time_s: float) -> float:
-    """Force, N, on a striker at rest there, apart from dry friction and from a rigid stop."""
+    """Force, N, on a striker at rest there, without dry friction and a rigid stop."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     reach = striker.rest_length_m - origin_m(stop, striker)
     piston = piston_m(parts.linkage, drive.amplitude_m, theta_rad)
@@ -425,7 +425,7 @@ def crank_load_n_m(parts: Parts, theta_rad: float, place_m: float) -> float:
 
 @subroutine
 def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) -> float:
-    """Torque, N m, on a crank at rest at `angle_rad`, apart from its dry loss."""
+    """Torque, N m, on a crank at rest at `angle_rad`, without its dry loss."""
     place = current_place(parts)
     torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, angle_rad, 0.0, y, place)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))

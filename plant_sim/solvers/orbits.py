@@ -22,10 +22,10 @@ LONGEST_CYCLE = 8
 """Cycles of up to this many drive periods are recognised."""
 
 DOUBT = 100.0
-"""A longer cycle is in doubt while a shorter one is kept within so many tolerances."""
+"""A longer cycle is in doubt while a shorter one is kept within this number of tolerances."""
 
-CHATTER_BLOWS = 16
-"""So many blows in a drive period are chatter, even if the striker does not come to rest on the stop."""
+CHATTER_IMPACTS = 16
+"""As many impacts in a drive period are chatter, even if the striker does not come to rest on the stop."""
 
 STUCK_M = 1e-9
 """A striker whose slides are all shorter than this is stuck."""
@@ -33,13 +33,13 @@ STUCK_M = 1e-9
 (
     Y_END,
     V_END,
-    BLOWS,
+    IMPACT_COUNT,
     IMPULSE,
     IMPULSE_SQUARES,
     FASTEST,
     SLOWEST,
     APPROACHES,
-    CRANK_AT_BLOW,
+    CRANK_AT_IMPACT,
     PEAK,
     RESTED,
     MOVED,
@@ -49,7 +49,7 @@ STUCK_M = 1e-9
     FRICTION,
     LOSS,
 ) = range(17)
-"""Columns of a period's row: section state, blows and their sums, rest and motion, then what is measured."""
+"""Columns of a period's row: section state, impacts and their sums, rest and motion, measured values."""
 
 ROW = 17
 
@@ -70,7 +70,7 @@ class Protocol(NamedTuple):
     """How long an orbit runs and what is looked at.
 
     With `stop_early` it ends once it has repeated itself within `tolerance` (of gap and amplitude together,
-    in position and in velocity over ω) for longer than its own cycle, or can be proved never to strike again.
+    in position and in velocity over ω) for longer than its own cycle, or provably never meets the stop again.
     """
 
     settle_s: float
@@ -97,7 +97,7 @@ class Outcome(NamedTuple):
     """Drive periods after which it repeats; 0 if it does not."""
     periods: int
     """Whole drive periods that the figures below are taken over."""
-    blows: float
+    impacts: float
     """Per drive period."""
     v_mean_m_s: float
     v_max_m_s: float
@@ -106,7 +106,7 @@ class Outcome(NamedTuple):
     repeatability: float
     """Standard deviation over mean of the impulses."""
     crank_rad: float
-    """Crank angle at the blow, meaningful with one blow per period."""
+    """Crank angle at the impact, meaningful with one impact per period."""
     peak_n: float
     """nan at a rigid stop."""
     x_low_m: float
@@ -230,14 +230,14 @@ def classify_starts(
     starts: NDArray[np.float64],
     protocol: Protocol,
     regimes: NDArray[np.int8],
-    blows: NDArray[np.float32],
+    impacts: NDArray[np.float32],
 ) -> None:
     """Regime, and impacts per period, of each start (y, v, crank), shape (n, 3); negative if not certain."""
     rows = new_rows(protocol, size_of(carrier).drive_rad_s)
     for index in range(len(starts)):
         outcome = follow_orbit(carrier, starts[index, 0], starts[index, 1], starts[index, 2], protocol, rows)
         regimes[index] = outcome.regime.value if outcome.certain else -1 - outcome.regime.value
-        blows[index] = outcome.blows
+        impacts[index] = outcome.impacts
 
 
 @subroutine
@@ -259,17 +259,17 @@ def clear(row: NDArray[np.float64]) -> None:
 
 
 @subroutine
-def count_blow(
+def count_impact(
     row: NDArray[np.float64], v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float
 ) -> None:
-    """Add a blow to its period."""
-    row[BLOWS] += 1.0
+    """Add an impact to its period."""
+    row[IMPACT_COUNT] += 1.0
     row[IMPULSE] += impulse_n_s
     row[IMPULSE_SQUARES] += impulse_n_s * impulse_n_s
     row[APPROACHES] += v_m_s
     row[FASTEST] = max(row[FASTEST], v_m_s)
     row[SLOWEST] = min(row[SLOWEST], v_m_s)
-    row[CRANK_AT_BLOW] = crank_rad
+    row[CRANK_AT_IMPACT] = crank_rad
     if not row[PEAK] >= peak_n:
         row[PEAK] = peak_n
 
@@ -285,7 +285,7 @@ def follow_cycles(
 ) -> tuple[int, bool]:
     """The shortest cycle kept for longer than itself, 0 if none, and whether it is beyond doubt.
 
-    `streaks[n]` counts the latest periods that ended where the n-th before them did, with as many blows. An
+    `streaks[n]` counts the latest periods that ended where the n-th before them did, with as many impacts. An
     orbit that closes in on a short cycle from alternating sides repeats every other time before it repeats
     every time: a cycle is in doubt while one of its divisors is nearly kept as well.
     """
@@ -299,7 +299,7 @@ def follow_cycles(
         distance = max(
             abs(now[Y_END] - before[Y_END]) / length_m, abs(now[V_END] - before[V_END]) / speed_m_s
         )
-        repeated = distance <= tolerance and now[BLOWS] == before[BLOWS]
+        repeated = distance <= tolerance and now[IMPACT_COUNT] == before[IMPACT_COUNT]
         streaks[n] = streaks[n] + 1 if repeated else 0
         if found == 0 and streaks[n] > max(n, 2):
             found, doubted = n, nearly > 0 and n % nearly == 0
@@ -320,18 +320,18 @@ def summary(
 ) -> Outcome:
     """The outcome of an orbit from its last `window` rows; `end` is y, v, crank and the time run."""
     size = len(rows)
-    blows, impulse, squares, approaches, crank = 0.0, 0.0, 0.0, 0.0, 0.0
+    impacts, impulse, squares, approaches, crank = 0.0, 0.0, 0.0, 0.0, 0.0
     fastest, slowest, peak, low, high = 0.0, math.inf, math.nan, math.inf, -math.inf
     drive, friction, loss = 0.0, 0.0, 0.0
     rested, moved, most = False, False, 0.0
     for index in range(window):
         row = rows[(last - index) % size]
-        blows += row[BLOWS]
+        impacts += row[IMPACT_COUNT]
         impulse += row[IMPULSE]
         squares += row[IMPULSE_SQUARES]
         approaches += row[APPROACHES]
-        if row[BLOWS] > 0.0:
-            crank = row[CRANK_AT_BLOW]
+        if row[IMPACT_COUNT] > 0.0:
+            crank = row[CRANK_AT_IMPACT]
         fastest, slowest = max(fastest, row[FASTEST]), min(slowest, row[SLOWEST])
         if not peak >= row[PEAK]:
             peak = row[PEAK]
@@ -341,16 +341,16 @@ def summary(
         friction += row[FRICTION]
         loss += row[LOSS]
         rested = rested or row[RESTED] > 0.0
-        most = max(most, row[BLOWS])
+        most = max(most, row[IMPACT_COUNT])
     count = max(window, 1)
     regime = Regime.UNCERTAIN
     mean, spread = math.nan, math.nan
-    if blows == 0.0:
+    if impacts == 0.0:
         regime = Regime.NON_IMPACT if moved else Regime.STUCK
     else:
-        mean = impulse / blows
-        spread = math.sqrt(max(squares / blows - mean * mean, 0.0)) / mean
-        if rested or most >= CHATTER_BLOWS:
+        mean = impulse / impacts
+        spread = math.sqrt(max(squares / impacts - mean * mean, 0.0)) / mean
+        if rested or most >= CHATTER_IMPACTS:
             regime = Regime.CHATTERING
         elif cycle == 1:
             regime = Regime.IMPACT
@@ -361,10 +361,10 @@ def summary(
         certain,
         cycle,
         window,
-        blows / count,
-        approaches / blows if blows > 0.0 else math.nan,
-        fastest if blows > 0.0 else math.nan,
-        slowest if blows > 0.0 else math.nan,
+        impacts / count,
+        approaches / impacts if impacts > 0.0 else math.nan,
+        fastest if impacts > 0.0 else math.nan,
+        slowest if impacts > 0.0 else math.nan,
         mean,
         spread,
         crank,

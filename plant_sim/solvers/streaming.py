@@ -37,7 +37,7 @@ from plant_sim.solvers.orbits import (
     carry,
     classify_starts,
     clear,
-    count_blow,
+    count_impact,
     ends_clear,
     follow_orbit,
     new_rows,
@@ -92,11 +92,11 @@ def classify(
     starts: NDArray[np.float64],
     protocol: Protocol,
     regimes: NDArray[np.int8],
-    blows: NDArray[np.float32],
+    impacts: NDArray[np.float32],
 ) -> None:
     """`orbits.classify_starts` by the closed form."""
     carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
-    classify_starts(carrier, starts, protocol, regimes, blows)
+    classify_starts(carrier, starts, protocol, regimes, impacts)
 
 
 @jit
@@ -182,7 +182,7 @@ def _period(
                 low, high = min(low, turns_low), max(high, turns_high)
         if event == Event.IMPACT:
             impulse = o.mass_kg * (arrival.v_m_s - departure.v_m_s)
-            count_blow(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
+            count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
         motion = departure
         events += 1
     row[Y_END], row[V_END] = motion.y_m, motion.v_m_s
@@ -195,7 +195,7 @@ def _period(
 
 @subroutine
 def _steady_period(o: Oscillator, row: NDArray[np.float64]) -> None:
-    """The row of a period of steady motion without blows; drive and viscous friction exchange π b Ω Y²."""
+    """The row of a period of steady motion without impacts; drive and viscous friction exchange π b Ω Y²."""
     clear(row)
     row[MOVED] = 1.0
     row[Y_LOW], row[Y_HIGH] = -o.steady_m, o.steady_m

@@ -26,9 +26,9 @@ from plant_sim.solvers.memory import (
 from plant_sim.solvers.memory import IMPULSE as IMPACT_IMPULSE
 from plant_sim.solvers.motion import CONTACT, FLIGHT, REST, work_place
 from plant_sim.solvers.orbits import (
-    BLOWS,
     DRIVE,
     FRICTION,
+    IMPACT_COUNT,
     LOSS,
     MOVED,
     RESTED,
@@ -43,7 +43,7 @@ from plant_sim.solvers.orbits import (
     carry,
     classify_starts,
     clear,
-    count_blow,
+    count_impact,
     ends_clear,
     follow_orbit,
     new_rows,
@@ -83,11 +83,11 @@ def classify_stepwise(
     starts: NDArray[np.float64],
     protocol: Protocol,
     regimes: NDArray[np.int8],
-    blows: NDArray[np.float32],
+    impact_counts: NDArray[np.float32],
 ) -> None:
     """`orbits.classify_starts` in `memory`, which was allocated for these parts."""
     carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
-    classify_starts(carrier, starts, protocol, regimes, blows)
+    classify_starts(carrier, starts, protocol, regimes, impact_counts)
 
 
 @law(size_of, Stepwise)
@@ -150,9 +150,9 @@ def _period(
     while status == BUFFER_FULL:
         status = advance(parts, NoSensing(), memory, 0.0, 0.0, end_s, grid[:looks], samples)
         for index in range(mode[IMPACTS]):
-            blow = memory.impacts[index]
-            peak = blow[PEAK_FORCE] if is_soft(parts.stop) else math.nan
-            count_blow(row, blow[APPROACH], blow[IMPACT_IMPULSE], blow[IMPACT_ANGLE], peak)
+            one = memory.impacts[index]
+            peak = one[PEAK_FORCE] if is_soft(parts.stop) else math.nan
+            count_impact(row, one[APPROACH], one[IMPACT_IMPULSE], one[IMPACT_ANGLE], peak)
         mode[IMPACTS] = 0
     row[Y_END], row[V_END] = y[0], y[1]
     row[DRIVE], row[FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
@@ -162,7 +162,7 @@ def _period(
     if looked_at and status == DONE:
         low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):
-            high = 0.0 if row[BLOWS] > 0.0 else min(high, 0.0)
+            high = 0.0 if row[IMPACT_COUNT] > 0.0 else min(high, 0.0)
         row[Y_LOW], row[Y_HIGH] = low + shift_m, high + shift_m
     return status != DONE
 

@@ -135,7 +135,7 @@ class Bench:
                 self.motions.append(self.plant.state)
             acting_n_m = self.torque_n_m if self.axis_state == AxisState.CLOSED_LOOP_CONTROL else 0.0
             self.plant.advance(acting_n_m, TICK_S)
-            self.touch_downs += [(blow.t_s, blow.v_m_s) for blow in self.plant.take_impacts()]
+            self.touch_downs += [(impact.t_s, impact.v_m_s) for impact in self.plant.take_impacts()]
             self._obey(self.sent)
             self.tick += 1
         return self.node.outputs

@@ -187,7 +187,7 @@ class AnyOrder(RuleBasedStateMachine):
         return arrive
 
     def go_on(self, ticks: int) -> None:
-        """Run so many ticks."""
+        """Run this number of ticks."""
         self.bench.run(0.001 * ticks, keep=False)
         AnyOrder.ticks += ticks
 

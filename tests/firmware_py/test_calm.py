@@ -36,7 +36,7 @@ def stopped(x_m: float, v_m_s: float, angle_rad: float, most_s: float = 3.0) -> 
 
 @pytest.mark.parametrize("angle_deg", range(90, 170, 15))
 @pytest.mark.parametrize("v_m_s", [-0.4, -0.2])
-def test_after_a_blow_the_striker_does_not_come_back_to_the_stop(angle_deg: int, v_m_s: float) -> None:
+def test_after_a_impact_the_striker_does_not_come_back_to_the_stop(angle_deg: int, v_m_s: float) -> None:
     rows = stopped(CONFIG.stop_m, v_m_s, math.radians(angle_deg))
     later = rows[round(0.3 / CONFIG.tick_s) :]
     assert max(row[0] for row in later) < CONFIG.stop_m

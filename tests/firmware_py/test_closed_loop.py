@@ -101,7 +101,7 @@ def test_a_module_that_is_not_the_nominal_one_is_lived_with() -> None:
     assert bench.node.outputs.regime == Regime.IMPACT
 
 
-def test_every_blow_is_found_once_and_soon(default_run: Bench) -> None:
+def test_every_impact_is_found_once_and_soon(default_run: Bench) -> None:
     found = times(default_run)[[o.impact for o in default_run.outputs]]
     true = np.array([t for t, v in default_run.touch_downs if v >= HIT_M_S])
     assert len(found) == len(true)
@@ -111,7 +111,7 @@ def test_every_blow_is_found_once_and_soon(default_run: Bench) -> None:
     assert latency.max() < 3e-3
 
 
-def test_age_speed_and_impulse_of_a_blow(default_run: Bench) -> None:
+def test_age_speed_and_impulse_of_a_impact(default_run: Bench) -> None:
     t = times(default_run)
     true = [(a, v) for a, v in default_run.touch_downs if 10.0 < a < 15.0]
     touched = [k for k, o in enumerate(default_run.outputs) if o.impact and 10.0 < t[k] < 15.0]
@@ -133,7 +133,7 @@ def test_the_speed_is_held_and_the_torque_within_its_limit(default_run: Bench) -
     assert np.abs(torque).max() < 0.2
 
 
-def test_no_blow_on_the_way_is_harder_than_the_steady_ones(default_run: Bench) -> None:
+def test_no_impact_on_the_way_is_harder_than_the_steady_ones(default_run: Bench) -> None:
     steady = max(v for t, v in default_run.touch_downs if 11.0 < t < 16.0)
     assert max(v for _, v in default_run.touch_downs) <= 1.05 * steady
     stopping = [v for t, v in default_run.touch_downs if t > 16.4]
@@ -153,16 +153,16 @@ def test_where_there_is_no_impact_regime_it_is_said_within_30_s() -> None:
     assert bench.node.outputs.torque_n_m == 0.0
 
 
-def test_a_ratio_at_which_there_are_no_blows_is_refused_after_the_second_loss() -> None:
+def test_a_ratio_at_which_there_are_no_impacts_is_refused_after_the_second_loss() -> None:
     """Coulomb μ = 0.17 has its fold below r = 1.3; before, the speed asked for may still be had."""
     scene = scene_with(drive={"amplitude_m": 0.03}, friction={"law": "coulomb", "mu": 0.17})
-    belief = {
+    nominal = {
         "friction.mu": 0.15,
         "friction.b_n_s_m": 0.0,
         "drive.amplitude_m": 0.03,
         "hold.gain_phase": 0.01,
     }
-    bench = Bench(belief, scene, ratio=1.35).started()
+    bench = Bench(nominal, scene, ratio=1.35).started()
     bench.run(24.0)
     seen = zip(bench.states, bench.outputs, strict=True)
     trying = [(s.start.attempts, o.refusal, o.acting_limit) for s, o in seen if o.mode in MOVING]
@@ -172,7 +172,7 @@ def test_a_ratio_at_which_there_are_no_blows_is_refused_after_the_second_loss() 
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.35])
-def test_a_stop_ends_with_few_blows_and_none_much_harder(ratio: float) -> None:
+def test_a_stop_ends_with_few_impacts_and_none_much_harder(ratio: float) -> None:
     bench = Bench({"start.rise_s": 2.0}, ratio=ratio).started()
     bench.run(9.0, keep=False)
     assert bench.node.outputs.mode == Mode.RUN
@@ -301,7 +301,7 @@ def test_overrun_ticks_do_no_harm() -> None:
 
 
 @pytest.mark.parametrize("contact_s", [0.001, 0.0005])
-def test_a_blow_shorter_than_the_sampling_is_carried_across_by_newtons_law(contact_s: float) -> None:
+def test_a_impact_shorter_than_the_sampling_is_carried_across_by_newtons_law(contact_s: float) -> None:
     bench = Bench(
         {"stop.contact_s": contact_s, "limit.force_n": 1e5}, scene_with(stop={"contact_s": contact_s})
     ).started()

@@ -105,7 +105,7 @@ def test_nothing_is_known_before_the_first_reading() -> None:
 
 @pytest.mark.parametrize(("moved_ticks", "elapsed_ticks"), [(12, 11), (12, 13), (3, 20)])
 def test_a_pause_that_is_misjudged_leaves_the_speed_alone(moved_ticks: int, elapsed_ticks: int) -> None:
-    """The reading is of another time than the firmware believes: the way in between tells no speed."""
+    """The reading is of another time than its time stamp: the way in between gives no speed."""
     t = np.arange(2000) * 1e-3
     before = follow(12.0 * t / TAU, velocity_rev_s=12.0 / TAU)[-1]
     position_rev = 12.0 * (t[-1] + moved_ticks * 1e-3) / TAU

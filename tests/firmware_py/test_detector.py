@@ -3,13 +3,13 @@ import pytest
 
 from firmware_py.core import detector, estimator
 from firmware_py.core.estimator import Contact, Prediction
-from firmware_py.core.kalman import Belief, Covariance
+from firmware_py.core.kalman import Covariance, StateEstimate
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).detector
 COMING = Prediction(
-    belief=Belief(0.179, 0.9, 0.0, Covariance(xx=1e-8, xv=0.0, xb=0.0, vv=1e-6, vb=0.0, bb=0.0)),
+    estimate=StateEstimate(0.179, 0.9, 0.0, Covariance(xx=1e-8, xv=0.0, xb=0.0, vv=1e-6, vb=0.0, bb=0.0)),
     sensor=estimator.INITIAL.sensor._replace(missed_ticks=0),
     innovation_m_s2=0.0,
     innovation_std_m_s2=0.0,
@@ -24,8 +24,8 @@ COMING = Prediction(
 
 
 def coming(excess_m_s2: float, base: Prediction = COMING, **place: float) -> Prediction:
-    """The striker near the stop, pushed back by `excess_m_s2`; `place` says what of its belief differs."""
-    return base._replace(innovation_m_s2=-excess_m_s2, belief=base.belief._replace(**place))
+    """The striker near the stop, pushed back by `excess_m_s2`; `place` says what of its estimate differs."""
+    return base._replace(innovation_m_s2=-excess_m_s2, estimate=base.estimate._replace(**place))
 
 
 def run(excesses: list[float], base: Prediction = COMING, **place: float) -> list[Contact]:
@@ -57,7 +57,7 @@ def test_far_from_the_stop_or_leaving_one_reading_is_not_believed(changes: dict[
     assert not run([7.0], **changes)[0].touch_down
 
 
-def test_a_lost_estimate_does_not_hide_a_blow() -> None:
+def test_a_lost_estimate_does_not_hide_a_impact() -> None:
     assert [c.touch_down for c in run([30.0, 200.0], x_m=0.10)] == [False, True]
 
 
@@ -113,7 +113,7 @@ def test_a_rebound_that_no_stop_can_give_is_not_measured(leaving: float) -> None
 
 
 @pytest.mark.parametrize(("largest", "from_readings"), [(1400.0, True), (50.0, False)])
-def test_where_estimate_and_readings_contradict_each_other_the_harder_blow_counts(
+def test_where_estimate_and_readings_contradict_each_other_the_harder_impact_counts(
     largest: float, from_readings: bool
 ) -> None:
     excesses = [10.0, largest, 0.7 * largest, 0.4 * largest, 0.5]

@@ -54,7 +54,7 @@ def step(
 def frames(
     state: DriveLinkState, mode: Mode, ticks: int, drive: DriveInput = STALE
 ) -> tuple[DriveLinkState, dict[int, DriveFrame]]:
-    """The state after so many ticks, and what left in which of them."""
+    """The state after this number of ticks, and what was sent in which of them."""
     sent = {}
     for tick in range(ticks):
         state, frame = step(state, mode, drive)

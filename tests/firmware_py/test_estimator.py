@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from firmware_py.core import estimator
 from firmware_py.core.estimator import Contact, EstimatorConfig, EstimatorState
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
-from firmware_py.core.kalman import Belief, Covariance
+from firmware_py.core.kalman import Covariance, StateEstimate
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
@@ -146,7 +146,7 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
     config = config_from({"estimator.restitution_std": 1e-3, "estimator.stop_std_m": 1e-6}).estimator
     config = config._replace(separation_jitter_s=0.0)
     p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
-    before = Belief(0.18, 0.9, 0.2, p)
+    before = StateEstimate(0.18, 0.9, 0.2, p)
     after = estimator._newton(config, 0.25, before, 0.4, 0.0)
     assert after.x_m == pytest.approx(0.18)
     assert after.v_m_s == pytest.approx(-0.45)
@@ -276,21 +276,21 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
 
 def test_how_far_the_model_is_off_is_learnt_within_its_bounds() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    trust = config.trust
-    learnt = trust.start
+    noise = config.noise
+    learnt = noise.start
     for _ in range(10_000):
-        learnt = estimator._learnt(trust, learnt, 0.0, 0.0, 1)
-    assert learnt == trust.floor
+        learnt = estimator._learnt(noise, learnt, 0.0, 0.0, 1)
+    assert learnt == noise.floor
     for k in range(20_000):
-        learnt = estimator._learnt(trust, learnt, 0.2 if k % 2 else -0.2, 0.0, 1)
+        learnt = estimator._learnt(noise, learnt, 0.2 if k % 2 else -0.2, 0.0, 1)
     assert learnt == pytest.approx(0.04, rel=1e-3)
     for _ in range(20_000):
-        learnt = estimator._learnt(trust, learnt, 1e6, 0.0, 1)
-    assert learnt == trust.ceiling
-    assert estimator._learnt(trust, 0.01, math.nan, 0.0, 1) <= trust.ceiling
+        learnt = estimator._learnt(noise, learnt, 1e6, 0.0, 1)
+    assert learnt == noise.ceiling
+    assert estimator._learnt(noise, 0.01, math.nan, 0.0, 1) <= noise.ceiling
 
 
-def test_a_blow_within_a_pause_is_taken_into_account() -> None:
+def test_a_impact_within_a_pause_is_taken_into_account() -> None:
     """Coming at the stop when the ticks cease, it is on its way back when they go on, and less sure."""
     config = config_from(EXACT_SENSOR).estimator
     coming = estimator.INITIAL._replace(
@@ -299,9 +299,9 @@ def test_a_blow_within_a_pause_is_taken_into_account() -> None:
     after = estimator.propagate(
         config, coming, AccelerometerInput(-5.0, -5.0, 0.0, 0), ContactPhase.FREE, 0.0, 0.0, 12
     )
-    assert -0.5 < after.belief.v_m_s < -0.4
-    assert 0.17 < after.belief.x_m < 0.18
-    assert after.belief.p.vv > 100.0 * coming.p_vv
+    assert -0.5 < after.estimate.v_m_s < -0.4
+    assert 0.17 < after.estimate.x_m < 0.18
+    assert after.estimate.p.vv > 100.0 * coming.p_vv
 
 
 def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
@@ -318,9 +318,9 @@ def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
     assert state.v_m_s == pytest.approx(v, abs=5e-3)
 
 
-def test_a_pause_that_begins_within_a_blow_ends_after_newtons_law() -> None:
+def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    touch_down = Belief(0.18, 0.9, 0.0, Covariance(1e-7, 0.0, 0.0, 1e-4, 0.0, 1e-6))
+    touch_down = StateEstimate(0.18, 0.9, 0.0, Covariance(1e-7, 0.0, 0.0, 1e-4, 0.0, 1e-6))
     within = estimator.INITIAL._replace(
         x_m=0.182, v_m_s=0.1, p_xx=1e-7, p_vv=1e-4, p_bb=1e-6, touch_down=touch_down, started=True
     )
@@ -338,9 +338,9 @@ def test_a_pause_that_begins_within_a_blow_ends_after_newtons_law() -> None:
 
 
 def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
-    trust = config_from(EXACT_SENSOR).estimator.trust
+    noise = config_from(EXACT_SENSOR).estimator.noise
     usual = estimator.Prediction(
-        belief=estimator.belief_of(estimator.INITIAL),
+        estimate=estimator.estimate_of(estimator.INITIAL),
         sensor=estimator.INITIAL.sensor,
         innovation_m_s2=0.0,
         innovation_std_m_s2=0.1,
@@ -353,7 +353,7 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_ski
         of_state_m_s2=0.0,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
-    assert estimator._strange_ticks(trust, 7, usual, 1) == 0
-    assert estimator._strange_ticks(trust, 7, pushed, 1) == 8
-    assert estimator._strange_ticks(trust, 0, pushed, 3) > trust.strange_ticks
-    assert estimator._strange_ticks(trust, NEVER_TICKS, pushed, 1) == NEVER_TICKS
+    assert estimator._strange_ticks(noise, 7, usual, 1) == 0
+    assert estimator._strange_ticks(noise, 7, pushed, 1) == 8
+    assert estimator._strange_ticks(noise, 0, pushed, 3) > noise.strange_ticks
+    assert estimator._strange_ticks(noise, NEVER_TICKS, pushed, 1) == NEVER_TICKS

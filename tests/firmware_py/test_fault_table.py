@@ -191,10 +191,10 @@ def test_each_row(line: FaultLine) -> None:
     bench.run(case.moving_s, keep=False)
     assert bench.node.outputs.fault == Fault.NONE
     case.cause(bench)
-    from_tick, blow_tick, events = bench.tick, 0, []
+    from_tick, impact_tick, events = bench.tick, 0, []
     for _ in range(round(1000 * line.deadline_s) if case.cause is not nothing else 30_000):
         bench.run(0.001, keep=False)
-        blow_tick = bench.tick if bench.node.outputs.impact else blow_tick
+        impact_tick = bench.tick if bench.node.outputs.impact else impact_tick
         events += [event for event in events_of(bench.sent) if event.fault != Fault.REQUEST_REFUSED]
         if events:
             break
@@ -203,7 +203,7 @@ def test_each_row(line: FaultLine) -> None:
     assert bench.node.outputs.mode == Mode.FAULT
     records = [codec.decode(frame) for frame in bench.sent]
     assert bench.axis_state == AxisState.IDLE or SetAxisState(AxisState.IDLE) in records
-    since = blow_tick if line.fault in (Fault.IMPULSE_LIMIT, Fault.FORCE_LIMIT) else from_tick
+    since = impact_tick if line.fault in (Fault.IMPULSE_LIMIT, Fault.FORCE_LIMIT) else from_tick
     assert bench.tick - since <= 1000 * line.deadline_s
     # Latched: the cause gone and RUN still asked for, nothing moves again.
     bench.change = lambda _, frames: frames

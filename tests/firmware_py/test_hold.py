@@ -1,4 +1,4 @@
-"""The law of the hold against a model of its own: the map from one blow of a rigid stop to the next."""
+"""The law of the hold against a model of its own: the map from one impact of a rigid stop to the next."""
 
 import math
 from collections.abc import Callable
@@ -19,8 +19,8 @@ M_KG, C_N_M, B_N_S_M, A_M, GAP_M, K = 0.8, 70.0, 0.2, 0.02, 0.06, 0.5
 OMEGA = math.sqrt(C_N_M / M_KG)
 
 
-def next_blow(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, float]:
-    """Speed and crank phase of the blow after one at `v_m_s` and `phase_rad` past the forward dead centre."""
+def next_impact(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, float]:
+    """Speed and crank phase of the next impact after `v_m_s` and `phase_rad` past the forward dead centre."""
     sigma, speed = 0.5 * B_N_S_M / M_KG, ratio * OMEGA
     omega_d = math.sqrt(OMEGA**2 - sigma**2)
     gain = OMEGA**2 * A_M / complex(OMEGA**2 - speed**2, 2.0 * sigma * speed)
@@ -44,23 +44,23 @@ def next_blow(v_m_s: float, phase_rad: float, ratio: float) -> tuple[float, floa
     return (place(t + h) - place(t - h)) / (2 * h), phase_rad + speed * t - 2.0 * math.pi
 
 
-def steady_blow(ratio: float) -> tuple[float, float]:
+def steady_impact(ratio: float) -> tuple[float, float]:
     """The orbit with one impact a period, followed from r = 1 upwards as a start does."""
     v, phase = 0.4, 0.05
     for r in np.append(np.arange(1.0, ratio, 0.01), ratio):
         for _ in range(12 if r < ratio else 200):
-            v, phase = next_blow(v, phase, float(r))
+            v, phase = next_impact(v, phase, float(r))
     return v, phase
 
 
 def largest_eigenvalue(ratio: float, law: Callable[[float, float, float], float], late: bool) -> float:
-    """Of the loop closed from blow to blow, `late` by one more; `law` gives the step from (v, φ, r)."""
-    v, phase = steady_blow(ratio)
+    """Of the loop closed from impact to impact, `late` by one more; `law` gives the step from (v, φ, r)."""
+    v, phase = steady_impact(ratio)
 
     def around(s: np.ndarray) -> np.ndarray:
-        blow = next_blow(s[0], s[1], s[2])
-        following = s[3] + law(blow[0], blow[1], s[3])
-        return np.array([*blow, s[3], following] if late else [*blow, following, following])
+        impact = next_impact(s[0], s[1], s[2])
+        following = s[3] + law(impact[0], impact[1], s[3])
+        return np.array([*impact, s[3], following] if late else [*impact, following, following])
 
     at = np.array([v, phase, ratio, ratio])
     # The law's own steady step is taken off: what matters is how it answers deviations.
@@ -77,8 +77,8 @@ RATIOS = (1.0, 1.1, 1.2, 1.3, 1.33)
 
 def test_the_phase_rises_with_the_speed_at_about_the_scheduled_slope() -> None:
     for ratio in RATIOS[1:]:
-        slope = (steady_blow(ratio + 0.005)[1] - steady_blow(ratio - 0.005)[1]) / 0.01
-        phase = steady_blow(ratio)[1]
+        slope = (steady_impact(ratio + 0.005)[1] - steady_impact(ratio - 0.005)[1]) / 0.01
+        phase = steady_impact(ratio)[1]
         scheduled = CONFIG.gain_phase * (CONFIG.highest_phase_rad - phase) / hold.phase_step(CONFIG, phase)
         assert 0.4 < slope / scheduled < 2.5, (ratio, slope, scheduled)
 
@@ -95,13 +95,13 @@ def test_the_phase_loop_is_stable_and_its_sign_is_right(ratio: float, late: bool
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("ratio", RATIOS[1:4])
 def test_the_impulse_loop_is_stable_and_its_sign_is_right(ratio: float, late: bool) -> None:
-    held = (1.0 + K) * M_KG * steady_blow(ratio)[0]
+    held = (1.0 + K) * M_KG * steady_impact(ratio)[0]
 
     def law(v: float, _phase: float, r: float) -> float:
         return hold.wanted_step(CONFIG, r, 0.0, held, (1.0 + K) * M_KG * v)
 
     assert largest_eigenvalue(ratio, law, late) < 0.98
-    assert largest_eigenvalue(ratio, lambda *blow: -law(*blow), late) > 1.0
+    assert largest_eigenvalue(ratio, lambda *impact: -law(*impact), late) > 1.0
 
 
 def period(phase_deg: float, impacts: int = 1) -> regime.RegimeState:
@@ -112,17 +112,17 @@ def period(phase_deg: float, impacts: int = 1) -> regime.RegimeState:
 def held(
     periods: int,
     phase_deg: float = 30.0,
-    blow: float = 0.8,
+    impact: float = 0.8,
     target: float = 1.3,
     impulse: float = 0.0,
     impacts: int = 1,
     holding: bool = True,
 ) -> HoldState:
-    """So many periods of 0.5 s at r = 1.3."""
+    """`periods` periods of 0.5 s at r = 1.3."""
     state = hold.INITIAL
     for tick in range(500 * periods):
         seen = period(phase_deg, impacts) if tick % 500 == 0 else regime.INITIAL
-        state = hold.step(CONFIG, state, holding, 1.3, target, impulse, seen, blow, 1)
+        state = hold.step(CONFIG, state, holding, 1.3, target, impulse, seen, impact, 1)
     return state
 
 
@@ -182,8 +182,8 @@ def test_a_refusal_ends_with_its_request() -> None:
 
 
 def test_not_a_number_moves_nothing() -> None:
-    for phase, blow in ((math.nan, 0.8), (30.0, math.nan)):
-        state = held(5, phase_deg=phase, blow=blow, impulse=0.9)
+    for phase, impact in ((math.nan, 0.8), (30.0, math.nan)):
+        state = held(5, phase_deg=phase, impact=impact, impulse=0.9)
         assert abs(state.trim) < 0.0751
 
 
@@ -193,9 +193,9 @@ def test_an_impulse_asked_for_is_given_and_the_stop_agrees() -> None:
     take = bench.plant.take_impacts
 
     def noting() -> list:
-        blows = take()
-        true.extend(blow.impulse_n_s for blow in blows)
-        return blows
+        taken = take()
+        true.extend(impact.impulse_n_s for impact in taken)
+        return taken
 
     bench.plant.take_impacts = noting  # type: ignore[method-assign]
     bench.started()

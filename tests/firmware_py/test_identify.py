@@ -1,4 +1,4 @@
-"""Identification: its algebra against numpy, the whole of it against modules that are not as believed."""
+"""Identification: its algebra against numpy, the whole of it against modules that are not nominal."""
 
 import math
 from functools import cache
@@ -99,12 +99,12 @@ def test_the_model_follows_slowly_and_goes_back_where_nothing_is_held() -> None:
     assert (estimate.spring_share, estimate.friction_share) == (0.0, 0.0)
 
 
-def test_restitution_is_the_mean_of_the_blows_and_an_odd_one_does_not_count() -> None:
+def test_restitution_is_the_mean_of_the_impacts_and_an_odd_one_does_not_count() -> None:
     state = identify.INITIAL
-    for blow in (0.55, 0.57, 0.95, 0.56):
-        state = identify._blown(CONFIG, state, blow)
+    for impact in (0.55, 0.57, 0.95, 0.56):
+        state = identify._after_impact(CONFIG, state, impact)
     assert state.restitution == pytest.approx(0.56)
-    assert state.blows == 3
+    assert state.impacts == 3
 
 
 WET = (
@@ -122,23 +122,23 @@ DRY = (
 
 
 RETURNED: dict[tuple[bool, int], list[float]] = {}
-"""What the stop truly gave back of each blow: the spring's pull in the contact is part of it."""
+"""What the stop truly gave back of each impact: the spring's pull in the contact is part of it."""
 
 
 @cache
 def held(dry: bool, mode: int) -> Bench:
-    """A module that is not as believed, 22 s from the start on; its last 6 s are kept."""
+    """A module that is not nominal, 22 s from the start on; its last 6 s are kept."""
     parameters, scene = DRY if dry else WET
     bench = Bench({**parameters, "identify.mode": mode}, scene, ratio=0.95 if dry else 1.1).started()
     take = bench.plant.take_impacts
 
     def noting() -> list[Impact]:
-        blows = take()
+        impacts = take()
         RETURNED[dry, mode] = [
             *RETURNED.get((dry, mode), []),
-            *(-blow.v_after_m_s / blow.v_m_s for blow in blows),
+            *(-impact.v_after_m_s / impact.v_m_s for impact in impacts),
         ]
-        return blows
+        return impacts
 
     bench.plant.take_impacts = noting  # type: ignore[method-assign]
     bench.run(16.0, keep=False)

@@ -200,7 +200,7 @@ def test_accelerometer_scales() -> None:
 
 
 def test_gait_signals_cover_what_a_leg_does() -> None:
-    """A shank swings at up to 8 rad/s and is struck at up to 10 g; strides come at 0.3 to 1.5 a second."""
+    """A shank swings at up to 8 rad/s and feels up to 10 g; strides come at 0.3 to 1.5 a second."""
     sensed = CODECS[records.GaitSensors].signals
     assert sensed["shank_rate_rad_s"].high > 30.0
     assert sensed["along_m_s2"].scale * 2048 == 9.80665

@@ -88,7 +88,7 @@ def test_the_ratio_changes_by_its_rate_at_most() -> None:
 
 
 def test_a_crank_that_lags_is_led_forward_and_one_ahead_back() -> None:
-    """At the window's middle the crank has to be where blows come: at 90° here."""
+    """At the window's middle the crank has to be where impacts come: at 90° here."""
     seen = cycle(stride_for(1.1, 2), phase=0.5 * (CONFIG.window_start + CONFIG.window_end))
     start = lock.INITIAL._replace(base_ratio=1.1)
     behind, ahead = (stepped(start, seen, angle, 1000) for angle in (1.4, 1.74))
@@ -115,7 +115,7 @@ def test_other_turns_are_taken_so_far_before_the_window_as_the_change_of_speed_c
 
 
 def test_pulses_are_counted_in_and_out_of_the_window() -> None:
-    def struck(phase: float, age_s: float) -> tuple[int, int]:
+    def counted(phase: float, age_s: float) -> tuple[int, int]:
         state = lock.step(
             CONFIG,
             lock.INITIAL,
@@ -131,10 +131,10 @@ def test_pulses_are_counted_in_and_out_of_the_window() -> None:
         )
         return state.in_window, state.outside
 
-    assert struck(0.5, 0.0) == (1, 0)
-    assert struck(0.65, 0.0) == (0, 1)
-    assert struck(0.61, 0.05) == (1, 0)
-    assert struck(0.01, 0.05) == (0, 1)
+    assert counted(0.5, 0.0) == (1, 0)
+    assert counted(0.65, 0.0) == (0, 1)
+    assert counted(0.61, 0.05) == (1, 0)
+    assert counted(0.01, 0.05) == (0, 1)
 
 
 class Walked(Bench):
@@ -162,7 +162,7 @@ class Walked(Bench):
 
 
 def hits(bench: Bench, walked: Walk, from_s: float) -> tuple[int, int]:
-    """Strides with a blow between 45 and 60 %, and all strides, from a time on."""
+    """Strides with an impact between 45 and 60 %, and all strides, from a time on."""
     times = np.array([t for t, _ in bench.touch_downs])
     good = total = 0
     for begin, end in zip(walked.strikes_s[:-1], walked.strikes_s[1:], strict=True):
@@ -254,7 +254,7 @@ def test_silent_gait_sensors_are_a_fault_only_where_they_are_followed() -> None:
 
 
 def test_gait_sensors_change_nothing_where_they_are_not_followed() -> None:
-    """The same run with and without them: the same outputs to the bit, and a report where they are heard."""
+    """The same run with and without them: the same outputs, and a report where they are received."""
     walked = walk(np.random.default_rng(1), stride_s=0.75, count=12)
     plain, watched = Bench({"start.rise_s": 2.0}, ratio=1.1), Walked({"start.rise_s": 2.0}, ratio=1.1)
     watched.follow(walked)

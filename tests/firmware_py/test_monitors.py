@@ -263,7 +263,7 @@ def test_the_impulse_trips_when_it_has_been_measured(impulse: float, fault: Faul
     ("peak", "fault"),
     [(CONFIG.limits.peak_m_s2, Fault.NONE), (1876.0, Fault.FORCE_LIMIT), (math.nan, Fault.FORCE_LIMIT)],
 )
-def test_the_force_trips_when_the_blow_is_over(peak: float, fault: Fault) -> None:
+def test_the_force_trips_when_the_impact_is_over(peak: float, fault: Fault) -> None:
     assert watch(peak=peak, separated=True)[1].limit == fault
     assert watch(peak=peak)[1].limit == Fault.NONE
 

@@ -362,7 +362,7 @@ def test_a_command_outside_the_runnable_ratios_starts_nothing() -> None:
 
 
 def counted_from(turns: float) -> Callable[[int, list[Frame]], list[Frame]]:
-    """A drive that has counted so many whole turns already."""
+    """A drive that has counted this number of turns already."""
 
     def change(_: int, frames: list[Frame]) -> list[Frame]:
         return [

@@ -93,7 +93,7 @@ def dips_of(targets: np.ndarray) -> int:
 
 
 def test_a_failed_capture_dips_and_then_gives_up_within_30_s() -> None:
-    """Without a blow in the dip either, one dip counts as two."""
+    """Without an impact in the dip either, one dip counts as two."""
     state, targets = until(start.INITIAL, 30.0, hits=False)
     assert state.failed
     assert not state.captured

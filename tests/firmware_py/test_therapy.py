@@ -20,23 +20,23 @@ TURN_ENDED = NO_REGIME._replace(ended=True, last=Period(1, 0.6, 0.5, 30.0))
 STRIDE_S = 20.0 * math.pi / LOCK.natural_rad_s
 """A tenth of r for each turn a stride: ten of them are r = 1."""
 
-Blow = Callable[[float], float]
+Impact = Callable[[float], float]
 
 
-def linear(slope_n_s: float) -> Blow:
-    """Blows of 0.8 N s at r = 1.1, which grow with r."""
+def linear(slope_n_s: float) -> Impact:
+    """Impacts of 0.8 N s at r = 1.1, which grow with r."""
     return lambda ratio: 0.8 + slope_n_s * (ratio - 1.1)
 
 
-def followed(blow: Blow, target_n_s: float, turns: int) -> tuple[TherapyState, list[int]]:
-    """What comes of `turns` of the crank, each with one blow; and all turns a stride that were taken."""
+def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[TherapyState, list[int]]:
+    """What comes of `turns` of the crank, each with one impact; and all turns a stride that were taken."""
     state, taken = therapy.INITIAL, [11]
     for _ in range(turns):
         harmonic = lock.chosen(LOCK, STRIDE_S, taken[-1], state.aim_ratio)
         if harmonic != taken[-1]:
             taken.append(harmonic)
         ratio = 0.1 * harmonic
-        state = therapy.step(CONFIG, state, True, harmonic, ratio, target_n_s, TURN_ENDED, blow(ratio))
+        state = therapy.step(CONFIG, state, True, harmonic, ratio, target_n_s, TURN_ENDED, impact(ratio))
     return state, taken
 
 
@@ -52,21 +52,21 @@ def test_without_a_request_the_centre_counts() -> None:
 
 @pytest.mark.parametrize("slope_n_s", [1.2, 2.0, 3.5])
 @pytest.mark.parametrize("harmonic", [10, 11, 12, 13])
-def test_the_turns_whose_blows_come_nearest_are_found_and_kept(slope_n_s: float, harmonic: int) -> None:
-    """Though J' is believed up to two times wrong; no turns are taken twice."""
-    blow = linear(slope_n_s)
-    state, taken = followed(blow, blow(0.1 * harmonic) * 1.01, 400)
+def test_the_turns_whose_impacts_come_nearest_are_found_and_kept(slope_n_s: float, harmonic: int) -> None:
+    """Though the parameter J' is up to two times wrong; no turns are taken twice."""
+    impact = linear(slope_n_s)
+    state, taken = followed(impact, impact(0.1 * harmonic) * 1.01, 400)
     assert taken[-1] == harmonic
     assert len(set(taken)) == len(taken)
     assert state.refusal == Refusal.NONE
-    assert state.impulse_n_s == pytest.approx(blow(0.1 * harmonic))
+    assert state.impulse_n_s == pytest.approx(impact(0.1 * harmonic))
 
 
 def test_a_request_midway_is_not_hunted_for() -> None:
-    blow = linear(3.0)
+    impact = linear(3.0)
     for share in (0.3, 0.45, 0.5, 0.55, 0.7):
-        target_n_s = blow(1.1) + share * (blow(1.2) - blow(1.1))
-        _, taken = followed(blow, target_n_s, 1000)
+        target_n_s = impact(1.1) + share * (impact(1.2) - impact(1.1))
+        _, taken = followed(impact, target_n_s, 1000)
         assert len(taken) <= 3
 
 
@@ -87,17 +87,17 @@ def test_nothing_is_told_before_other_turns_had_their_time() -> None:
     assert refusals == [Refusal.NONE, Refusal.NONE, Refusal.NONE, Refusal.IMPULSE_TOO_HIGH]
 
 
-def test_the_first_stride_does_not_count_and_turns_without_one_blow_never() -> None:
+def test_the_first_stride_does_not_count_and_turns_without_one_impact_never() -> None:
     state = therapy.INITIAL
     doubled = TURN_ENDED._replace(last=Period(2, 0.6, 0.5, 30.0))
 
-    def turn(state: TherapyState, blow_n_s: float, regime: RegimeState = TURN_ENDED) -> TherapyState:
-        return therapy.step(CONFIG, state, True, 11, 1.1, 0.8, regime, blow_n_s)
+    def turn(state: TherapyState, impact_n_s: float, regime: RegimeState = TURN_ENDED) -> TherapyState:
+        return therapy.step(CONFIG, state, True, 11, 1.1, 0.8, regime, impact_n_s)
 
     for _ in range(11):
         state = turn(state, 5.0)
-    for blow_n_s in (0.7, 0.8, 0.9):
-        state = turn(state, blow_n_s)
+    for impact_n_s in (0.7, 0.8, 0.9):
+        state = turn(state, impact_n_s)
         state = turn(state, 9.0, doubled)
         state = turn(state, 9.0, NO_REGIME)
     assert state.impulse_n_s == pytest.approx(0.8)

@@ -1,4 +1,4 @@
-"""Buses: who hears whom, what is never lost, and what happens when nobody reads."""
+"""Buses: who receives from whom, what is never lost, and what happens when nobody reads."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ from hil.bus.wire import CAN_FRAME
 
 
 def frame(number: int) -> Frame:
-    """A frame that tells its number."""
+    """A frame that carries its number."""
     return Frame(0x100 + number % 0x100, number.to_bytes(4, "little"))
 
 

@@ -27,7 +27,7 @@ class Entry(NamedTuple):
 
 
 class Play(NamedTuple):
-    """What both tell of the same story."""
+    """What both report of the same traffic."""
 
     received: list[list[tuple[int, Frame]]]
     waiting: list[list[Frame]]
@@ -150,7 +150,7 @@ def test_a_failing_sender_up_to_bus_off_and_back(
 def test_recovery_counts_recessive_bits_between_others_frames(
     traffic: list[bytes], gap: int, hit: int
 ) -> None:
-    """Node 0 goes off with its first frame; node 1 talks meanwhile; node 0 is heard again in time."""
+    """Node 0 goes off with its first frame; node 1 talks meanwhile; node 0 is received again in time."""
     nodes = [NodeState(counters=ErrorCounters(248, 0)), NodeState(), NodeState()]
     others = [Frame(can_id, data) for can_id, data in enumerate(traffic, start=3)]
     entries = [Entry(0, 0, Frame(0, b"\x12"))]
@@ -181,7 +181,7 @@ def test_equal_identifiers_collide_as_in_the_reference(data: list[bytes], listen
 def starts_until_idle(
     nodes: Sequence[NodeState], entries: Sequence[Entry], errors: int
 ) -> tuple[list[int], int]:
-    """When transmissions begin, and when the bus is idle after so many errors or after the last frame."""
+    """When transmissions begin, and when the bus is idle after `errors` errors or the last frame."""
     state, _ = advance(BusState(nodes=tuple(nodes)), entries[0].bit)
     for entry in entries:
         state = queue(state, entry.node, entry.frame, depth=1000)

@@ -70,7 +70,7 @@ def test_checksums_of_published_frames(frame: Frame, checksum: int) -> None:
         ("1110101010", "1110101010"),
         ("11111", "111110"),
         ("111110000", "11111000001"),
-        # the worst case for stuffing as Davis et al. 2007 draw it: five bits, then four and four
+        # the worst case for stuffing as Davis et al. 2007 show it: five bits, then four and four
         ("1111100001111000011110000", "1111100000111110000011111000001"),
     ],
 )

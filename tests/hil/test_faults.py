@@ -431,7 +431,7 @@ def test_another_digit_is_damage_that_is_found() -> None:
 @pytest.mark.parametrize(
     ("peaks_n", "expected_n"), [([90.0, 140.0], 140.0), ([90.0], 0.0), ([90.0, math.nan], None)]
 )
-def test_the_force_after_a_fault_is_that_of_blows_after_it(
+def test_the_force_after_a_fault_is_that_of_impacts_after_it(
     tmp_path: Path, peaks_n: list[float], expected_n: float | None
 ) -> None:
     made_up = make_run()

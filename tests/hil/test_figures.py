@@ -42,7 +42,7 @@ def made_up() -> MadeUpRun:
 def test_the_made_up_run_gives_its_known_figures(made_up, tmp_path):
     figures = figures_of(write_run(made_up, tmp_path))
 
-    assert figures.regime == figures.regime_believed == "impact"
+    assert figures.regime == figures.regime_estimated == "impact"
     assert (figures.duration_s, figures.ticks) == (END_S, round(END_S / T_S))
     assert figures.hold_start_s == pytest.approx(HOLD_S, abs=T_S)
     assert figures.hold_end_s == pytest.approx(STOP_S, abs=T_S)
@@ -161,7 +161,7 @@ def test_missed_and_false_detections(made_up, tmp_path):
     assert figures.detector.precision == pytest.approx((n - 2) / (n - 1))
 
 
-def test_blows_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_path):
+def test_impacts_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_path):
     """The second one is missed as well, but the firmware ran 4 ms after it: that one is its own fault."""
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
     touch_ticks = np.ceil(made_up.impacts["t_s"] / 1e-3).astype(int)
@@ -178,7 +178,7 @@ def test_blows_while_the_firmware_did_not_run_are_counted_apart(made_up, tmp_pat
     assert figures.detector.recall == pytest.approx((n - 2) / (n - 1))
 
 
-def test_weak_blows_need_not_be_seen_and_are_no_false_alarm(made_up, tmp_path):
+def test_weak_impacts_need_not_be_seen_and_are_no_false_alarm(made_up, tmp_path):
     made_up.impacts["v_m_s"][:3] = 0.04
     ticks = np.flatnonzero(made_up.firmware["outputs.impact"])
     made_up.firmware["outputs.impact"][ticks[0]] = False
@@ -197,7 +197,7 @@ def test_firmware_death_is_found_and_the_torque_after_it_measured(made_up, tmp_p
     assert figures.safe_state.cause == "firmware-silent"
     assert figures.safe_state.torque_zero_after_s == pytest.approx(0.05, abs=2 * T_S)
     assert figures.motor_torque_after_stop_n_m == 0.0
-    assert figures.safe_state.blows_after == np.count_nonzero(made_up.impacts["t_s"] > 4.0)
+    assert figures.safe_state.impacts_after == np.count_nonzero(made_up.impacts["t_s"] > 4.0)
 
 
 def test_torque_that_stays_on_is_reported(made_up, tmp_path):

@@ -47,7 +47,7 @@ def walk(until_s: float = 100.0, tripping_s: float = -1.0) -> MadeUpRun:
     return run
 
 
-def blows(
+def place_impacts(
     run: MadeUpRun, phases: list[float], t_s: tuple[float, float] = (HOLD_S, STOP_S), v: float = 1.0
 ) -> None:
     """Replace the impacts by one at each of `phases` in every stride that begins within `t_s`."""
@@ -86,7 +86,7 @@ def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
 def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> None:
     """One at 50 % and one at 5 % of each stride; the first four strides of the hold are the start's."""
     run = walk()
-    blows(run, [0.05, 0.5])
+    place_impacts(run, [0.05, 0.5])
     found = figures(run, tmp_path)
     assert found.strides == 4
     assert (found.in_window, found.pulses_per_stride, found.outside_per_stride) == (1.0, 2.0, 1.0)
@@ -96,7 +96,7 @@ def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> N
 
 def test_a_stride_without_a_pulse_in_the_window_counts_against_it(tmp_path) -> None:
     run = walk()
-    blows(run, [0.5])
+    place_impacts(run, [0.5])
     first = np.flatnonzero(run.impacts["t_s"] > 4.0)[0]
     run.impacts["t_s"][first] += 0.15 * STRIDE_S
     found = figures(run, tmp_path)
@@ -107,7 +107,7 @@ def test_a_stride_without_a_pulse_in_the_window_counts_against_it(tmp_path) -> N
 def test_the_window_is_the_firmwares_own(tmp_path) -> None:
     run = walk()
     run.scenario["firmware"] = {"gait": {"window_start": 0.0, "window_end": 0.1}}
-    blows(run, [0.05, 0.5])
+    place_impacts(run, [0.05, 0.5])
     assert push_off(run.scenario) == (0.0, 0.1)
     assert figures(run, tmp_path).in_window == 1.0
 
@@ -115,7 +115,7 @@ def test_the_window_is_the_firmwares_own(tmp_path) -> None:
 def test_a_stop_is_when_the_leg_stands_still(tmp_path) -> None:
     """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s."""
     run = walk(until_s=5.0)
-    blows(run, [0.5], (HOLD_S, 5.5))
+    place_impacts(run, [0.5], (HOLD_S, 5.5))
     late = run.impacts["t_s"] > 5.0
     run.impacts["v_m_s"][late] = 0.8
     found = figures(run, tmp_path)
@@ -127,7 +127,7 @@ def test_a_stop_is_when_the_leg_stands_still(tmp_path) -> None:
 
 def test_a_new_start_after_a_stumble_is_not_its_last_pulse(tmp_path) -> None:
     run = walk(tripping_s=4.5)
-    blows(run, [0.5], (HOLD_S, 6.0))
+    place_impacts(run, [0.5], (HOLD_S, 6.0))
     mode, t_s = run.firmware["outputs.mode"], run.firmware["t_s"]
     mode[(t_s > 4.9) & (t_s < 5.3)] = Mode.READY
     mode[t_s >= 5.3] = Mode.SOFT_START
@@ -139,7 +139,7 @@ def test_a_new_start_after_a_stumble_is_not_its_last_pulse(tmp_path) -> None:
 def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
     """Ready from 4.0 s on: the last pulse that follows is at 4.2 s, those from 6.0 s on are the leg's."""
     run = walk(tripping_s=3.9)
-    blows(run, [0.5], (HOLD_S, 7.0))
+    place_impacts(run, [0.5], (HOLD_S, 7.0))
     run.impacts = {
         name: values[(run.impacts["t_s"] < 4.3) | (run.impacts["t_s"] > 6.4)]
         for name, values in run.impacts.items()
@@ -152,7 +152,7 @@ def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
 
 def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
     run = walk(until_s=5.0)
-    blows(run, [0.05, 0.5], (HOLD_S, 5.0))
+    place_impacts(run, [0.05, 0.5], (HOLD_S, 5.0))
     folder = write_run(run, tmp_path / "run")
     traces = read_run(folder)
     drawn = {plot.title: plot for plot in plots(traces, figures_of(folder))}
@@ -176,9 +176,9 @@ def test_push_off_is_averaged_over_the_cycle_where_somebody_walks(tmp_path) -> N
 
 
 def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:
-    """A blow is told when it has ended: its touch-down may lie in an earlier piece."""
+    """An impact is reported when it has ended: its touch-down may lie in an earlier piece."""
     run = walk()
-    blows(run, [0.05, 0.5])
+    place_impacts(run, [0.05, 0.5])
     folder = write_run(run, tmp_path / "run")
     traces = read_run(folder)
     whole = tables(rebuild(folder))

@@ -47,7 +47,7 @@ def silent(_: float, __: str) -> None:
 
 
 class Decision(NamedTuple):
-    """What the firmware made of what it had heard."""
+    """What the firmware made of what it had received."""
 
     mode: str
     fault: str

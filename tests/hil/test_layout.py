@@ -70,7 +70,7 @@ def test_every_lane_is_written_by_the_bench():
     assert {lane.column for lane in lanes.PLANT_LANES} <= WRITTEN["/plant"]
     assert {lane.column for lane in lanes.FIRMWARE_LANES} <= WRITTEN["/firmware"]
     assert lanes.LEG_LANE.column in WRITTEN["/plant"]
-    assert lanes.LEG_BELIEVED_LANE.column in WRITTEN["/firmware"]
+    assert lanes.LEG_ESTIMATED_LANE.column in WRITTEN["/firmware"]
 
 
 def test_a_state_that_has_no_name_is_shown_by_its_number():

@@ -169,7 +169,7 @@ def test_a_tilted_module_with_a_wearer_publishes_what_it_feels() -> None:
 
 
 def held(torque_n_m: float, ticks: int, of_ticks: int) -> Plant:
-    """The module alone under a torque for so many ticks, then under none."""
+    """The module alone under a torque for this number of ticks, then under none."""
     plant = Plant(load_scene("table1-motor-soft"), seed=1)
     for tick in range(of_ticks):
         plant.advance(torque_n_m if tick < ticks else 0.0, 1e-3)

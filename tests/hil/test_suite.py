@@ -67,16 +67,16 @@ def test_a_modelled_bus_is_left_out_in_real_time(capsys: pytest.CaptureFixture[s
 
 
 def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> None:
-    names = [short(tmp_path, "rests", 0.0), short(tmp_path, "strikes", 1.0)]
+    names = [short(tmp_path, "rests", 0.0), short(tmp_path, "impacts", 1.0)]
     result = run_suite(names, "lockstep", "auto", tmp_path / "out", [1], silent)
     assert [(one["name"], one["passed"]) for one in result["scenarios"]] == [
         ("rests", True),
-        ("strikes", False),
+        ("impacts", False),
     ]
     assert result["passed"] is False
     assert result["scenarios"][1]["failed"][0]["value"] == 0
     xml = ElementTree.parse(result["junit"]).getroot()
-    assert [(one.get("name"), one.get("failures")) for one in xml] == [("rests", "0"), ("strikes", "1")]
+    assert [(one.get("name"), one.get("failures")) for one in xml] == [("rests", "0"), ("impacts", "1")]
     assert "1 of 2 scenarios passed" in Path(result["report"]).read_text()
     assert (tmp_path / "out" / "rests" / "run.rrd").exists()
 
@@ -217,20 +217,20 @@ def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> 
 
 
 def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rests, strikes = short(tmp_path, "rests", 0.0), short(tmp_path, "strikes", 1.0)
-    for name, names in (("a", [rests, strikes]), ("b", [rests]), ("c", [strikes])):
+    rests, impacts = short(tmp_path, "rests", 0.0), short(tmp_path, "impacts", 1.0)
+    for name, names in (("a", [rests, impacts]), ("b", [rests]), ("c", [impacts])):
         run_suite(names, "lockstep", "auto", tmp_path / name, [1], silent)
     a, b, c = (str(tmp_path / name) for name in "abc")
     assert run(["compare", a, b, "--must-be-equal", "--json"]) == EXIT_PASSED
     result = json.loads(capsys.readouterr().out)
-    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["strikes"], True)
+    assert (result["compared"], result["only_in_a"], result["equal"]) == (["rests"], ["impacts"], True)
     assert run(["compare", b, c, "--json"]) == EXIT_NOTHING_RAN
     changed = read_suite(tmp_path / "a")
     changed["scenarios"][1]["passed"] = changed["scenarios"][1]["checks"][0]["passed"] = True
     found = compare(read_suite(tmp_path / "a"), changed)
     assert [(one["scenario"], one["check"], one["a"], one["b"]) for one in found["differences"]] == [
-        ("strikes", None, False, True),
-        ("strikes", "impact_count ≥ 1", False, True),
+        ("impacts", None, False, True),
+        ("impacts", "impact_count ≥ 1", False, True),
     ]
     (tmp_path / "c" / "suite.json").write_text(json.dumps(changed))
     capsys.readouterr()

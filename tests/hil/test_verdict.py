@@ -222,7 +222,7 @@ def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, h
     made_up = make_run()
     kept = np.setdiff1d(np.arange(len(made_up.firmware["tick"])), np.arange(3000, 3000 + held))
     made_up.firmware = {name: values[kept] for name, values in made_up.firmware.items()}
-    made_up.outcome["baseline_overruns"] = 1000  # so many on this machine that overruns alone say nothing
+    made_up.outcome["baseline_overruns"] = 1000  # so that overruns alone say nothing
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 100.0, "unit": "N"}]
     verdict = finish(write_run(made_up, tmp_path))
     assert verdict["real_time"] is not named

@@ -63,7 +63,7 @@ class LongDouble:
         return list(function(np.array(grid, dtype=np.longdouble)))
 
 
-class Blow(NamedTuple):
+class Impact(NamedTuple):
     t_s: Number
     v_m_s: Number
 
@@ -93,18 +93,18 @@ class Reference:
         fastest = max(float(self.w2) ** 0.5, float(self.Omega))
         self.step = a.number(2 * np.pi / fastest / grid_per_period)
 
-    def run(self, y: Number, v: Number, crank: float, until_s: float, most: int = 10**9) -> list[Blow]:
-        """Impacts from t = 0 on, at most so many."""
+    def run(self, y: Number, v: Number, crank: float, until_s: float, most: int = 10**9) -> list[Impact]:
+        """Impacts from t = 0 on, at most `most`."""
         a = self.arithmetic
         self.crank, self.end = a.number(crank), a.number(until_s)
         self.t, self.y, self.v = a.number(0), a.number(y), a.number(v)
-        self.mode: str | None = None  # what an exit leads to, where rounding could not tell
+        self.mode: str | None = None  # what an exit leads to, where rounding could not decide
         self.blind = FINEST  # halvings of the grid's step that a guard is looked at from
-        self.blows: list[Blow] = []
+        self.impacts: list[Impact] = []
         going = True
-        while going and len(self.blows) < most:
+        while going and len(self.impacts) < most:
             going = self._next()
-        return self.blows
+        return self.impacts
 
     def _next(self) -> bool:
         at_stop = self.gap is not None and self.y >= self.gap
@@ -182,7 +182,7 @@ class Reference:
         return True
 
     def _hit(self) -> None:
-        self.blows.append(Blow(self.t, self.v))
+        self.impacts.append(Impact(self.t, self.v))
         slow = self.v < LEAST_BOUNCE_M_S and self._push(self.t) > self.held
         self.v = self.arithmetic.number(0) if slow or self.k == 0 else -self.k * self.v
 

@@ -58,9 +58,9 @@ def random_module(rng: np.random.Generator) -> tuple[Parts, MotionState]:
     )
 
 
-def reference_blows(parts: Parts, initial: MotionState, until_s: float, least_m_s: float) -> np.ndarray:
-    """Times and speeds of the blows harder than `least_m_s`, shape (n, 2), in long doubles."""
+def reference_impacts(parts: Parts, initial: MotionState, until_s: float, least_m_s: float) -> np.ndarray:
+    """Times and speeds of the impacts harder than `least_m_s`, shape (n, 2), in long doubles."""
     reference = Reference(parts, LongDouble)
     y = min(np.longdouble(initial.x_m) - np.longdouble(parts.striker.rest_length_m), reference.gap)
-    blows = reference.run(y, initial.v_m_s, initial.crank_rad, until_s)
-    return np.array([(float(b.t_s), float(b.v_m_s)) for b in blows if b.v_m_s > least_m_s]).reshape(-1, 2)
+    impacts = reference.run(y, initial.v_m_s, initial.crank_rad, until_s)
+    return np.array([(float(b.t_s), float(b.v_m_s)) for b in impacts if b.v_m_s > least_m_s]).reshape(-1, 2)

@@ -134,13 +134,13 @@ def test_energy_balances(name: str, changes: dict[str, Any]) -> None:
     assert result.energy.residual < 1e-8
     assert result.energy.friction_j > 0.0
     assert result.energy.impact_loss_j > 0.0
-    blows = 0.4 * (result.impacts.v_m_s**2 - result.impacts.v_after_m_s**2)
+    lost_j = 0.4 * (result.impacts.v_m_s**2 - result.impacts.v_after_m_s**2)
     if result.impacts.peak_force_n[0] != result.impacts.peak_force_n[0]:  # nan: rigid
-        assert result.energy.impact_loss_j == pytest.approx(np.sum(blows), rel=1e-9)
+        assert result.energy.impact_loss_j == pytest.approx(np.sum(lost_j), rel=1e-9)
 
 
 def test_a_soft_stop_gives_impulse_peak_and_restitution() -> None:
-    """Light spring and drive beside the stop: the blow is the stop's own."""
+    """Light spring and drive beside the stop: the impact is the stop's own."""
     impacts = simulate(scene("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}), 10.0).impacts
     steady = impacts.v_m_s > 0.3
     assert np.allclose(-impacts.v_after_m_s[steady] / impacts.v_m_s[steady], 0.5, atol=0.08)

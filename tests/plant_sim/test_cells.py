@@ -142,7 +142,7 @@ def test_guess_and_series_find_a_cubics_root(root, slope, bend, third):
 @pytest.mark.parametrize("friction", [Viscous(0.2), Coulomb(0.02, 0.0)])
 @pytest.mark.parametrize("cut", [1e-12, 1e-6, 1e-3, 0.3])
 def test_a_stop_at_a_cells_border_is_hit_where_the_uncut_motion_passes(friction, cut):
-    """Stops a hair before and after each cell's border: the blow is where the free motion reaches them."""
+    """Stops a hair before and after each cell's border: the impact is where the free motion reaches them."""
     free = module(0.02, 1.2, friction, NoStop(), rest_m=0.0)
     o = oscillator(free.striker, free.drive, friction, RigidStop(GAP_M, 0.5))
     initial = start(-0.05, 0.5, 0.4)
@@ -153,6 +153,6 @@ def test_a_stop_at_a_cells_border_is_hit_where_the_uncut_motion_passes(friction,
             if there.v_m_s[0] < 0.05:
                 continue
             parts = free._replace(stop=RigidStop(float(there.x_m[0]), 0.5))
-            blow = simulate(parts, initial, t_s + 0.01).impacts
-            assert blow.t_s[0] == pytest.approx(t_s, abs=1e-14)
-            assert blow.v_m_s[0] == pytest.approx(there.v_m_s[0], rel=1e-13)
+            impact = simulate(parts, initial, t_s + 0.01).impacts
+            assert impact.t_s[0] == pytest.approx(t_s, abs=1e-14)
+            assert impact.v_m_s[0] == pytest.approx(there.v_m_s[0], rel=1e-13)

@@ -103,7 +103,7 @@ def test_a_fast_loop_is_the_torque_mode_motor() -> None:
         assert result.impacts.t_s.size == wanted.impacts.t_s.size > 0
         away.append(abs(result.impacts.t_s[0] - wanted.impacts.t_s[0]))
     assert away[0] == pytest.approx(10.0 * away[1], rel=0.1)
-    # A torque that comes 1/α late brings a blow some 1/α late.
+    # A torque that comes 1/α late brings an impact some 1/α late.
     assert away[0] == pytest.approx(1e-3, rel=0.2)
 
 

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from exact_reference import Mpmath, Reference
-from exact_scenes import NATURAL_RAD_S, REST_M, STOP, module, random_module, reference_blows, start
+from exact_scenes import NATURAL_RAD_S, REST_M, STOP, module, random_module, reference_impacts, start
 from scipy.integrate import solve_ivp
 
 from plant_sim.parts.drive import IdealDrive
@@ -43,20 +43,20 @@ def _forty_digits():
 )
 def test_first_twenty_impacts_are_those_of_forty_digits(amplitude_m, ratio, b_n_s_m):
     parts = module(amplitude_m, ratio, Viscous(b_n_s_m))
-    blows = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=70.0, most=20)
+    expected = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=70.0, most=20)
     impacts = simulate(parts, start(), 70.0).impacts
-    assert len(blows) == 20
-    assert np.abs(impacts.t_s[:20] - np.array([float(b.t_s) for b in blows])).max() <= 1e-13
-    assert np.abs(impacts.v_m_s[:20] - np.array([float(b.v_m_s) for b in blows])).max() <= 1e-12
+    assert len(expected) == 20
+    assert np.abs(impacts.t_s[:20] - np.array([float(b.t_s) for b in expected])).max() <= 1e-13
+    assert np.abs(impacts.v_m_s[:20] - np.array([float(b.v_m_s) for b in expected])).max() <= 1e-12
 
 
 def test_chatter_of_an_overdamped_striker_is_that_of_forty_digits():
-    """Blows down to 1e-6 m/s: a place's rounding over such a speed is what their times can be good to."""
+    """Impacts down to 1e-6 m/s: a place's rounding over such a speed is what their times can be good to."""
     parts = module(0.2, 0.3, Viscous(3.0 * CRITICAL_B))
-    blows = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=1.0, most=18)
+    expected = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=1.0, most=18)
     impacts = simulate(parts, start(), 1.0).impacts
-    errors_s = np.abs(impacts.t_s[:18] - np.array([float(b.t_s) for b in blows]))
-    speeds_m_s = np.array([float(b.v_m_s) for b in blows])
+    errors_s = np.abs(impacts.t_s[:18] - np.array([float(b.t_s) for b in expected]))
+    speeds_m_s = np.array([float(b.v_m_s) for b in expected])
     assert speeds_m_s[-1] < 1e-5
     assert np.all(errors_s <= 1e-15 + np.minimum(1e-16 / speeds_m_s, 5e-13))
 
@@ -67,10 +67,10 @@ def test_chatter_of_an_overdamped_striker_is_that_of_forty_digits():
 )
 def test_dry_friction_impacts_are_those_of_forty_digits(ratio, friction, until_s):
     parts = module(0.03, ratio, friction)
-    blows = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s)
+    expected = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s)
     impacts = simulate(parts, start(), until_s).impacts
-    assert len(blows) == len(impacts.t_s) >= 1
-    assert np.abs(impacts.t_s - np.array([float(b.t_s) for b in blows])).max() <= 1e-13
+    assert len(expected) == len(impacts.t_s) >= 1
+    assert np.abs(impacts.t_s - np.array([float(b.t_s) for b in expected])).max() <= 1e-13
 
 
 def test_error_of_a_sensitive_orbit_is_rounding_times_its_growth():
@@ -80,8 +80,8 @@ def test_error_of_a_sensitive_orbit_is_rounding_times_its_growth():
     plain = simulate(parts, start(), 25.0).impacts.t_s[:20]
     nudged = simulate(parts, start(x_m=REST_M + nudge), 25.0).impacts.t_s[:20]
     growth_s_m = np.abs(nudged - plain).max() / nudge
-    blows = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=25.0, most=20)
-    error_s = np.abs(plain - np.array([float(b.t_s) for b in blows])).max()
+    expected = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=25.0, most=20)
+    error_s = np.abs(plain - np.array([float(b.t_s) for b in expected])).max()
     assert error_s <= 1e-13
     assert error_s <= 1e-15 * (1.0 + growth_s_m)
 
@@ -139,14 +139,14 @@ def test_every_impact_of_ten_seconds_agrees_with_scipy():
 
 @pytest.mark.parametrize("batch", range(8))
 def test_no_impact_is_lost_or_invented_in_random_scenes(batch):
-    """25 scenes of 5 s a batch, against long doubles on a dense grid; blows below 1e-6 m/s aside."""
+    """25 scenes of 5 s a batch, against long doubles on a dense grid; impacts below 1e-6 m/s aside."""
     for seed in range(1000 + 25 * batch, 1025 + 25 * batch):
         parts, initial = random_module(np.random.default_rng(seed))
         impacts = simulate(parts, initial, 5.0).impacts
         times = impacts.t_s[impacts.v_m_s > 1e-6]
-        blows = reference_blows(parts, initial, 5.0, 1e-6)
-        assert len(times) == len(blows), f"seed {seed}: {parts}, {initial}"
-        assert np.abs(times - blows[:, 0]).max(initial=0.0) < 1e-9, f"seed {seed}: {parts}, {initial}"
+        expected = reference_impacts(parts, initial, 5.0, 1e-6)
+        assert len(times) == len(expected), f"seed {seed}: {parts}, {initial}"
+        assert np.abs(times - expected[:, 0]).max(initial=0.0) < 1e-9, f"seed {seed}: {parts}, {initial}"
 
 
 def test_a_million_seconds_cost_no_precision():
@@ -182,20 +182,20 @@ def test_masses_at_the_extremes(mass_kg):
     damping = 0.02 * math.sqrt(70.0 * mass_kg)
     parts = module(0.02, 1.05, Viscous(damping), mass_kg=mass_kg)
     until_s = 60.0 / omega
-    blows = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s)
+    expected = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s)
     impacts = simulate(parts, start(), until_s).impacts
-    assert len(impacts.t_s) == len(blows) > 5
-    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, blows, strict=True)) <= 1e-13 * until_s
+    assert len(impacts.t_s) == len(expected) > 5
+    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, expected, strict=True)) <= 1e-13 * until_s
 
 
 def test_a_drive_of_ten_thousand_radians_per_second():
     striker = Striker(0.8, 70.0, 0.0, 9.80665)
     parts = Parts(striker, IdealDrive(2.0, 1e4, 0.0), Viscous(0.2), RigidStop(1e-5, 0.5))
     initial = start(-1e-3, 0.0)
-    blows = Reference(parts, Mpmath).run(-1e-3, 0.0, 0.0, 0.3)
+    expected = Reference(parts, Mpmath).run(-1e-3, 0.0, 0.0, 0.3)
     impacts = simulate(parts, initial, 0.3).impacts
-    assert len(impacts.t_s) == len(blows) >= 1
-    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, blows, strict=True)) <= 1e-13
+    assert len(impacts.t_s) == len(expected) >= 1
+    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, expected, strict=True)) <= 1e-13
 
 
 @pytest.mark.parametrize("omega", [0.0, 1e-12, 1e-6])
@@ -204,10 +204,10 @@ def test_a_drive_that_hardly_turns(omega):
     parts = Parts(Striker(0.8, 70.0, REST_M, 9.8), IdealDrive(0.02, omega, 0.0), Viscous(0.2), STOP)
     initial = start(REST_M - 0.1, 0.0, 1.2)
     y0 = mpmath.mpf(REST_M - 0.1) - mpmath.mpf(REST_M)
-    blows = Reference(parts, Mpmath).run(y0, 0.0, 1.2, 3.0)
+    expected = Reference(parts, Mpmath).run(y0, 0.0, 1.2, 3.0)
     impacts = simulate(parts, initial, 3.0).impacts
-    assert len(impacts.t_s) == len(blows) >= 3
-    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, blows, strict=True)) <= 1e-14
+    assert len(impacts.t_s) == len(expected) >= 3
+    assert max(abs(t - float(b.t_s)) for t, b in zip(impacts.t_s, expected, strict=True)) <= 1e-14
 
 
 def test_stick_and_slip_of_one_period_against_its_own_algebra():

@@ -77,7 +77,7 @@ def test_release_from_the_stop_is_at_the_exact_instant():
 
 
 @pytest.mark.parametrize(
-    ("crank_rad", "v_m_s", "phase", "blows"),
+    ("crank_rad", "v_m_s", "phase", "count"),
     [
         (1.5, -0.1, Phase.FLIGHT, 0),
         (1.5, 0.0, Phase.REST_ON_STOP, 0),
@@ -87,13 +87,13 @@ def test_release_from_the_stop_is_at_the_exact_instant():
         (4.5, 0.1, Phase.FLIGHT, 1),
     ],
 )
-def test_starts_on_the_stop(crank_rad, v_m_s, phase, blows):
+def test_starts_on_the_stop(crank_rad, v_m_s, phase, count):
     """Gap 0: the piston presses at θ = 1.5 and pulls at 4.5."""
     parts = module(0.03, 0.3, NoFriction(), RigidStop(REST_M, 0.5))
     result = simulate(parts, start(REST_M, v_m_s, crank_rad), 1e-4)
     assert result.final.phase == phase
-    assert len(result.impacts.t_s) == blows
-    if blows:
+    assert len(result.impacts.t_s) == count
+    if count:
         assert result.impacts.t_s[0] == 0.0
         assert result.impacts.v_after_m_s[0] == -0.05
     expected = {0.0: 0.0, -0.1: -0.1, 0.1: -0.05}[v_m_s]
@@ -105,7 +105,7 @@ def test_a_start_beyond_the_stop_is_refused():
         simulate(module(0.02, 1.0, NoFriction()), start(np.nextafter(STOP_M, 1.0)), 1.0)
 
 
-def test_a_perfectly_plastic_blow_where_the_spring_presses_rests_and_where_it_pulls_leaves():
+def test_a_perfectly_plastic_impact_where_the_spring_presses_rests_and_where_it_pulls_leaves():
     parts = module(0.03, 0.5, Viscous(0.2), RigidStop(REST_M, 0.0))
     result = simulate(parts, start(REST_M - 0.05, 0.0, 1.0), 20.0)
     assert np.all(result.impacts.v_after_m_s == 0.0)

@@ -46,12 +46,12 @@ def test_the_highest_point_of_a_motion_is_found_and_not_invented(
     until_s = peak_s + 0.002  # what comes later may be higher
     touching = free._replace(stop=RigidStop(peak_m - FOUND_M, 0.5))
     missing = free._replace(stop=RigidStop(peak_m + FOUND_M, 0.5))
-    blows = simulate(touching, initial, until_s).impacts
+    touched = simulate(touching, initial, until_s).impacts
     assert len(simulate(missing, initial, until_s).impacts.t_s) == 0
-    assert len(blows.t_s) >= 1
-    there = simulate(free, initial, until_s, blows.t_s[:1]).samples
+    assert len(touched.t_s) >= 1
+    there = simulate(free, initial, until_s, touched.t_s[:1]).samples
     assert there.x_m[0] == pytest.approx(peak_m - FOUND_M, abs=1e-15)
-    assert 0.0 < blows.v_m_s[0] < 1e-4
+    assert 0.0 < touched.v_m_s[0] < 1e-4
 
 
 @pytest.mark.parametrize("friction", [NoFriction(), Viscous(0.2), Coulomb(0.02, 0.0)])
@@ -88,10 +88,10 @@ def test_two_crossings_within_a_thousandth_of_a_period():
 
 
 def test_a_long_gap_without_events_ends_at_the_right_impact():
-    """Slow beating just off resonance: hundreds of swings stay clear before one strikes."""
+    """Slow beating just off resonance: hundreds of swings stay clear before one reaches it."""
     parts = module(0.0005, 1.0 + 1.0 / 150.0, NoFriction(), rest_m=0.0, stop=RigidStop(0.06, 0.5))
     with mpmath.workdps(40):
-        blow = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=200.0, most=1)[0]
+        impact = Reference(parts, Mpmath).run(0.0, 0.0, 0.0, until_s=200.0, most=1)[0]
     impacts = simulate(parts, start(0.0), 200.0).impacts
-    assert float(blow.t_s) > 20.0
-    assert abs(impacts.t_s[0] - float(blow.t_s)) < 1e-13
+    assert float(impact.t_s) > 20.0
+    assert abs(impacts.t_s[0] - float(impact.t_s)) < 1e-13

@@ -1,4 +1,4 @@
-"""What a soft stop is made of, held to plain integrations of one blow."""
+"""What a soft stop is made of, held to plain integrations of one impact."""
 
 import math
 
@@ -16,7 +16,7 @@ from plant_sim.parts.restitution import (
 MASS_KG = 0.8
 
 
-def one_blow(force, speed: float, ends) -> tuple[float, float]:
+def one_impact(force, speed: float, ends) -> tuple[float, float]:
     """Rebound speed and duration of a free mass that meets `force(depth, v)`, until `ends` falls to 0."""
 
     def done(_, y):
@@ -42,7 +42,7 @@ def test_hunt_crossley_returns_the_wanted_share_at_any_speed(
     restitution: float, speed: float, exponent: float
 ) -> None:
     damping = hunt_crossley_dissipation(restitution) / speed
-    rebound, _ = one_blow(
+    rebound, _ = one_impact(
         lambda x, v: 1e6 * max(x, 0.0) ** exponent * (1.0 + damping * v), speed, lambda x, v: x
     )
     assert rebound / speed == pytest.approx(restitution, rel=1e-9)
@@ -58,7 +58,7 @@ def test_hunt_crossley_between_elastic_and_plastic() -> None:
 def test_kelvin_voigt_returns_the_wanted_share(restitution: float) -> None:
     stiffness = 1e5
     damping = kelvin_voigt_damping(MASS_KG, stiffness, restitution)
-    rebound, _ = one_blow(
+    rebound, _ = one_impact(
         lambda x, v: stiffness * x + damping * v, 0.9, lambda x, v: stiffness * x + damping * v
     )
     assert rebound / 0.9 == pytest.approx(restitution, rel=1e-9)
@@ -70,12 +70,12 @@ def test_kelvin_voigt_without_loss() -> None:
 
 def test_contact_times_without_loss() -> None:
     hertz = hertz_stiffness(MASS_KG, 0.01, 0.9)
-    _, duration = one_blow(lambda x, v: hertz * max(x, 0.0) ** 1.5, 0.9, lambda x, v: x)
+    _, duration = one_impact(lambda x, v: hertz * max(x, 0.0) ** 1.5, 0.9, lambda x, v: x)
     assert duration == pytest.approx(0.01, rel=1e-9)
     # Five times the speed: the contact is shorter by the fifth root, as Hertz has it.
-    _, quicker = one_blow(lambda x, v: hertz * max(x, 0.0) ** 1.5, 4.5, lambda x, v: x)
+    _, quicker = one_impact(lambda x, v: hertz * max(x, 0.0) ** 1.5, 4.5, lambda x, v: x)
     assert quicker == pytest.approx(0.01 / 5.0**0.2, rel=1e-9)
     linear = linear_stiffness(MASS_KG, 0.01)
-    _, duration = one_blow(lambda x, v: linear * x, 0.9, lambda x, v: x)
+    _, duration = one_impact(lambda x, v: linear * x, 0.9, lambda x, v: x)
     assert duration == pytest.approx(0.01, rel=1e-9)
     assert math.sqrt(linear / MASS_KG) == pytest.approx(math.pi / 0.01)

@@ -23,7 +23,7 @@ STEPS_S = np.array([4e-4, 2e-4, 1e-4, 5e-5, 2.5e-5, 1.25e-5])
     ],
 )
 def test_impact_times_converge_at_first_order(parts):
-    """Where in a step a blow falls is chance, so errors scatter: the trend over 32× counts."""
+    """Where in a step an impact falls is chance, so errors scatter: the trend over 32× counts."""
     truth = exact.simulate(parts, start(), 4.0).impacts.t_s[:4]
     errors = []
     for step_s in STEPS_S:
@@ -54,7 +54,7 @@ def test_smooth_motion_converges_at_second_order():
 def test_a_preloaded_stop_holds_the_striker_at_rest(k):
     parts = module(0.02, 0.9, Viscous(0.2), RigidStop(REST_M - 0.03, k))
     final = simulate(parts, start(REST_M - 0.06), 20.0, 1e-3).final
-    assert 0.0 <= final.x_m - parts.stop.position_m < 5e-4  # way of half a step at the first blow's speed
+    assert 0.0 <= final.x_m - parts.stop.position_m < 5e-4  # way of half a step at the first impact's speed
     assert abs(final.v_m_s) < 5e-3
 
 

@@ -80,7 +80,7 @@ def test_a_stiff_ankle_is_a_fixed_stop() -> None:
     assert worn.peak_felt_force_n == pytest.approx(np.max(worn.impacts.peak_force_n), rel=0.02)
 
 
-def test_a_blow_is_shared_out_by_momentum() -> None:
+def test_a_impact_is_shared_out_by_momentum() -> None:
     """A loose plate, no spring to speak of: m v⁻ = m v + m_f p', and k of the relative velocities."""
     changes = {
         "stop": {**HERTZ, "contact_s": 0.002},
@@ -118,8 +118,8 @@ def test_a_tilted_plate_hangs_in_its_ankle() -> None:
     assert plant.peak_felt_force_n > abs(plant.now.felt_force_n)
 
 
-def test_the_wearers_compliance_shares_the_blow() -> None:
-    """The first blow, equally fast: the softer the ankle, the less is felt of it."""
+def test_the_wearers_compliance_shares_the_impact() -> None:
+    """The first impact, equally fast: the softer the ankle, the less is felt of it."""
     start = {"drive.ratio": 1.1, "stop": HERTZ, "initial.x_m": 0.179, "initial.v_m_s": 0.7}
     bare = simulate(load_scene(changed("table1-viscous", start)), 0.3)
     assert bare.peak_felt_force_n is None

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def closed_loop(scenario: str, settings: list[str], seed: int) -> dict[str, Any]:
-    """The scenario's scene and beliefs in a campaign's loop, on the noise of a bench of this seed."""
+    """The scenario's scene and parameters in a campaign's loop, on the noise of a bench of this seed."""
     from hil.scenario import load_scenario
     from tools.campaign.run import run
 

@@ -1,4 +1,4 @@
-"""Campaigns without a closed loop: draws, conditions, statistics, goals."""
+"""Campaigns without a closed loop: samples, conditions, statistics, goals."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ def table(name: str) -> dict[str, Any]:
     return {"conditions": campaign.conditions, **campaign.numbers}
 
 
-# --- draws -------------------------------------------------------------------------------------------
+# --- samples -----------------------------------------------------------------------------------------
 
 
 def test_a_trial_draws_the_same_truth_every_time_and_another_draws_another() -> None:

@@ -37,11 +37,11 @@ def test_the_compiled_loop_runs_as_the_bench_does(worker: ProcessPoolExecutor, t
     compiled = future.result()
     trace = compiled["trace"]
 
-    # Until the first blow the two differ by rounding alone.
+    # Until the first impact the two differ by rounding alone.
     quiet = int(1e3 * impacts["t_s"][0]) - 1
     assert np.abs(trace[:quiet, columns.TRACE_X] - plant["x_m"][:quiet]).max() < 1e-9
     assert np.abs(trace[:quiet, columns.TRACE_TORQUE] - firmware["outputs.torque_n_m"][:quiet]).max() < 1e-6
-    # After it, apart only as far as orbits may drift, until the motor lets go: a crank that the spring then
+    # After it, they differ only as orbits may drift, until the motor lets go: a crank that the spring then
     # swings about its dead centre goes either way.
     modes, wanted_modes = trace[:, columns.TRACE_MODE], firmware["outputs.mode"]
     changes, wanted_changes = np.flatnonzero(np.diff(modes)) + 1, np.flatnonzero(np.diff(wanted_modes)) + 1
@@ -91,7 +91,7 @@ def test_on_a_shaken_housing_the_compiled_loop_senses_what_the_bench_does(
     plant, impacts = read(tmp_path / "plant.trace"), read(tmp_path / "impacts.trace")
     trace = future.result()["trace"]
     until = int(1e3 * impacts["t_s"][0]) - 1
-    assert until > 3010  # the shock lies before the first blow
+    assert until > 3010  # the shock lies before the first impact
     for column, name, most in (
         (columns.TRACE_X, "x_m", 2e-6),
         (columns.TRACE_V, "v_m_s", 1e-4),
@@ -144,14 +144,14 @@ def test_a_walk_campaign_from_the_command_line(capsys: pytest.CaptureFixture[str
 
 def test_a_kick_is_a_push_that_the_accelerometers_feel(worker: ProcessPoolExecutor) -> None:
     trace = worker.submit(compiled_side.kicked, 0.5).result()
-    velocity, felt, believed = (
-        trace[:, column] for column in (columns.TRACE_V, columns.TRACE_HIGH, columns.TRACE_V_BELIEVED)
+    velocity, felt, estimated = (
+        trace[:, column] for column in (columns.TRACE_V, columns.TRACE_HIGH, columns.TRACE_V_ESTIMATED)
     )
     assert abs(velocity[199]) < 1e-3
     assert velocity[210] == pytest.approx(0.5, abs=0.02)
     assert felt[204:210] == pytest.approx(np.full(6, 50.0), abs=4.0)
     assert abs(felt[215:]).max() < 10.0
-    assert believed[220] == pytest.approx(velocity[220], abs=0.03)
+    assert estimated[220] == pytest.approx(velocity[220], abs=0.03)
 
 
 def test_the_smallest_eigenvalue_is_lapack_s(worker: ProcessPoolExecutor) -> None:

@@ -19,7 +19,7 @@ def find(search: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def add(folder: Path, name: str, version: str, new_enough: bool, has_venv: bool) -> Path:
-    """Put a stand-in for a Python in `folder`; it tells the script's three questions apart by their text."""
+    """Put a stand-in for a Python in `folder`; it knows the script's three questions by their text."""
     program = folder / name
     program.write_text(
         '#!/bin/sh\ncase "$2" in\n'

@@ -115,7 +115,7 @@ def test_figures_that_need_the_truth_are_missing(imported):
     verdict = open_run(out).verdict
     assert (verdict["reasons"], verdict["passed"]) == ([], None)
     assert verdict["regime"] == "uncertain"
-    assert verdict["regime_believed"] == "impact"
+    assert verdict["regime_estimated"] == "impact"
     assert verdict["final_mode"] == "run"
     assert verdict["estimate"]["x_rmse_m"] is None
     assert verdict["detector"]["precision"] is None

@@ -47,13 +47,13 @@ def test_figures_that_others_found_too(claims: list[Claim]) -> None:
     assert value["C3"]["spring_for_4_hz_n_m"] == pytest.approx(505.3, abs=0.1)
     onsets = value["C2"]["onset_r"]
     assert all(0.88 < onsets[f"gait {law}"] < 1.1 for law in ("viscous", "coulomb", "stribeck"))
-    assert value["C11"]["share_striking_from_rest_at_once"] == {
+    assert value["C11"]["impact_share_from_rest_at_once"] == {
         "r = 1.25": 1.0,
         "r = 1.3": 0.0,
         "r = 1.35": 0.0,
         "r = 1.4": 0.0,
     }
-    assert value["C11"]["share_striking_after_a_run_up"]["viscous, r = 1.35, 2 s"] == 1.0
+    assert value["C11"]["impact_share_after_a_run_up"]["viscous, r = 1.35, 2 s"] == 1.0
     assert 20.0 < value["C7"]["peak_n"]["table1, 50 ms"]["r = 1"] < 40.0
 
 
@@ -109,7 +109,7 @@ def test_basin_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> No
 
 def test_map_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     found = run(capsys, "map", "--over", "r,k", "--size", "6", "--out", str(tmp_path))
-    assert 0.0 < found["map"]["share_certain_to_strike"] < found["map"]["share_with_impact"] < 1.0
+    assert 0.0 < found["map"]["share_certain_of_impacts"] < found["map"]["share_with_impact"] < 1.0
     assert (tmp_path / "map-table1-viscous-r-k.parquet").exists()
 
 

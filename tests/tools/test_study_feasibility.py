@@ -30,17 +30,17 @@ STOP = Stop("walking", "viscous", 0.03, "compliant")
 TABLE1 = Stop("table1", "viscous", 0.03, "stiff")
 
 
-def blow(t_s: float, v_m_s: float = 0.5) -> Impact:
+def impact(t_s: float, v_m_s: float = 0.5) -> Impact:
     return Impact(t_s, v_m_s, -0.2, 0.5, 20.0, 0.0)
 
 
 def turning(times_s: list[float], felt_n: float = 0.0, seconds: float = 10.0) -> Driven:
-    """One turn a second from the middle of the stroke on; a pulse of 25 N after each blow."""
+    """One turn a second from the middle of the stroke on; a pulse of 25 N after each impact."""
     t_s = STEP_S * np.arange(1, round(seconds / STEP_S) + 1)
     felt = np.full(len(t_s), felt_n)
     for at in times_s:
         felt[(t_s > at + 0.01) & (t_s < at + 0.03)] += 25.0
-    return Driven([blow(at) for at in times_s], t_s, 2.0 * math.pi * t_s, felt)
+    return Driven([impact(at) for at in times_s], t_s, 2.0 * math.pi * t_s, felt)
 
 
 def test_the_scene_that_is_shipped_is_the_tables_module() -> None:
@@ -62,16 +62,16 @@ def test_turns_a_stride_lie_in_the_region_nearest_to_its_centre_first() -> None:
 
 
 def test_turns_are_counted_whole_and_from_the_rear_dead_centre_on() -> None:
-    """Blows in the middle of the turns but one, and two in another."""
+    """Impacts in the middle of the turns but one, and two in another."""
     run = turning([1.2, 2.2, 4.2, 5.1, 5.3, 6.2, 7.2, 8.2])
-    assert feasibility.blows_a_turn(run, 0.0).tolist() == [1, 1, 0, 1, 2, 1, 1, 1, 0]
-    assert feasibility.blows_a_turn(run, 4.5).tolist() == [2, 1, 1, 1, 0]
+    assert feasibility.impacts_a_turn(run, 0.0).tolist() == [1, 1, 0, 1, 2, 1, 1, 1, 0]
+    assert feasibility.impacts_a_turn(run, 4.5).tolist() == [2, 1, 1, 1, 0]
 
 
-def test_grazing_is_no_blow() -> None:
+def test_grazing_is_no_impact() -> None:
     run = turning([1.2, 2.2])
-    run.impacts.append(blow(3.2, 0.5 * feasibility.SOFTEST_M_S))
-    assert feasibility.blows_a_turn(run, 0.0).tolist()[:4] == [1, 1, 0, 0]
+    run.impacts.append(impact(3.2, 0.5 * feasibility.SOFTEST_M_S))
+    assert feasibility.impacts_a_turn(run, 0.0).tolist()[:4] == [1, 1, 0, 0]
     assert len(feasibility.pulses_n(run, 0.0)) == 2
 
 
@@ -89,7 +89,7 @@ def test_a_pulse_is_what_comes_on_top_of_what_was_felt_before() -> None:
         ([], 1.0, LOST),
     ],
 )
-def test_a_cell_is_judged_by_its_blows_then_by_its_pulses(
+def test_a_cell_is_judged_by_its_impacts_then_by_its_pulses(
     monkeypatch: pytest.MonkeyPatch, times_s: list[float], scale: float, verdict: str
 ) -> None:
     run = turning(times_s, seconds=36.0)
@@ -98,7 +98,7 @@ def test_a_cell_is_judged_by_its_blows_then_by_its_pulses(
 
 
 def test_the_first_that_fails_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feasibility, "idle_blows_hz", lambda *_: 1.0)
+    monkeypatch.setattr(feasibility, "idle_impacts_hz", lambda *_: 1.0)
     assert feasibility.cell(STOP, "up", 0.8, math.nan, math.nan)["verdict"] == NO_REGION
     assert feasibility.cell(TABLE1, "up", 1.1, 0.97, 1.3)["verdict"] == NO_TURNS
     assert feasibility.cell(STOP, "up", 0.8, 0.97, 1.3)["verdict"] == LEG_STRIKES
@@ -114,7 +114,7 @@ def test_the_shipped_module_serves_a_walk_across_the_legs_swing_and_not_within_i
     assert 10.0 <= across["felt_low_n"] <= across["felt_high_n"] <= 40.0
     within = feasibility.cell(STOP, "forward", 1.0, low, high)
     assert within["verdict"] == LEG_STRIKES
-    assert within["idle_blows_hz"] > feasibility.IDLE_BLOWS_HZ
+    assert within["idle_impacts_hz"] > feasibility.IDLE_IMPACTS_HZ
 
 
 def test_a_cell_says_what_was_measured() -> None:
@@ -134,7 +134,7 @@ def test_the_page_says_where_all_holds_and_where_nothing_can() -> None:
             "ratio": 1.0,
             "region_low": 0.97,
             "region_high": 1.17,
-            "idle_blows_hz": 0.0,
+            "idle_impacts_hz": 0.0,
             "felt_low_n": 12.0,
             "felt_high_n": 30.0,
         }

@@ -55,7 +55,7 @@ def test_planes_hold_what_their_axes_say() -> None:
     assert np.allclose(table["x_m"].to_numpy().reshape(20, 20)[3], y_m + 0.12)
     assert np.allclose(table["crank_rad"].to_numpy().reshape(20, 20)[:, 5], crank)
     assert facts == {"uncertain": 0}
-    assert 0.4 < (table["blows"].to_numpy() > 0.0).mean() < 0.8
+    assert 0.4 < (table["impacts"].to_numpy() > 0.0).mean() < 0.8
 
 
 def test_a_chart_knows_where_every_start_strikes() -> None:

@@ -32,7 +32,7 @@ def by_the_other_solver(case: Case, ratio: float, start: State):
 def test_closed_form_and_steps_agree(case: Case, ratio: float) -> None:
     closed, stepped = follow(case, ratio, AT_REST, PAPER), by_the_other_solver(case, ratio, AT_REST)
     assert closed.regime == stepped.regime
-    assert (closed.cycle, closed.blows) == (stepped.cycle, stepped.blows)
+    assert (closed.cycle, closed.impacts) == (stepped.cycle, stepped.impacts)
     for figure in ("v_mean_m_s", "impulse_n_s", "x_low_m", "x_high_m", "drive_j", "friction_j", "loss_j"):
         assert getattr(closed, figure) == pytest.approx(
             getattr(stepped, figure), rel=1e-5, abs=5e-6 if figure.startswith("x_") else 1e-9, nan_ok=True
@@ -72,11 +72,11 @@ def test_a_run_up_begins_and_a_run_down_ends_where_theory_grazes() -> None:
     assert up.edges[0].kind == down.edges[0].kind == "grazing"
     assert up.edges[0].ratio == pytest.approx(low, abs=5e-5)
     assert down.edges[0].ratio == pytest.approx(high, abs=5e-5)
-    # one blow per period ends in the run-up at a ratio from which no start at its own state survives
+    # one impact per period ends in the run-up at a ratio from which no start at its own state survives
     last = up.edges[-1].ratio
     state = up.state_at(1.40)
-    assert follow(VISCOUS, min(last, 1.405), state, CONTINUE).blows > 0.0
-    assert follow(VISCOUS, last + 0.003, state, CONTINUE).blows == 0.0
+    assert follow(VISCOUS, min(last, 1.405), state, CONTINUE).impacts > 0.0
+    assert follow(VISCOUS, last + 0.003, state, CONTINUE).impacts == 0.0
 
 
 @pytest.mark.parametrize(("case", "ratio"), [(VISCOUS, 1.3), (VISCOUS, 1.35), (COULOMB, 1.2)])
@@ -84,12 +84,12 @@ def test_stopped_early_as_in_full(case: Case, ratio: float) -> None:
     """Each cell's class is that of the whole run, and of the run with ten times finer certainty."""
     y_m, v_m_s = axes(case, "state", 30)
     starts = np.array([(y, v, 0.0) for v in v_m_s for y in y_m])
-    early, early_blows = classify(case, ratio, starts, CLASSIFY)
+    early, early_impacts = classify(case, ratio, starts, CLASSIFY)
     whole = CLASSIFY._replace(settle_s=80.0, record_s=20.0, stop_early=False)
-    late, late_blows = classify(case, ratio, starts, whole)
+    late, late_impacts = classify(case, ratio, starts, whole)
     assert np.all(early >= 0)
     assert np.array_equal(early, -1 - late)
-    assert np.allclose(early_blows, late_blows)
+    assert np.allclose(early_impacts, late_impacts)
 
 
 def test_an_orbit_does_not_depend_on_the_crank_turns_before_it() -> None:
@@ -104,8 +104,8 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
     whole = CLASSIFY._replace(settle_s=280.0, record_s=20.0, stop_early=False)
     y_m = axes(case, "state", 40)[0]
     row = np.column_stack((y_m, np.full(40, -0.1), np.zeros(40)))
-    strikes = classify(case, ratio, row, CLASSIFY)[1] > 0.0
-    (places,) = np.nonzero(strikes[1:] != strikes[:-1])
+    reaches_stop = classify(case, ratio, row, CLASSIFY)[1] > 0.0
+    (places,) = np.nonzero(reaches_stop[1:] != reaches_stop[:-1])
     assert len(places) > 0
     for place in places:
         found = []
@@ -113,8 +113,8 @@ def test_borders_lie_within_the_stated_bound(case: Case, ratio: float) -> None:
             low, high = y_m[place], y_m[place + 1]
             for _ in range(40):
                 middle = 0.5 * (low + high)
-                blows = classify(case, ratio, np.array([[middle, -0.1, 0.0]]), protocol)[1]
-                low, high = (middle, high) if (blows[0] > 0.0) == strikes[place] else (low, middle)
+                impacts = classify(case, ratio, np.array([[middle, -0.1, 0.0]]), protocol)[1]
+                low, high = (middle, high) if (impacts[0] > 0.0) == reaches_stop[place] else (low, middle)
             found.append(low)
         assert abs(found[0] - found[1]) < BORDER_BOUND_M
 
@@ -125,8 +125,8 @@ def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
     early, _ = classify(VISCOUS, 1.3, starts, CLASSIFY)
     parts = VISCOUS.parts(1.3)
     rest = MotionState(0.0, 0.12, 0.0, 0.0, 0.0, Phase.FLIGHT)
-    late, blows = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
+    late, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
     memory = allocate(parts, rest, 1e-12, 256)
-    streaming_adaptive.classify_stepwise(parts, memory, starts, whole, late, blows)
+    streaming_adaptive.classify_stepwise(parts, memory, starts, whole, late, impacts)
     assert np.array_equal(early, -1 - late)

@@ -52,7 +52,7 @@ def test_a_crank_that_sets_out_at_resonance_pumps_as_the_closed_form_says() -> N
     assert solved.y[0][tau < 2.0 * math.pi].max() == pytest.approx(2.41, abs=0.01)
     assert solved.y[0].max() == pytest.approx(5.52, abs=0.03)
     for gap in (2.42, 3.0, 3.38, 5.4):
-        at = gate.blow_at_rad(gap)
+        at = gate.impact_at_rad(gap)
         assert np.interp(at, tau, solved.y[0]) == pytest.approx(gap, abs=1e-3)
         assert solved.y[0][tau < at].max() < gap + 1e-3
 
@@ -89,26 +89,26 @@ def at_phase(state: GateState, phase: float, confidence: float = 1.0, touch_down
 def test_the_crank_sets_out_by_its_lead_before_the_middle_once_a_stride() -> None:
     first = gate.initial(GATE)
     sets_out = WINDOW_MIDDLE - first.lead_s
-    assert first.lead_s * OMEGA == pytest.approx(gate.blow_at_rad(0.022 / A))
+    assert first.lead_s * OMEGA == pytest.approx(gate.impact_at_rad(0.022 / A))
     assert at_phase(first, sets_out - 0.01).stage == Stage.REST
     assert at_phase(first, sets_out + 0.01, confidence=0.1).stage == Stage.REST
     pumping = at_phase(first, sets_out + 0.01)
     assert (pumping.stage, pumping.armed) == (Stage.PUMP, False)
-    struck = at_phase(pumping, WINDOW_MIDDLE, touch_down=True)
-    assert struck.stage != Stage.PUMP
-    assert at_phase(struck, sets_out + 0.05).stage != Stage.PUMP
-    assert at_phase(struck, (sets_out + 0.6) % 1.0).armed
+    met_stop = at_phase(pumping, WINDOW_MIDDLE, touch_down=True)
+    assert met_stop.stage != Stage.PUMP
+    assert at_phase(met_stop, sets_out + 0.05).stage != Stage.PUMP
+    assert at_phase(met_stop, (sets_out + 0.6) % 1.0).armed
 
 
 @pytest.mark.parametrize("late", [-0.04, 0.0, 0.05])
-def test_a_late_blow_lets_the_next_one_set_out_earlier(late: float) -> None:
+def test_a_late_impact_lets_the_next_one_set_out_earlier(late: float) -> None:
     first = gate.initial(GATE)
     pumping = at_phase(first, WINDOW_MIDDLE - first.lead_s + 0.01)
-    struck = at_phase(pumping, WINDOW_MIDDLE + late, touch_down=True)
-    assert struck.lead_s - first.lead_s == pytest.approx(GATE.lead_gain * late)
+    met_stop = at_phase(pumping, WINDOW_MIDDLE + late, touch_down=True)
+    assert met_stop.lead_s - first.lead_s == pytest.approx(GATE.lead_gain * late)
 
 
-def test_a_blow_that_does_not_come_ends_the_pumping() -> None:
+def test_a_impact_that_does_not_come_ends_the_pumping() -> None:
     first = gate.initial(GATE)
     state = at_phase(first, WINDOW_MIDDLE - first.lead_s + 0.01)
     ticks = 0
@@ -131,7 +131,7 @@ def test_the_brake_is_the_firmwares_own() -> None:
 
 
 def walked(phases: Sequence[float]) -> Walked:
-    """A blow at each of these cycles of an even walk of a stride a second; a pulse of 25 N after each."""
+    """An impact at each of these cycles of an even walk of a stride a second; a pulse of 25 N after each."""
     gait = {"axis": "outward", "variability": 0.0, "pace": [{"at_s": 0.0, "stride_hz": 1.0}]}
     scene = load_scene(read_scene("walking") | {"gait": gait})
     walking = scene.parts().housing
@@ -144,7 +144,7 @@ def walked(phases: Sequence[float]) -> Walked:
     return Walked(Driven(impacts, t_s, np.zeros(len(t_s)), felt), walking)
 
 
-def test_a_stride_is_right_with_one_blow_and_that_in_the_window() -> None:
+def test_a_stride_is_right_with_one_impact_and_that_in_the_window() -> None:
     found = judged([walked([0.5, 1.5, 2.3, 3.46, 3.9])], 0)
     assert found["strides"] == 5
     assert (found["right"], found["without"], found["several"]) == (0.4, 0.2, 0.2)
@@ -162,14 +162,14 @@ def test_neighbouring_ratios_make_a_band_and_single_ones_none() -> None:
     assert found[0].width == pytest.approx(0.02 / 0.82)
 
 
-def test_once_in_n_turns_is_one_blow_a_cycle() -> None:
+def test_once_in_n_turns_is_one_impact_a_cycle() -> None:
     assert [once_in(*pair) for pair in ((3, 1.0 / 3.0), (1, 1.0), (2, 1.0), (4, 0.5))] == [3, 0, 0, 0]
 
 
 # --- what each way gives -----------------------------------------------------------------------------------
 
 
-def test_a_gate_gives_one_blow_a_stride_in_push_off_where_the_swing_is_quick_enough() -> None:
+def test_a_gate_gives_one_impact_a_stride_in_push_off_where_the_swing_is_quick_enough() -> None:
     """On a walker that the study has not, at two cadences; Table 1's module needs longer than a stride."""
     for hertz in (0.7, 1.0):
         found = judged([gated("walking", hertz, 100, SETTLING + 14)], SETTLING)

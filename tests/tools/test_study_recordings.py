@@ -43,9 +43,11 @@ def test_a_sweep_shows_its_orbits_at_every_ratio(found, tmp_path):
             assert len(strips) == len(order)
             for row, strip in zip(order, strips, strict=True):
                 across = np.array(strip[0])[:, 0]
-                strikes = sweep.column("blows")[row] > 0.0
+                reaches_stop = sweep.column("impacts")[row] > 0.0
                 assert across.max() <= 1.0 + 1e-6
-                assert (across.max() > 1.0 - 1e-6) == strikes, "orbits reach the stop where there are blows"
+                assert (across.max() > 1.0 - 1e-6) == reaches_stop, (
+                    "orbits reach the stop where there are impacts"
+                )
             speeds = columns(path, f"/{name}/speeds/{way}", "Scalars:scalars")
             np.testing.assert_allclose(np.ravel(speeds), sweep.column("v_max_m_s")[order])
 
@@ -63,7 +65,7 @@ def test_a_portrait_runs_along_its_orbit(found, tmp_path):
                 assert len(points) == 0
                 continue
             assert len(points) == pytest.approx(motion.t_s[-1] / recordings.FRAME_S, abs=1.0)
-            assert bool(points[:, 0].max() > 0.97) == motion.strikes
+            assert bool(points[:, 0].max() > 0.97) == motion.reaches_stop
     assert pairs[0].impact is not None
     assert pairs[1].impact is None
 

@@ -22,7 +22,7 @@ def test_a_cells_scene_is_the_case_at_its_start(law):
     assert scene.drive.amplitude_m == module.amplitude_m
     assert scene.friction.law == law
     assert scene.stop.law == "hunt-crossley"
-    assert soft_start.beliefs_of(module)["friction"] == {"b_n_s_m": module.b_n_s_m, "mu": module.mu}
+    assert soft_start.nominal_of(module)["friction"] == {"b_n_s_m": module.b_n_s_m, "mu": module.mu}
 
 
 def test_the_firmware_strikes_from_where_an_instant_start_does_not(tmp_path, monkeypatch):
@@ -32,7 +32,7 @@ def test_the_firmware_strikes_from_where_an_instant_start_does_not(tmp_path, mon
     assert found.statistics["failures"] == {}
     assert 0.0 < found.statistics["instant_fraction"] < 1.0
     assert found.statistics["impact_fraction_wilson"][0] > found.statistics["instant_fraction_wilson"][0]
-    np.testing.assert_allclose(found.table["blows"].to_numpy(), 1.0, atol=0.1)
+    np.testing.assert_allclose(found.table["impacts"].to_numpy(), 1.0, atol=0.1)
     y_m, v_m_s = basin.axes(found.case, "state", 3)
     np.testing.assert_allclose(found.table["x_m"].to_numpy()[:3], y_m + found.case.rest_length_m)
     np.testing.assert_allclose(found.table["v_m_s"].to_numpy()[::3], v_m_s)

@@ -38,8 +38,8 @@ def test_figures_of_the_orbit() -> None:
     assert figures["impulse_n_s"] == pytest.approx(1.066, abs=1e-3)
     assert figures["peak_force_n"] == pytest.approx(247.0, abs=2.0)
     assert 1.35 <= figures["fold_r"] <= 1.45
-    lost_in_blow_j = 0.5 * 0.8 * 0.91**2 * (1.0 - 0.5**2)
-    assert lost_in_blow_j < figures["energy_per_cycle_j"] < 1.4 * lost_in_blow_j
+    lost_in_impact_j = 0.5 * 0.8 * 0.91**2 * (1.0 - 0.5**2)
+    assert lost_in_impact_j < figures["energy_per_cycle_j"] < 1.4 * lost_in_impact_j
 
 
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str]) -> None:

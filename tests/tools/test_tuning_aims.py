@@ -1,4 +1,4 @@
-"""Candidates told apart: the order of the aims, what counts as equal, and that another draw says the same."""
+"""Which candidates differ: the order of the aims, what counts as equal, and another sample's result."""
 
 import numpy as np
 import pytest
@@ -9,20 +9,20 @@ COUNT = 400
 
 
 def starts(
-    failing: int = 0, blow: float = 1.0, capture_s: float = 6.0, energy_j: float = 3.0, seed: int = 1
+    failing: int = 0, impact: float = 1.0, capture_s: float = 6.0, energy_j: float = 3.0, seed: int = 1
 ) -> FloatArray:
-    """Drawn starts: the same seed gives the same draws, moved by what a candidate is better or worse."""
+    """Sampled starts: the same seed gives the same trials, shifted by a candidate's difference."""
     spread = np.random.default_rng(seed).normal(0.0, 1.0, (3, COUNT))
     failed = np.arange(COUNT) < failing
-    rows = np.array([blow, capture_s, energy_j])[:, None] + np.array([0.02, 0.3, 0.3])[:, None] * spread
+    rows = np.array([impact, capture_s, energy_j])[:, None] + np.array([0.02, 0.3, 0.3])[:, None] * spread
     return np.vstack([failed, np.where(failed, np.nan, rows)])
 
 
 @pytest.mark.parametrize(
     ("better", "worse"),
     [
-        (starts(blow=1.2, capture_s=9.0), starts(failing=20, blow=1.0, capture_s=3.0)),
-        (starts(capture_s=9.0), starts(blow=1.1, capture_s=3.0)),
+        (starts(impact=1.2, capture_s=9.0), starts(failing=20, impact=1.0, capture_s=3.0)),
+        (starts(capture_s=9.0), starts(impact=1.1, capture_s=3.0)),
         (starts(capture_s=3.0, energy_j=4.0), starts(capture_s=9.0)),
         (starts(energy_j=2.0), starts()),
         (starts(energy_j=2.0, capture_s=6.05), starts()),
@@ -30,11 +30,11 @@ def starts(
     ],
     ids=[
         "a start that fails outweighs all else",
-        "then the blows on the way",
+        "then the impacts on the way",
         "then time",
         "then energy",
         "a tenth of a second is none",
-        "two failures in so many are chance",
+        "two failures in this number are chance",
     ],
 )
 def test_the_aims_decide_in_their_order(better: FloatArray, worse: FloatArray) -> None:
@@ -43,24 +43,24 @@ def test_the_aims_decide_in_their_order(better: FloatArray, worse: FloatArray) -
 
 
 def test_what_cannot_be_told_apart_is_alike() -> None:
-    assert choose([starts(), starts(), starts(blow=1.1)]).alike == (0, 1)
+    assert choose([starts(), starts(), starts(impact=1.1)]).alike == (0, 1)
     assert choose([starts(capture_s=6.05, energy_j=3.02), starts()]).alike == (0, 1)
 
 
 def test_one_outlier_decides_nothing() -> None:
-    """The largest of all blows is a single draw."""
+    """The largest of all impacts is a single sample."""
     other = starts()
     other[1, 7] = 1.6
     assert differing(starts(), other) == []
 
 
 def test_the_aims_that_differ_are_named() -> None:
-    names = [aim.name for aim in differing(starts(), starts(blow=1.1, energy_j=2.0))]
+    names = [aim.name for aim in differing(starts(), starts(impact=1.1, energy_j=2.0))]
     assert names == ["overshoot", "energy"]
 
 
 @pytest.mark.parametrize("aim", AIMS, ids=lambda aim: aim.name)
 def test_equal_candidates_are_rarely_told_apart(aim) -> None:
-    """Two candidates of one distribution on draws of their own: at most one of twenty differs by chance."""
+    """Two candidates of one distribution on separate samples: at most one of twenty differs by chance."""
     told = sum(is_worse(starts(seed=2 * seed), starts(seed=2 * seed + 1), aim) for seed in range(20))
     assert told <= 1

@@ -70,7 +70,7 @@ def test_a_grid_has_every_combination() -> None:
 
 
 def test_candidates_meet_the_same_draws() -> None:
-    """Twice the same candidate gives the same outcomes, and a deaf detector misses what another hears."""
+    """Twice the same candidate gives the same outcomes, and a high floor misses what another finds."""
     conditions = ((("viscous",), (1.1, 1.3), (0.0,)),)
     floors = (1.5, 1.5, 900.0)
     told: list[tuple[int, int]] = []

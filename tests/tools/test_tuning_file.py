@@ -134,7 +134,7 @@ def test_bounds_are_judged_before_anything_runs() -> None:
 
 
 def test_the_safety_scenarios_tell_good_from_bad() -> None:
-    """An impulse limit below that of the first blows never lets the hold come about."""
+    """An impulse limit below that of the first impacts never lets the hold come about."""
     good = judge_safety({"speed.gain_p_n_m_s": 0.05}, silent)
     assert [result.scenario for result in good] == ["bounds", *safety.SCENARIOS]
     assert all(result.passed for result in good)
@@ -196,7 +196,7 @@ def test_a_parameter_that_one_file_lacks_has_its_default(tmp_path: Path) -> None
 
 
 def test_a_difference_says_what_it_does_on_the_suite(tmp_path: Path, monkeypatch, capsys) -> None:
-    """An impulse limit below that of the blows: what passed before does not any more, and diff says so."""
+    """An impulse limit below that of the impacts: what passed before does not any more, and diff says so."""
     monkeypatch.chdir(tmp_path)
     write(Path("mine.toml"), tuning(limit__impulse_n_s=1.6), SAFE, force=False)
     write(Path("low.toml"), tuning(limit__impulse_n_s=0.2), SAFE, force=False)

@@ -14,9 +14,9 @@ from plant_sim.scene import read_scene
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
-from tools.tuning.blows import contact_time_s, fit_blow, pulse, seen
 from tools.tuning.flights import contacts_of, flights_of, integrals
 from tools.tuning.identify import bench_of, identify, tune_identify
+from tools.tuning.impacts import contact_time_s, fit_impact, pulse, seen
 from tools.tuning.laws import Law
 from tools.tuning.readings import Readings, read
 from tools.tuning.result import Tuning
@@ -33,7 +33,7 @@ def record(
     ratio: float,
     duration_s: float,
 ) -> Path:
-    """A run of a module that is none of what the firmware believes."""
+    """A run of a module that differs from the nominal one."""
     scene = read_scene("table1-motor-soft")
     scene["striker"]["spring_n_m"] = SPRING_N_M
     scene["stop"] |= {"position_m": STOP_M, "restitution": RESTITUTION}
@@ -101,7 +101,7 @@ def test_the_bounds_hold_spring_and_friction(tuned: Tuning) -> None:
 
 
 def test_nothing_but_the_can_log_is_needed(viscous: Path, tuned: Tuning, tmp_path: Path) -> None:
-    """A bare log gives the same, the beliefs being the defaults in that run too."""
+    """A bare log gives the same, as that run has the default parameters too."""
     log = tmp_path / "bare.log"
     log.write_bytes((viscous / "can.log").read_bytes())
     assert tune_identify(log)[0].values == tuned.values
@@ -241,10 +241,10 @@ def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -
     assert np.trapezoid(pushes, times) == pytest.approx(1.0 + restitution, abs=2e-3)
 
 
-def test_a_blow_is_fitted_back() -> None:
+def test_a_impact_is_fitted_back() -> None:
     rows = np.arange(16) * 1e-3
     readings = seen(rows, 0.9, 4.0, BANDWIDTH_HZ, 0.00123, 0.0031, 0.45)
-    fitted = fit_blow(rows, readings, 0.9, 4.0, BANDWIDTH_HZ)
+    fitted = fit_impact(rows, readings, 0.9, 4.0, BANDWIDTH_HZ)
     assert fitted.touch_down_s == pytest.approx(0.00123, abs=2e-6)
     assert fitted.scale_s == pytest.approx(0.0031, rel=2e-3)
     assert fitted.restitution == pytest.approx(0.45, abs=2e-3)

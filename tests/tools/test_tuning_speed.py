@@ -12,7 +12,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.parameter_file import nested
 from tools.output import BadInputError
 from tools.tuning.speed import (
-    Belief,
+    NominalDrive,
     SpeedDesign,
     closed_loops,
     design_speed_loop,
@@ -117,7 +117,7 @@ def test_the_loop_measured_on_the_bench_is_the_designed_one(
 
     A tick of delay more or less would be 7° at 20 Hz and 18° at 50 Hz.
     """
-    designed = respond(Belief(), design.gain_p_n_m_s, design.gain_i_n_m, measured.omega_rad_s).loop
+    designed = respond(NominalDrive(), design.gain_p_n_m_s, design.gain_i_n_m, measured.omega_rad_s).loop
     ratio = measured.loop / designed
     hertz = measured.omega_rad_s / (2.0 * math.pi)
     judged = (hertz > 8.0) & (hertz < 80.0)
@@ -129,7 +129,7 @@ def test_the_loop_measured_on_the_bench_is_the_designed_one(
 
 def test_measured_margins_stand_beside_the_designed_ones(measured: MeasuredLoop) -> None:
     tuning, _ = tune_speed()
-    figures = compared(tuning, Belief(), measured)[0].figures_of_merit
+    figures = compared(tuning, NominalDrive(), measured)[0].figures_of_merit
     assert figures["measured_phase_margin"].value == pytest.approx(figures["phase_margin"].value, abs=2.5)
     assert figures["measured_gain_margin"].value == pytest.approx(figures["gain_margin"].value, abs=0.7)
     assert figures["measured_disk_margin"].value == pytest.approx(figures["disk_margin"].value, rel=0.05)
@@ -139,13 +139,13 @@ def test_the_measurement_sees_other_gains() -> None:
     gains = {"speed.gain_p_n_m_s": 0.03, "speed.gain_i_n_m": 0.3}
     other = measure_loop(nested(gains), window_s=5.0)
     at = int(np.argmin(np.abs(other.omega_rad_s - 2.0 * math.pi * 20.0)))
-    expected = respond(Belief(), 0.03, 0.3, other.omega_rad_s).loop[at]
+    expected = respond(NominalDrive(), 0.03, 0.3, other.omega_rad_s).loop[at]
     assert other.loop[at] == pytest.approx(expected, rel=0.06)
 
 
 def test_what_is_asked_for_is_what_comes_out() -> None:
     for bandwidth_hz, margin_deg in ((10.0, 60.0), (21.7, 52.45), (30.0, 45.0)):
-        tuning, design = tune_speed(Belief(), bandwidth_hz, margin_deg)
+        tuning, design = tune_speed(NominalDrive(), bandwidth_hz, margin_deg)
         # The gains are rounded to two digits.
         assert design.bandwidth_rad_s / (2.0 * math.pi) == pytest.approx(bandwidth_hz, rel=0.06)
         assert design.phase_margin_deg == pytest.approx(margin_deg, abs=1.5)
@@ -155,9 +155,9 @@ def test_what_is_asked_for_is_what_comes_out() -> None:
 
 def test_what_cannot_be_had_is_refused() -> None:
     with pytest.raises(BadInputError, match="phase-margin-deg 80 cannot be had"):
-        shape(Belief(), 25.0, 80.0)
+        shape(NominalDrive(), 25.0, 80.0)
     with pytest.raises(BadInputError, match="cannot be had with a tick"):
-        shape(Belief(), 400.0, 20.0)
+        shape(NominalDrive(), 400.0, 20.0)
 
 
 def test_the_defaults_are_the_commands_output() -> None:
@@ -176,7 +176,7 @@ def test_the_disk_margin_is_controls(design: SpeedDesign) -> None:
 
 def test_steps_end_where_they_should(design: SpeedDesign) -> None:
     """The integral brings the speed to its target, and takes off all that a steady load does."""
-    from_target, from_load = closed_loops(Belief(), design.gain_p_n_m_s, design.gain_i_n_m)
+    from_target, from_load = closed_loops(NominalDrive(), design.gain_p_n_m_s, design.gain_i_n_m)
     t_s = np.arange(3000) * T
     for system, end in ((from_target, 1.0), (from_load, 0.0)):
         speed = control.forced_response(system, t_s, np.ones(len(t_s))).outputs
@@ -184,16 +184,16 @@ def test_steps_end_where_they_should(design: SpeedDesign) -> None:
 
 
 def test_it_is_drawn(design: SpeedDesign, measured: MeasuredLoop, tmp_path: Path) -> None:
-    draw_speed(Belief(), design, measured, tmp_path / "speed.svg")
+    draw_speed(NominalDrive(), design, measured, tmp_path / "speed.svg")
     content = (tmp_path / "speed.svg").read_text()
     assert content.count("<path") > 50
 
 
 def test_the_recordings_bode_plot_is_over_the_logarithm_of_frequency(design: SpeedDesign) -> None:
     """The axis of a timeline is linear, so it counts thousandths of a decade."""
-    told = of_speed(Belief(), design, None)
+    told = of_speed(NominalDrive(), design, None)
     assert told.timeline == "frequency_1000_log10_hz"
-    loop = respond(Belief(), design.gain_p_n_m_s, design.gain_i_n_m)
+    loop = respond(NominalDrive(), design.gain_p_n_m_s, design.gain_i_n_m)
     hertz = loop.omega_rad_s / (2.0 * np.pi)
     assert set(told.views) == {
         "gain [dB] over 1000 log10(f / 1 Hz)",

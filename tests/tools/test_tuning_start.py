@@ -1,4 +1,4 @@
-"""The soft start's ramp: what counts first, and the command on a few draws."""
+"""The soft start's ramp: what counts first, and the command on a few trials."""
 
 import json
 from collections.abc import Mapping
@@ -82,11 +82,11 @@ def test_what_is_free_keeps_its_default(tmp_path: Path) -> None:
 
 
 def like(values: Mapping[str, float], quickest_s: float) -> FloatArray:
-    """Starts that a quicker rise captures sooner, and strikes harder below `quickest_s`; else all alike."""
+    """Starts that a quicker rise captures sooner, with harder impacts below `quickest_s`; else all alike."""
     spread = np.random.default_rng(1).normal(0.0, 0.01, 200)
     rise_s = values["start.rise_s"]
-    blow = 1.0 + 0.1 * max(0.0, quickest_s - rise_s) + spread
-    return np.array([np.zeros(200), blow, rise_s + 2.0 + spread, np.full(200, 3.0)])
+    impact = 1.0 + 0.1 * max(0.0, quickest_s - rise_s) + spread
+    return np.array([np.zeros(200), impact, rise_s + 2.0 + spread, np.full(200, 3.0)])
 
 
 def test_what_changes_nothing_is_free() -> None:
@@ -96,7 +96,7 @@ def test_what_changes_nothing_is_free() -> None:
 
 @pytest.mark.parametrize("first", [3.5, 8.0])
 def test_wherever_the_search_has_led_the_final_ends_at_the_best(first: float) -> None:
-    """The quickest rise that strikes no harder, which neither of these searches has tried."""
+    """The quickest rise without harder impacts, which neither of these searches has tried."""
     free = tuple(name for name in SPACE if name != "start.rise_s")
     tried = with_front([replace(of(0, 1.0, 5.0), parameters={**DEFAULT, "start.rise_s": first})])
     found = final(tried, free, lambda some: [like(values, 3.0) for values in some])

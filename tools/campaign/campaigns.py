@@ -105,7 +105,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
         Campaign(
             name="detect",
-            title="touch-downs found, when, and the regime told",
+            title="touch-downs found, when, and the regime reported",
             trials=440,
             conditions=(
                 (("viscous",), (1.0, 1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
@@ -123,7 +123,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
         Campaign(
             name="shock",
-            title="touch-downs told from a knock on the housing, which the striker feels too",
+            title="touch-downs distinguished from a knock on the housing, which the striker feels too",
             trials=600,
             conditions=(
                 (("viscous",), (1.1, 1.2, 1.3), NO_IMPULSE),

@@ -18,35 +18,35 @@ LAWS: dict[str, dict[str, Any]] = {
     "viscous": {
         "friction": {"law": "viscous", "b_n_s_m": 0.2},
         "amplitude_m": 0.02,
-        "beliefs": {"friction": {"b_n_s_m": 0.2, "mu": 0.0}, "drive": {"amplitude_m": 0.02}},
+        "nominal": {"friction": {"b_n_s_m": 0.2, "mu": 0.0}, "drive": {"amplitude_m": 0.02}},
     },
     "coulomb": {
         "friction": {"law": "coulomb", "mu": 0.15},
         "amplitude_m": DRY_AMPLITUDE_M,
-        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
     },
     "coulomb-0.2": {
         "friction": {"law": "coulomb", "mu": 0.2},
         "amplitude_m": DRY_AMPLITUDE_M,
-        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.2}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.2}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
     },
     "coulomb-0.3": {
         "friction": {"law": "coulomb", "mu": 0.3},
         "amplitude_m": DRY_AMPLITUDE_M,
-        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.3}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.3}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
     },
     "stribeck": {
         "friction": {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0},
         "amplitude_m": DRY_AMPLITUDE_M,
-        "beliefs": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
+        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
     },
 }
-"""Truth and belief by friction law; the firmware knows a dry law by its μ alone."""
+"""Truth and nominal parameters by friction law; the firmware knows a dry law by its μ alone."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One condition: the nominal truth, the firmware's beliefs, and what the operator asks for."""
+    """One condition: the mean truth, the firmware's parameters, and the operator's request."""
 
     law: str
     ratio: float
@@ -104,7 +104,7 @@ def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Ce
         for law in condition_laws:
             if law not in LAWS:
                 raise BadInputError(f"campaign.laws: {law!r} is none of {', '.join(LAWS)}")
-            own = {"campaign": {}, "scene": scene_of(law), "firmware": deepcopy(LAWS[law]["beliefs"])}
+            own = {"campaign": {}, "scene": scene_of(law), "firmware": deepcopy(LAWS[law]["nominal"])}
             own = apply_settings(own, settings)
             cells += [
                 Cell(law, float(ratio), float(impulse), own["scene"], own["firmware"])

@@ -1,4 +1,4 @@
-"""What a trial draws: the truth beside the firmware's beliefs, where the striker starts, the sensors' errors.
+"""What a trial samples: truth beside nominal parameters, where the striker starts, the sensors' errors.
 
 Every trial has a generator of its own, of the campaign's seed and the trial's number, so that a failure is
 run again alone. Seeds below `FIRST_CAMPAIGN_SEED` are for tuning and tests: parameters were chosen on them,
@@ -43,7 +43,7 @@ class Disturbance:
 
     SWING_HZ = (0.5, 2.0)
     SHOCK_S = (0.005, 0.02)
-    """Drawn from these ranges: strides, and heels that meet the ground."""
+    """Sampled from these ranges: strides, and heels that meet the ground."""
     FIRST_SHOCK_S = 12.0
     """Not before the start is over."""
 

@@ -20,7 +20,7 @@ ROOM_S = 600.0
 
 
 def endurance(ticks: int, settings: Sequence[str] = (), seed: int = 1) -> dict[str, Any]:
-    """Run the nominal module for so many ticks; the smallest eigenvalue of P in any of them, and where."""
+    """Run the nominal module for `ticks` ticks; the smallest eigenvalue of P in any of them, and where."""
     cell = cells_of({"conditions": CONDITIONS}, settings)[0][0]
     config = config_from(cell.firmware)
     started_s = time.process_time()

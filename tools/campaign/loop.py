@@ -72,10 +72,10 @@ from tools.campaign.columns import (
     TRACE_TARGET,
     TRACE_TORQUE,
     TRACE_V,
-    TRACE_V_BELIEVED,
+    TRACE_V_ESTIMATED,
     TRACE_VELOCITY,
     TRACE_X,
-    TRACE_X_BELIEVED,
+    TRACE_X_ESTIMATED,
     TURNS_SEEN,
     WORST_V,
     WORST_X,
@@ -90,7 +90,7 @@ Vector = NDArray[np.float64]
 OPERATOR_TICKS = 10
 COMMAND_TICKS = 100
 KICK_TICKS = 10
-"""A kick is a steady push of so long; the striker's accelerometers feel it."""
+"""A kick is a constant force for this time; the striker's accelerometers feel it."""
 COARSE_NOISE_M = 2e-3
 """A Hall or string sensor's, rms."""
 
@@ -207,7 +207,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     record: Record,
     ticks: int,
 ) -> None:
-    """Run a closed loop for so many ticks, from power-up on."""
+    """Run a closed loop for this number of ticks, from power-up on."""
     y = module.memory.y
     tick_s = config.tick_s
     stop_m = origin_m(parts.stop, parts.striker)
@@ -444,7 +444,7 @@ def _book_trace(
 ) -> None:
     row[TRACE_X], row[TRACE_V] = x_m, v_m_s
     row[TRACE_OMEGA], row[TRACE_ANGLE] = omega_rad_s, angle_rad
-    row[TRACE_X_BELIEVED], row[TRACE_V_BELIEVED] = estimate.x_m, estimate.v_m_s
+    row[TRACE_X_ESTIMATED], row[TRACE_V_ESTIMATED] = estimate.x_m, estimate.v_m_s
     row[TRACE_MODE], row[TRACE_REGIME] = outputs.mode.value, outputs.regime.value
     row[TRACE_IMPACT] = 1.0 if outputs.impact else 0.0
     row[TRACE_TORQUE], row[TRACE_TARGET] = outputs.torque_n_m, outputs.target_omega_rad_s

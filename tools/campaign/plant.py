@@ -83,7 +83,7 @@ class Module(NamedTuple):
 
 
 def module(parts: Parts, initial: MotionState, impacts: int) -> Module:
-    """A module at `initial`, with room for so many impacts."""
+    """A module at `initial`, with room for this number of impacts."""
     memory = allocate(parts, initial, ACCURACY, impacts)
     end, k1, k2, k3, k4, trial = np.zeros((6, state_size(parts)))
     return Module(memory, end, k1, k2, k3, k4, trial)
@@ -180,7 +180,7 @@ def _step(parts: Parts, flow: Flow, module: Module, h_s: float) -> None:
 
 @subroutine
 def _quantity(parts: Parts, flow: Flow, kind: int, y: Vector, since_s: float) -> float:
-    """What passes from negative to positive when an event of this kind happens, so long into the step."""
+    """What passes from negative to positive when an event of this kind happens, at this time in the step."""
     sign, place = -1.0, 0
     if kind == TOUCH:
         sign = 1.0

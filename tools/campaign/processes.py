@@ -26,7 +26,7 @@ SCHEDULER_TIMEOUT_S = "10s"
 VARIABLE = "VIBROHIL_COMPILED"
 
 Progress = Callable[[int, int], None]
-"""Told how many trials are done, of how many."""
+"""Called with how many trials are done, of how many."""
 
 
 class WorkerError(RuntimeError):

@@ -1,7 +1,7 @@
 """What the module does without a controller: its crank at a given speed, whatever the load.
 
 That is the campaigns' own motor with an inertia of a planet and no losses: the same parts, so the same
-kernels. It answers whether an impact attractor exists at a speed, how hard the blows are on the way up to it,
+kernels. It answers whether an impact attractor exists at a speed, how hard impacts are on the way up to it,
 where an instant start ends, and where a kicked striker would have ended.
 """
 
@@ -31,7 +31,7 @@ RAMP_S, HELD_S = 40.0, 20.0
 SLOWEST = 0.4
 """Share of the speed at which the slow way up begins: below any impact."""
 LONGEST_GAP = 2.2
-"""Periods between two impacts of a motion that goes on impacting; some orbits strike every other period."""
+"""Periods between two impacts of a motion that goes on impacting; some orbits have one every other period."""
 JUDGED_S = 8.0
 """The end of a run that decides: twelve periods."""
 KEPT = 2048
@@ -128,7 +128,7 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
 
 @lru_cache(KEPT)
 def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
-    """Whether the drawn start ends in impacts where the crank turns at full speed at once."""
+    """Whether the sampled start ends in impacts where the crank turns at full speed at once."""
     impacts = alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)
     return goes_on(impacts[:, IMPACT_TIME], HELD_S, omega_rad_s)
 

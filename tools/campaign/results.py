@@ -23,7 +23,7 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "regime_uncertain": (("periods_uncertain",), ("periods",)),
     "instant_start_captures": (("instant",), ("eligible",)),
     "fault_before_start": (("fault_before_start",), ("eligible",)),
-    "shocks_taken_for_blows": (("shocks_taken_for_blows",), ("shocks",)),
+    "shocks_taken_for_impacts": (("shocks_taken_for_impacts",), ("shocks",)),
     "hopeless_settled": (("hopeless_settled",), ("hopeless",)),
     "in_window": (("strides_hit",), ("strides",)),
     "in_force": (("turns_in_force",), ("turns",)),

@@ -1,4 +1,4 @@
-"""One closed loop from Python: a scene, beliefs and a script in; impacts, detections and modes out."""
+"""One closed loop from Python: a scene, parameters and a script in; impacts, detections and modes out."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -60,7 +60,7 @@ class Run(NamedTuple):
 
 
 def supported(scene: Scene, seed: int = 1) -> Parts:
-    """The parts of a scene that campaigns know; of a walk the strides are drawn from `seed`."""
+    """The parts of a scene that campaigns know; of a walk the strides are sampled from `seed`."""
     parts = scene.parts(seed)
     if scene.sensors is None or not is_supported(parts):
         raise BadInputError(

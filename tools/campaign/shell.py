@@ -13,7 +13,7 @@ from tools.campaign.quantise import single
 
 
 class Heard(NamedTuple):
-    """What the firmware's shell heard last, and for how many ticks nothing newer."""
+    """What the firmware's shell received last, and for how many ticks nothing newer."""
 
     axis_state: AxisState
     axis_error: int

@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 CONFIDENCE = 0.95
 RESAMPLES = 1000
 MOST_NUMBERS = 5_000_000
-"""Drawn at most, or a hundred resamples: many samples need few."""
+"""Sampled at most, or a hundred resamples: many samples need few."""
 
 
 class Share(NamedTuple):

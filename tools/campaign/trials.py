@@ -1,4 +1,4 @@
-"""One trial of each campaign: draw, run, judge against the truth."""
+"""One trial of each campaign: sample, run, judge against the truth."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -28,11 +28,11 @@ FloatArray = NDArray[np.float64]
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
 """The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
 TRANSIENT_S = 1.5
-"""After the command: how long blows are the drawn start's own and not the drive's doing."""
+"""After the command: how long impacts are the sampled start's own and not the drive's doing."""
 SETTLE_S = 5.0
 """From mode RUN on, before the estimate and the regime are judged."""
 KICK_FAULT_S = 1.0
-"""A blow so soon after a kick is the kick's."""
+"""An impact so soon after a kick is the kick's."""
 GRAZING_M_S = 0.05
 AFTER_SHOCK_S = 0.1
 """Until then a false alarm is the shock's."""
@@ -92,18 +92,18 @@ def energy_j(done: Run, until_s: float) -> float:
 
 
 def largest_steady_speed(done: Run) -> float:
-    """The hardest of the late blows, m/s: on a moving housing they are not all alike."""
+    """The hardest of the late impacts, m/s: on a moving housing they are not all alike."""
     return float(np.max(done.impacts[-2 * LATE_IMPACTS :, APPROACH], initial=0.0))
 
 
 def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
-    """Into the impact regime; the largest blow on the way beside the steady one or those of a slow way up."""
+    """Into the impact regime; the largest impact on the way beside the steady one or a slow way up's."""
     duration_s = float(numbers["duration_s"])
     omega_rad_s = cell.ratio * config.start.natural_rad_s
     attractor = reference(drawn.scene, omega_rad_s, drawn.more_seed)
     done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, traced=True)
     outcome.simulated_s = duration_s
-    outcome.counts["drawn"] = 1
+    outcome.counts["sampled"] = 1
     if not attractor.exists:
         outcome.eligible = False
         outcome.why = "no impact attractor at this speed"
@@ -128,7 +128,7 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):
         outcome.metrics["steady_v"] = steady_speed(done)
-        # Where the firmware went on to a safer speed, the blows of the one asked for count as well.
+        # Where the firmware went on to a safer speed, the impacts of the one asked for count as well.
         steady_m_s = max(largest_steady_speed(done), attractor.hardest_m_s)
         if cell.ratio >= 1.15:
             outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
@@ -190,7 +190,9 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
     if shock is not None:
         since_s = done.detected_s[alarms] - shock.start_s
         outcome.counts["shocks"] = 1
-        outcome.counts["shocks_taken_for_blows"] = int(np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S)))
+        outcome.counts["shocks_taken_for_impacts"] = int(
+            np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S))
+        )
     if of_hard.any():
         outcome.samples["latency"] = latency_ms[of_hard].tolist()
         told_m_s = done.detections[pairs.detection, 2]
@@ -208,7 +210,7 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
 
 
 def _judge_regime(done: Run, captured_s: float | None, duration_s: float, outcome: Outcome) -> None:
-    """The periods told after a capture has settled, against the truth of that whole time."""
+    """The periods reported after a capture has settled, against the truth of that whole time."""
     if captured_s is None or done.modes[-1].mode != Mode.RUN:
         return
     from_s = captured_s + SETTLE_S
@@ -290,7 +292,7 @@ def recover(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any]
     tripped = [change for change in done.modes if change.fault == Fault.IMPULSE_LIMIT]
     if tripped and 0.0 <= tripped[0].t_s - done.kicked_s < KICK_FAULT_S:
         outcome.eligible = False
-        outcome.why = "the kick's own blow tripped the impulse limit"
+        outcome.why = "the kick's own impact tripped the impulse limit"
         return
     if not would_be_lost(drawn.scene, done.kicked, omega_rad_s):
         outcome.eligible = False
@@ -329,13 +331,13 @@ TRIALS: dict[str, Callable[[Cell, Config, Drawn, Mapping[str, Any], Outcome], No
 
 
 def drawn_for(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> Drawn:
-    """What a trial of this cell draws."""
+    """What a trial of this cell samples."""
     until_s = float(numbers.get("duration_s", 0.0))
     return draw(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
 
 
 def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Outcome:
-    """The trial of this number: its cell, its draw, its judgement."""
+    """The trial of this number: its cell, its sample, its judgement."""
     number = trial % len(cells)
     cell = cells[number]
     outcome = Outcome(trial, number)
@@ -351,5 +353,5 @@ def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed
 
 
 def scene_of_trial(cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Scene:
-    """The truth that a trial has drawn."""
+    """The truth that a trial has sampled."""
     return drawn_for(cells[trial % len(cells)], numbers, seed, trial).scene

@@ -16,13 +16,13 @@ COURSES = ("steady", "change", "stop", "stumble")
 
 @dataclass(frozen=True)
 class Preset:
-    """A scene, a scenario whose beliefs fit it, and the cadences that it serves, strides a second.
+    """A scene, a scenario whose parameters fit it, and the cadences that it serves, strides a second.
 
     `last_pulse_s`: how long after a stop or a stumble pulses may come.
     """
 
     scene: str
-    beliefs_of: str
+    nominal_of: str
     lowest_hz: float
     highest_hz: float
     last_pulse_s: float
@@ -84,7 +84,7 @@ def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:
     own = {
         "campaign": {},
         "scene": deepcopy(read_scene(PRESETS[preset].scene)),
-        "firmware": read_scenario(PRESETS[preset].beliefs_of)["firmware"],
+        "firmware": read_scenario(PRESETS[preset].nominal_of)["firmware"],
     }
     own = apply_settings(own, settings)
     return WalkCell("viscous", 1.1, 0.0, own["scene"], own["firmware"], preset, course)

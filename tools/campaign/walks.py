@@ -2,7 +2,7 @@
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
 stride. Pulses after a stop or a stumble count until a pause (`hil.gait_figures.following`); those that the
-leg's own motion makes after it are counted apart.
+leg's own motion makes after it are counted separately.
 """
 
 from collections.abc import Mapping
@@ -41,9 +41,9 @@ AFTER_S = 10.0
 """How long a trial goes on after a stop or a stumble."""
 SOFTEST_N, HARDEST_N = 10.0, 40.0
 HARDER = 1.05
-"""The leg's own motion makes blows uneven: a twentieth."""
+"""The leg's own motion makes impacts uneven: a twentieth."""
 LONGEST_GAP = 2.2
-"""Turns between two blows of a motion that goes on striking."""
+"""Turns between two impacts of a motion that goes on with impacts."""
 
 
 class Course(NamedTuple):
@@ -149,13 +149,13 @@ def left_s(done: Run, since_s: float) -> float:
 
 
 def missing(done: Run, hold_s: tuple[float, float]) -> str:
-    """Whether blows are missing in the hold, and since when."""
+    """Whether impacts are missing in the hold, and since when."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
     times = done.impacts[:, IMPACT_TIME]
     times = np.concatenate([[begin_s], times[(times > begin_s) & (times < end_s)], [end_s]])
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * np.max(np.diff(turns_s), initial=0.0))
-    return f"blows missing from {times[gaps[0]]:.1f} s on" if len(gaps) else ""
+    return f"impacts missing from {times[gaps[0]]:.1f} s on" if len(gaps) else ""
 
 
 def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome: Outcome) -> None:

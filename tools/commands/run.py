@@ -54,7 +54,7 @@ def run(
     soak: Annotated[
         str | None,
         typer.Option(
-            help="So much longer before the script's last command, such as 10m; memory must not grow."
+            help="Extend the run by this time before its last command, such as 10m; memory must not grow."
         ),
     ] = None,
     keep_traces: Annotated[
@@ -98,7 +98,7 @@ def run(
 
 
 def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
-    """The scenario with so much more time before its last command."""
+    """The scenario with more time before its last command."""
     from hil.scenario import check_scenario
     from hil.soak import duration_s, prolonged
 

@@ -66,7 +66,7 @@ class Stopwatch:
 
 
 class StudyJob:
-    """One study from its options to its result: where it is computed, at what cost, and how it is told."""
+    """One study from its options to its result: where it is computed, at what cost, how it is reported."""
 
     def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
         from tools.study import work
@@ -183,12 +183,12 @@ def basin(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Basins of attraction: which starts strike, and how sharp the border is.
+    """Basins of attraction: which starts end in impacts, and how sharp the border is.
 
-    With --start soft a cell strikes where the firmware ends in its mode RUN with lasting impacts, 30 s after
-    it was asked to; motor, sensors and soft stop are those of the bench's default scene. Beside it stands
-    what an instant start of the same module would have come to. Workers of a Dask cluster have to be started
-    with VIBROHIL_COMPILED=1 for it.
+    With --start soft a cell counts as impact where the firmware ends in its mode RUN with lasting impacts, 30
+    s after it was asked to; motor, sensors and soft stop are those of the bench's default scene. Beside it
+    stands what an instant start of the same module would have come to. Workers of a Dask cluster have to be
+    started with VIBROHIL_COMPILED=1 for it.
     """
     import numpy as np
 
@@ -210,14 +210,14 @@ def basin(
     pictures = []
     for one in found:
         across, up = basins.axes(case, one.plane, size)
-        blows = np.asarray(one.table["blows"].to_numpy()).reshape(size, size)
+        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(size, size)
         at_once = (
             np.asarray(one.table["instant"].to_numpy(zero_copy_only=False)).reshape(size, size)
             if soft
             else None
         )
         pictures += figures.basin(
-            case, ratio, one.plane, across, up, blows, caption_of(one), out, one.name, at_once
+            case, ratio, one.plane, across, up, impacts, caption_of(one), out, one.name, at_once
         )
 
     def show() -> None:
@@ -242,7 +242,7 @@ def chart(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Charts over two parameters: regime, and how surely a start ends striking."""
+    """Charts over two parameters: regime, and how surely a start ends in impacts."""
     import numpy as np
     import pyarrow as pa
 
@@ -276,12 +276,12 @@ def chart(
         "size": size,
         "starts": maps.STARTS,
         "share_with_impact": float((reliability > 0.0).mean()),
-        "share_certain_to_strike": float((reliability == 1.0).mean()),
+        "share_certain_of_impacts": float((reliability == 1.0).mean()),
     }
     pictures = figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name)
     rows = [
         ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
-        ("cells where every start strikes", 100.0 * summary["share_certain_to_strike"], "%"),
+        ("cells where every start ends in impacts", 100.0 * summary["share_certain_of_impacts"], "%"),
     ]
     job.tell(
         {"map": summary, "figures": pictures},
@@ -368,10 +368,10 @@ def claims(
     for law in ("viscous", "coulomb"):
         one = evidence.basin(law)
         across, up = basins.axes(one.case, one.plane, one.size)
-        blows = np.asarray(one.table["blows"].to_numpy()).reshape(one.size, one.size)
-        caption = f"{100 * one.statistics['impact_fraction']:.1f} % strike"
+        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(one.size, one.size)
+        caption = f"{100 * one.statistics['impact_fraction']:.1f} % end in impacts"
         name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
-        pictures += figures.basin(one.case, one.ratio, one.plane, across, up, blows, caption, out, name)
+        pictures += figures.basin(one.case, one.ratio, one.plane, across, up, impacts, caption, out, name)
     written = page or out / "claims.md"
     pages.write(judged, written)
 
@@ -495,12 +495,13 @@ def caption_of(found: "Basin") -> str:
     share, bounds = numbers["impact_fraction"], numbers["impact_fraction_wilson"]
     if found.start == "soft":
         return (
-            f"soft start: {100 * share:.1f} % strike ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %); "
-            f"at once it would be {100 * numbers['instant_fraction']:.1f} %"
+            f"soft start: {100 * share:.1f} % end in impacts "
+            f"({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %); at once "
+            f"it would be {100 * numbers['instant_fraction']:.1f} %"
         )
     bounds = numbers["impact_fraction_bootstrap"]
     return (
-        f"{100 * share:.1f} % strike ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
+        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
         f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
     )
 
@@ -542,7 +543,7 @@ def is_nominal(case: "Case") -> bool:
 
 def show_sweep(found: "list[Diagram]") -> None:
     """Print a row per case."""
-    table = Table(title="where the striker strikes, in Ω/ω", title_justify="left", box=None)
+    table = Table(title="where there are impacts, in Ω/ω", title_justify="left", box=None)
     for name in ("preset", "friction", "run-up", "run-down", "multistable", "ends by"):
         table.add_column(name)
     for diagram in found:
@@ -550,8 +551,8 @@ def show_sweep(found: "list[Diagram]") -> None:
         table.add_row(
             diagram.case.preset,
             diagram.case.label,
-            intervals(diagram.up.striking()),
-            intervals(diagram.down.striking()),
+            intervals(diagram.up.with_impacts()),
+            intervals(diagram.down.with_impacts()),
             intervals(diagram.multistable()),
             ", ".join(kinds) or "—",
         )

@@ -35,7 +35,10 @@ def suite(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
     seeds: Annotated[
-        int, typer.Option(help="Run each scenario in so many seeds, from --seed on; all have to pass.", min=1)
+        int,
+        typer.Option(
+            help="Run each scenario with this number of seeds, from --seed on; all have to pass.", min=1
+        ),
     ] = 1,
     change: Annotated[
         list[str] | None,

@@ -126,16 +126,16 @@ def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
         )
     console.print(table)
     console.print(
-        "×: cost over the first part's; N s: a blow's impulse, — where the blows have ended; J: the drive's "
+        "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
         "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
-        "which blows go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
+        "which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
         f"Processor time of a thread, least of {repeats} interleaved repeats.",
         highlight=False,
     )
 
 
 def figure_of(value: float, digits: int) -> str:
-    """A figure with so many digits after the point, or a dash."""
+    """A figure with this number of digits after the point, or a dash."""
     return "—" if math.isnan(value) else f"{value:.{digits}f}"
 
 

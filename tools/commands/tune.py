@@ -1,4 +1,4 @@
-"""`vibrohil tune`: the firmware's parameters designed, fitted to a log, or chosen on draws; and compared."""
+"""`vibrohil tune`: parameters designed, fitted to a log, or chosen by campaigns; and compared."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -15,7 +15,7 @@ from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
     from tools.tuning.safety import Bench, SafetyResult
-    from tools.tuning.views import Told
+    from tools.tuning.views import Shown
 
 Found = TypeVar("Found")
 
@@ -74,7 +74,7 @@ def conclude(
     outputs: Outputs,
     work: "Callable[[Callable[[str, float | None], None]], tuple[Tuning, Found]]",
     draw: "Callable[[Tuning, Found, Path], None]",
-    told: "Callable[[Found], Told]",
+    shown: "Callable[[Found], Shown]",
     more: Callable[[Found], dict[str, Any]],
     bench: "Bench | None" = None,
 ) -> None:
@@ -93,7 +93,7 @@ def conclude(
             draw(tuning, found, outputs.plot)
             also["plot"] = str(outputs.plot)
         if outputs.rrd is not None:
-            record_tuning(outputs.rrd, tuning, *told(found))
+            record_tuning(outputs.rrd, tuning, *shown(found))
             also["rrd"] = str(outputs.rrd)
         payload, _ = finish(tuning, outputs.out, outputs.force, bar, also, bench)
     report(payload, outputs.as_json)
@@ -161,31 +161,31 @@ def speed(
     """PI gains of the crank's speed loop for a bandwidth and a phase margin, measured on the bench."""
     from hil.parameter_file import nested
     from tools.tuning import views
-    from tools.tuning.speed import Belief, SpeedDesign, tune_speed
+    from tools.tuning.speed import NominalDrive, SpeedDesign, tune_speed
     from tools.tuning.speed_figure import draw_speed
     from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
 
-    belief = Belief(**given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
+    nominal = NominalDrive(**given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
     points: dict[str, Any] = {}
     Loop = tuple[SpeedDesign, MeasuredLoop | None]
 
     def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Loop]":
         tuning, design = tune_speed(
-            belief, **given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
+            nominal, **given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
         )
         if not measure:
             return tuning, (design, None)
         measured = measure_loop(
             nested(tuning.values), progress=lambda share, _: progress("measuring the loop", share)
         )
-        tuning, points["measured"] = compared(tuning, belief, measured)
+        tuning, points["measured"] = compared(tuning, nominal, measured)
         return tuning, (design, measured)
 
     conclude(
         Outputs(out, plot, rrd, force, as_json),
         work,
-        lambda _, loop, path: draw_speed(belief, *loop, path),
-        lambda loop: views.of_speed(belief, *loop),
+        lambda _, loop, path: draw_speed(nominal, *loop, path),
+        lambda loop: views.of_speed(nominal, *loop),
         lambda _: points,
     )
 
@@ -228,7 +228,9 @@ def identify(
 
     if trials is not None:
         if source is not None:
-            raise BadInputError(f"--trials draws its own modules; leave out {source}, or leave out --trials")
+            raise BadInputError(
+                f"--trials samples its own modules; leave out {source}, or leave out --trials"
+            )
         judge_identification(trials, trials_out, workers, as_json)
         return
     if source is None:
@@ -292,7 +294,7 @@ def detector(
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
-            progress=lambda done, total: progress("draws", done / total),
+            progress=lambda done, total: progress("trials", done / total),
             **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
         ),
         draw_detector,
@@ -374,7 +376,7 @@ def start(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_start(
             journal or out.with_suffix(".journal"),
-            progress=lambda done, total: progress("draws", done / total),
+            progress=lambda done, total: progress("trials", done / total),
             **given(
                 candidates=candidates,
                 trials=trials,

@@ -80,7 +80,7 @@ def show_check(payload: Mapping[str, Any]) -> None:
         numbers = (f"{row[key]:.4g}" for key in ("default", "tuned"))
         table.add_row(row["parameter"], row["command"], *numbers, row["unit"], row["tolerance"], mark)
     console.print(table)
-    margins = columns("<on fresh draws", "<tune", "default", "naive", "<unit", "<naive is")
+    margins = columns("<on fresh trials", "<tune", "default", "naive", "<unit", "<naive is")
     for one in payload["margins"]:
         numbers = (figure(one[key]) for key in ("default", "naive"))
         margins.add_row(one["what"], one["command"], *numbers, one["unit"], one["naive_is"])

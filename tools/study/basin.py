@@ -6,8 +6,8 @@ Two planes: (x0, v0) at a crank angle, and (x0, crank angle) at rest. What a map
   of the other kind at distance ε grows as ε^α; α = 1 is a smooth line, α < 1 a fractal one;
 - basin entropy (Daza, Wagemakers, Georgeot, Guéry-Odelin, Sanjuán, Scientific Reports 6, 2016): mean entropy
   of boxes of cells, and of those on the border alone; above ln 2 there, the border must be fractal;
-- basin stability: the share of starts that strike, with bounds by Wilson as if cells were drawn at random,
-  and by a bootstrap over blocks of cells, which allows for neighbours being alike.
+- basin stability: the share of starts that end in impacts, with bounds by Wilson as for cells sampled at
+  random, and by a bootstrap over blocks of cells, which allows for neighbours being alike.
 """
 
 import math
@@ -31,7 +31,7 @@ FASTEST_START_M_S = 0.8
 """Box of starts about the rest length, as wide as the module's motion; speeds are table1's, scaled by ω."""
 
 ROWS_AT_ONCE = 25
-"""A piece is so many rows of the map."""
+"""The rows of the map in a piece."""
 
 BORDER_BOUND_M = 1e-8
 """How far from the border, in x0, a start may be taken for one of the other kind.
@@ -113,7 +113,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     pieces = [store.read(path) for path in paths]
     table = pa.concat_tables([table for table, _ in pieces])
     uncertain = sum(metadata["facts"]["uncertain"] for _, metadata in pieces)
-    numbers = statistics(table["blows"].to_numpy().reshape(size, size) > 0.0)
+    numbers = statistics(table["impacts"].to_numpy().reshape(size, size) > 0.0)
     found = Basin(case, ratio, plane, size, table, uncertain, numbers)
     keep(found, where)
     return found
@@ -146,36 +146,36 @@ def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Some rows of a map: x0, v0, crank angle, regime (−1 − regime where not certain), blows per period."""
+    """Some rows of a map: x0, v0, crank angle, regime (−1 − regime where not certain), impacts per period."""
     case = Case(**spec["case"])
     y_m, other = axes(case, spec["plane"], spec["size"])
     first, last = spec["rows"]
     starts = np.zeros(((last - first) * len(y_m), 3))
     starts[:, 0] = np.tile(y_m, last - first)
     starts[:, 1 if spec["plane"] == "state" else 2] = np.repeat(other[first:last], len(y_m))
-    regimes, blows = classify(case, spec["ratio"], starts, CLASSIFY)
+    regimes, impacts = classify(case, spec["ratio"], starts, CLASSIFY)
     table = pa.table(
         {
             "x_m": starts[:, 0] + case.rest_length_m,
             "v_m_s": starts[:, 1],
             "crank_rad": starts[:, 2],
             "regime": regimes,
-            "blows": blows,
+            "impacts": impacts,
         }
     )
     return table, {"uncertain": int((regimes < 0).sum())}
 
 
-def statistics(strikes: NDArray[np.bool_]) -> dict[str, Any]:
+def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
     """The numbers of a map, rows × columns."""
-    share = float(strikes.mean())
-    low, high = wilson(share, strikes.size)
-    exponent, exponent_bounds = uncertainty_exponent(strikes)
-    entropy, border = basin_entropy(strikes)
+    share = float(in_impacts.mean())
+    low, high = wilson(share, in_impacts.size)
+    exponent, exponent_bounds = uncertainty_exponent(in_impacts)
+    entropy, border = basin_entropy(in_impacts)
     return {
         "impact_fraction": share,
         "impact_fraction_wilson": [low, high],
-        "impact_fraction_bootstrap": block_bounds(strikes),
+        "impact_fraction_bootstrap": block_bounds(in_impacts),
         "uncertainty_exponent": exponent,
         "uncertainty_exponent_bounds": exponent_bounds,
         "basin_entropy": entropy,
@@ -196,25 +196,25 @@ def wilson(share: float, count: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def block_bounds(strikes: NDArray[np.bool_]) -> list[float]:
+def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
     """95 % bounds of the share of impact by resampling blocks of cells, always the same ones."""
-    size = (min(strikes.shape) // BLOCK) * BLOCK
+    size = (min(in_impacts.shape) // BLOCK) * BLOCK
     if size < 2 * BLOCK:
         return [math.nan, math.nan]
-    blocks = strikes[:size, :size].reshape(size // BLOCK, BLOCK, size // BLOCK, BLOCK)
+    blocks = in_impacts[:size, :size].reshape(size // BLOCK, BLOCK, size // BLOCK, BLOCK)
     shares = blocks.mean(axis=(1, 3)).ravel()
     drawn = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
     return [float(bound) for bound in np.quantile(drawn, (0.025, 0.975))]
 
 
-def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Distances in cells, and per distance and row of the map the share of cells that are uncertain at it.
 
     A cell is uncertain at ε if the one ε to its left or to its right is of the other kind. Shape of the
     shares: (distances, rows); rows and columns of the map count alike.
     """
-    size = min(strikes.shape)
-    square = strikes[:size, :size]
+    size = min(in_impacts.shape)
+    square = in_impacts[:size, :size]
     lags = np.unique(np.geomspace(1, min(size // 12, FARTHEST), 8).astype(np.int64))
     shares = np.empty((len(lags), 2 * size))
     lines, edge = np.concatenate((square, square.T)), int(lags[-1])
@@ -225,14 +225,14 @@ def uncertain_shares(strikes: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDA
     return lags, shares
 
 
-def uncertainty_exponent(strikes: NDArray[np.bool_]) -> tuple[float, list[float]]:
+def uncertainty_exponent(in_impacts: NDArray[np.bool_]) -> tuple[float, list[float]]:
     """α by least squares in the logarithms, with 95 % bounds by resampling rows and columns.
 
     NaN for maps too small for three distances, and where no cell is uncertain.
     """
-    if min(strikes.shape) < SMALLEST_FOR_EXPONENT:
+    if min(in_impacts.shape) < SMALLEST_FOR_EXPONENT:
         return math.nan, [math.nan, math.nan]
-    lags, shares = uncertain_shares(strikes)
+    lags, shares = uncertain_shares(in_impacts)
     mean = shares.mean(axis=1)
     if not np.all(mean > 0.0):
         return math.nan, [math.nan, math.nan]
@@ -244,10 +244,12 @@ def uncertainty_exponent(strikes: NDArray[np.bool_]) -> tuple[float, list[float]
     return exponent, [float(bound) for bound in np.quantile(slopes, (0.025, 0.975))]
 
 
-def basin_entropy(strikes: NDArray[np.bool_]) -> tuple[float, float]:
+def basin_entropy(in_impacts: NDArray[np.bool_]) -> tuple[float, float]:
     """Mean entropy of boxes of BOX × BOX cells, and of the boxes with both kinds alone; nan without any."""
-    rows, columns = (side // BOX * BOX for side in strikes.shape)
-    boxes = strikes[:rows, :columns].reshape(rows // BOX, BOX, columns // BOX, BOX).mean(axis=(1, 3)).ravel()
+    rows, columns = (side // BOX * BOX for side in in_impacts.shape)
+    boxes = (
+        in_impacts[:rows, :columns].reshape(rows // BOX, BOX, columns // BOX, BOX).mean(axis=(1, 3)).ravel()
+    )
     mixed = boxes[(boxes > 0.0) & (boxes < 1.0)]
     entropies = -(mixed * np.log(mixed) + (1.0 - mixed) * np.log(1.0 - mixed))
     if len(boxes) == 0:

@@ -26,10 +26,11 @@ SPRINGS_N_M = {
 }
 
 AMPLITUDES_M = {
-    # The paper gives none. 20 mm strikes with a viscous guide for r = 0.82 to 1.41; with dry friction the
-    # spring's c A has to exceed μ m g, 22 mm at μ = 0.2, so that 30 mm is the first round figure that moves.
+    # The paper gives none. With a viscous guide 20 mm reaches the stop for r = 0.82 to 1.41; with dry
+    # friction the spring's c A has to exceed μ m g, 22 mm at μ = 0.2, so that 30 mm is the first round figure
+    # that moves.
     "table1": {"viscous": 0.02, "coulomb": 0.03, "stribeck": 0.03},
-    # One amplitude for all laws puts their first blows at r = 0.89 to 1.10.
+    # One amplitude for all laws puts their first impacts at r = 0.89 to 1.10.
     "gait": {"viscous": 0.012, "coulomb": 0.012, "stribeck": 0.012},
 }
 
@@ -47,7 +48,7 @@ STRIBECK_EXPONENT = 1.0
 
 @dataclass(frozen=True)
 class Case:
-    """One module, apart from its crank's speed. `contact_s`: elastic contact of a soft stop; None: rigid."""
+    """One module without its crank's speed. `contact_s`: elastic contact of a soft stop; None: rigid."""
 
     preset: str
     law: str

@@ -102,7 +102,7 @@ def three_regimes(evidence: Evidence) -> Claim:
             "cases": len(evidence.diagrams),
             "with_all_three": len(full),
             "with_all_three_by_law": laws,
-            "never_strike": [f"{d.case.preset} {d.case.label}" for d in never],
+            "without_impacts": [f"{d.case.preset} {d.case.label}" for d in never],
         },
         "True for every law once the drive is strong enough. With Table 1's soft spring and A = 30 mm, dry "
         "friction in the upper part of Table 1's range never lets the striker reach the stop: μ m g "
@@ -211,12 +211,12 @@ def sharper_switching(evidence: Evidence) -> Claim:
         UNDER_PARAMETERS if holds else CONTRADICTED,
         {
             "hysteresis_r": bands,
-            "blow_lost_at_the_fold_m_s": jumps,
+            "impact_lost_at_the_fold_m_s": jumps,
             "share_of_ratios_without_settled_motion": irregular,
         },
         "True in the sense that run-up and run-down switch at ratios closer to each other (less "
         "hysteresis), which is C4 again. Each single switch is a jump for all three laws: at the fold the "
-        "blow is lost at its full speed, and viscous friction loses the larger one.",
+        "impact is lost at its full speed, and viscous friction loses the larger one.",
     )
 
 
@@ -289,7 +289,7 @@ def peak_force(evidence: Evidence) -> Claim:
         "paper does not say. Against a Hunt–Crossley stop the peak is as listed for elastic contact times "
         "of 10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up); the contact times that would "
         "bring it to 40 N stand beside it (a dash: none up to 150 ms). Short contacts and the stiffer "
-        "spring exceed 40 N several times over, unless the wearer's own compliance shares the blow: "
+        "spring exceed 40 N several times over, unless the wearer's own compliance shares the impact: "
         "docs/feasibility.md has what a walking wearer feels.",
     )
 
@@ -336,7 +336,7 @@ def energy(evidence: Evidence) -> Claim:
         if band is not None and band[1] - band[0] > FEWEST_BAND:
             ratio = round(0.5 * (band[0] + band[1]), 2)
             impact, calm = sorted(
-                (diagram.up.at(ratio), diagram.down.at(ratio)), key=lambda row: -row["blows"]
+                (diagram.up.at(ratio), diagram.down.at(ratio)), key=lambda row: -row["impacts"]
             )
             both[f"{diagram.case.preset} {diagram.case.law}, r = {ratio:g}"] = {
                 "non_impact_mj": 1e3 * calm["drive_j"],
@@ -384,7 +384,7 @@ def smooth_basins(evidence: Evidence) -> Claim:
             "uncertainty_exponent": one.statistics["uncertainty_exponent"],
             "bounds": one.statistics["uncertainty_exponent_bounds"],
             "border_entropy": one.statistics["border_entropy"],
-            "motions": len(np.unique(np.round(one.table["blows"].to_numpy(), 3))),
+            "motions": len(np.unique(np.round(one.table["impacts"].to_numpy(), 3))),
         }
         for law, one in found.items()
     }
@@ -421,7 +421,7 @@ def start_decides(evidence: Evidence) -> Claim:
         "C11",
         "The state at start-up decides; an initialisation routine ensures the wanted motion.",
         REPRODUCED if holds else CONTRADICTED,
-        {"share_striking_from_rest_at_once": from_rest, "share_striking_after_a_run_up": ramps},
+        {"impact_share_from_rest_at_once": from_rest, "impact_share_after_a_run_up": ramps},
         "With the crank at speed at once a resting striker ends in the calm motion at r = 1.3 and above, "
         "whatever the crank's angle; raising the speed from standstill in some seconds carries it through "
         "the impact regime below and keeps it there.",
@@ -436,26 +436,26 @@ def gait_frequencies(evidence: Evidence) -> Claim:
             row = {}
             for hz in (2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0):
                 ratio = 2.0 * math.pi * hz / diagram.case.natural_rad_s
-                up = contains(diagram.up.striking(), ratio)
-                down = contains(diagram.down.striking(), ratio)
+                up = contains(diagram.up.with_impacts(), ratio)
+                down = contains(diagram.down.with_impacts(), ratio)
                 row[f"{hz:g} Hz"] = (
-                    "strikes" if up and down else "depends on the start" if up or down else "does not strike"
+                    "impacts" if up and down else "depends on the start" if up or down else "no impacts"
                 )
             table[diagram.case.preset] = row
     spans = _per_law(
         [d for d in _nominal(evidence) if d.onset() is not None],
-        lambda d: [_hz(d, cut) for cut in d.up.striking()[0]],
+        lambda d: [_hz(d, cut) for cut in d.up.with_impacts()[0]],
     )
     return Claim(
         "C12",
         "2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts.",
         CONTRADICTED,
         {"motion": table, "impact_in_a_run_up_hz": spans},
-        "As printed, the module strikes from about 1.2 to 2.1 Hz: of these frequencies at 2 Hz alone, and "
-        "there only from some starts. Retuned to 4 Hz it strikes in most of 3.6 to 5.3 Hz and not at 6 Hz, "
-        "as said, but never at 2 to 3 Hz: the striking interval spans a factor of 1.4 to 1.7 in frequency, "
-        "while 2 to 5 Hz is a factor of 2.5. One spring cannot serve both. Nor does a cadence ask for it: a "
-        "crank that makes n turns a stride serves slow and quick walking at nearly one frequency "
+        "As printed, the module has impacts from about 1.2 to 2.1 Hz: of these at 2 Hz alone, and "
+        "only from some starts. Retuned to 4 Hz it has them in most of 3.6 to 5.3 Hz and not at 6 Hz, "
+        "as said, but never at 2 to 3 Hz: the interval with impacts spans a factor of 1.4 to 1.7 in "
+        "frequency, while 2 to 5 Hz is a factor of 2.5. One spring cannot serve both. Nor does a cadence ask "
+        "for it: a crank that makes n turns a stride serves slow and quick walking at nearly one frequency "
         "(docs/feasibility.md).",
     )
 
@@ -485,7 +485,7 @@ def damping(evidence: Evidence) -> Claim:
             if row["case"].b_n_s_m == b
             and row["case"].contact_s == CONTACTS_S[1]
             and row["cycle"] == 1
-            and row["blows"] > 0.0
+            and row["impacts"] > 0.0
         )
         for b in VISCOUS_RANGE_N_S_M
     }

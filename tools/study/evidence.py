@@ -1,4 +1,4 @@
-"""What the claims are judged on: sweeps, basins, soft blows, starts; each measured once."""
+"""What the claims are judged on: sweeps, basins, soft impacts, starts; each measured once."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -86,7 +86,7 @@ class Evidence:
 
     @cached_property
     def contacts(self) -> dict[tuple[str, float], float]:
-        """Elastic contact times with which blows peak at the paper's 40 N, by preset and ratio."""
+        """Elastic contact times with which impacts peak at the paper's 40 N, by preset and ratio."""
         keys = [(preset, ratio) for preset in PRESETS for ratio in SOFT_RATIOS[:3]]
         specs = [
             {"case": case(preset, "viscous").parameters(), "ratio": ratio, "peak_n": HIGHEST_PEAK_N}
@@ -99,7 +99,7 @@ class Evidence:
         }
 
     def peak_n(self, preset: str, contact_s: float, ratio: float, b_n_s_m: float = 0.2) -> float:
-        """nan where the striker does not strike."""
+        """nan without impacts."""
         for row in self.soft:
             of = row["case"]
             if (of.preset, of.contact_s, of.b_n_s_m, row["ratio"]) == (preset, contact_s, b_n_s_m, ratio):
@@ -127,7 +127,7 @@ def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 SOFT_COLUMNS = (
-    "blows",
+    "impacts",
     "cycle",
     "v_mean_m_s",
     "impulse_n_s",
@@ -180,7 +180,7 @@ def run_up(one: Case, ratio: float) -> Outcome:
 
 
 def share_from_rest(one: Case, ratio: float) -> float:
-    """Share of crank angles from which a resting striker is struck into impact motion at once."""
+    """Share of crank angles from which a striker at rest enters impact motion at once."""
     starts = np.zeros((PHASES, 3))
     starts[:, 2] = np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
     return float((classify(one, ratio, starts, CLASSIFY)[1] > 0.0).mean())
@@ -204,7 +204,7 @@ def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
 
 
 def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
-    """x over one drive period from a blow on (or from the highest point), less its mean, over its spread."""
+    """x over one drive period from an impact on (or from the highest point), less mean, over spread."""
     turn_s = 2.0 * math.pi / (ratio * one.natural_rad_s)
     result = sample(one, ratio, start, np.linspace(0.0, 2.0 * turn_s, 1201))
     if result.samples is None:

@@ -3,10 +3,10 @@
 A cell holds where all of these do, with the plant alone, an ideal crank and a walk of 2 % variability:
 
 - there is a whole number n of crank turns a stride for which r = n f 2π/ω lies in the impact region, which is
-  measured for each module, stop and wearer on a standing leg: one blow a turn on a slow way up, LOWEST_RATIO
-  at least and TOP_SHARE of its upper end at most;
-- the leg alone, with the crank at rest, does not make the striker strike;
-- the blows go on: of the turns judged at most MISSED_SHARE are without one;
+  measured for each module, stop and wearer on a standing leg: one impact a turn on a slow way up, at least
+  LOWEST_RATIO and TOP_SHARE of its upper end at most;
+- the leg alone, with the crank at rest, causes no impacts;
+- the impacts go on: of the turns judged at most MISSED_SHARE are without one;
 - no pulse that the wearer feels peaks outside FELT_N.
 
 The first that fails is the reason. A felt pulse is the ankle's force above what it was at touch-down, so that
@@ -44,7 +44,7 @@ MODULES = {
     "table1": Module(SPRINGS_N_M["table1"], AMPLITUDES_M["table1"], 0.06),
     "gait": Module(SPRINGS_N_M["gait"], AMPLITUDES_M["gait"], 0.06),
     # The scene walking.toml: 4.8 Hz leave no cadence without a whole number of turns, and a short stroke
-    # keeps its blows below 1 m/s.
+    # keeps its impacts below 1 m/s.
     "walking": Module(720.0, dict.fromkeys(AMPLITUDES_M["gait"], 0.0065), 0.022),
 }
 AXES = ("up", "forward", "outward")
@@ -58,7 +58,7 @@ FELT_N = (10.0, 40.0)
 LOWEST_RATIO, TOP_SHARE, CENTRE_RATIO = 0.97, 0.97, 1.12
 MISSED_SHARE = 0.01
 SOFTEST_M_S = 0.05
-IDLE_BLOWS_HZ = 0.1
+IDLE_IMPACTS_HZ = 0.1
 
 STEP_S = 0.002
 SWEEP_S, LOW_RATIO, HIGH_RATIO = 160.0, 0.7, 1.6
@@ -70,8 +70,8 @@ ACCURACY = 1e-6
 FEASIBLE = "feasible"
 NO_TURNS = "no whole number of turns"
 NO_REGION = "no impact region"
-LEG_STRIKES = "the leg alone strikes"
-LOST = "blows are lost"
+LEG_STRIKES = "the leg alone causes impacts"
+LOST = "impacts are lost"
 TOO_HARD = "too hard"
 TOO_SOFT = "too soft"
 REASONS = (FEASIBLE, NO_REGION, NO_TURNS, LEG_STRIKES, LOST, TOO_HARD, TOO_SOFT)
@@ -88,7 +88,7 @@ COLUMNS = (
     ("ratio", pa.float64()),
     ("region_low", pa.float64()),
     ("region_high", pa.float64()),
-    ("idle_blows_hz", pa.float64()),
+    ("idle_impacts_hz", pa.float64()),
     ("missed_share", pa.float64()),
     ("felt_low_n", pa.float64()),
     ("felt_median_n", pa.float64()),
@@ -97,7 +97,7 @@ COLUMNS = (
 
 
 class Stop(NamedTuple):
-    """A module behind a stop on a wearer, apart from where it points and how the wearer walks."""
+    """A module behind a stop on a wearer, without where it points and how the wearer walks."""
 
     preset: str
     law: str
@@ -106,7 +106,7 @@ class Stop(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A run under an ideal crank: its blows, and crank angle and felt force at each step."""
+    """A run under an ideal crank: its impacts, and crank angle and felt force at each step."""
 
     impacts: list[Impact]
     t_s: Vector
@@ -187,20 +187,20 @@ def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: flo
     return Driven(plant.take_impacts(), t_s, crank_rad, felt_n)
 
 
-def blows_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
-    """Blows in each whole turn since a time; turns are cut at the rear dead centre, far from blows."""
+def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
+    """Impacts in each whole turn since a time; turns are cut at the rear dead centre, far from impacts."""
     places = (run.crank_rad + 0.5 * math.pi) / (2.0 * math.pi)
     first, last = math.ceil(float(np.interp(from_s, run.t_s, places))), math.floor(places[-1])
-    hits = [blow for blow in run.impacts if blow.v_m_s >= SOFTEST_M_S]
-    turns = np.floor(np.interp([blow.t_s for blow in hits], run.t_s, places)).astype(int) - first
+    hits = [impact for impact in run.impacts if impact.v_m_s >= SOFTEST_M_S]
+    turns = np.floor(np.interp([impact.t_s for impact in hits], run.t_s, places)).astype(int) - first
     within = turns[(turns >= 0) & (turns < last - first)]
     return np.bincount(within, minlength=max(last - first, 0)).astype(np.int64)
 
 
 def region(stop: Stop) -> tuple[float, float]:
-    """The longest stretch of r with one blow a turn on a slow way up, on a leg that stands; nan: none."""
+    """The longest stretch of r with one impact a turn on a slow way up, on a leg that stands; nan: none."""
     run = driven(scene(stop, "outward", 0.0), (LOW_RATIO, HIGH_RATIO), SWEEP_S, 0.0)
-    counts = blows_a_turn(run, 0.0)
+    counts = impacts_a_turn(run, 0.0)
     one = counts == 1
     # A single odd turn is none of its ends.
     one[1:-1] |= one[:-2] & one[2:]
@@ -218,7 +218,7 @@ def region(stop: Stop) -> tuple[float, float]:
 
 
 def harmonics(stop: Stop, stride_hz: float, low: float, high: float) -> list[tuple[int, float]]:
-    """n and r within the region: the one nearest to the centre, and that with the softest blows."""
+    """n and r within the region: the one nearest to the centre, and that with the softest impacts."""
     one = stride_hz * 2.0 * math.pi / math.sqrt(MODULES[stop.preset].spring_n_m / 0.8)
     fitting = [(n, n * one) for n in range(1, 16) if low <= n * one <= high]
     if not fitting:
@@ -230,10 +230,10 @@ def harmonics(stop: Stop, stride_hz: float, low: float, high: float) -> list[tup
 def pulses_n(run: Driven, from_s: float) -> Vector:
     """Peak of each felt pulse over what was felt at its touch-down."""
     found = []
-    for blow in run.impacts:
-        if blow.t_s < from_s or blow.v_m_s < SOFTEST_M_S:
+    for impact in run.impacts:
+        if impact.t_s < from_s or impact.v_m_s < SOFTEST_M_S:
             continue
-        begin = int(blow.t_s / STEP_S)
+        begin = int(impact.t_s / STEP_S)
         after = run.felt_n[begin : begin + round(PULSE_S / STEP_S)]
         if len(after):
             found.append(float(after.max() - run.felt_n[max(begin - 1, 0)]))
@@ -243,7 +243,7 @@ def pulses_n(run: Driven, from_s: float) -> Vector:
 def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
     """What becomes of one n."""
     run = driven(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
-    counts = blows_a_turn(run, RISE_S + SETTLE_S)
+    counts = impacts_a_turn(run, RISE_S + SETTLE_S)
     missed = float(np.mean(counts == 0)) if len(counts) else 1.0
     felt = pulses_n(run, RISE_S + SETTLE_S)
     if len(felt) == 0:
@@ -259,10 +259,10 @@ def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
     return Judged(verdict, missed, low, middle, high)
 
 
-def idle_blows_hz(stop: Stop, axis: str, stride_hz: float) -> float:
-    """Blows a second that the leg alone makes."""
+def idle_impacts_hz(stop: Stop, axis: str, stride_hz: float) -> float:
+    """Impacts a second that the leg alone makes."""
     run = driven(scene(stop, axis, stride_hz), (0.0, 0.0), 0.0, IDLE_S)
-    return sum(blow.v_m_s >= SOFTEST_M_S for blow in run.impacts) / IDLE_S
+    return sum(impact.v_m_s >= SOFTEST_M_S for impact in run.impacts) / IDLE_S
 
 
 def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> dict[str, Any]:
@@ -275,7 +275,7 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
         "ratio": math.nan,
         "region_low": low,
         "region_high": high,
-        "idle_blows_hz": math.nan,
+        "idle_impacts_hz": math.nan,
     }
     found = UNKNOWN
     if not low <= high:
@@ -284,8 +284,8 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
         found = found._replace(verdict=NO_TURNS)
     else:
         row["harmonic"], row["ratio"] = candidates[0]
-        row["idle_blows_hz"] = idle_blows_hz(stop, axis, stride_hz)
-        if row["idle_blows_hz"] > IDLE_BLOWS_HZ:
+        row["idle_impacts_hz"] = idle_impacts_hz(stop, axis, stride_hz)
+        if row["idle_impacts_hz"] > IDLE_IMPACTS_HZ:
             found = found._replace(verdict=LEG_STRIKES)
         else:
             for number, (harmonic, ratio) in enumerate(candidates):

@@ -63,7 +63,7 @@ def _title(case: Case) -> str:
 
 
 def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
-    """A column per case: extremes, approach speed, energies and blows over the ratio, both ways."""
+    """A column per case: extremes, approach speed, energies and impacts over the ratio, both ways."""
     figure, grid = new_figure(4, len(diagrams), 1.2 + 4.2 * len(diagrams), 9.5, sharex=True, sharey="row")
     for column, diagram in enumerate(diagrams):
         case = diagram.case
@@ -78,7 +78,12 @@ def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) ->
         grid[0, column].axhline(1e3 * case.gap_m, color="k", lw=0.8, ls="--")
         grid[0, column].set_title(_title(case), fontsize=10)
         grid[-1, column].set(xlabel="Ω/ω", xlim=(LOW_RATIO, HIGH_RATIO))
-    labels = ("max, min of x − l0 [mm]", "v⁻ at the stop [m/s]", "energy per cycle [mJ]", "blows per period")
+    labels = (
+        "max, min of x − l0 [mm]",
+        "v⁻ at the stop [m/s]",
+        "energy per cycle [mJ]",
+        "impacts per period",
+    )
     for axes, label in zip(grid[:, 0], labels, strict=True):
         axes.set_ylabel(label)
     grid[0, 0].legend(loc="upper right", fontsize=8)
@@ -100,24 +105,24 @@ def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker:
     axes[1].plot(ratio, sweep.column("v_max_m_s"), **style)
     axes[1].plot(ratio, sweep.column("v_min_m_s"), **style)
     axes[2].plot(ratio, 1e3 * sweep.column("drive_j"), **style)
-    axes[3].plot(ratio, sweep.column("blows"), **style)
+    axes[3].plot(ratio, sweep.column("impacts"), **style)
 
 
 def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
-    """Every case as two bars, run-up above run-down: where the striker strikes."""
+    """Every case as two bars, run-up above run-down: where there are impacts."""
     figure, grid = new_figure(1, 1, 9.0, 0.9 + 0.36 * len(diagrams))
     axes = grid[0, 0]
     for place, diagram in enumerate(diagrams):
         for sweep, colour, shift in ((diagram.up, UP_COLOUR, 0.17), (diagram.down, DOWN_COLOUR, -0.17)):
             axes.barh(-place + shift, HIGH_RATIO - LOW_RATIO, 0.3, left=LOW_RATIO, color=CALM_COLOUR)
-            for low, high in sweep.striking():
+            for low, high in sweep.with_impacts():
                 axes.barh(-place + shift, high - low, 0.3, left=low, color=colour)
         if diagram.onset() is None:
             stuck = set(diagram.up.table["regime"].to_pylist()) == {"stuck"}
             axes.text(
                 1.25,
                 -place,
-                "never moves" if stuck else "never strikes",
+                "never moves" if stuck else "no impacts",
                 ha="center",
                 va="center",
                 fontsize=8,
@@ -129,7 +134,7 @@ def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[st
     axes.set(
         xlabel="Ω/ω",
         xlim=(LOW_RATIO, HIGH_RATIO),
-        title="Where the striker strikes: run-up (blue), run-down (orange)",
+        title="Where there are impacts: run-up (blue), run-down (orange)",
     )
     axes.axvspan(0.9, 1.1, fill=False, ec="k", lw=0.8, ls=":")
     return save(figure, folder, name)
@@ -141,13 +146,13 @@ def basin(
     plane: str,
     across_m: NDArray[np.float64],
     up: NDArray[np.float64],
-    blows: NDArray[np.float64],
+    impacts: NDArray[np.float64],
     caption: str,
     folder: Path,
     name: str,
     at_once: NDArray[np.bool_] | None = None,
 ) -> list[str]:
-    """A map of starts, coloured by what they end in; over it where instant starts would have struck."""
+    """A map of starts, coloured by what they end in; over it where instant starts end in impacts."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -160,7 +165,7 @@ def basin(
         1.5 * up[-1] - 0.5 * up[-2],
     )
     axes.imshow(
-        blows > 0.0,
+        impacts > 0.0,
         origin="lower",
         extent=extent,
         aspect="auto",
@@ -227,7 +232,7 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
 
 def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     case = motion.case
-    colour = IMPACT_COLOUR if motion.strikes else CALM_LINE_COLOUR
+    colour = IMPACT_COLOUR if motion.reaches_stop else CALM_LINE_COLOUR
     y_mm = 1e3 * (motion.x_m - case.rest_length_m)
     gap_mm = 1e3 * case.gap_m
     axes[0].plot(motion.t_s, y_mm, color=colour, lw=1.2)

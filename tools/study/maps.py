@@ -1,4 +1,4 @@
-"""Charts over the ratio and one more parameter: which regimes there are, how surely a start strikes.
+"""Charts over the ratio and one more parameter: which regimes there are, how surely a start ends in impacts.
 
 Reliability is the share of starts that end in impact motion when the crank is at speed at once: positions
 within the gap either side of the spring's rest, speeds up to FASTEST_START_M_S (table1's, scaled by ω), any
@@ -121,13 +121,13 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def _cell(case: Case, ratio: float, begun: NDArray[np.float64]) -> tuple[float, bool, int]:
-    """Share of starts that strike, whether rest does, and the commonest regime, of impact if any."""
-    regimes, blows = classify(case, ratio, begun, SETTLE)
+    """Share of starts that end in impacts, whether rest does, and the commonest regime, of impact if any."""
+    regimes, impacts = classify(case, ratio, begun, SETTLE)
     regimes = np.where(regimes < 0, -1 - regimes, regimes)
-    strikes = blows > 0.0
-    kinds: Sequence[int] = regimes[1:][strikes[1:]].tolist() or regimes[1:].tolist()
+    reaches_stop = impacts > 0.0
+    kinds: Sequence[int] = regimes[1:][reaches_stop[1:]].tolist() or regimes[1:].tolist()
     return (
-        float(strikes[1:].mean()),
-        bool(strikes[0]),
+        float(reaches_stop[1:].mean()),
+        bool(reaches_stop[0]),
         int(np.bincount(kinds, minlength=len(Regime)).argmax()),
     )

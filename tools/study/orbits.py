@@ -18,7 +18,7 @@ from tools.study.cases import Case
 ACCURACY_M = 1e-7
 """Of the adaptive solver, per period: a millionth of the gap."""
 
-BLOWS_AT_ONCE = 256
+IMPACTS_AT_ONCE = 256
 
 _own = local()
 
@@ -57,8 +57,8 @@ def warm(cases: Iterable[Case]) -> float:
 def classify(
     case: Case, ratio: float, starts: NDArray[np.float64], protocol: Protocol
 ) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Regime (−1 − regime where not certain) and blows per period of starts (y, v, crank), shape (n, 3)."""
-    regimes, blows = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
+    """Regime (−1 − regime where not certain) and impacts per period of starts (y, v, crank), shape (n, 3)."""
+    regimes, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     if case.is_exact:
         streaming.classify(
             case.striker(),
@@ -68,13 +68,13 @@ def classify(
             starts,
             protocol,
             regimes,
-            blows,
+            impacts,
         )
     else:
         streaming_adaptive.classify_stepwise(
-            case.parts(ratio), _memory(case), starts, protocol, regimes, blows
+            case.parts(ratio), _memory(case), starts, protocol, regimes, impacts
         )
-    return regimes, blows
+    return regimes, impacts
 
 
 def _memory(case: Case) -> Memory:
@@ -87,4 +87,4 @@ def _memory(case: Case) -> Memory:
 
 def _allocate(case: Case) -> Memory:
     rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
-    return allocate(case.parts(1.0), rest, ACCURACY_M, BLOWS_AT_ONCE)
+    return allocate(case.parts(1.0), rest, ACCURACY_M, IMPACTS_AT_ONCE)

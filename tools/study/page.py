@@ -79,8 +79,8 @@ def _section(claim: Claim) -> Iterator[str]:
 def _label(key: str) -> str:
     """A figure's name with its unit in brackets.
 
-    >>> _label("blow_lost_at_the_fold_m_s")
-    'blow lost at the fold [m/s]'
+    >>> _label("impact_lost_at_the_fold_m_s")
+    'impact lost at the fold [m/s]'
     """
     for suffix, unit in UNITS.items():
         if key.endswith(suffix):

@@ -24,11 +24,11 @@ ACCURACY_M = 1e-9
 
 @dataclass(frozen=True)
 class Motion:
-    """Some periods of a settled motion, with both sides of each blow, and its Poincaré points."""
+    """Some periods of a settled motion, with both sides of each impact, and its Poincaré points."""
 
     case: Case
     ratio: float
-    strikes: bool
+    reaches_stop: bool
     t_s: NDArray[np.float64]
     x_m: NDArray[np.float64]
     v_m_s: NDArray[np.float64]
@@ -68,7 +68,7 @@ def motion(case: Case, ratio: float, start: State) -> Motion:
     )
     to_section_s = ((SECTION_RAD - settled.crank_rad) % (2.0 * math.pi)) / (ratio * case.natural_rad_s)
     sections = sample(case, ratio, settled, to_section_s + turn_s * np.arange(float(SECTIONS)))
-    t_s, x_m, v_m_s = with_blows(case, shown)
+    t_s, x_m, v_m_s = with_impacts(case, shown)
     if sections.samples is None:
         raise AssertionError("a run with sample times has samples")
     points = np.column_stack((sections.samples.x_m, sections.samples.v_m_s))
@@ -88,10 +88,10 @@ def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> 
     return adaptive.simulate(case.parts(ratio), initial, float(t_s[-1]), t_s, accuracy=ACCURACY_M)
 
 
-def with_blows(
+def with_impacts(
     case: Case, result: SimulationResult
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Samples with the states just before and after each blow put between them."""
+    """Samples with the states just before and after each impact put between them."""
     samples, impacts = result.samples, result.impacts
     if samples is None:
         raise AssertionError("a run with sample times has samples")

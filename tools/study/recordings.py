@@ -13,10 +13,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from hil.lanes import ALARM, BELIEF, OTHER, TRUTH
+from hil.lanes import ALARM, ESTIMATE, OTHER, TRUTH
 from hil.rerun_log import APPLICATION_ID
 from tools.study.cases import Case
-from tools.study.portraits import Motion, Pair, sample, with_blows
+from tools.study.portraits import Motion, Pair, sample, with_impacts
 from tools.study.sweep import Diagram, Sweep
 
 RATIO_LINE = "r_thousandths"
@@ -40,7 +40,7 @@ class Way(NamedTuple):
     dot: float
 
 
-RUN_UP, RUN_DOWN = Way("run-up", TRUTH, 1.8, 1.0, 1.7), Way("run-down", BELIEF, 0.8, 2.0, 3.5)
+RUN_UP, RUN_DOWN = Way("run-up", TRUTH, 1.8, 1.0, 1.7), Way("run-down", ESTIMATE, 0.8, 2.0, 3.5)
 
 Orbit = NDArray[np.float64]
 """Points in the plane as it is drawn, shape (n, 2); the screen's second axis points down."""
@@ -54,10 +54,10 @@ def drawn(case: Case, x_m: NDArray[np.float64], v_m_s: NDArray[np.float64]) -> O
 
 
 def orbit(case: Case, sweep: Sweep, ratio: float) -> Orbit:
-    """What a sweep has settled on at a ratio, both sides of each blow joined by the blow."""
+    """What a sweep has settled on at a ratio, both sides of each impact joined by the impact."""
     turn_s = 2.0 * np.pi / (ratio * case.natural_rad_s)
     t_s = np.linspace(0.0, ORBIT_PERIODS * turn_s, ORBIT_POINTS)
-    _, x_m, v_m_s = with_blows(case, sample(case, ratio, sweep.state_at(ratio), t_s))
+    _, x_m, v_m_s = with_impacts(case, sample(case, ratio, sweep.state_at(ratio), t_s))
     return drawn(case, x_m, v_m_s)
 
 
@@ -173,13 +173,13 @@ def _run_through(recording: rr.RecordingStream, name: str, motion: Motion) -> No
     case = motion.case
     stop_line(recording, name)
     whole = drawn(case, motion.x_m, motion.v_m_s)
-    rgba = BELIEF if motion.strikes else TRUTH
+    rgba = ESTIMATE if motion.reaches_stop else TRUTH
     path = rr.LineStrips2D([whole], colors=colour(rgba), radii=rr.Radius.ui_points(0.7))
     recording.log(f"{name}/orbit", path, static=True)
     points = drawn(case, motion.points[:, 0], motion.points[:, 1])
     dots = rr.Points2D(points, colors=colour(OTHER), radii=rr.Radius.ui_points(3.0))
     recording.log(f"{name}/poincare", dots, static=True)
-    # Two states have one time at a blow; the later one is after it.
+    # Two states have one time at an impact; the later one is after it.
     frames_s = np.arange(0.0, motion.t_s[-1], FRAME_S)
     rows = np.searchsorted(motion.t_s, frames_s, side="right") - 1
     moving: dict[str, Any] = {"colors": colour(0xFFFFFFFF), "radii": rr.Radius.ui_points(5.0)}

@@ -1,7 +1,7 @@
 """Basins with the firmware in the loop: each cell a closed loop from power-up, started softly to r = Ω/ω.
 
 The motor, the soft stop and the sensors of the bench's own scene stand around the case's striker; the
-firmware believes the case's own numbers. The operator asks for RUN `RUN_S` after power-up. A cell strikes
+firmware has the case's own numbers. The operator asks for RUN `RUN_S` after power-up. A cell counts as impact
 where the firmware ends in mode RUN with impacts that go on. Beside it the same module with the crank at speed
 at once: what the start was spared.
 """
@@ -75,7 +75,7 @@ def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str
     return scene
 
 
-def beliefs_of(case: Case) -> dict[str, Any]:
+def nominal_of(case: Case) -> dict[str, Any]:
     """What the firmware holds for true: the case, a dry law by its μ alone."""
     return {
         "striker": {
@@ -96,10 +96,10 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
         f"soft-{plane}", piece, specs(case, ratio, plane, size), where, with_compiled_firmware=True
     )
     table = pa.concat_tables([store.read(path)[0] for path in paths])
-    strikes = table["blows"].to_numpy() > 0.0
+    reaches_stop = table["impacts"].to_numpy() > 0.0
     instant = float(table["instant"].to_numpy(zero_copy_only=False).mean())
-    captured_s = table["captured_s"].to_numpy()[strikes]
-    numbers = statistics(strikes.reshape(size, size)) | {
+    captured_s = table["captured_s"].to_numpy()[reaches_stop]
+    numbers = statistics(reaches_stop.reshape(size, size)) | {
         "instant_fraction": instant,
         "instant_fraction_wilson": list(wilson(instant, size * size)),
         "captured_s": [float(np.quantile(captured_s, q)) for q in (0.5, 1.0)] if len(captured_s) else [],
@@ -137,8 +137,8 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     from tools.campaign.trials import RUN_S, lost_by, script
 
     case, ratio, size = Case(**spec["case"]), spec["ratio"], spec["size"]
-    beliefs = beliefs_of(case)
-    config = config_from(beliefs)
+    nominal = nominal_of(case)
+    config = config_from(nominal)
     omega_rad_s = ratio * config.start.natural_rad_s
     y_m, other = axes(case, spec["plane"], size)
     rows = []
@@ -149,7 +149,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
             drawn = scene_of(case, x_m, float(v_m_s), float(crank_rad))
             scene = load_scene(drawn)
             noise = np.random.default_rng([NOISE_SEED, row, column])
-            done = run(scene, config, script(Cell(case.law, ratio, 0.0, drawn, beliefs)), DURATION_S, noise)
+            done = run(scene, config, script(Cell(case.law, ratio, 0.0, drawn, nominal)), DURATION_S, noise)
             why = lost_by(done, DURATION_S, omega_rad_s)
             late = int((done.impacts[:, IMPACT_TIME] >= DURATION_S - JUDGED_S).sum())
             running = first_in(done.modes, Mode.RUN)
@@ -158,7 +158,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
                     "x_m": x_m,
                     "v_m_s": float(v_m_s),
                     "crank_rad": float(crank_rad),
-                    "blows": 0.0 if why else late / JUDGED_S / (omega_rad_s / (2.0 * np.pi)),
+                    "impacts": 0.0 if why else late / JUDGED_S / (omega_rad_s / (2.0 * np.pi)),
                     "why": why,
                     "captured_s": np.nan if running is None else running.t_s - RUN_S,
                     "largest_m_s": float(np.max(done.impacts[:, APPROACH], initial=0.0)),

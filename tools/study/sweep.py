@@ -1,7 +1,7 @@
 """Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and where regimes end.
 
 Each ratio starts from where the one before it ended, crank angle included. Where the striker begins or ceases
-to strike, the attractor is then followed in ever smaller steps until the last one is below EDGE_STEP.
+to have impacts, the attractor is then followed in ever smaller steps until the last one is below EDGE_STEP.
 """
 
 import math
@@ -31,17 +31,17 @@ NEAR_EDGE = 2e-3
 """Impact motion that was periodic so near its end ends in a fold; nearer it hardly settles."""
 
 GRAZING_SHARE = 0.1
-"""An impact branch that ends with its slowest blow below this share of its fastest ends by grazing."""
+"""An impact branch that ends with its slowest impact below this share of its fastest ends by grazing."""
 
 CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
 """Near a fold an orbit settles slowly; it stops as soon as it has settled."""
 
 CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
-"""Towards grazing, motion in closed form settles in full: what is left of an old swing would strike early."""
+"""Towards grazing, motion in closed form settles in full: the rest of an old swing would reach it early."""
 
 COLUMNS = (
     "cycle",
-    "blows",
+    "impacts",
     "v_mean_m_s",
     "v_max_m_s",
     "v_min_m_s",
@@ -65,13 +65,13 @@ class Edge:
     """Where one motion ends on the way: its last ratio, and how it ends.
 
     `grazing`: the striker just reaches the stop. `fold`: a periodic impact motion vanishes with a finite
-    blow. `crisis`: an irregular one does. It may lie before the last ratio of the sweep that struck, where
+    impact. `crisis`: an irregular one does. It may lie before the last ratio of the sweep with impacts, where
     impact motion was dying out too slowly for the run to see it end.
     """
 
     ratio: float
     kind: str
-    strikes_after: bool
+    impacts_after: bool
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class Sweep:
         values: NDArray[np.float64] = self.table[name].to_numpy()
         return values
 
-    def striking(self) -> list[Interval]:
-        """Intervals of r in which the striker strikes, ended by the edges or by the sweep's own ends."""
-        grid, strikes = self.column("ratio"), self.column("blows") > 0.0
+    def with_impacts(self) -> list[Interval]:
+        """Intervals of r with impacts, ended by the edges or by the sweep's own ends."""
+        grid, reaches_stop = self.column("ratio"), self.column("impacts") > 0.0
         cuts = [float(grid[0]), *(edge.ratio for edge in self.edges), float(grid[-1])]
-        found, on = [], bool(strikes[0])
+        found, on = [], bool(reaches_stop[0])
         for start, end in pairwise(cuts):
             if on:
                 found.append((min(start, end), max(start, end)))
@@ -118,16 +118,16 @@ class Diagram:
     down: Sweep
 
     def multistable(self) -> list[Interval]:
-        """Where the one way strikes and the other does not."""
-        return symmetric_difference(self.up.striking(), self.down.striking())
+        """Where the one way has impacts and the other has none."""
+        return symmetric_difference(self.up.with_impacts(), self.down.with_impacts())
 
     def widest_multistable(self) -> Interval | None:
         """The widest interval with two motions."""
         return max(self.multistable(), key=lambda interval: interval[1] - interval[0], default=None)
 
     def onset(self) -> float | None:
-        """Lowest ratio at which the run-up strikes."""
-        return min((low for low, _ in self.up.striking()), default=None)
+        """Lowest ratio at which the run-up has impacts."""
+        return min((low for low, _ in self.up.with_impacts()), default=None)
 
     def regimes_seen(self) -> list[str]:
         """On either way."""
@@ -140,8 +140,8 @@ class Diagram:
             "law": self.case.law,
             "preset": self.case.preset,
             "parameters": self.case.parameters(),
-            "up_r": self.up.striking(),
-            "down_r": self.down.striking(),
+            "up_r": self.up.with_impacts(),
+            "down_r": self.down.with_impacts(),
             "multistable_r": multistable,
             "multistable_width": width(multistable),
             "edges": [
@@ -191,7 +191,7 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
     state = AT_REST
     for index, ratio in enumerate(grid):
         outcome = follow(case, ratio, state, PAPER)
-        if outcomes and (outcome.blows > 0.0) != (outcomes[-1].blows > 0.0):
+        if outcomes and (outcome.impacts > 0.0) != (outcomes[-1].impacts > 0.0):
             edges.append(_edge(case, grid[: index + 1], outcomes))
         outcomes.append(outcome)
         state = end_state(outcome)
@@ -210,25 +210,25 @@ def end_state(outcome: Outcome) -> State:
 
 
 def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> Edge:
-    """Follow the motion from before the last of these ratios until it ceases to strike, or begins to."""
-    strikes = outcomes[-1].blows > 0.0
+    """Follow the motion from before the last of these ratios until its impacts cease, or begin."""
+    reaches_stop = outcomes[-1].impacts > 0.0
     for index in range(len(grid) - 2, -1, -1):
         ratio, beyond, before = float(grid[index]), float(grid[index + 1]), outcomes[index]
         last = follow(case, ratio, end_state(before), CONTINUE)
-        if (last.blows > 0.0) == strikes:
+        if (last.impacts > 0.0) == reaches_stop:
             break
     state, step = end_state(last), 0.5 * (beyond - ratio)
     periodic_at = ratio if last.certain else math.inf
-    pace = CREEP if case.is_exact and not strikes else CONTINUE
+    pace = CREEP if case.is_exact and not reaches_stop else CONTINUE
     while abs(step) > EDGE_STEP:
         trial = follow(case, ratio + step, state, pace)
-        if (trial.blows > 0.0) == strikes:
+        if (trial.impacts > 0.0) == reaches_stop:
             ratio, state, last = ratio + step, end_state(trial), trial
             periodic_at = ratio if trial.certain else periodic_at
         else:
             step *= 0.5
-    if not strikes or last.v_min_m_s < GRAZING_SHARE * last.v_max_m_s:
+    if not reaches_stop or last.v_min_m_s < GRAZING_SHARE * last.v_max_m_s:
         kind = "grazing"
     else:
         kind = "fold" if abs(ratio - periodic_at) < NEAR_EDGE else "crisis"
-    return Edge(ratio, kind, not strikes)
+    return Edge(ratio, kind, not reaches_stop)

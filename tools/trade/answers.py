@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from tools.trade.cases import Case
 
-LEAST_BLOW_M_S = 1e-3
+LEAST_IMPACT_M_S = 1e-3
 """Chatter's last bounces are without number; what is slower is not counted."""
 
 FloatArray = NDArray[np.float64]
 
 
 class Answer(NamedTuple):
-    """Impacts of at least LEAST_BLOW_M_S, and the state at the end."""
+    """Impacts of at least LEAST_IMPACT_M_S, and the state at the end."""
 
     t_s: FloatArray
     v_m_s: FloatArray
@@ -26,8 +26,8 @@ class Answer(NamedTuple):
 
 
 def answer(t_s: FloatArray, v_m_s: FloatArray, v_after_m_s: FloatArray, x_m: float, end_m_s: float) -> Answer:
-    """An answer without the blows that are not counted."""
-    counted = np.asarray(v_m_s) >= LEAST_BLOW_M_S
+    """An answer without the impacts that are not counted."""
+    counted = np.asarray(v_m_s) >= LEAST_IMPACT_M_S
     times, before, after = (np.asarray(a, dtype=np.float64)[counted] for a in (t_s, v_m_s, v_after_m_s))
     return Answer(times, before, after, float(x_m), float(end_m_s))
 

@@ -1,6 +1,6 @@
 """What each part of a scene costs, and what it changes: one impact orbit, one part changed at a time.
 
-The orbit is table1's at r = 1.3. Its fold is where the blows end as the crank is made faster step by step.
+The orbit is table1's at r = 1.3. Its fold is where the impacts end as the crank is made faster step by step.
 A motor is held at speed by a PI loop; what calling the kernel so often takes is taken off its time.
 """
 
@@ -37,7 +37,7 @@ from tools.trade.prices import COST_UNIT, Progress
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60
 FOLD_PERIODS = 40
-"""At each speed on the way to the fold; of which the last quarter must strike."""
+"""At each speed on the way to the fold; of which the last quarter must have impacts."""
 FOLD_STEP = 0.01
 FASTEST = 2.0
 
@@ -121,7 +121,7 @@ def rig_of(scene: Scene) -> Rig:
 
 
 def carry_on(rig: Rig, ratio: float, periods: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """So many periods of the drive at a speed; the impacts on the way, shape (impacts, 6)."""
+    """`periods` of the drive at a speed; the impacts on the way, shape (impacts, 6)."""
     speed_rad_s = ratio * rig.natural_rad_s
     end_s = float(rig.memory.held[ELAPSED]) + periods * 2.0 * math.pi / speed_rad_s
     drive = rig.parts.drive
@@ -159,7 +159,7 @@ def spent_us_s(rig: Rig) -> float:
 
 
 def fold_of(rig: Rig, ratio: float) -> float:
-    """The largest r, in steps of FOLD_STEP, at which the blows go on; `rig` strikes at `ratio`."""
+    """The largest r, in steps of FOLD_STEP, at which the impacts go on; `rig` has impacts at `ratio`."""
     while ratio < FASTEST:
         faster = ratio + FOLD_STEP
         carry_on(rig, faster, 3 * FOLD_PERIODS // 4)
@@ -220,7 +220,7 @@ def figures_of(scene: Scene) -> dict[str, Any]:
 
 
 def fold_from_resonance(scene: Scene) -> float:
-    """The same for a module whose blows have ended at RATIO already: it strikes at resonance first."""
+    """The same for a module whose impacts have ended at RATIO already: it has them at resonance first."""
     rig = rig_of(scene)
     carry_on(rig, 1.0, SETTLE_PERIODS)
     return fold_of(rig, 1.0)

@@ -14,7 +14,7 @@ from tools.trade.cases import Case
 REPEATS, QUICK_REPEATS = 7, 3
 
 ROW_US = 5e3
-"""So long a row of calls lasts, at least, that says what a call costs."""
+"""The shortest row of calls whose time gives the cost of a call."""
 
 COST_UNIT = "µs of processor per simulated second"
 STATE_UNIT = "m (state at the end; velocity over ω)"

@@ -1,7 +1,7 @@
-"""What a start is judged by, one aim after the other, and which candidates can be told apart.
+"""What a start is judged by, one aim after the other, and which candidates differ significantly.
 
-Candidates meet the same draws and are compared pair by pair: the bootstrap (Efron 1979) draws the same trials
-again for both. One is worse in an aim where the lower 95 % bound of the difference is above the aim's
+Candidates meet the same trials and are compared pair by pair: the bootstrap (Efron 1979) resamples the same
+trials for both. One is worse in an aim where the lower 95 % bound of the difference is above the aim's
 resolution. What is less, or may be chance, counts as equal, and the next aim decides.
 """
 
@@ -15,12 +15,12 @@ from tools.campaign.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
 
-FAILED, BLOW, CAPTURE_S, ENERGY_J = range(4)
-"""Rows of starts: 1 for one that fails, largest blow by the steady one, time and energy to capture."""
+FAILED, IMPACT, CAPTURE_S, ENERGY_J = range(4)
+"""Rows of starts: 1 for one that fails, largest impact by the steady one, time and energy to capture."""
 RESAMPLES = 500
 LOWER_PERCENTILE = 2.5
 HARDEST = 0.05
-"""Of starts, whose mean blow counts: the largest of all is one draw, which another seed does not give."""
+"""Of starts, whose mean impact counts: the largest of all is one trial, which another seed does not give."""
 QUANTILE = 0.95
 
 
@@ -56,15 +56,15 @@ def _median(values: FloatArray) -> FloatArray:
 
 AIMS = (
     Aim("failures", "1", FAILED, _mean, 0.0),
-    Aim("overshoot", "1", BLOW, hardest, 0.0),
+    Aim("overshoot", "1", IMPACT, hardest, 0.0),
     Aim("capture", "s", CAPTURE_S, late, 0.1),
     Aim("energy", "J", ENERGY_J, _median, 0.05),
 )
-"""Reliability first: any difference that is told counts. 0.1 s and 0.05 J are worth nothing to a wearer."""
+"""Reliability first: any significant difference counts. 0.1 s and 0.05 J are worth nothing to a wearer."""
 
 
 def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
-    """The eligible starts by draw, shape (4, starts); NaN where there is nothing to measure."""
+    """The eligible starts by trial, shape (4, starts); NaN where there is nothing to measure."""
     return np.array(
         [
             [
@@ -80,22 +80,22 @@ def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
 
 
 def is_worse(one: FloatArray, other: FloatArray, aim: Aim) -> bool:
-    """Whether `one` is told to be worse than `other` in an aim."""
+    """Whether `one` is significantly worse than `other` in an aim."""
     count = one.shape[1]
-    draws = np.random.default_rng(count).integers(0, count, (RESAMPLES, count))
-    differences = aim.of(one[aim.row][draws]) - aim.of(other[aim.row][draws])
+    resampled = np.random.default_rng(count).integers(0, count, (RESAMPLES, count))
+    differences = aim.of(one[aim.row][resampled]) - aim.of(other[aim.row][resampled])
     return bool(np.percentile(differences, LOWER_PERCENTILE) > aim.resolution)
 
 
 class Choice(NamedTuple):
-    """The best of some candidates, and all that no aim tells from the best in it."""
+    """The best of some candidates, and all that are not significantly worse in any aim."""
 
     best: int
     alike: tuple[int, ...]
 
 
 def choose(candidates: Sequence[FloatArray]) -> Choice:
-    """Aim by aim those that are told to be worse than the best in it drop out; the last aim's best wins."""
+    """Aim by aim those significantly worse than the best in it drop out; the last aim's best wins."""
     left = list(range(len(candidates)))
     best = left[0]
     for aim in AIMS:
@@ -106,5 +106,5 @@ def choose(candidates: Sequence[FloatArray]) -> Choice:
 
 
 def differing(one: FloatArray, other: FloatArray) -> list[Aim]:
-    """The aims in which two candidates are told apart."""
+    """The aims in which two candidates differ significantly."""
     return [aim for aim in AIMS if is_worse(one, other, aim) or is_worse(other, one, aim)]

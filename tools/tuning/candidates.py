@@ -1,6 +1,6 @@
-"""Candidates of the firmware's parameters run through a campaign, all on the same draws.
+"""Candidates of the firmware's parameters run through a campaign, all on the same trials.
 
-A campaign's trial draws its truth from seed and number alone, so that candidates are compared pair by pair.
+A campaign's trial samples its truth from seed and number alone, so that candidates are compared pair by pair.
 Parameters are chosen on seeds below `FIRST_CAMPAIGN_SEED` and judged again on one from there on.
 """
 
@@ -25,7 +25,7 @@ Progress = Callable[[int, int], None]
 
 
 def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
-    """What was chosen on some draws is judged on others."""
+    """What was chosen on some trials is judged on others."""
     if seed >= FIRST_CAMPAIGN_SEED or fresh_seed < FIRST_CAMPAIGN_SEED:
         raise BadInputError(
             f"--seed {seed} and --fresh-seed {fresh_seed}: parameters are chosen on a seed below "
@@ -43,9 +43,9 @@ def run_candidates(
     conditions: tuple[Condition, ...] | None = None,
     opened: ProcessPoolExecutor | None = None,
 ) -> list[list[Outcome]]:
-    """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same draws.
+    """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same trials.
 
-    `opened`: processes to use again, which know what they have compiled and what these draws are without a
+    `opened`: processes to use again, which know what they have compiled and what these trials are without a
     controller.
     """
     chosen = CAMPAIGNS[campaign]

@@ -1,9 +1,9 @@
 """Whether the firmware's defaults are what the tuning commands come to, and what they are better than.
 
 Every tuning runs as its command does by default. A default passes where it lies within a stated tolerance of
-the tuned value, or, where several values cannot be told from each other by what the tuning looks at, among
-those. Those of the start pass together, where fresh draws do not tell them to be worse. Naive values stand
-beside the defaults on drawn modules that had no part in any choice.
+the tuned value, or, where several values do not differ significantly in what the tuning looks at, among
+those. Those of the start pass together, where fresh trials show no significant difference. Naive values stand
+beside the defaults on sampled modules that had no part in any choice.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import tune_speed
 
 RECORDED = "soft-start-multistable"
-"""The scenario whose module is what the defaults believe."""
+"""The scenario whose module is that of the default parameters."""
 RECORDED_SEED = 20_261
 HOLD_RATIO = (("viscous",), (1.3,), (0.0,))
 NO_FEED_FORWARD = {"speed.load_share": 0.0}
@@ -110,7 +110,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Margin:
-    """A figure with the default and with a naive value, on fresh draws; the less the better."""
+    """A figure with the default and with a naive value, on fresh trials; the less the better."""
 
     command: str
     what: str
@@ -228,7 +228,7 @@ def rows_of(found: Sequence[Tuning]) -> list[Row]:
 def margins_of(
     folder: Path, found: Sequence[Tuning], effort: Effort, progress: Progress, workers: int | None = None
 ) -> list[Margin]:
-    """What the defaults are better than, on fresh draws; of identification, what it is better than."""
+    """What the defaults are better than, on fresh trials; of identification, what it is better than."""
     merits = {tuning.command: tuning.figures_of_merit for tuning in found}
     judged = [*_of_estimator(merits["estimator"]), *_of_start(merits["start"])]
     return [
@@ -286,7 +286,7 @@ def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Mar
 
 
 def _of_estimator(merits: Merits) -> list[Margin]:
-    """None where the tuning was not judged on fresh draws."""
+    """None where the tuning was not judged on fresh trials."""
     return [
         Margin(
             "estimator",
@@ -313,8 +313,8 @@ def _of_start(merits: Merits) -> list[Margin]:
         )
         for what, name, unit in (
             (f"starts that fail, of {merits['default_eligible'].value:g}", "failures", "1"),
-            ("hardest twentieth of blows, steady ones = 1", "hardest_overshoot", "1"),
-            ("largest blow of all starts, steady ones = 1", "largest_overshoot", "1"),
+            ("hardest twentieth of impacts, steady ones = 1", "hardest_overshoot", "1"),
+            ("largest impact of all starts, steady ones = 1", "largest_overshoot", "1"),
             ("until 95 % of starts have captured", "capture_p95", "s"),
         )
     ]

@@ -1,10 +1,10 @@
 """The detector's threshold, from what a miss and a false alarm cost.
 
 The floor of the one-sided test (`detector.floor_m_s2`) is moved over two decades; the detect campaign counts
-hits, misses and false alarms against the truth and takes their latencies, each floor on the same draws. Of
-the floors whose cost cannot be told from the least one, the lowest but one is taken: latency grows with the
-floor, and a step of two lies between it and the cliff. It is then judged beside the default on seeds that had
-no part in the choice.
+hits, misses and false alarms against the truth and takes their latencies, each floor on the same trials.
+Of the floors whose cost does not differ significantly from the least one, the lowest but one is taken:
+latency grows with the floor, and a step of two lies between it and the cliff. It is then judged beside the
+default on seeds that had no part in the choice.
 """
 
 import math
@@ -23,7 +23,7 @@ from tools.tuning.result import Merit, Tuning, tuned
 PARAMETER = "detector.floor_m_s2"
 FLOORS_M_S2 = (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 TRIALS = 110
-"""Ten of each condition: some 5000 blows a floor."""
+"""Ten of each condition: some 5000 impacts a floor."""
 COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
 
 Progress = Callable[[int, int], None]
@@ -106,7 +106,7 @@ def tune_detector(
     progress: Progress = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Operating]]:
-    """The floor for these costs, judged on fresh draws, and the whole characteristic."""
+    """The floor for these costs, judged on fresh trials, and the whole characteristic."""
     refuse_same_seeds(seed, fresh_seed)
     if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
         raise BadInputError(
@@ -152,7 +152,7 @@ def tune_detector(
             f"false alarm; judged on seed {fresh_seed}"
         ),
         seed=seed,
-        range_is="floors whose cost cannot be told from the least",
+        range_is="floors whose cost does not differ significantly from the least",
         parameters={PARAMETER: tuned(PARAMETER, best.floor_m_s2, alike[0].floor_m_s2, alike[-1].floor_m_s2)},
         figures_of_merit={**merits("", fresh), **merits("default_", default)},
         warnings=tuple(warnings),

@@ -38,7 +38,7 @@ def draw_detector(tuning: Tuning, points: Sequence[Operating], path: Path) -> No
             xytext=(5, 4),
             fontsize=8,
         )
-    roc.set(xlabel="false alarms [1/h]", ylabel="blows missed [%], 95 % bounds", title="by floor in m/s²")
+    roc.set(xlabel="false alarms [1/h]", ylabel="impacts missed [%], 95 % bounds", title="by floor in m/s²")
     latency.semilogx(floors, [point.latency_p50_ms for point in points], "o-", label="median")
     latency.semilogx(floors, [point.latency_p95_ms for point in points], "s--", label="95 %")
     latency.set(xlabel="floor [m/s²]", ylabel="latency [ms]", title="from touch-down to its report")

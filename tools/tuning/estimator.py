@@ -3,16 +3,16 @@
 Each log is run again through the estimator (`replay`) with every combination of three parameters: the
 velocity's process noise (Q), for how long the model's error lasts, which is how many readings are one witness
 (R = N σ²), and how well the stop's place is known (R at a touch-down). What counts is the innovation at a
-touch-down: there the stop says where the striker is, which nothing has told the filter since the last one.
+touch-down: there the stop says where the striker is, which the filter has not learnt since the last one.
 Its log-likelihood is added up over logs, counted for as many as the touch-downs are worth (`innovations`).
 The innovation in free flight is no judge: the same reading that it corrects by has carried the state there,
-and its likelihood is the greater, the more the filter follows the model's errors. On drawn modules it would
+and its likelihood is the greater, the more the filter follows the model's errors. On sampled modules it would
 choose what makes the velocity three times as wrong; the touch-downs choose, without knowing it, what comes
 within 5 % of the least error of position. NIS has a say, too: innovations must be about as large as said.
 
 The sensor's own noise, floor of the σ² that the filter learns, is read off the second differences of the
 readings. Beside the likelihood stand NIS, a whiteness test, and errors against filterpy's smoother. Where a
-log has a truth beside it NEES and errors against that are told as well; no parameter depends on it.
+log has a truth beside it NEES and errors against that are reported as well; no parameter depends on it.
 """
 
 import math
@@ -57,7 +57,7 @@ SETTLED_SHARE = 0.25
 LARGEST_NIS = 1.5
 """At the stop, the median of logs. Too modest a filter costs a little accuracy, too sure a one the run."""
 NEAR = 1.92
-"""Below the best, half of χ²₁'s 95 %: such values cannot be told from it."""
+"""Below the best, half of χ²₁'s 95 %: such values do not differ significantly from it."""
 FRESH_TRIALS = 60
 NAIVE = {
     MEMORY: 0.0,
@@ -70,7 +70,7 @@ Progress = Callable[[int, int], None]
 
 
 class Source(NamedTuple):
-    """A log: a run folder or candump file, or a module drawn by seed and number."""
+    """A log: a run folder or candump file, or a module sampled by seed and number."""
 
     path: str
     seed: int
@@ -79,9 +79,9 @@ class Source(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What it holds, its run's beliefs, and the truth (x, v) where there is one, shape (2, ticks)."""
+    """What it holds, its run's parameters, and the truth (x, v) where there is one, shape (2, ticks)."""
 
-    beliefs: dict[str, Any]
+    nominal: dict[str, Any]
     ticks: Ticks
     truth: FloatArray | None
 
@@ -99,7 +99,7 @@ class Score(NamedTuple):
 
 
 class Worth(NamedTuple):
-    """How many innovations count, with the beliefs' own parameters; p-values of whiteness; sensor's noise."""
+    """How many innovations count, with the run's own parameters; p-values of whiteness; sensor's noise."""
 
     flight: float
     stop: float
@@ -132,10 +132,10 @@ def _log(source: Source) -> Log:
 
 def _of_file(path: Path) -> Log:
     from hil.run_traces import column, read_trace
-    from tools.tuning.identify import beliefs_of
+    from tools.tuning.identify import nominal_of
     from tools.tuning.readings import read_ticks
 
-    values = beliefs_of(path)
+    values = nominal_of(path)
     changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
     ticks = read_ticks(path, values["control.tick_s"])
     truth = None
@@ -157,7 +157,7 @@ def _drawn(source: Source) -> Log:
     from tools.tuning.recorded import record
 
     law, ratio = CONDITIONS[source.number % len(CONDITIONS)]
-    cell = Cell(law, ratio, 0.0, scene_of(law), LAWS[law]["beliefs"])
+    cell = Cell(law, ratio, 0.0, scene_of(law), LAWS[law]["nominal"])
     drawn = draw(cell.scene, Mismatch(), source.seed, source.number)
     ticks, truth = record(drawn.scene, config_from(cell.firmware), script(cell), source.seconds, drawn.noise)
     return Log(deepcopy(dict(cell.firmware)), ticks, np.stack([truth.x_m, truth.v_m_s]))
@@ -168,7 +168,7 @@ def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, in
     from firmware_py.shell.parameters import config_from
     from tools.tuning.replay import replay
 
-    firmware = deepcopy(log.beliefs)
+    firmware = deepcopy(log.nominal)
     for block, table in nested(parameters).items():
         firmware.setdefault(block, {}).update(table)
     config = config_from(firmware)
@@ -195,7 +195,7 @@ def weigh(source: Source) -> Worth:
     flying, stop = course[course[:, replay.FLYING] > 0.0], course[course[:, replay.AT_STOP] > 0.0]
     y = flying[:, replay.INNOVATION] / flying[:, replay.INNOVATION_STD]
     nu = stop[:, replay.STOP_INNOVATION] / np.sqrt(stop[:, replay.STOP_VARIANCE])
-    every = max(round(config.estimator.trust.readings_as_one), 1)
+    every = max(round(config.estimator.noise.readings_as_one), 1)
     # White noise n has second differences of variance 6 n²; the median's share of a normal's spread.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
     noise_m_s2 = float(np.nanmedian(bends)) / 0.6745 / math.sqrt(6.0)
@@ -246,7 +246,7 @@ def _score(source: Source, parameters: dict[str, float]) -> Score:
 
 
 def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]]:
-    """Every combination, and what the beliefs themselves say at the end."""
+    """Every combination, and that of the run's own parameters at the end."""
     points = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
     return [dict(zip(grid, point.tolist(), strict=True)) for point in points]
 
@@ -329,7 +329,7 @@ def tune_estimator(
     progress: Progress = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Combination]]:
-    """The most likely combination from logs, or from drawn modules' logs; judged on fresh modules."""
+    """The most likely combination from logs, or from sampled modules' logs; judged on fresh modules."""
     refuse_same_seeds(seed, fresh_seed)
     for path in logs:
         if not path.exists():
@@ -384,12 +384,12 @@ def tune_estimator(
             for name, unit in (("x_rmse", "mm"), ("v_rmse", "m/s")):
                 some = [one.metrics[name] for one in outcomes if one.eligible]
                 merits[f"{prefix}{name}"] = Merit(float(np.median(some)), unit)
-    what = ", ".join(str(path) for path in logs) or f"{modules} drawn modules, {seconds:g} s each"
+    what = ", ".join(str(path) for path in logs) or f"{modules} sampled modules, {seconds:g} s each"
     tuning = Tuning(
         command="estimator",
         source=f"{what}; judged on seed {fresh_seed}" if fresh_trials else what,
         seed=None if logs else seed,
-        range_is="values whose likelihood, whatever the others, cannot be told from the best",
+        range_is="values whose likelihood, whatever the others, does not differ significantly from the best",
         parameters=parameters,
         figures_of_merit=merits,
         warnings=tuple(warnings),
@@ -400,12 +400,12 @@ def tune_estimator(
 def _warnings(
     parameters: dict[str, Value], worths: Sequence[Worth], grid: dict[str, tuple[float, ...]]
 ) -> list[str]:
-    """What the logs cannot tell."""
+    """What the logs cannot identify."""
     found = []
     for name, tried in grid.items():
         value = parameters[name]
         if value.low == tried[0] and value.high == tried[-1]:
-            found.append(f"{name}: the logs cannot tell it, all values tried are as likely")
+            found.append(f"{name}: the logs cannot identify it, all values tried are as likely")
         elif value.value in (tried[0], tried[-1]):
             found.append(f"{name}: the most likely value lies at the end of those tried")
     if sum(one.stop for one in worths) < 5.0:

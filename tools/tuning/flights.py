@@ -4,7 +4,7 @@ In free flight, with the accelerometer's offset β,
 
     z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
 
-and the reading itself tells how the striker moves from where the flight began:
+and the reading itself shows how the striker moves from where the flight began:
 
     x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
 
@@ -27,8 +27,8 @@ BoolArray = NDArray[np.bool_]
 
 DROP_M_S2 = 4.0
 """A touch-down: the reading falls by more within two ticks. A dry guide with μ = 0.3 turns 5.9 slowly."""
-BLOW_M_S2 = 8.0
-"""And falls by so much in all."""
+IMPACT_M_S2 = 8.0
+"""And falls by this in all."""
 BACK_M_S2 = 1.0
 LONGEST_CONTACT_S = 0.08
 RINGING_S = 0.008
@@ -39,7 +39,7 @@ LONGEST_FLIGHT_S = 0.7
 SHORTEST_FLIGHT_S = 0.1
 STILL_M_S2 = 0.15
 STILL_S = 0.04
-"""A striker whose reading varies by less for so long stands still: nothing to be learnt but the offset."""
+"""A striker whose reading varies by less for this time stands still: nothing to be learnt but the offset."""
 RESTING_M_S2 = 0.5
 """And reads no more than at rest. Where a striker turns its reading is as flat, only far from there; were
 samples left out there by how little they vary, the noise would choose which, and b come out 1 % small."""
@@ -73,7 +73,7 @@ class Flight:
 
 
 def contacts_of(readings: Readings) -> list[Contact]:
-    """All blows on the stop: a steep fall of the reading, and its way back."""
+    """All impacts on the stop: a steep fall of the reading, and its way back."""
     z = readings.acceleration_m_s2
     longest = round(LONGEST_CONTACT_S / readings.period_s)
     found = []
@@ -89,7 +89,7 @@ def contacts_of(readings: Readings) -> list[Contact]:
                 continue
             after = before + 2 + int(back[0])
             behind = after
-            if np.min(z[before:after]) < z[before] - BLOW_M_S2:
+            if np.min(z[before:after]) < z[before] - IMPACT_M_S2:
                 found.append(Contact(before, after))
     return found
 

@@ -9,7 +9,7 @@ that this is maximum likelihood, and
     σ² (Σ_i S_i)⁻¹,   S_i = JᵀJ − JᵀB (BᵀB)⁻¹ BᵀJ
 
 with a flight's derivatives J by the parameters and B by its own beginning, is the Cramér–Rao bound: flights
-whose beginnings nothing else tells know the parameters no better.
+whose beginnings nothing else determines do not improve the parameters.
 
 All flights are run side by side, shape (ticks, flights). v's sign changes within a tick: dry friction acts
 with its mean over it, and derivatives of v jump there by the ratio of the accelerations (saltation).
@@ -91,8 +91,8 @@ def fly(
         kept = as_good_as_most(left, table.used)
         squares = np.einsum("atn,btn->nab", rows, rows)
         slopes = np.einsum("atn,tn->na", rows, left)
-        # The beginnings are told by their own flights alone: eliminated.
-        # A flight that friction holds from its first tick on does not tell how fast it began.
+        # The beginnings are determined by their own flights alone: eliminated.
+        # A flight that friction holds from its first tick on does not show how fast it began.
         own = np.linalg.pinv(squares[:, p:, p:], SINGULAR, hermitian=True) @ np.dstack(
             [squares[:, p:, :p], slopes[:, p:, None]]
         )
@@ -108,7 +108,7 @@ def fly(
 
 
 def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[str, float]:
-    """Standard deviations: by the sensor's noise, or over flights drawn anew where that is more."""
+    """Standard deviations: by the sensor's noise, or over resampled flights where that is more."""
     n = len(flown.says)
     drawn = np.array(
         [

@@ -2,12 +2,12 @@
 
 Only what went over CAN is used: the accelerometer and the encoder. `flights` says how a free flight is linear
 in the parameters, `laws` how all flights are put together and the friction law is chosen, and `flown` has the
-most likely values. Their bounds are what the sensor's noise allows (Cramér–Rao), or what flights drawn again
+most likely values. Their bounds are what the sensor's noise allows (Cramér–Rao), or what resampled flights
 with replacement show (bootstrap, Efron 1979) where that is wider. Where and how fast the striker touches down
-follows from the flight before, and `blows` says when, how stiffly and with which restitution.
+follows from the flight before, and `impacts` says when, how stiffly and with which restitution.
 
-Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the believed mass,
-places for the believed l0.
+Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the nominal mass,
+places for the nominal l0.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,7 +28,6 @@ from hil.seen_on_bus import heard
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
 from tools.output import BadInputError
-from tools.tuning.blows import Friction, contact_time_s, fit_blow
 from tools.tuning.flights import (
     CRANK,
     DAMPING,
@@ -40,6 +39,7 @@ from tools.tuning.flights import (
     integrals,
 )
 from tools.tuning.flown import Flown, fly, spreads
+from tools.tuning.impacts import Friction, contact_time_s, fit_impact
 from tools.tuning.laws import (
     READING,
     Fit,
@@ -67,23 +67,23 @@ SIGN_PASSES = 8
 """How often the sign of v is taken anew from the last fit; it settles after four."""
 FEWEST_FLIGHTS = 8
 WIDE_SHARE = 0.1
-"""Bounds wider than this share of the value: the log cannot tell."""
+"""Bounds wider than this share of the value: the log cannot identify it."""
 CONDITION_LIMIT = 1e5
 """Of the normalised normal matrix; beyond, regressors are each other's shadow."""
 AFTER_ROWS = 3
-"""Of a contact that still belong to the blow."""
-FEWEST_BLOWS = 5
+"""Of a contact that still belong to the impact."""
+FEWEST_IMPACTS = 5
 CLEAR_LEAD = 6.0
 UNEXPLAINED = 3.0
 """Times the sensor's noise."""
 SHARED = {"stop_m": 3e-5, "restitution": 1.5e-3}
-"""By how much all blows of a log are wrong alike, on drawn modules: their bounds are wider by this."""
+"""By how much all impacts of a log are wrong alike, on sampled modules: their bounds are wider by this."""
 GRAZING_M_S = 0.1
-"""Slower blows place the stop badly."""
+"""Slower impacts place the stop badly."""
 
 
-class Blow(NamedTuple):
-    """A touch-down: where past l0 and when, the speed before it, and what `blows` makes of the readings."""
+class Impact(NamedTuple):
+    """A touch-down: where past l0 and when, the speed before it, and what `impacts` makes of the readings."""
 
     stop_m: float
     speed_m_s: float
@@ -102,7 +102,7 @@ class Identified:
     plain: Striker
     """The same law by least squares on the equations as they are: no weights, no likelihood."""
     bounds: dict[str, tuple[float, float]]
-    blows: tuple[Blow, ...]
+    impacts: tuple[Impact, ...]
     flights: int
     used: tuple[Flight, ...]
     """Flights with the sign of v, for pictures."""
@@ -144,19 +144,19 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
     masks = [mask & bool(one) for mask, one in zip(signed.chosen, says, strict=True)]
     flown = fly(chosen.flights, masks, law, chosen.fit.striker, chosen.fit.rise)
     fit = replace(chosen.fit, striker=flown.striker)
-    blows = tuple(
-        blow
+    impacts = tuple(
+        impact
         for flight in chosen.flights
         if flight.contact is not None
-        and (blow := _blow(readings, flight, flight.contact, fit, bandwidth_hz)) is not None
+        and (impact := _impact(readings, flight, flight.contact, fit, bandwidth_hz)) is not None
     )
     noise = np.random.default_rng(seed)
     return Identified(
         fits={name: one.fit for name, one in fitted.items()} | {law: fit},
         law=law,
         plain=solved(matrices, law),
-        bounds=_bounds(flown, noise) | _bounds_of_blows(blows, noise),
-        blows=blows,
+        bounds=_bounds(flown, noise) | _bounds_of_impacts(impacts, noise),
+        impacts=impacts,
         flights=len(flights),
         used=tuple(flight for flight, one in zip(chosen.flights, says, strict=True) if one),
         left_out=int(np.count_nonzero(~says)),
@@ -193,13 +193,13 @@ def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
     return np.concatenate(speeds), np.concatenate(left)
 
 
-# --- blows --------------------------------------------------------------------------------------------
+# --- impacts --------------------------------------------------------------------------------------------
 
 
-def _blow(
+def _impact(
     readings: Readings, flight: Flight, contact: Contact, fitted_law: Fit, bandwidth_hz: float
-) -> Blow | None:
-    """Where and how fast the striker touched down, and what the stop made of it; None for a weak blow."""
+) -> Impact | None:
+    """Where and how fast the striker touched down, and what the stop made of it; None for a weak impact."""
     T = readings.period_s
     striker = fitted_law.striker
     k, amplitude, d, f, _, offset = striker
@@ -213,7 +213,7 @@ def _blow(
     v = v0 + velocity[-1] - offset * t
     if v < GRAZING_M_S or not np.all(np.isfinite(z)):
         return None
-    # What spring and crank would give over the blow; the striker stays where it is, within 3 mm.
+    # What spring and crank would give over the impact; the striker stays where it is, within 3 mm.
     rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
     angle = readings.angle_rad[contact.before : end]
     spring = -k * (x - amplitude * np.sin(angle))
@@ -224,11 +224,11 @@ def _blow(
     for _ in range(2):
         speed = v + coming * (at_s + delay_s)
         pull = -float(np.mean(spring))
-        fitted = fit_blow(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, friction)
+        fitted = fit_impact(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, friction)
         at_s = fitted.touch_down_s
     # All of the flight lags behind by the low-pass's delay.
     since = at_s + delay_s
-    return Blow(
+    return Impact(
         stop_m=x + v * since + 0.5 * coming * since * since,
         speed_m_s=speed,
         restitution=fitted.restitution,
@@ -255,18 +255,20 @@ def _bounds(flown: Flown, noise: np.random.Generator) -> dict[str, tuple[float, 
     }
 
 
-def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """Of the medians over blows, drawn with replacement."""
-    if len(blows) < 2:
+def _bounds_of_impacts(
+    impacts: tuple[Impact, ...], noise: np.random.Generator
+) -> dict[str, tuple[float, float]]:
+    """Of the medians over impacts, resampled with replacement."""
+    if len(impacts) < 2:
         return {}
-    table = np.array(blows)
+    table = np.array(impacts)
     medians = np.array(
         [np.median(table[noise.integers(len(table), size=len(table))], axis=0) for _ in range(RESAMPLES)]
     )
     lows, highs = np.percentile(medians, (2.5, 97.5), axis=0).tolist()
     return {
         name: (low - SHARED.get(name, 0.0), high + SHARED.get(name, 0.0))
-        for name, low, high in zip(Blow._fields, lows, highs, strict=True)
+        for name, low, high in zip(Impact._fields, lows, highs, strict=True)
     }
 
 
@@ -276,7 +278,7 @@ def _bounds_of_blows(blows: tuple[Blow, ...], noise: np.random.Generator) -> dic
 OF_A_RUN = ("scenario of a run", "give the run's can.log alone, which goes by the default parameters")
 
 
-def beliefs_of(source: Path) -> dict[str, float]:
+def nominal_of(source: Path) -> dict[str, float]:
     """The firmware's parameters in that run; the defaults for a bare log."""
     scenario = source / "scenario.toml"
     document = read_toml(scenario, *OF_A_RUN) if scenario.is_file() else {}
@@ -301,11 +303,11 @@ def bench_of(source: Path, scene: str | None) -> Bench | None:
 
 
 def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Readings]:
-    """The firmware's beliefs about striker, friction and stop, from a run folder or a candump log."""
-    beliefs = beliefs_of(source)
-    readings = read(source, beliefs["sensor.low_full_scale_m_s2"], beliefs["control.tick_s"])
-    found = identify(readings, beliefs["sensor.bandwidth_hz"], seed)
-    mass, rest = beliefs["striker.mass_kg"], beliefs["striker.rest_length_m"]
+    """The firmware's parameters of striker, friction and stop, from a run folder or a candump log."""
+    nominal = nominal_of(source)
+    readings = read(source, nominal["sensor.low_full_scale_m_s2"], nominal["control.tick_s"])
+    found = identify(readings, nominal["sensor.bandwidth_hz"], seed)
+    mass, rest = nominal["striker.mass_kg"], nominal["striker.rest_length_m"]
     striker, bounds = found.fit.striker, found.bounds
     places = {
         "striker.spring_n_m": (striker.stiffness_1_s2, "stiffness_1_s2", mass, 0.0),
@@ -313,8 +315,8 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
         "friction.b_n_s_m": (abs(striker.damping_1_s), "damping_1_s", mass, 0.0),
         "friction.mu": (abs(striker.dry_m_s2), "dry_m_s2", 1.0 / STANDARD_GRAVITY_M_S2, 0.0),
     }
-    if len(found.blows) >= FEWEST_BLOWS:
-        stop_m, _, restitution, contact_s, _, _ = np.median(np.array(found.blows), axis=0).tolist()
+    if len(found.impacts) >= FEWEST_IMPACTS:
+        stop_m, _, restitution, contact_s, _, _ = np.median(np.array(found.impacts), axis=0).tolist()
         places |= {
             "stop.position_m": (stop_m, "stop_m", 1.0, rest),
             "stop.restitution": (restitution, "restitution", 1.0, 0.0),
@@ -331,23 +333,23 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
         "condition": Merit(found.fit.condition, "1"),
         "flights": Merit(float(found.flights - found.left_out), "1"),
         "flights_left_out": Merit(float(found.left_out), "1"),
-        "blows": Merit(float(len(found.blows)), "1"),
+        "impacts": Merit(float(len(found.impacts)), "1"),
         "fitted": Merit(found.seconds, "s"),
     }
     if found.law == Law.STRIBECK:
         merits["stribeck_mu_s"] = Merit((striker.dry_m_s2 + striker.rise_m_s2) / STANDARD_GRAVITY_M_S2, "1")
         merits["stribeck_v_s"] = Merit(found.fit.rise.v_s_m_s, "m/s")
         merits["stribeck_delta"] = Merit(found.fit.rise.delta, "1")
-    if found.blows:
-        merits["blows_misfit"] = Merit(float(np.median([blow.misfit for blow in found.blows])), "1")
+    if found.impacts:
+        merits["impacts_misfit"] = Merit(float(np.median([impact.misfit for impact in found.impacts])), "1")
     tuning = Tuning(
         command="identify",
         source=f"{source}: {found.law.value} friction, {found.seconds:.1f} s of free flight",
         seed=seed,
-        range_is="95 %: by the sensor's noise, or over resampled flights and blows where that is wider",
+        range_is="95 %: by the sensor's noise, or over resampled flights and impacts where that is wider",
         parameters=parameters,
         figures_of_merit=merits,
-        warnings=tuple(_warnings(found, parameters, readings, beliefs)),
+        warnings=tuple(_warnings(found, parameters, readings, nominal)),
     )
     return tuning, found, readings
 
@@ -359,27 +361,27 @@ def _lead(found: Identified) -> float:
 
 
 def _warnings(
-    found: Identified, parameters: Mapping[str, Value], readings: Readings, beliefs: Mapping[str, float]
+    found: Identified, parameters: Mapping[str, Value], readings: Readings, nominal: Mapping[str, float]
 ) -> Iterator[str]:
-    """What the log cannot tell."""
+    """What the log cannot identify it."""
     yield (
-        f"mass and rest length cannot be told by accelerometer and encoder: forces are for "
-        f"{beliefs['striker.mass_kg']:g} kg, the stop for l0 = {beliefs['striker.rest_length_m']:g} m"
+        f"mass and rest length cannot be identified from accelerometer and encoder: forces are for "
+        f"{nominal['striker.mass_kg']:g} kg, the stop for l0 = {nominal['striker.rest_length_m']:g} m"
     )
     for name, (value, unit, low, high) in parameters.items():
-        size = value - beliefs["striker.rest_length_m"] if name == "stop.position_m" else value
+        size = value - nominal["striker.rest_length_m"] if name == "stop.position_m" else value
         if high - low > WIDE_SHARE * abs(size) and value != 0.0:
             yield (
                 f"{name} = {value:.4g} {unit} is known no better than {low:.4g} … {high:.4g}: a longer log, "
-                "or one with several speeds, would tell"
+                "or one with several speeds, would show it"
             )
     if found.fit.condition > CONDITION_LIMIT:
         yield f"the regressors are nearly each other's shadow (condition {found.fit.condition:.2g})"
     if _lead(found) < CLEAR_LEAD:
-        yield f"the friction laws are hardly told apart (criterion {_lead(found):.1f} better than the next)"
-    if len(found.blows) < FEWEST_BLOWS:
-        yield f"{len(found.blows)} usable blows: nothing is said of the stop, wanted {FEWEST_BLOWS}"
-    noise_m_s2 = beliefs["estimator.model_std_m_s2"]
+        yield f"the friction laws are hardly distinguished (criterion {_lead(found):.1f} above the next)"
+    if len(found.impacts) < FEWEST_IMPACTS:
+        yield f"{len(found.impacts)} usable impacts: nothing is said of the stop, wanted {FEWEST_IMPACTS}"
+    noise_m_s2 = nominal["estimator.model_std_m_s2"]
     if found.fit.residual_m_s2 > UNEXPLAINED * noise_m_s2:
         yield (
             f"the residual is {found.fit.residual_m_s2:.3g} m/s², the sensor's noise {noise_m_s2:.3g}: "

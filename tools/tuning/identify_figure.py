@@ -1,4 +1,4 @@
-"""What was identified in one picture: residuals by law, the friction as it acts, the blows."""
+"""What was identified in one picture: residuals by law, the friction as it acts, the impacts."""
 
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
     )
     _friction(axes[0], found)
     _laws(axes[1], found)
-    _blows(axes[2], found)
+    _impacts(axes[2], found)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -56,13 +56,13 @@ def _laws(axes: Any, found: Identified) -> None:
     axes.grid(alpha=0.3, axis="y", which="both")
 
 
-def _blows(axes: Any, found: Identified) -> None:
-    if not found.blows:
-        axes.set_title("no blows")
+def _impacts(axes: Any, found: Identified) -> None:
+    if not found.impacts:
+        axes.set_title("no impacts")
         return
-    table = np.array(found.blows)
+    table = np.array(found.impacts)
     axes.plot(table[:, 1], 1e3 * table[:, 0], ".", color="tab:red", label="stop past l0 [mm]")
-    axes.set(xlabel="approach speed v⁻ [m/s]", ylabel="stop past l0 [mm]", title="blows")
+    axes.set(xlabel="approach speed v⁻ [m/s]", ylabel="stop past l0 [mm]", title="impacts")
     other = axes.twinx()
     other.plot(table[:, 1], table[:, 2], "x", color="tab:purple", ms=4)
     other.set_ylabel("restitution (×)", color="tab:purple")

@@ -2,7 +2,7 @@
 
 Innovations of a wrong model hang together: a thousand in a row are no thousand witnesses. Their likelihood is
 therefore counted for as many as they are worth (Varin, Reid & Firth 2011, 4.1), which their autocorrelation
-about 0 tells; a constant one is a single witness.
+about 0 is informative; a constant one is a single witness.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from scipy.stats import chi2
 FloatArray = NDArray[np.float64]
 
 HIGHEST_NIS = 25.0
-"""Counted as 5 sigma at most, so that one blow that was not recognised decides nothing."""
+"""Counted as 5 sigma at most, so that one impact that was not recognised decides nothing."""
 LEAST_CORRELATION = 0.05
 LAGS = 10
 

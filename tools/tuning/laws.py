@@ -10,7 +10,7 @@ flight run again by the model that was fitted, which has no noise in it, and the
 
 Friction laws, by unit of mass: d v, f sign v, and for Stribeck's rise h exp(−(|v|/v_s)^δ) sign v on top. v_s
 is no linear parameter: it is sought. The simplest law is chosen from which the Bayesian
-information criterion (Schwarz 1978) does not clearly tell a better one.
+information criterion (Schwarz 1978) does not clearly show a better one.
 """
 
 import math
@@ -47,7 +47,7 @@ FEWEST_SAMPLES = 50
 OUTLYING = 4.0
 """Times the median of the flights' mean squared residuals: left out."""
 AVERAGED = 5
-"""Readings are taken so many at a time: nothing that moves here is as fast."""
+"""Readings taken at a time: nothing that moves here is as fast."""
 HARDLY = 10.0
 """Beyond, the evidence is very strong (Kass & Raftery 1995)."""
 INSTRUMENT_PASSES = 2
@@ -57,7 +57,7 @@ RISE_PASSES = 4
 
 
 class Law(StrEnum):
-    """Friction laws that are told apart."""
+    """Friction laws that are distinguished."""
 
     VISCOUS = "viscous"
     COULOMB = "coulomb"
@@ -308,7 +308,7 @@ def candidates(samples: Samples) -> dict[Law, Candidate]:
 
 
 def simplest(fitted: Mapping[Law, Candidate]) -> Law:
-    """The law with the fewest parameters of those that the criterion hardly tells from the best."""
+    """The law with the fewest parameters of those that the criterion hardly distinguishes from the best."""
     best = min(one.fit.criterion for one in fitted.values())
     near = [law for law, one in fitted.items() if one.fit.criterion < best + HARDLY]
     return min(near, key=lambda law: (len(USED[law]) + 2 * (law == Law.STRIBECK), fitted[law].fit.criterion))

@@ -1,4 +1,4 @@
-"""Logs of drawn modules, made by the campaigns' compiled loop: what goes over CAN by tick, and the truth.
+"""Logs of sampled modules, made by the campaigns' compiled loop: what goes over CAN by tick, and the truth.
 
 What such a log has less than one of the bench: no candump text, and no frame is ever late or lost. The
 frames' values are the same, quantised and saturated as the codec does it.

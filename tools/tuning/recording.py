@@ -13,11 +13,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from hil.lanes import ALARM, BELIEF, OTHER, TARGET, TRUTH
+from hil.lanes import ALARM, ESTIMATE, OTHER, TARGET, TRUTH
 from hil.rerun_log import APPLICATION_ID
 from tools.tuning.result import Tuning
 
-COLOURS = (TRUTH, BELIEF, OTHER, ALARM, TARGET)
+COLOURS = (TRUTH, ESTIMATE, OTHER, ALARM, TARGET)
 FIGURES_SHOWN = 30
 
 

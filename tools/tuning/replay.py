@@ -65,16 +65,16 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         row[STOP_INNOVATION] = (
             config.estimator.striker.stop_m
             + contact.approach_speed_m_s * contact.age_s
-            - predicted.belief.x_m
+            - predicted.estimate.x_m
         )
         jitter_m = contact.approach_speed_m_s * config.estimator.touch_down_jitter_s
-        row[STOP_VARIANCE] = predicted.belief.p.xx + config.estimator.stop_variance + jitter_m * jitter_m
+        row[STOP_VARIANCE] = predicted.estimate.p.xx + config.estimator.stop_variance + jitter_m * jitter_m
         row[MEAN_M_S2] = np.nan
         if before.started and before.sensor.missed_ticks == 0 and predicted.sensor.missed_ticks == 0:
             # The strapdown's own step: v ← v + (mean − b) T
             T = config.tick_s
-            row[MEAN_M_S2] = (predicted.belief.v_m_s - before.v_m_s) / T + before.bias_m_s2
-            row[Q_VV] = predicted.belief.p.vv - (before.p_vv - 2.0 * T * before.p_vb + T * T * before.p_bb)
+            row[MEAN_M_S2] = (predicted.estimate.v_m_s - before.v_m_s) / T + before.bias_m_s2
+            row[Q_VV] = predicted.estimate.p.vv - (before.p_vv - 2.0 * T * before.p_vb + T * T * before.p_bb)
 
 
 def replay(config: Config, ticks: Ticks) -> FloatArray:

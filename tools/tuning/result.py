@@ -26,7 +26,7 @@ class Merit(NamedTuple):
 class Tuning:
     """`source`: a run's folder, or what it was designed for; `range_is`: what low and high mean.
 
-    `default_as_good`: whether the defaults together perform as well on fresh draws; None where that was not
+    `default_as_good`: whether the defaults together perform as well on fresh trials; None where that was not
     asked and values are compared.
     """
 

@@ -41,7 +41,7 @@ CROSSOVERS_RAD_S = (1.0, 500.0)
 POINTS = 2000
 
 
-class Belief(NamedTuple):
+class NominalDrive(NamedTuple):
     """What the loop is designed for: motor with crank, tick and tracker."""
 
     inertia_kg_m2: float = DEFAULTS["motor.inertia_kg_m2"]
@@ -90,28 +90,28 @@ def design_speed_loop(
     integral_ratio: float = 6.25,
 ) -> SpeedDesign:
     """Gains for a crossover near `crossover_rad_s`, and the margins of the loop as it runs."""
-    belief = Belief(inertia_kg_m2, viscous_n_m_s, tick_s, tracker_rad_s)
-    gain_p, gain_i = gains(belief, crossover_rad_s, integral_ratio)
-    return margins(belief, _rounded(gain_p), _rounded(gain_i))
+    nominal = NominalDrive(inertia_kg_m2, viscous_n_m_s, tick_s, tracker_rad_s)
+    gain_p, gain_i = gains(nominal, crossover_rad_s, integral_ratio)
+    return margins(nominal, _rounded(gain_p), _rounded(gain_i))
 
 
-def gains(belief: Belief, crossover_rad_s: float, integral_ratio: float) -> tuple[float, float]:
+def gains(nominal: NominalDrive, crossover_rad_s: float, integral_ratio: float) -> tuple[float, float]:
     """K_p = J ω_c, K_i = K_p ω_c / ratio."""
-    gain_p = belief.inertia_kg_m2 * crossover_rad_s
+    gain_p = nominal.inertia_kg_m2 * crossover_rad_s
     return gain_p, gain_p * crossover_rad_s / integral_ratio
 
 
 def respond(
-    belief: Belief, gain_p_n_m_s: float, gain_i_n_m: float, omega_rad_s: FloatArray | None = None
+    nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float, omega_rad_s: FloatArray | None = None
 ) -> LoopResponse:
     """The loop's frequency responses; from a hundredth of the crossover up where no frequencies are given.
 
     Below, the double integrator has no margins, only rounding errors.
     """
-    J, B, T, _ = belief
+    J, B, T, _ = nominal
     if omega_rad_s is None:
         omega_rad_s = np.geomspace(0.01 * gain_p_n_m_s / J, 0.99 * math.pi / T, POINTS)
-    loop = _response(speed_loop(*belief, gain_p_n_m_s, gain_i_n_m), omega_rad_s)
+    loop = _response(speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m), omega_rad_s)
     motor = _response(_motor(J, B, T), omega_rad_s)
     # The tracker follows the motor exactly while it knows the torque: the target sees K G / (1 + K G).
     tick = np.exp(-1j * omega_rad_s * T)
@@ -120,9 +120,9 @@ def respond(
     return LoopResponse(omega_rad_s, loop, forward / (1.0 + forward), motor / (1.0 + loop))
 
 
-def margins(belief: Belief, gain_p_n_m_s: float, gain_i_n_m: float) -> SpeedDesign:
+def margins(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> SpeedDesign:
     """What the loop with these gains does."""
-    response = respond(belief, gain_p_n_m_s, gain_i_n_m)
+    response = respond(nominal, gain_p_n_m_s, gain_i_n_m)
     omega, loop = response.omega_rad_s, response.loop
     gain_margin, phase_margin, _, _, crossover, _ = control.stability_margins(control.frd(loop, omega))
     fallen = np.flatnonzero(np.abs(response.closed) < math.sqrt(0.5))
@@ -144,14 +144,14 @@ def margins(belief: Belief, gain_p_n_m_s: float, gain_i_n_m: float) -> SpeedDesi
     )
 
 
-def is_stable(belief: Belief, gain_p_n_m_s: float, gain_i_n_m: float) -> bool:
+def is_stable(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> bool:
     """Whether the closed loop settles; the crank's angle is no part of it, so that one pole stays at 1."""
-    loop = speed_loop(*belief, gain_p_n_m_s, gain_i_n_m)
+    loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
     poles = np.sort(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)))
     return bool(poles[-2] < 1.0)
 
 
-def shape(belief: Belief, bandwidth_hz: float, phase_margin_deg: float) -> tuple[float, float]:
+def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -> tuple[float, float]:
     """Crossover and integral ratio that give this bandwidth and, with the strongest integral, this margin.
 
     Bandwidth grows with the crossover and the phase margin with the ratio, so that both are bisected.
@@ -162,19 +162,19 @@ def shape(belief: Belief, bandwidth_hz: float, phase_margin_deg: float) -> tuple
 
     def crossover(ratio: float) -> float:
         def wide(one: float) -> bool:
-            closed = respond(belief, *gains(belief, one, ratio), at_wanted).closed
+            closed = respond(nominal, *gains(nominal, one, ratio), at_wanted).closed
             return bool(abs(closed[0]) >= math.sqrt(0.5))
 
         return _bisected(wide, *CROSSOVERS_RAD_S)
 
     def margin(ratio: float) -> float:
-        return _phase_margin_deg(respond(belief, *gains(belief, crossover(ratio), ratio)))
+        return _phase_margin_deg(respond(nominal, *gains(nominal, crossover(ratio), ratio)))
 
     weakest = INTEGRAL_RATIOS[1]
-    reached = margins(belief, *gains(belief, crossover(weakest), weakest))
+    reached = margins(nominal, *gains(nominal, crossover(weakest), weakest))
     if abs(reached.bandwidth_rad_s / wanted_rad_s - 1.0) > 0.05:
         raise BadInputError(
-            f"--bandwidth-hz {bandwidth_hz:g} cannot be had with a tick of {belief.tick_s:g} s; the nearest "
+            f"--bandwidth-hz {bandwidth_hz:g} cannot be had with a tick of {nominal.tick_s:g} s; the nearest "
             f"is {reached.bandwidth_rad_s / (2.0 * math.pi):.3g} Hz"
         )
     if reached.phase_margin_deg < phase_margin_deg:
@@ -210,20 +210,20 @@ def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def tune_speed(
-    belief: Belief = Belief(),  # noqa: B008 - a tuple of numbers
+    nominal: NominalDrive = NominalDrive(),  # noqa: B008 - a tuple of numbers
     bandwidth_hz: float = BANDWIDTH_HZ,
     phase_margin_deg: float = PHASE_MARGIN_DEG,
 ) -> tuple[Tuning, SpeedDesign]:
     """Gains for a bandwidth and a phase margin, each with how far it alone may go, and the margins."""
     gain_p, gain_i = (
-        _rounded(gain) for gain in gains(belief, *shape(belief, bandwidth_hz, phase_margin_deg))
+        _rounded(gain) for gain in gains(nominal, *shape(nominal, bandwidth_hz, phase_margin_deg))
     )
-    design = margins(belief, gain_p, gain_i)
+    design = margins(nominal, gain_p, gain_i)
 
     def sound(factor_p: float, factor_i: float) -> bool:
         moved = gain_p * factor_p, gain_i * factor_i
-        peak = np.max(np.abs(1.0 / (1.0 + respond(belief, *moved).loop)))
-        return is_stable(belief, *moved) and bool(peak <= LARGEST_PEAK)
+        peak = np.max(np.abs(1.0 / (1.0 + respond(nominal, *moved).loop)))
+        return is_stable(nominal, *moved) and bool(peak <= LARGEST_PEAK)
 
     p_low = 1.0 / _bisected(lambda one: not sound(1.0 / one, 1.0), 1.0, 100.0)
     p_high = _bisected(lambda one: not sound(one, 1.0), 1.0, 100.0)
@@ -231,8 +231,8 @@ def tune_speed(
     return Tuning(
         command="speed",
         source=(
-            f"design: J = {belief.inertia_kg_m2:g} kg m², B = {belief.viscous_n_m_s:g} N m s, tick "
-            f"{belief.tick_s:g} s, asked for {bandwidth_hz:g} Hz and {phase_margin_deg:g}°"
+            f"design: J = {nominal.inertia_kg_m2:g} kg m², B = {nominal.viscous_n_m_s:g} N m s, tick "
+            f"{nominal.tick_s:g} s, asked for {bandwidth_hz:g} Hz and {phase_margin_deg:g}°"
         ),
         seed=None,
         range_is=f"each gain alone, the loop's sensitivity within {LARGEST_PEAK:g}",
@@ -240,7 +240,7 @@ def tune_speed(
             "speed.gain_p_n_m_s": tuned("speed.gain_p_n_m_s", gain_p, p_low * gain_p, p_high * gain_p),
             "speed.gain_i_n_m": tuned("speed.gain_i_n_m", gain_i, 0.0, i_high * gain_i),
             "crank.bandwidth_rad_s": tuned(
-                "crank.bandwidth_rad_s", belief.tracker_rad_s, belief.tracker_rad_s, belief.tracker_rad_s
+                "crank.bandwidth_rad_s", nominal.tracker_rad_s, nominal.tracker_rad_s, nominal.tracker_rad_s
             ),
         },
         figures_of_merit=merits(design),
@@ -282,7 +282,7 @@ def speed_loop(
     a = np.zeros((8, 8))
     b = np.zeros((8, 1))
     a[0:2, 0:2], b[0:2] = motor
-    # The tracker predicts with the torque that it believes to act: the command of the tick before.
+    # The tracker predicts with the torque that it assumes: the command of the tick before.
     predicted = np.zeros((3, 8))
     predicted[0, 2:5] = (1.0, T - 0.5 * T * T * viscous_n_m_s / J, 0.5 * T * T)
     predicted[1, 2:5] = (0.0, 1.0 - T * viscous_n_m_s / J, T)
@@ -308,11 +308,11 @@ def speed_loop(
 
 
 def closed_loops(
-    belief: Belief, gain_p_n_m_s: float, gain_i_n_m: float
+    nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float
 ) -> tuple[control.StateSpace, control.StateSpace]:
     """From target speed to speed, and from a torque on the crank to speed, without limits or feed-forward."""
-    T = belief.tick_s
-    loop = speed_loop(*belief, gain_p_n_m_s, gain_i_n_m)
+    T = nominal.tick_s
+    loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
     a = loop.A - loop.B @ loop.C
     target = np.zeros((8, 1))
     # e = ω* − ω̂ enters the integral and the proportional part.

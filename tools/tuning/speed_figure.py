@@ -6,7 +6,7 @@ from typing import Any
 import control
 import numpy as np
 
-from tools.tuning.speed import Belief, SpeedDesign, closed_loops, respond
+from tools.tuning.speed import NominalDrive, SpeedDesign, closed_loops, respond
 from tools.tuning.speed_measurement import MeasuredLoop
 
 SHOWN_S = 0.25
@@ -14,7 +14,7 @@ LOAD_N_M = 0.1
 """About the crank's peak load at r = 1.3."""
 
 
-def draw_speed(belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None, path: Path) -> None:
+def draw_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None, path: Path) -> None:
     """Draw into an SVG or PNG."""
     import matplotlib
 
@@ -29,15 +29,17 @@ def draw_speed(belief: Belief, design: SpeedDesign, measured: MeasuredLoop | Non
         f"{design.phase_margin_deg:.1f}°, gain margin {design.gain_margin_db:.1f} dB, disk margin "
         f"{design.disk_margin:.2f}, bandwidth {design.bandwidth_rad_s / (2.0 * np.pi):.1f} Hz"
     )
-    _bode(grid["gain"], grid["phase"], belief, design, measured)
-    _nyquist(grid["nyquist"], belief, design, measured)
-    _steps(grid["step"], grid["load"], belief, design)
+    _bode(grid["gain"], grid["phase"], nominal, design, measured)
+    _nyquist(grid["nyquist"], nominal, design, measured)
+    _steps(grid["step"], grid["load"], nominal, design)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
-def _bode(gain: Any, phase: Any, belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None) -> None:
-    response = respond(belief, design.gain_p_n_m_s, design.gain_i_n_m)
+def _bode(
+    gain: Any, phase: Any, nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None
+) -> None:
+    response = respond(nominal, design.gain_p_n_m_s, design.gain_i_n_m)
     hertz = response.omega_rad_s / (2.0 * np.pi)
     gain.loglog(hertz, np.abs(response.loop), color="tab:blue", label="L, as designed")
     gain.loglog(hertz, np.abs(response.closed), color="tab:green", lw=1, label="target to speed")
@@ -60,8 +62,8 @@ def _bode(gain: Any, phase: Any, belief: Belief, design: SpeedDesign, measured: 
     phase.set(xlabel="frequency [Hz]", ylabel="phase [°]", ylim=(-360, -90))
 
 
-def _nyquist(axes: Any, belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None) -> None:
-    loop = respond(belief, design.gain_p_n_m_s, design.gain_i_n_m).loop
+def _nyquist(axes: Any, nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None) -> None:
+    loop = respond(nominal, design.gain_p_n_m_s, design.gain_i_n_m).loop
     axes.plot(loop.real, loop.imag, color="tab:blue")
     if measured is not None:
         axes.plot(measured.loop.real, measured.loop.imag, "o", color="tab:red", ms=5)
@@ -80,9 +82,9 @@ def _nyquist(axes: Any, belief: Belief, design: SpeedDesign, measured: MeasuredL
     axes.grid(alpha=0.3)
 
 
-def _steps(step: Any, load: Any, belief: Belief, design: SpeedDesign) -> None:
-    from_target, from_load = closed_loops(belief, design.gain_p_n_m_s, design.gain_i_n_m)
-    t_s = np.arange(round(SHOWN_S / belief.tick_s)) * belief.tick_s
+def _steps(step: Any, load: Any, nominal: NominalDrive, design: SpeedDesign) -> None:
+    from_target, from_load = closed_loops(nominal, design.gain_p_n_m_s, design.gain_i_n_m)
+    t_s = np.arange(round(SHOWN_S / nominal.tick_s)) * nominal.tick_s
     for axes, system, size, title in (
         (step, from_target, 1.0, "target steps by 1 rad/s"),
         (load, from_load, -LOAD_N_M, f"a load of {LOAD_N_M:g} N m, not fed forward"),

@@ -5,8 +5,8 @@ reaches the motor: what the firmware commands there over what then acts is −L,
 everything in it that runs: tracker, limits, load feed-forward, quantised encoder, way over the bus.
 
 All sines are there at once, each a whole number of times in the window and midway between the harmonics of
-the crank's turn, whose load is there too; a Hann window keeps those apart. As the commanded torque carries
-more than the sines, neighbouring lines tell how much of a line is noise.
+the crank's turn, whose load is there too; a Hann window separates those. As the commanded torque carries
+more than the sines, neighbouring lines show how much of a line is noise.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,7 +25,7 @@ from hil.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
 from plant_sim.scene import load_scene, read_scene
 from tools.output import BadInputError
 from tools.tuning.result import Merit, Tuning
-from tools.tuning.speed import Belief, respond
+from tools.tuning.speed import NominalDrive, respond
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -140,7 +140,9 @@ def measure_loop(
     return MeasuredLoop(omega_rad_s, loop, noise * np.abs(1.0 + loop))
 
 
-def compared(tuning: Tuning, belief: Belief, measured: MeasuredLoop) -> tuple[Tuning, dict[str, list[float]]]:
+def compared(
+    tuning: Tuning, nominal: NominalDrive, measured: MeasuredLoop
+) -> tuple[Tuning, dict[str, list[float]]]:
     """The tuning with the margins as measured beside the designed ones, and the points for the JSON object.
 
     Between the measured points L is the designed one times their ratio, interpolated over log ω.
@@ -148,11 +150,11 @@ def compared(tuning: Tuning, belief: Belief, measured: MeasuredLoop) -> tuple[Tu
     gain_p = tuning.parameters["speed.gain_p_n_m_s"].value
     gain_i = tuning.parameters["speed.gain_i_n_m"].value
     omega, w = measured.omega_rad_s, np.geomspace(measured.omega_rad_s[0], measured.omega_rad_s[-1], 2000)
-    ratio = np.log(measured.loop / respond(belief, gain_p, gain_i, omega).loop)
+    ratio = np.log(measured.loop / respond(nominal, gain_p, gain_i, omega).loop)
     between = np.interp(np.log(w), np.log(omega), ratio.real) + 1j * np.interp(
         np.log(w), np.log(omega), np.unwrap(ratio.imag)
     )
-    loop = respond(belief, gain_p, gain_i, w).loop * np.exp(between)
+    loop = respond(nominal, gain_p, gain_i, w).loop * np.exp(between)
     crossing = int(np.flatnonzero(np.abs(loop) > 1.0)[-1])
     phase_margin_deg = float(np.degrees(np.angle(-loop[crossing])))
     angles = np.unwrap(np.angle(loop))

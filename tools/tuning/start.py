@@ -1,13 +1,14 @@
 """The soft start for reliability first: ramp, capture speed and hold loop, searched by Optuna in lockstep.
 
-Candidates run the start-up campaign, all on the same draws of truth and state. There are four aims: the share
-of starts that fail, the hardest twentieth of blows on the way beside the steady ones, the time until 95 % are
-captured, and the energy that takes. What draws cannot tell apart in an aim is equal in it (`aims`).
+Candidates run the start-up campaign, all on the same sampled modules and starts. There are four aims: the
+share of starts that fail, the hardest twentieth of impacts on the way beside the steady ones, the time until
+95 % are captured, and the energy used. Candidates without a significant difference in an aim count as equal
+in it (`aims`).
 
 First the default runs with each parameter alone at both ends of what may be searched. Where the starts stay
 alike the parameter is free: it keeps its default, and that is said. The others are searched by Optuna (Akiba
 et al., KDD 2019) in all four aims at once; what no other candidate beats in all of them is the Pareto front.
-Its first few and the default run on more draws, and the best is taken aim by aim, then its neighbours, until
+Its first few and the default run on more trials, and the best is taken aim by aim, then its neighbours, until
 none is better. Winner, default and a naive start are judged on seeds that had no part in it.
 
 What is free and what was searched is kept in a journal beside the parameter file: the same command goes on
@@ -32,10 +33,10 @@ from tools.campaign.campaigns import NO_IMPULSE, Condition
 from tools.campaign.processes import pool
 from tools.campaign.statistics import wilson
 from tools.tuning.aims import (
-    BLOW,
     CAPTURE_S,
     ENERGY_J,
     FAILED,
+    IMPACT,
     FloatArray,
     choose,
     differing,
@@ -61,7 +62,7 @@ SPACE: dict[str, tuple[float, float, float]] = {
     HOLD_GAIN: (0.05, 0.45, 0.1),
     HOLD_RATE: (0.01, 0.06, 0.01),
 }
-"""Lowest, highest and step of what is searched; a finer step makes no difference that draws could tell."""
+"""Lowest, highest and step of what is searched; a finer step makes no significant difference."""
 DEFAULT = {name: DEFAULTS[name] for name in SPACE}
 NAIVE = {RISE: 0.5, AGAIN: 0.5}
 """Up to speed as fast as the motor follows."""
@@ -78,25 +79,25 @@ TRIALS = 64
 SCREENING_TRIALS = 320
 """Enough to see what changes nothing."""
 FRESH_TRIALS = 1200
-"""So many tell blows that are 3 % harder; a quarter of them hardly those that are 5 % harder."""
+"""This number distinguishes impacts that are 3 % harder; a quarter of it hardly those that are 5 % harder."""
 FINALISTS = 5
 """Beside the default."""
 ROUNDS = 6
 """Of the final at most: the first, then neighbours."""
 BEST_PLACE, DEFAULT_PLACE = 0, 1
-"""Of those that are judged on fresh draws."""
+"""Of those that are judged on fresh trials."""
 
 DIGITS = 6
 """Of a step's multiples."""
 
 Progress = Callable[[int, int], None]
 Run = Callable[[Sequence[Mapping[str, float]]], list[FloatArray]]
-"""Candidates' starts on the final's draws."""
+"""Candidates' starts on the final's trials."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A candidate and what it came to; `overshoot` is the mean of the hardest twentieth of blows."""
+    """A candidate and what it came to; `overshoot` is the mean of the hardest twentieth of impacts."""
 
     parameters: dict[str, float]
     eligible: int
@@ -130,8 +131,8 @@ def ramp(parameters: Mapping[str, float], starts: FloatArray) -> Ramp:
         parameters=dict(parameters),
         eligible=starts.shape[1],
         failures=round(float(np.sum(starts[FAILED]))),
-        overshoot=of(hardest, BLOW),
-        largest=of(np.max, BLOW),
+        overshoot=of(hardest, IMPACT),
+        largest=of(np.max, IMPACT),
         capture_p50_s=of(np.median, CAPTURE_S),
         capture_p95_s=of(late, CAPTURE_S),
         energy_p50_j=of(np.median, ENERGY_J),
@@ -178,7 +179,7 @@ def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":
 def asked(
     study: "optuna.Study", count: int, free: Sequence[str]
 ) -> list[tuple["optuna.Trial", dict[str, float]]]:
-    """So many candidates of the search space; what is free keeps its default."""
+    """This number of candidates of the search space; what is free keeps its default."""
     found = []
     for _ in range(count):
         trial = study.ask()
@@ -205,7 +206,7 @@ class Judge(NamedTuple):
     def __call__(
         self, candidates: Sequence[Mapping[str, float]], seed: int, trials: int, progress: Progress
     ) -> list[FloatArray]:
-        """Each candidate's starts, all on the same draws."""
+        """Each candidate's starts, all on the same trials."""
         found = run_candidates(
             "start-up", candidates, seed, trials, progress, self.workers, CONDITIONS, self.executor
         )
@@ -221,7 +222,7 @@ def searched(
     progress: Progress,
     judged: Judge,
 ) -> list[Ramp]:
-    """Ask, run, tell, until so many candidates are known."""
+    """Ask, run, report, until this number of candidates is known."""
     known = finished(study)
     while len(known) < candidates:
         progress(len(known) * trials, candidates * trials)
@@ -244,7 +245,7 @@ def searched(
 
 
 class Final(NamedTuple):
-    """The best of so many, how many are like it, and what each parameter alone may be."""
+    """The best of some candidates, how many are like it, and what each parameter alone may be."""
 
     best: dict[str, float]
     finalists: int
@@ -311,7 +312,7 @@ def tune_start(
     """The start that fails least, and all that were tried; `fresh_trials` choose among the best as well."""
     final_seed, screening_trials = seed + 1, min(SCREENING_TRIALS, fresh_trials)
     refuse_same_seeds(final_seed, fresh_seed)
-    asked_for = json.dumps({"space": SPACE, "draws": [trials, fresh_trials, seed]}, sort_keys=True)
+    asked_for = json.dumps({"space": SPACE, "trials": [trials, fresh_trials, seed]}, sort_keys=True)
     study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
 
     with pool(workers or os.cpu_count() or 1) as executor:
@@ -336,7 +337,7 @@ def tune_start(
             f"{final_seed} for {finalists} finalists; judged on {fresh_trials} of seed {fresh_seed}"
         ),
         seed=seed,
-        range_is="values with which, alone, the draws tell no difference",
+        range_is="values that, each alone, make no significant difference",
         parameters={name: tuned(name, best[name], min(alone[name]), max(alone[name])) for name in SPACE},
         figures_of_merit={
             **merits("", after),
@@ -357,15 +358,15 @@ def _warnings(free: Sequence[str], as_good: Sequence[int], fresh: Ramp, trials: 
     """What is free, what the default does better, and what fails."""
     for name in free:
         low, high, _ = SPACE[name]
-        yield f"{name} is free: at {low:g} as at {high:g} {trials} starts tell no difference"
+        yield f"{name} is free: at {low:g} as at {high:g} {trials} starts show no significant difference"
     if BEST_PLACE not in as_good:
-        yield "on fresh draws the default is better: keep it, or search with more trials"
+        yield "on fresh trials the default is better: keep it, or search with more trials"
     if fresh.failures:
         yield f"{fresh.failures} of {fresh.eligible} fresh starts fail"
 
 
 def merits(prefix: str, one: Ramp) -> dict[str, Merit]:
-    """On fresh draws."""
+    """On fresh trials."""
     return {
         f"{prefix}eligible": Merit(float(one.eligible), "1"),
         f"{prefix}failures": Merit(float(one.failures), "1"),

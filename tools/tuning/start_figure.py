@@ -21,7 +21,7 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     rises = [one.parameters[RISE] for one in tried]
     aims = (
         ([100.0 * one.failures / max(one.eligible, 1) for one in tried], "starts that fail [%]"),
-        ([one.overshoot for one in tried], "hardest twentieth of blows, of the steady one"),
+        ([one.overshoot for one in tried], "hardest twentieth of impacts, of the steady one"),
         ([one.energy_p50_j for one in tried], "energy until captured, median [J]"),
     )
     times = [one.capture_p95_s for one in tried]

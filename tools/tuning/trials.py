@@ -1,8 +1,8 @@
-"""How often identification is right: modules of every friction law, drawn, recorded and identified.
+"""How often identification is right: modules of every friction law, sampled, recorded and identified.
 
-A trial draws its module as campaigns do, a little wider, records a minute by the campaigns' compiled loop
-(`recorded` says what such a log lacks) and goes through the same identification as a file. Places are told
-from l0 on, which no log can tell, so that the stop is judged past the true l0.
+A trial samples its module as campaigns do, a little wider, records a minute by the campaigns' compiled loop
+(`recorded` says what such a log lacks) and goes through the same identification as a file. Places are counted
+from l0 on, which no log can identify, so that the stop is judged past the true l0.
 
 Each trial's outcome is a line of a JSON file that is appended to: a run that was killed goes on, unless what
 it is made of has changed.
@@ -35,7 +35,7 @@ MISMATCH = Mismatch(spring=0.05, amplitude=0.03)
 BOTH = {
     "friction": {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
     "amplitude_m": 0.025,
-    "beliefs": {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
+    "nominal": {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
 }
 MODULES: dict[str, dict[str, Any]] = {
     "viscous": LAWS["viscous"],
@@ -59,7 +59,7 @@ OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
 PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
-MODULES_OF_A_TRIAL = ("blows", "flights", "flown", "identify", "laws", "readings", "recorded", "trials")
+MODULES_OF_A_TRIAL = ("impacts", "flights", "flown", "identify", "laws", "readings", "recorded", "trials")
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 Progress = Callable[[int, int], None]
@@ -90,7 +90,7 @@ def module_of(trial: int) -> tuple[str, float]:
 
 
 def run_trial(seed: int, trial: int, seconds: float) -> Trial:
-    """Draw, record, identify, compare; in a process that compiles the firmware."""
+    """Sample, record, identify, compare; in a process that compiles the firmware."""
     prepare()
     from firmware_py.shell.parameters import config_from
     from tools.campaign.trials import script
@@ -104,28 +104,32 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     scene = scene_of("viscous")
     scene["friction"] = dict(known["friction"])
     scene["drive"]["amplitude_m"] = known["amplitude_m"]
-    cell = Cell(law, ratio, 0.0, scene, deepcopy(known["beliefs"]))
+    cell = Cell(law, ratio, 0.0, scene, deepcopy(known["nominal"]))
     drawn = draw(scene, MISMATCH, seed, trial)
-    beliefs = with_overrides(known["beliefs"])
+    nominal = with_overrides(known["nominal"])
     ticks, _ = record(drawn.scene, config_from(cell.firmware), script(cell), seconds, drawn.noise)
     try:
         found = identify(
-            of_ticks(ticks, beliefs["sensor.low_full_scale_m_s2"]), beliefs["sensor.bandwidth_hz"]
+            of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
         )
     except BadInputError as error:
         return Trial(trial, law, "", str(error), {}, {}, {})
     striker, stop, friction = drawn.scene.striker, drawn.scene.stop, drawn.scene.friction
     mass_kg = float(striker.mass_kg)
     place_m = float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)
-    fitted, blows = found.fit.striker, np.median(np.array(found.blows), axis=0) if found.blows else None
+    fitted, impacts = found.fit.striker, np.median(np.array(found.impacts), axis=0) if found.impacts else None
     truths = {
         "spring": (fitted.stiffness_1_s2, "stiffness_1_s2", striker.spring_n_m / mass_kg),
         "damping": (fitted.damping_1_s, "damping_1_s", getattr(friction, "b_n_s_m", 0.0) / mass_kg),
         "dry": (fitted.dry_m_s2, "dry_m_s2", getattr(friction, "mu", 0.0) * STANDARD_GRAVITY_M_S2),
     }
-    if blows is not None:
-        truths["stop"] = (float(blows[0]), "stop_m", place_m)
-        truths["restitution"] = (float(blows[2]), "restitution", float(getattr(stop, "restitution", np.nan)))
+    if impacts is not None:
+        truths["stop"] = (float(impacts[0]), "stop_m", place_m)
+        truths["restitution"] = (
+            float(impacts[2]),
+            "restitution",
+            float(getattr(stop, "restitution", np.nan)),
+        )
     errors: dict[str, float | None] = {}
     held: dict[str, bool] = {}
     for name, (value, key, truth) in truths.items():

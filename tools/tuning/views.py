@@ -11,21 +11,21 @@ from tools.tuning.estimator import GRID, Combination, profile
 from tools.tuning.identify import Identified, friction_points
 from tools.tuning.readings import Readings
 from tools.tuning.recording import Curve, Views, curve
-from tools.tuning.speed import Belief, SpeedDesign, respond
+from tools.tuning.speed import NominalDrive, SpeedDesign, respond
 from tools.tuning.speed_measurement import MeasuredLoop
 from tools.tuning.start import Ramp
 
 
-class Told(NamedTuple):
+class Shown(NamedTuple):
     """A timeline, named by what it counts, and the views over it."""
 
     timeline: str
     views: Views
 
 
-def of_speed(belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None) -> Told:
+def of_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None) -> Shown:
     """Bode: gain and phase of the loop over the logarithm of frequency, and of the closed loop."""
-    response = respond(belief, design.gain_p_n_m_s, design.gain_i_n_m)
+    response = respond(nominal, design.gain_p_n_m_s, design.gain_i_n_m)
     hertz = response.omega_rad_s / (2.0 * np.pi)
     decades: list[float] = np.log10(hertz).tolist()
 
@@ -47,19 +47,19 @@ def of_speed(belief: Belief, design: SpeedDesign, measured: MeasuredLoop | None)
         gain["L, measured"] = curve(np.log10(at_hz).tolist(), gain_db(measured.loop), 1e-3, dots=True)
         phase["L, measured"] = curve(np.log10(at_hz).tolist(), found.tolist(), 1e-3, dots=True)
     over = "over 1000 log10(f / 1 Hz)"
-    return Told("frequency_1000_log10_hz", {f"gain [dB] {over}": gain, f"phase [deg] {over}": phase})
+    return Shown("frequency_1000_log10_hz", {f"gain [dB] {over}": gain, f"phase [deg] {over}": phase})
 
 
-def of_identify(found: Identified, readings: Readings) -> Told:
-    """Over the log's ticks: the reading, what is left of it as friction, and the blows."""
+def of_identify(found: Identified, readings: Readings) -> Shown:
+    """Over the log's ticks: the reading, what is left of it as friction, and the impacts."""
     speeds, left = friction_points(found)
     ticks = np.concatenate([np.arange(one.begin, one.end) for one in found.used])
     striker, rise = found.fit.striker, found.fit.rise
     dry = striker.dry_m_s2 + striker.rise_m_s2 * np.exp(-((np.abs(speeds) / rise.v_s_m_s) ** rise.delta))
     fitted = striker.damping_1_s * speeds + dry * np.sign(speeds)
     numbers = list(range(len(readings.acceleration_m_s2)))
-    at = [one.at_s / readings.period_s for one in found.blows]
-    return Told(
+    at = [one.at_s / readings.period_s for one in found.impacts]
+    return Shown(
         "tick",
         {
             "reading [m/s²]": {"z": curve(numbers, readings.acceleration_m_s2.tolist())},
@@ -67,20 +67,20 @@ def of_identify(found: Identified, readings: Readings) -> Told:
                 "left of the reading": curve(ticks.tolist(), left.tolist()),
                 "fitted": curve(ticks.tolist(), fitted.tolist()),
             },
-            "stop past l0 [mm]": {"stop": curve(at, [1e3 * one.stop_m for one in found.blows], dots=True)},
-            "restitution [×]": {"k": curve(at, [one.restitution for one in found.blows], dots=True)},
+            "stop past l0 [mm]": {"stop": curve(at, [1e3 * one.stop_m for one in found.impacts], dots=True)},
+            "restitution [×]": {"k": curve(at, [one.restitution for one in found.impacts], dots=True)},
         },
     )
 
 
-def of_detector(points: Sequence[Operating]) -> Told:
+def of_detector(points: Sequence[Operating]) -> Shown:
     """The characteristic over the floor."""
     floors = [one.floor_m_s2 for one in points]
 
     def over(values: Sequence[float]) -> Curve:
         return curve(floors, values, 0.1)
 
-    return Told(
+    return Shown(
         "floor_tenths_of_m_s2",
         {
             "missed [%], false alarms [1/h]": {
@@ -96,18 +96,18 @@ def of_detector(points: Sequence[Operating]) -> Told:
     )
 
 
-def of_start(tried: Sequence[Ramp]) -> Told:
+def of_start(tried: Sequence[Ramp]) -> Shown:
     """The aims of each candidate, one after the other; those of the Pareto front again."""
     numbers = list(range(len(tried)))
     front = [number for number, one in enumerate(tried) if one.on_front]
     names = (
         "starts that fail [%]",
-        "hardest twentieth of blows [of steady]",
+        "hardest twentieth of impacts [of steady]",
         "95 % captured within [s]",
         "energy [J]",
     )
     aims = np.array([one.aims for one in tried]) * np.array([100.0, 1.0, 1.0, 1.0])
-    return Told(
+    return Shown(
         "candidate",
         {
             name: {
@@ -119,7 +119,7 @@ def of_start(tried: Sequence[Ramp]) -> Told:
     )
 
 
-def of_estimator(points: Sequence[Combination]) -> Told:
+def of_estimator(points: Sequence[Combination]) -> Shown:
     """Likelihood, NIS and errors from the likeliest combination to the least likely one."""
     ranked = sorted(points, key=lambda one: -one.likelihood)
     numbers = list(range(len(ranked)))
@@ -141,4 +141,4 @@ def of_estimator(points: Sequence[Combination]) -> Told:
             if (values := profile(points, name))
         },
     }
-    return Told("rank", views)
+    return Shown("rank", views)

@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 
 def bands_table(bands: Sequence[Band]) -> Table:
     """Where subharmonics are."""
-    table = Table(title="one blow in n turns, standing leg, hard stop", title_justify="left", box=None)
+    table = Table(title="one impact in n turns, standing leg, hard stop", title_justify="left", box=None)
     for name in ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)"):
         table.add_column(name)
     for band in sorted(bands, key=lambda one: (one.turns, one.low)):
@@ -35,7 +35,7 @@ def bands_table(bands: Sequence[Band]) -> Table:
 
 def rows_table(rows: Sequence[Row]) -> Table:
     """A row a module and ground, a column a cadence: strides that come out right; and what is felt."""
-    table = Table(title="strides with one blow, in the window [%]", title_justify="left", box=None)
+    table = Table(title="strides with one impact, in the window [%]", title_justify="left", box=None)
     cadences = sorted({row["stride_hz"] for row in rows})
     for name in ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]"):
         table.add_column(name)
@@ -94,7 +94,7 @@ def _shares(axes: Any, walks: Sequence[Row], labels: Sequence[str]) -> None:
     axes.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=100.0, alpha=0.6, aspect="auto")
     axes.set_xticks(range(len(cadences)), [f"{hz:g}" for hz in cadences])
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.set(xlabel="strides a second [Hz]", title="strides with one blow, in the window [%]: walks")
+    axes.set(xlabel="strides a second [Hz]", title="strides with one impact, in the window [%]: walks")
 
 
 def _bands(axes: Any, bands: Sequence[Band]) -> None:
@@ -109,7 +109,7 @@ def _bands(axes: Any, bands: Sequence[Band]) -> None:
             solid_capstyle="butt",
         )
     for turns in sorted({band.turns for band in bands}):
-        axes.plot([], [], color=f"C{turns - 2}", lw=5, label=f"one blow in {turns} turns")
+        axes.plot([], [], color=f"C{turns - 2}", lw=5, label=f"one impact in {turns} turns")
     axes.set_yticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
     axes.set(
         xlabel="Ω/ω",

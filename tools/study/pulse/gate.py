@@ -1,4 +1,4 @@
-"""One blow a stride from a crank that rests: pumped up within two swings, let strike once, braked, parked.
+"""One impact a stride from a crank that rests: pumped up within two swings, one impact, braked, parked.
 
 Pumping is the mirror of `firmware_py.core.calm`, which brakes: a striker that swings as x − l₀ = R cos ψ
 gains most from a crank half a turn from where it loses most, the piston then being 90° ahead of it,
@@ -10,8 +10,8 @@ From rest at the rear dead centre a crank that sets out at ω does just that. Wi
     (x − l₀)/A = −cos τ − (τ/2) sin τ
 
 has crests of 2.4 after three quarters of a turn and of 5.5 after one more: a module with its stop between
-2.4 A and 5.5 A strikes in the second swing, whatever else. When to set out follows from how early or
-late the last blows came. Between blows the crank rests at its rear dead centre, where the spring has no lever
+2.4 A and 5.5 A has its impact in the second swing, whatever else. When to set out follows from how early or
+late the last impacts came. In between the crank rests at its rear dead centre, where the spring has no lever
 on it, and moves forward a little only while the striker swings back: that damps what is left of the swing.
 """
 
@@ -35,7 +35,7 @@ class Stage(IntEnum):
 
 
 class Gate(NamedTuple):
-    """`braking` is the firmware's own; `lead_gain` is what a blow's lateness moves the next start by.
+    """`braking` is the firmware's own; `lead_gain` is what an impact's lateness moves the next start by.
 
     `park_gain` over ω leads the crank to its place; a swing of A about rest moves it by up to `most_rad`, as
     that swing will be `ahead_rad` later.
@@ -51,7 +51,7 @@ class Gate(NamedTuple):
 
 
 class GateState(NamedTuple):
-    """`lead_s`: from setting out to the blow, as learnt. `since_s`: since setting out. `armed`: yet to do so
+    """`lead_s`: learnt, from setting out to the impact. `since_s`: since then. `armed`: yet to do so
     in this stride.
     """
 
@@ -63,8 +63,8 @@ class GateState(NamedTuple):
     target_rad_s: float
 
 
-def blow_at_rad(gap_over_amplitude: float) -> float:
-    """τ at the blow of a crank that sets out at ω under a striker at rest; a gap of 2.4 to 5.5 A."""
+def impact_at_rad(gap_over_amplitude: float) -> float:
+    """τ at the impact of a crank that sets out at ω under a striker at rest; a gap of 2.4 to 5.5 A."""
 
     def short(tau: float) -> float:
         return gap_over_amplitude + math.cos(tau) + 0.5 * tau * math.sin(tau)
@@ -77,10 +77,10 @@ def blow_at_rad(gap_over_amplitude: float) -> float:
 
 
 def initial(gate: Gate) -> GateState:
-    """At rest, with the lead that beliefs give."""
-    believed = gate.braking
-    gap_m = believed.stop_m - believed.rest_length_m
-    lead_s = blow_at_rad(gap_m / believed.amplitude_m) / believed.natural_rad_s
+    """At rest, with the lead by the nominal module."""
+    nominal = gate.braking
+    gap_m = nominal.stop_m - nominal.rest_length_m
+    lead_s = impact_at_rad(gap_m / nominal.amplitude_m) / nominal.natural_rad_s
     return GateState(Stage.REST, True, 0.0, lead_s, calm.INITIAL, 0.0)
 
 
@@ -93,11 +93,11 @@ def step(
     touch_down: bool,
 ) -> GateState:
     """One tick. `cycle`: phase, confidence and expected stride in s; `striker`: x in m and v in m/s."""
-    believed = gate.braking
+    nominal = gate.braking
     phase, confidence, stride_s = cycle
     stage, since_s, lead_s, braking = (
         state.stage,
-        state.since_s + believed.tick_s,
+        state.since_s + nominal.tick_s,
         state.lead_s,
         state.braking,
     )
@@ -116,7 +116,7 @@ def step(
         target_rad_s = _pumping(gate, since_s, crank_rad, striker)
     else:
         braking = calm.step(
-            believed,
+            nominal,
             braking,
             crank.INITIAL._replace(angle_rad=crank_rad),
             estimator.INITIAL._replace(x_m=striker[0], v_m_s=striker[1]),
@@ -130,29 +130,29 @@ def step(
 
 
 def _from_middle(phase: float) -> float:
-    """By how much of a cycle a blow comes after the window's middle."""
+    """By how much of a cycle an impact comes after the window's middle."""
     return (phase - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
 
 
 def _pumping(gate: Gate, since_s: float, crank_rad: float, striker: tuple[float, float]) -> float:
     """Out at ω; in step with the swing as soon as there is one."""
-    believed = gate.braking
-    natural_rad_s = believed.natural_rad_s
-    away_m, lag_m = striker[0] - believed.rest_length_m, striker[1] / natural_rad_s
+    nominal = gate.braking
+    natural_rad_s = nominal.natural_rad_s
+    away_m, lag_m = striker[0] - nominal.rest_length_m, striker[1] / natural_rad_s
     wanted_rad = natural_rad_s * since_s - 0.5 * math.pi
-    if math.hypot(away_m, lag_m) > gate.swinging * believed.amplitude_m:
+    if math.hypot(away_m, lag_m) > gate.swinging * nominal.amplitude_m:
         wanted_rad = math.atan2(-lag_m, away_m) + math.pi
     ahead = clamp(wrap_pi(wanted_rad - crank_rad), 1.0)
-    return min(natural_rad_s * (1.0 + believed.gain * ahead), believed.highest_rad_s)
+    return min(natural_rad_s * (1.0 + nominal.gain * ahead), nominal.highest_rad_s)
 
 
 def _resting(gate: Gate, crank_rad: float, striker: tuple[float, float]) -> float:
     """To the rear dead centre, and forward of it while the striker swings back."""
-    believed = gate.braking
-    natural_rad_s = believed.natural_rad_s
-    away_m = striker[0] - believed.rest_length_m + believed.amplitude_m
+    nominal = gate.braking
+    natural_rad_s = nominal.natural_rad_s
+    away_m = striker[0] - nominal.rest_length_m + nominal.amplitude_m
     lag_m = striker[1] / natural_rad_s
-    back = (away_m * math.sin(gate.ahead_rad) - lag_m * math.cos(gate.ahead_rad)) / believed.amplitude_m
+    back = (away_m * math.sin(gate.ahead_rad) - lag_m * math.cos(gate.ahead_rad)) / nominal.amplitude_m
     forward_rad = min(max(back, 0.0), gate.most_rad)
     error_rad = wrap_pi(forward_rad - 0.5 * math.pi - crank_rad)
-    return clamp(natural_rad_s * gate.park_gain * error_rad, believed.highest_rad_s)
+    return clamp(natural_rad_s * gate.park_gain * error_rad, nominal.highest_rad_s)

@@ -1,4 +1,4 @@
-"""A walk under the gate: a motor with its limits, noisy phase, modules off by what campaigns draw."""
+"""A walk under the gate: a motor with its limits, noisy phase, modules that deviate as in the campaigns."""
 
 import math
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ SPEED_GAIN_N_M_S = 0.1
 TORQUE_N_M, TORQUE_A_TICK_N_M = 0.6, 0.06
 """The firmware's own limits on torque and its growth."""
 POSITION_ERROR_M = 1e-3
-"""Deviation of what is believed of the striker's place, over and above the drawn module."""
+"""Deviation of the estimated place of the striker, over and above the sampled module."""
 SCENES = {
     "walking": ("walking", "a-fifth-more-strides-keep-the-impacts"),
     "table1": ("table1-walking", "a-steady-walk-has-a-pulse-in-every-push-off"),
@@ -39,7 +39,7 @@ SCENES = {
 
 
 def drawn_scene(module: str, stride_hz: float, walker: int) -> Scene:
-    """A module off its beliefs as in the campaigns, on a leg."""
+    """A module off its nominal values as in the campaigns, on a leg."""
     given = deepcopy(read_scene(SCENES[module][0]))
     given["gait"]["pace"] = [{"at_s": 0.0, "stride_hz": stride_hz}]
     return draw(given, Mismatch(), DEFAULT_SEED, walker, at_rest=True).scene
@@ -52,8 +52,8 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     plant = Plant(drawn_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
     walking = plant.parts.housing
     assert isinstance(walking, Walking)
-    believed = config.calm
-    spring_n_m = 0.8 * believed.natural_rad_s**2
+    nominal = config.calm
+    spring_n_m = 0.8 * nominal.natural_rad_s**2
     off_m = POSITION_ERROR_M * float(np.random.default_rng([DEFAULT_SEED, walker, 4]).standard_normal())
     cycle, state = gait.INITIAL, initial(gate)
     heard = GaitInput(0.0, 0.0, False, False, GAIT_TICKS)
@@ -79,9 +79,9 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
             touches and not touching,
         )
         touching = touches
-        piston_m = believed.amplitude_m * math.sin(now.crank_rad)
-        lever_m = believed.amplitude_m * math.cos(now.crank_rad)
-        wanted_n_m = spring_n_m * (piston_m + believed.rest_length_m - place_m) * lever_m
+        piston_m = nominal.amplitude_m * math.sin(now.crank_rad)
+        lever_m = nominal.amplitude_m * math.cos(now.crank_rad)
+        wanted_n_m = spring_n_m * (piston_m + nominal.rest_length_m - place_m) * lever_m
         wanted_n_m += SPEED_GAIN_N_M_S * (state.target_rad_s - now.omega_rad_s)
         wanted_n_m = min(max(wanted_n_m, -TORQUE_N_M), TORQUE_N_M)
         torque_n_m += min(max(wanted_n_m - torque_n_m, -TORQUE_A_TICK_N_M), TORQUE_A_TICK_N_M)

@@ -1,4 +1,4 @@
-"""Which strides have one blow in the push-off window, and what those blows are like."""
+"""Which strides have one impact in the push-off window, and what those impacts are like."""
 
 import math
 from collections.abc import Sequence
@@ -63,21 +63,21 @@ def cycles(walking: Walking, t_s: float) -> float:
 
 def hits(impacts: Sequence[Impact]) -> list[Impact]:
     """Those that are none of a graze."""
-    return [blow for blow in impacts if blow.v_m_s >= SOFTEST_M_S]
+    return [impact for impact in impacts if impact.v_m_s >= SOFTEST_M_S]
 
 
 def judged(walks: Sequence[Walked], first: int) -> dict[str, Any]:
-    """Strides of all walks from the `first` on: how many have one blow in the window, and what it is like."""
+    """Strides of all walks from the `first` on: how many have one impact in the window, and its figures."""
     counts, right, phases, impulses, felt = [], 0, [], [], []
     for walked in walks:
-        blows = hits(walked.run.impacts)
-        at = np.array([cycles(walked.walking, blow.t_s) for blow in blows])
+        hard = hits(walked.run.impacts)
+        at = np.array([cycles(walked.walking, impact.t_s) for impact in hard])
         last = math.floor(cycles(walked.walking, walked.run.t_s[-1]))
         for stride in range(first, min(first + JUDGED, last)):
             own = np.flatnonzero(np.floor(at) == stride)
             counts.append(len(own))
             phases += (at[own] - stride).tolist()
-            impulses += [blows[k].impulse_n_s for k in own]
+            impulses += [hard[k].impulse_n_s for k in own]
             right += len(own) == 1 and WINDOW[0] <= at[own[0]] - stride <= WINDOW[1]
         begins_s = walked.walking.rows[first, BEGIN_S]
         felt.append(pulses_n(walked.run, float(begins_s)))

@@ -1,4 +1,4 @@
-"""Subharmonic orbits: one blow in n turns, on a standing leg behind a rigid stop."""
+"""Subharmonic orbits: one impact in n turns, on a standing leg behind a rigid stop."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,9 +25,9 @@ ORBIT_COLUMNS = (
 )
 
 
-def once_in(cycle: int, blows: float) -> int:
-    """After how many turns an orbit strikes again, 2 at least and once only; else 0."""
-    return cycle if cycle > 1 and abs(blows * cycle - 1.0) < 1e-6 else 0
+def once_in(cycle: int, impacts: float) -> int:
+    """The turns of an orbit with one impact in that time, 2 at least; else 0."""
+    return cycle if cycle > 1 and abs(impacts * cycle - 1.0) < 1e-6 else 0
 
 
 def drawn_start(unit: Case, dice: np.random.Generator) -> State:
@@ -38,17 +38,17 @@ def drawn_start(unit: Case, dice: np.random.Generator) -> State:
 
 
 def found_orbit(unit: Case, ratio: float, turns: int) -> Outcome | None:
-    """The first of 200 starts that strikes once in so many turns."""
+    """The first of 200 starts with one impact in this number of turns."""
     dice = np.random.default_rng(1)
     for _ in range(200):
         orbit = follow(unit, ratio, drawn_start(unit, dice), LONG)
-        if orbit.certain and once_in(orbit.cycle, orbit.blows) == turns:
+        if orbit.certain and once_in(orbit.cycle, orbit.impacts) == turns:
             return orbit
     return None
 
 
 def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One gap, all ratios: which starts end in one blow every n turns."""
+    """One gap, all ratios: which starts end in one impact every n turns."""
     over = spec["gap_over_amplitude"]
     unit = case("table1", "viscous", amplitude_m=0.06 / over)
     dice = np.random.default_rng([1, round(100 * over)])
@@ -57,7 +57,7 @@ def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
         found: dict[int, list[float]] = {}
         for _ in range(STARTS):
             orbit = follow(unit, ratio, drawn_start(unit, dice), LONG)
-            turns = once_in(orbit.cycle, orbit.blows) if orbit.certain else 0
+            turns = once_in(orbit.cycle, orbit.impacts) if orbit.certain else 0
             if turns:
                 found.setdefault(turns, []).append(orbit.v_mean_m_s / (unit.natural_rad_s * unit.gap_m))
         rows += [
@@ -81,7 +81,7 @@ def orbits_found(where: work.Where) -> pa.Table:
 
 
 class Band(NamedTuple):
-    """A stretch of ratios in which orbits strike once in `turns`."""
+    """A stretch of ratios in which orbits have one impact in `turns`."""
 
     turns: int
     gap_over_amplitude: float
@@ -92,7 +92,7 @@ class Band(NamedTuple):
 
     @property
     def width(self) -> float:
-        """Half of it, over its middle: by so much a cadence may be off."""
+        """Half of it, over its middle: the largest error of a cadence."""
         return (self.high - self.low) / (self.high + self.low)
 
 

@@ -33,7 +33,7 @@ from tools.study.pulse.orbits import found_orbit
 RUN_IN = 60
 """Strides before anything is judged."""
 SHIFT = 0.2
-"""Share of a blow's lateness by which the next one is led on, in turns of the crank."""
+"""Share of an impact's lateness by which the next one is led on, in turns of the crank."""
 LARGEST_SHIFT_RAD = 0.3
 IDLE_S = 30.0
 
@@ -97,7 +97,7 @@ def scene(module: Case, axis: str, stride_hz: float, start: State, ground: Groun
 
 
 def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
-    """The crank at `turns` a stride, shifted slowly until the blow comes in the window's middle."""
+    """The crank at `turns` a stride, shifted slowly until the impact comes in the window's middle."""
     plant = Plant(which, seed)
     drive, walking = plant.parts.drive, plant.parts.housing
     assert isinstance(drive, IdealDrive)
@@ -120,8 +120,8 @@ def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
         felt_n[k] = now.stop_force_n if which.wearer is None else now.felt_force_n
         new = plant.take_impacts()
         impacts += new
-        for blow in hits(new):
-            late = (cycles(walking, blow.t_s) - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
+        for impact in hits(new):
+            late = (cycles(walking, impact.t_s) - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
             shift_rad = SHIFT * whole * late
             offset_rad += min(max(shift_rad, -LARGEST_SHIFT_RAD), LARGEST_SHIFT_RAD)
     return Walked(Driven(impacts, t_s, crank_rad, felt_n), walking)
@@ -137,13 +137,13 @@ class Made(NamedTuple):
     ratio: float
     gap_over_amplitude: float
     gap_m: float | None
-    """None: so that the steady blow has V_M_S."""
+    """None: so that the steady impact has V_M_S."""
     made_hz: float | None = None
     """None: for each cadence its own."""
 
 
 V_M_S = 0.8
-"""A blow that stop and wearer of the scene `walking` make 16 N of."""
+"""An impact that stop and wearer of the scene `walking` make 16 N of."""
 
 MADE = (
     Made("60 mm", TURN, "outward", 1, 1.1, 3.0, 0.06),

@@ -1,4 +1,4 @@
-"""A blow on the stop from the accelerometer's dozen readings of it: when, how stiff, and how much comes back.
+"""An impact on the stop from the accelerometer's dozen readings of it: when, how stiff, how much comes back.
 
 A Hunt–Crossley contact m δ'' = −K δ^1.5 (1 + λ δ') − m g − m f(δ'), where g is the spring's pull away from
 the stop and f the friction, is a curve of two numbers once lengths are counted in v⁻ S and times in S with
@@ -10,7 +10,7 @@ Friction turns round with the striker, which is later than the push is largest; 
 it would cost k 0.007 on a guide with μ = 0.15.
 
 Led through the accelerometer's low-pass (Butterworth, second order) it is fitted to the readings: the instant
-of touch-down, S and k. The spring's pull is why k is neither the blow's area less one nor the ratio of the
+of touch-down, S and k. The spring's pull is why k is neither the impact's area less one nor the ratio of the
 speeds: for k = 0.5, r = 1.3 they are 0.46 and 0.52.
 """
 
@@ -37,7 +37,7 @@ REFERENCE_M_S = 0.9
 """At which the firmware's `stop.contact_s` is given."""
 
 
-class FittedBlow(NamedTuple):
+class FittedImpact(NamedTuple):
     """`touch_down_s` after the first row; `scale_s` is S; `misfit` the weighted residual's rms."""
 
     touch_down_s: float
@@ -119,14 +119,14 @@ def seen(
     return np.interp(rows_s, grid, np.asarray(lfilter(b, a, raw - before)) + before)
 
 
-def fit_blow(
+def fit_impact(
     rows_s: FloatArray,
     excess_m_s2: FloatArray,
     speed_m_s: float,
     pull_m_s2: float,
     bandwidth_hz: float,
     friction: Friction = NO_FRICTION,
-) -> FittedBlow:
+) -> FittedImpact:
     """Fit the readings `excess_m_s2` at `rows_s`, both from the last row before the touch-down on.
 
     The excess is what spring and crank do not explain, friction included.
@@ -159,7 +159,7 @@ def fit_blow(
     )
     touch_down_ms, scale_ms, restitution = (float(value) for value in found.x)
     misfit = float(np.sqrt(np.mean(found.fun**2)))
-    return FittedBlow(touch_down_ms * 1e-3, scale_ms * 1e-3, restitution, misfit)
+    return FittedImpact(touch_down_ms * 1e-3, scale_ms * 1e-3, restitution, misfit)
 
 
 def contact_time_s(scale_s: float, speed_m_s: float) -> float:
