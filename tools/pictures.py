@@ -1,4 +1,4 @@
-"""The pictures of docs/explanation, drawn from runs made for them: `python -m tools.pictures`."""
+"""The pictures of docs/explanation, made from runs of their own: `python -m tools.pictures`."""
 
 import tempfile
 from dataclasses import replace
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.bench import run_scenario
+from hil.report_plots import ALARM, ESTIMATE, TARGET, TRUTH
 from hil.run_traces import RunTraces, column, read_run
 from hil.scenario import load_scenario
 from tools.study import cases, figures, work
@@ -25,9 +26,6 @@ STIFFER = "scene.striker.spring_n_m=71.4"
 
 PATIENT = "firmware.start.missing_periods=100"
 """The crank goes on where the firmware would have given up."""
-
-TRUTH, ESTIMATE, TARGET, ALARM, OTHER = "#3f8fe0", "#e8912d", "#8e8e96", "#e5484d", "#4fa65b"
-"""The log's and the report's."""
 
 CLOSE_UP_S = (15.0, 16.3)
 START_S = (0.0, 12.0)

@@ -4,44 +4,58 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 
 from tools.output import progress_console
 
-DRAWN_EVERY_S = 0.2
+SHOWN_EVERY_S = 0.2
 SAID_EVERY_S = 10.0
 """A line in a log file or a pipe."""
 
+Progress = Callable[[float | None, str], None]
+"""Called with the fraction that is done, None where nobody knows how much is left, and what is being done."""
+
 
 @contextmanager
-def shown_progress() -> Iterator[Callable[[float, str], None]]:
+def shown_progress() -> Iterator[Progress]:
     """Gives `progress(fraction, doing)`.
 
-    It draws in the thread that calls it, and seldom: rich's own thread would hold its lock, and Python's, for
-    hundreds of milliseconds of a run in real time on a slow machine.
+    It is shown by the thread that calls it, and seldom: rich's own thread would hold its lock, and Python's,
+    for hundreds of milliseconds of a run in real time on a slow machine.
     """
     on_terminal = progress_console.is_terminal
-    every_s = DRAWN_EVERY_S if on_terminal else SAID_EVERY_S
+    every_s = SHOWN_EVERY_S if on_terminal else SAID_EVERY_S
     due_s = time.monotonic() + (0.0 if on_terminal else every_s)
-    with Progress(
+    with Bar(
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=progress_console,
         transient=True,
         auto_refresh=False,
         disable=not on_terminal,
     ) as bar:
-        task = bar.add_task("starting", total=1.0)
+        task = bar.add_task("starting", total=None)
 
-        def progress(fraction: float, doing: str) -> None:
+        def progress(fraction: float | None, doing: str) -> None:
             nonlocal due_s
             if time.monotonic() < due_s:
                 return
             due_s = time.monotonic() + every_s
             if on_terminal:
-                bar.update(task, completed=fraction, description=doing, refresh=True)
+                total = None if fraction is None else 1.0
+                bar.update(task, total=total, completed=fraction or 0.0, description=doing, refresh=True)
             else:
-                progress_console.print(f"{fraction:4.0%}  {doing}", highlight=False, soft_wrap=True)
+                share = "" if fraction is None else f"{fraction:4.0%}  "
+                progress_console.print(f"{share}{doing}", highlight=False, soft_wrap=True)
 
         yield progress
+
+
+@contextmanager
+def counted_progress(doing: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Gives `progress(done)` for work that is counted."""
+    with shown_progress() as progress:
+        yield lambda done: progress(done / max(total, 1), f"{doing} {done}/{total}")

@@ -80,6 +80,21 @@ def run_endurance(ticks: int, settings: Sequence[str]) -> dict[str, Any]:
 
 
 @contextmanager
+def environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables of the environment for processes that are started within."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
 def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that compile the firmware, while this one stays as it is.
 
@@ -87,23 +102,17 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """
     import firmware_py.core.compiled  # noqa: F401 - settled here before the variable is set for the workers
 
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = "1"
-    try:
-        context = multiprocessing.get_context("spawn")
-        others = set(multiprocessing.active_children())
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=begin_worker) as executor:
-            try:
-                yield executor
-            except BaseException:
-                for child in set(multiprocessing.active_children()) - others:
-                    child.kill()
-                raise
-    finally:
-        if before is None:
-            del os.environ[VARIABLE]
-        else:
-            os.environ[VARIABLE] = before
+    others = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker
+    )
+    with environment({VARIABLE: "1"}), executor:
+        try:
+            yield executor
+        except BaseException:
+            for child in set(multiprocessing.active_children()) - others:
+                child.kill()
+            raise
 
 
 def batches(

@@ -4,10 +4,10 @@ import time
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tools.output import EXIT_CHECK_FAILED, console, figure, print_json, progress_console
+from tools.output import EXIT_CHECK_FAILED, console, figure, print_json
+from tools.progress import counted_progress
 
 BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
@@ -92,20 +92,10 @@ def run_campaign(
     for cell in cells:
         load_scene(cell.scene)
     started_s = time.perf_counter()
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("compiling", total=count)
-
-        def progress(done: int, _: int) -> None:
-            bar.update(task, completed=done, description=name)
-
-        outcomes = run_all(name, cells, numbers, seed, count, progress, workers, scheduler)
+    with counted_progress(name, count) as progress:
+        outcomes = run_all(
+            name, cells, numbers, seed, count, lambda done, _: progress(done), workers, scheduler
+        )
     return result_of(chosen, cells, outcomes, seed, time.perf_counter() - started_s)
 
 

@@ -1,13 +1,13 @@
 """`vibrohil fuzz`: frames and files that nobody should give, kills at any moment; no harm comes of them."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json, progress_console
+from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json
+from tools.progress import counted_progress
 
 fuzz = typer.Typer(
     name="fuzz", help="Treat the program badly at random; a seed repeats it.", no_args_is_help=True
@@ -19,22 +19,11 @@ def register(app: typer.Typer) -> None:
     app.add_typer(fuzz)
 
 
-@contextmanager
-def progress_of(what: str, count: int, as_json: bool) -> Iterator[Callable[[int], None]]:
-    """A bar of how many are done; refuses a count below 1."""
+def progress_of(what: str, count: int) -> AbstractContextManager[Callable[[int], None]]:
+    """How many are done; refuses a count below 1."""
     if count < 1:
         raise BadInputError(f"--count: got {count}, wanted at least 1")
-    with Progress(
-        TextColumn(what),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        disable=as_json,
-        transient=True,
-    ) as bar:
-        task = bar.add_task(what, total=count)
-        yield lambda done: bar.update(task, completed=done)
+    return counted_progress(what, count)
 
 
 @fuzz.command()
@@ -50,7 +39,7 @@ def frames(
     """
     from tools import fuzz as core
 
-    with progress_of("frames", count, as_json) as progress:
+    with progress_of("frames", count) as progress:
         outcome = core.fuzz(count, seed, progress)
     failures = [failure._asdict() for failure in outcome.failures]
     passed = not failures
@@ -107,7 +96,7 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
     """Run the cases and print what they came to."""
     from tools import fuzz_inputs as core
 
-    with progress_of(kind, count, as_json) as progress:
+    with progress_of(kind, count) as progress:
         outcome = core.fuzz(kind, count, seed, progress)
     failures = [failure._asdict() for failure in outcome.failures]
     if as_json:
@@ -142,7 +131,7 @@ def kills(
     """
     from tools.fuzz_kills import fuzz_kills
 
-    with progress_of("kills", count, as_json) as progress:
+    with progress_of("kills", count) as progress:
         failures = fuzz_kills(count, seed, progress)
     passed = not failures
     if as_json:

@@ -3,15 +3,16 @@
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tools.output import console, figure, print_json, progress_console
+from tools.output import console, figure, print_json
 from tools.outputs import PICTURES, file_option
+from tools.progress import shown_progress
 
 if TYPE_CHECKING:
     from tools.trade.prices import Price
@@ -49,24 +50,15 @@ def trade(
         return
     load_before = os.getloadavg()[0]
     measured: list[Price] = []
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=progress_console,
-        transient=True,
-    ) as bar:
-        task = bar.add_task("compiling", total=len(CASES) + 2)
-
-        def progress(doing: str) -> None:
-            bar.update(task, description=doing)
-
-        for case in CASES:
-            measured += prices.measure(case, prices.methods_of(case, quick), repeats, progress)
-            bar.advance(task)
-        of_parts = fidelity.measure(quick, repeats, progress)
-        bar.advance(task)
-        of_rates = control_rate.measure(quick, progress)
+    with shown_progress() as progress:
+        steps = len(CASES) + 2
+        for done, case in enumerate(CASES):
+            share = done / steps
+            measured += prices.measure(
+                case, prices.methods_of(case, quick), repeats, partial(progress, share)
+            )
+        of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
+        of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
     notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
     payload: dict[str, Any] = {
         "rows": [*(price.row() for price in measured), *of_parts, *of_rates],
@@ -89,9 +81,8 @@ def write_extremes(page: Path, as_json: bool) -> None:
     """The page of every extreme, and its plot."""
     from tools.trade import extremes
 
-    with Progress(TextColumn("{task.description}"), console=progress_console, transient=True) as bar:
-        task = bar.add_task("compiling", total=None)
-        rows = extremes.write(page, lambda doing: bar.update(task, description=doing))
+    with shown_progress() as progress:
+        rows = extremes.write(page, partial(progress, None))
     if as_json:
         print_json({"rows": rows, "page": str(page)})
     else:
@@ -102,9 +93,8 @@ def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
     """The price list of a scene's parts."""
     from tools.trade import parts
 
-    with Progress(TextColumn("{task.description}"), console=progress_console, transient=True) as bar:
-        task = bar.add_task("compiling", total=None)
-        rows = parts.measure(quick, repeats, lambda doing: bar.update(task, description=doing))
+    with shown_progress() as progress:
+        rows = parts.measure(quick, repeats, partial(progress, None))
     if as_json:
         print_json({"rows": rows, "repeats": repeats, "cores": os.cpu_count()})
         return

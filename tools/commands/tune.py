@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tools.commands.tune_tables import show, show_check, show_difference, show_trials
-from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json, progress_console
+from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json
 from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
+from tools.progress import Progress, counted_progress, shown_progress
 
 if TYPE_CHECKING:
     from tools.tuning.result import Tuning
@@ -44,17 +44,6 @@ def register(app: typer.Typer) -> None:
     app.add_typer(tune)
 
 
-def progress_bar() -> Progress:
-    """On standard error, gone at the end."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        transient=True,
-    )
-
-
 def given(**options: Any) -> dict[str, Any]:
     """The options that were given; the others have the called function's own defaults."""
     return {name: value for name, value in options.items() if value is not None}
@@ -72,7 +61,7 @@ class Outputs(NamedTuple):
 
 def conclude(
     outputs: Outputs,
-    work: "Callable[[Callable[[str, float | None], None]], tuple[Tuning, Found]]",
+    work: "Callable[[Progress], tuple[Tuning, Found]]",
     draw: "Callable[[Tuning, Found, Path], None]",
     shown: "Callable[[Found], Shown]",
     more: Callable[[Found], dict[str, Any]],
@@ -81,12 +70,7 @@ def conclude(
     """Run a tuning, draw and record what it found, judge it, write its file, print it."""
     from tools.tuning.recording import record_tuning
 
-    with progress_bar() as bar:
-        task = bar.add_task("at work", total=None)
-
-        def progress(doing: str, share: float | None) -> None:
-            bar.update(task, description=doing, total=None if share is None else 1.0, completed=share or 0.0)
-
+    with shown_progress() as progress:
         tuning, found = work(progress)
         also = more(found)
         if outputs.plot is not None:
@@ -95,7 +79,7 @@ def conclude(
         if outputs.rrd is not None:
             record_tuning(outputs.rrd, tuning, *shown(found))
             also["rrd"] = str(outputs.rrd)
-        payload, _ = finish(tuning, outputs.out, outputs.force, bar, also, bench)
+        payload, _ = finish(tuning, outputs.out, outputs.force, progress, also, bench)
     report(payload, outputs.as_json)
 
 
@@ -103,7 +87,7 @@ def finish(
     tuning: "Tuning",
     out: Path,
     force: bool,
-    bar: Progress,
+    progress: Progress,
     more: Mapping[str, Any],
     bench: "Bench | None" = None,
 ) -> tuple[dict[str, Any], list["SafetyResult"]]:
@@ -111,12 +95,9 @@ def finish(
     from tools.tuning.parameter_file import write
     from tools.tuning.safety import judge_safety
 
-    task = bar.add_task("safety scenarios", total=1.0)
-
-    def progress(fraction: float, doing: str) -> None:
-        bar.update(task, completed=fraction, description=f"safety: {doing}")
-
-    safety = judge_safety(tuning.values, progress, bench)
+    safety = judge_safety(
+        tuning.values, lambda fraction, doing: progress(fraction, f"safety: {doing}"), bench
+    )
     safe = all(result.passed for result in safety)
     if safe or force:
         write(out, tuning, safety, force)
@@ -169,14 +150,14 @@ def speed(
     points: dict[str, Any] = {}
     Loop = tuple[SpeedDesign, MeasuredLoop | None]
 
-    def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Loop]":
+    def work(progress: Progress) -> "tuple[Tuning, Loop]":
         tuning, design = tune_speed(
             nominal, **given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
         )
         if not measure:
             return tuning, (design, None)
         measured = measure_loop(
-            nested(tuning.values), progress=lambda share, _: progress("measuring the loop", share)
+            nested(tuning.values), progress=lambda share, _: progress(share, "measuring the loop")
         )
         tuning, points["measured"] = compared(tuning, nominal, measured)
         return tuning, (design, measured)
@@ -237,8 +218,8 @@ def identify(
         raise BadInputError("no log: give a run folder or a candump log, or --trials 300")
     log = source
 
-    def work(progress: Callable[[str, float | None], None]) -> "tuple[Tuning, Any]":
-        progress("fitting", None)
+    def work(progress: Progress) -> "tuple[Tuning, Any]":
+        progress(None, "fitting")
         tuning, identified, readings = tune_identify(log, seed)
         return tuning, (identified, readings)
 
@@ -256,11 +237,8 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
     """Run trials and print their rates; missed goals are a failed check."""
     from tools.tuning.trials import run_trials, summary
 
-    with progress_bar() as bar:
-        task = bar.add_task("trials", total=trials)
-        outcomes = run_trials(
-            trials, path, progress=lambda done, _: bar.update(task, completed=done), workers=workers
-        )
+    with counted_progress("trials", trials) as progress:
+        outcomes = run_trials(trials, path, progress=lambda done, _: progress(done), workers=workers)
     payload = {"command": "identify", **summary(outcomes), "out": str(path)}
     if as_json:
         print_json(payload)
@@ -294,7 +272,7 @@ def detector(
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
-            progress=lambda done, total: progress("trials", done / total),
+            progress=lambda done, total: progress(done / total, "trials"),
             **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
         ),
         draw_detector,
@@ -336,7 +314,7 @@ def estimator(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_estimator(
             logs or (),
-            progress=lambda done, total: progress("logs", done / total),
+            progress=lambda done, total: progress(done / total, "logs"),
             **given(
                 modules=modules, fresh_trials=fresh_trials, seed=seed, fresh_seed=fresh_seed, workers=workers
             ),
@@ -376,7 +354,7 @@ def start(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_start(
             journal or out.with_suffix(".journal"),
-            progress=lambda done, total: progress("trials", done / total),
+            progress=lambda done, total: progress(done / total, "trials"),
             **given(
                 candidates=candidates,
                 trials=trials,
@@ -406,15 +384,10 @@ def check(
     from tools.tuning.parameter_file import write
     from tools.tuning.safety import judge_safety
 
-    with progress_bar() as bar:
-        task = bar.add_task("at work", total=1.0)
-
-        def progress(doing: str, share: float) -> None:
-            bar.update(task, description=doing, completed=share)
-
+    with shown_progress() as progress:
         payload, tunings = check_defaults(out, QUICK if quick else Effort(), progress, workers)
         together = {name: value for tuning in tunings for name, value in tuning.values.items()}
-        safety = judge_safety(together, lambda share, doing: progress(f"safety: {doing}", share))
+        safety = judge_safety(together, lambda share, doing: progress(share, f"safety: {doing}"))
         for tuning in tunings:
             write(out / f"{tuning.command}.toml", tuning, safety, force=True)
     payload = {
@@ -449,14 +422,8 @@ def diff(
 
     payload = {**difference(a, b), "suite": []}
     if suite:
-        with progress_bar() as bar:
-            task = bar.add_task("scenarios", total=1.0)
-            payload["suite"] = effects(
-                a,
-                b,
-                scenario or SCENARIOS,
-                lambda doing, share: bar.update(task, description=doing, completed=share),
-            )
+        with shown_progress() as progress:
+            payload["suite"] = effects(a, b, scenario or SCENARIOS, progress)
     if as_json:
         print_json(payload)
     else:

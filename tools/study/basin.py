@@ -131,17 +131,20 @@ def keep(found: Basin, where: work.Where, **more: Any) -> None:
     store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 
-def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
-    """The pieces of a map."""
+def specs(
+    case: Case, ratio: float, plane: str, size: int, rows_at_once: int = ROWS_AT_ONCE, **more: Any
+) -> list[dict[str, Any]]:
+    """The pieces of a map, and what `more` they depend on."""
     return [
         {
             "case": case.parameters(),
             "ratio": ratio,
             "plane": plane,
             "size": size,
-            "rows": [first, min(first + ROWS_AT_ONCE, size)],
+            "rows": [first, min(first + rows_at_once, size)],
+            **more,
         }
-        for first in range(0, size, ROWS_AT_ONCE)
+        for first in range(0, size, rows_at_once)
     ]
 
 

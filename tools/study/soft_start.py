@@ -19,7 +19,7 @@ from tools.campaign import processes
 from tools.campaign.kernels import PACKAGES
 from tools.output import BadInputError
 from tools.study import store, work
-from tools.study.basin import Basin, axes, keep, statistics, wilson
+from tools.study.basin import Basin, axes, keep, specs, statistics, wilson
 from tools.study.cases import Case
 
 PRESET = "table1"
@@ -92,9 +92,10 @@ def nominal_of(case: Case) -> dict[str, Any]:
 def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
     """The whole map; also written as one file beside its figure."""
     check(case, ratio)
-    paths = work.run(
-        f"soft-{plane}", piece, specs(case, ratio, plane, size), where, with_compiled_firmware=True
-    )
+    # The pieces depend on the firmware and the campaigns as well.
+    sources = cache_folder("campaign", PACKAGES).name
+    pieces = specs(case, ratio, plane, size, ROWS_AT_ONCE, sources=sources)
+    paths = work.run(f"soft-{plane}", piece, pieces, where, with_compiled_firmware=True)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reaches_stop = table["impacts"].to_numpy() > 0.0
     instant = float(table["instant"].to_numpy(zero_copy_only=False).mean())
@@ -106,23 +107,8 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
         "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
     }
     found = Basin(case, ratio, plane, size, table, 0, numbers, start="soft")
-    keep(found, where, sources=cache_folder("campaign", PACKAGES).name)
+    keep(found, where, sources=sources)
     return found
-
-
-def specs(case: Case, ratio: float, plane: str, size: int) -> list[dict[str, Any]]:
-    """The pieces of a map; they depend on the firmware's and the campaigns' sources as well."""
-    return [
-        {
-            "case": case.parameters(),
-            "ratio": ratio,
-            "plane": plane,
-            "size": size,
-            "rows": [first, min(first + ROWS_AT_ONCE, size)],
-            "sources": cache_folder("campaign", PACKAGES).name,
-        }
-        for first in range(0, size, ROWS_AT_ONCE)
-    ]
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tools.campaign import processes
-from tools.output import BadInputError, progress_console
+from tools.output import BadInputError
+from tools.progress import counted_progress
 from tools.study import store
 
 Piece = Callable[[store.Spec], tuple[pa.Table, dict[str, Any]]]
@@ -53,24 +53,13 @@ def run(
     """Compute what is missing and return the pieces' files in the order of `specs`."""
     paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]
     missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
-    with _progress() as progress:
-        task = progress.add_task(kind, total=len(specs), completed=len(specs) - len(missing))
+    with counted_progress(kind, len(specs)) as progress:
         numbered = [(index, specs[index]) for index in missing]
-        for index, (table, facts) in _results(piece, numbered, where, with_compiled_firmware):
+        results = _results(piece, numbered, where, with_compiled_firmware)
+        for done, (index, (table, facts)) in enumerate(results, len(specs) - len(missing) + 1):
             store.write(paths[index], table, specs[index], facts)
-            progress.advance(task)
+            progress(done)
     return paths
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=progress_console,
-        transient=True,
-    )
 
 
 def _results(

@@ -17,6 +17,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.bench import in_lockstep
 from hil.scenario import load_scenario
 from tools.campaign.results import counts_of, values_of
+from tools.progress import Progress
 from tools.tuning import detector, estimator, start, trials
 from tools.tuning.candidates import FRESH_SEED, run_candidates
 from tools.tuning.identify import tune_identify
@@ -35,7 +36,6 @@ HASTY = "up to speed in 0.5 s"
 
 TIMID = "a floor of seven times the noise"
 
-Progress = Callable[[str, float], None]
 Merits = Mapping[str, Merit]
 
 
@@ -155,17 +155,17 @@ def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | Non
     """All commands, one after the other."""
 
     def share(name: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(name, done / max(total, 1))
+        return lambda done, total: progress(done / max(total, 1), name)
 
-    progress("speed", 0.0)
+    progress(0.0, "speed")
     speed = tune_speed()[0]
     run_dir, _ = in_lockstep(
         load_scenario(RECORDED),
         _emptied(folder / "recorded"),
         RECORDED_SEED,
-        lambda one, _: progress("recording", one),
+        lambda one, _: progress(one, "recording"),
     )
-    progress("identify", 0.0)
+    progress(0.0, "identify")
     identified = tune_identify(run_dir)[0]
     estimated = estimator.tune_estimator(
         modules=effort.modules,
@@ -245,7 +245,7 @@ def _of_speed(effort: Effort, progress: Progress, workers: int | None) -> Margin
         [{}, NO_FEED_FORWARD],
         FRESH_SEED,
         effort.hold_trials,
-        lambda done, total: progress("margin of speed", done / total),
+        lambda done, total: progress(done / total, "margin of speed"),
         workers,
         (HOLD_RATIO,),
     )
@@ -257,7 +257,7 @@ def _of_identify(folder: Path, effort: Effort, progress: Progress, workers: int 
     identified = trials.run_trials(
         effort.identify_trials,
         folder / "identify-trials.jsonl",
-        progress=lambda done, total: progress("margin of identify", done / total),
+        progress=lambda done, total: progress(done / total, "margin of identify"),
         workers=workers,
     )
     errors = (
@@ -274,7 +274,7 @@ def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Mar
         [{}, TIMID_FLOOR],
         FRESH_SEED,
         effort.detector_trials,
-        lambda done, total: progress("margin of detector", done / total),
+        lambda done, total: progress(done / total, "margin of detector"),
         workers,
     )
     costs = []

@@ -14,6 +14,7 @@ from hil.parameter_file import read_document, values_of
 from hil.run_traces import read_run
 from hil.scenario import load_scenario
 from hil.verdict import judge
+from tools.progress import Progress
 
 SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")
 """A start into the multistable band and its hold, a quick start, an emergency: what tuning may spoil."""
@@ -25,8 +26,6 @@ OF_THE_MACHINE = (
 """Figures of how the bench ran: no parameter changes them."""
 LEAST_CHANGE = 0.005
 """Figures that differ by a smaller share are not worth a line."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,10 @@ def effects(
         for place, path in enumerate((a, b)):
             before = (number + 0.5 * place) / len(scenarios)
 
-            def told(share: float, _: str, name: str = name, before: float = before) -> None:
-                progress(name, before + 0.5 * share / len(scenarios))
+            def reported(share: float, _: str, name: str = name, before: float = before) -> None:
+                progress(before + 0.5 * share / len(scenarios), name)
 
-            sides.append(_ran(name, path, told))
+            sides.append(_ran(name, path, reported))
         one, other = sides
         found.append(
             {

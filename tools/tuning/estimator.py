@@ -32,12 +32,12 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.parameter_file import nested
 from tools.campaign.cells import LAWS, Cell, scene_of
 from tools.campaign.draws import Mismatch, draw
-from tools.campaign.processes import pool, prepare
+from tools.campaign.processes import environment, pool, prepare
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
-from tools.tuning.trials import one_thread_each
+from tools.tuning.trials import ONE_THREAD_EACH
 
 FloatArray = NDArray[np.float64]
 
@@ -278,7 +278,7 @@ def scored(
     worths: dict[int, Worth] = {}
     scores: dict[int, list[Score]] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
-    with one_thread_each(), pool(count) as executor:
+    with environment(ONE_THREAD_EACH), pool(count) as executor:
         # The first has everything compiled; the others find it in the cache.
         worths[0] = executor.submit(weigh, sources[0]).result()
         futures: dict[Any, tuple[str, int]] = {

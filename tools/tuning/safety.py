@@ -4,7 +4,7 @@ The runs are scenarios of the bench in lockstep, with their own checks, on their
 """
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,11 +17,10 @@ from hil.parameter_file import nested
 from hil.run_traces import read_run
 from hil.scenario import check_scenario, read_scenario
 from hil.verdict import judge
+from tools.progress import Progress
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 SEED = 1
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)

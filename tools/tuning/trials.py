@@ -11,9 +11,8 @@ it is made of has changed.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
-from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from tools.campaign.cells import LAWS, Cell, scene_of
 from tools.campaign.draws import Mismatch, draw
-from tools.campaign.processes import pool, prepare
+from tools.campaign.processes import environment, pool, prepare
 from tools.campaign.statistics import wilson
 
 SECONDS = 60.0
@@ -60,7 +59,7 @@ GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
 PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
 MODULES_OF_A_TRIAL = ("impacts", "flights", "flown", "identify", "laws", "readings", "recorded", "trials")
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+ONE_THREAD_EACH = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Progress = Callable[[int, int], None]
 
@@ -171,21 +170,6 @@ def known_trials(path: Path, key: str) -> dict[int, Trial]:
     return found
 
 
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Processes that are started within leave each other's cores alone."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def run_trials(
     trials: int,
     path: Path,
@@ -199,7 +183,7 @@ def run_trials(
     done = {number: one for number, one in known_trials(path, key).items() if number < trials}
     missing = [number for number in range(trials) if number not in done]
     progress(len(done), trials)
-    with one_thread_each(), path.open("a", encoding="utf-8") as file:
+    with environment(ONE_THREAD_EACH), path.open("a", encoding="utf-8") as file:
         if missing:
             with pool(min(workers or os.cpu_count() or 1, len(missing))) as executor:
                 # The first has everything compiled; the others find it in the cache.
