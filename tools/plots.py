@@ -1,4 +1,4 @@
-"""Plots of the plant alone, drawn with matplotlib into SVG or PNG."""
+"""Plots of the plant alone, by matplotlib, as SVG or PNG."""
 
 from pathlib import Path
 

@@ -9,7 +9,7 @@ Kalman gain
 
 with P the variance of a stride about the one expected. A heel strike that does not come was missed by its
 switch: the cycle goes on without it, and what was learnt with it. The shank's rate says what switches cannot:
-whether the leg has swung since its last strike, and whether it is at rest.
+whether the leg has swung since its last heel strike, and whether it is at rest.
 
 The other candidate was an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng. Comput. 49,
 2011), which lags where the cadence changes.
@@ -56,7 +56,7 @@ class GaitConfig(NamedTuple):
     """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
 
     `strike_phase`: where in the cycle the heel's switch closes, which takes some load. `overdue`: by how
-    much of the cycle a strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
+    much of the cycle a heel strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
     """
 
     tick_s: float
@@ -91,9 +91,9 @@ class Event(NamedTuple):
 class Stride(NamedTuple):
     """`mean_s` is that of late strides, `expected_s` is this one, `variance` says how surely.
 
-    `since_s` counts from the strike that the phase counts from, `since_seen_s` from the last one seen;
+    `since_s` counts from the phase's heel strike, `since_seen_s` from the last one seen;
     `missed` are those in between. `spread` is that of strides about what was expected, as a share. `early` is
-    by how many deviations this stride's strike came early.
+    by how many deviations this stride's heel strike came early.
     """
 
     mean_s: float
@@ -116,7 +116,7 @@ class Events(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """The sensors' last word, whether the leg has swung since its strike, and for how long it has rested."""
+    """The sensors' last word, whether the leg has swung since its heel strike, and its time at rest."""
 
     heel: bool
     toe: bool
@@ -140,7 +140,7 @@ FIRST_SPREAD = 0.03
 _FIRST_VARIANCE = 0.0004
 MOST_MISSED = 3
 PACE = 1.15
-"""A strike alone may be early as the pace changes: it must exceed the confirming threshold by this margin."""
+"""A heel strike alone may be early at a new pace: it must exceed the confirming threshold by this margin."""
 
 INITIAL = CycleState(
     phase=0.0,
@@ -192,7 +192,7 @@ def _unseen(events: Events) -> Events:
 
 @compiled
 def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
-    """How many strides lie between two strikes seen: more than one where a switch missed some."""
+    """How many strides lie between two heel strikes seen: more than one where a switch missed some."""
     if stride.known < config.strides_to_trust:
         return 1
     return max(int(took_s / stride.mean_s + 0.5), 1)
@@ -202,8 +202,8 @@ def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
 def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> bool:
     """Whether an event comes further from its time than that varies; both in shares of the cycle.
 
-    Who trips puts the foot down early; `early` is the strike's part of that, as innovations are independent
-    of each other. What is late may still come: only what is later than any strike may be is none.
+    Who trips puts the foot down early; `early` is the heel strike's part of that, as innovations are
+    independent. A late one may still come: only after the latest possible heel strike there is none.
     """
     far = off < -config.surprise or off > config.overdue
     if off > 0.0:
@@ -314,7 +314,7 @@ def _heard(
 
 @compiled
 def _missed(stride: Stride) -> Stride:
-    """A strike that must have been: the cycle goes on from where it should have come."""
+    """A heel strike that must have been: the cycle goes on from where it should have come."""
     return Stride(
         stride.mean_s,
         stride.mean_s,

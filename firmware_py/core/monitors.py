@@ -89,7 +89,7 @@ class MonitorConfig(NamedTuple):
 
 
 class MonitorState(NamedTuple):
-    """For how long each condition has held, in ticks; `whirl_ticks`: how long the crank is not calm yet.
+    """For how long each condition has held, in ticks; `freewheel_ticks`: until the crank may be taken over.
 
     `silent_ticks`: since the last sample; `gaps`: long ones, which count for another `unsteady_ticks`.
     """
@@ -108,7 +108,7 @@ class MonitorState(NamedTuple):
     position_rev: float
     stuck_ticks: int
     low_m_s2: float
-    whirl_ticks: int
+    freewheel_ticks: int
     silent_ticks: int
     unsteady_ticks: int
     gaps: int
@@ -117,7 +117,7 @@ class MonitorState(NamedTuple):
 class Findings(NamedTuple):
     """What the supervisor decides on. `watchdog` and `limit` hold the first fault of their kind, or NONE.
 
-    `whirling`: the crank turns, or has just turned, too fast to be taken over.
+    `freewheel_overspeed`: the crank turns, or has just turned, too fast to be taken over.
     """
 
     watchdog: Fault
@@ -127,7 +127,7 @@ class Findings(NamedTuple):
     standstill: bool
     parameters_damaged: bool
     overspeed: bool
-    whirling: bool
+    freewheel_overspeed: bool
 
 
 INITIAL = MonitorState(
@@ -145,7 +145,7 @@ INITIAL = MonitorState(
     position_rev=0.0,
     stuck_ticks=0,
     low_m_s2=0.0,
-    whirl_ticks=0,
+    freewheel_ticks=0,
     silent_ticks=0,
     unsteady_ticks=0,
     gaps=0,
@@ -304,7 +304,7 @@ def step(
         encoder.position_rev,
         stuck_ticks,
         low_m_s2,
-        config.takeover_ticks if too_fast else max(state.whirl_ticks - n, 0),
+        config.takeover_ticks if too_fast else max(state.freewheel_ticks - n, 0),
         silent_ticks,
         unsteady_ticks,
         gaps,
@@ -320,5 +320,5 @@ def step(
         new.standstill_ticks > config.standstill_ticks,
         config.parameters_damaged,
         is_overspeed(limits, inputs, crank),
-        too_fast or new.whirl_ticks > 0,
+        too_fast or new.freewheel_ticks > 0,
     )

@@ -350,7 +350,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         lost_again = retreated and start_now.attempts > 1  # a step below, too, or no impact in the dip
         refusal = refused(
             valid_ratio,
-            mode == READY and findings.whirling,
+            mode == READY and findings.freewheel_overspeed,
             lock_now.refusal if follow else NO_REFUSAL,
             Refusal.RATIO_TOO_HIGH if lost_again else hold_now.refusal,
             therapy_now.refusal,

@@ -44,7 +44,7 @@ class Conditions(NamedTuple):
     clear_armed: bool
     target_valid: bool
     axis_idle: bool
-    whirling: bool
+    freewheel_overspeed: bool
     captured: bool
     standstill: bool
 
@@ -87,7 +87,7 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
         if not (conditions.inputs_fresh and conditions.operator_fresh):
             return INIT
         may_start = conditions.axis_idle and conditions.idle_seen and conditions.target_valid
-        return SOFT_START if asks_run and may_start and not conditions.whirling else READY
+        return SOFT_START if asks_run and may_start and not conditions.freewheel_overspeed else READY
     if mode == STOPPING:
         return READY if conditions.standstill else STOPPING
     if not (asks_run and conditions.target_valid):
@@ -103,7 +103,7 @@ def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:
 
     Damaged parameters are one from power-up on, which only a start with good ones ends. Silence is one only
     where something moves; before, it keeps the firmware out of READY. So is overspeed: a free crank that the
-    swinging striker whirls is nobody's fault. In FAULT and E_STOP the answer says
+    swinging striker drives too fast is no fault. In FAULT and E_STOP the answer says
     what still stands against clearing; a drive's error does not, as clearing is its cure.
     """
     moving = mode in MOVING
@@ -160,7 +160,7 @@ def step(
         state.clear_armed,
         target_valid,
         axis_idle,
-        findings.whirling,
+        findings.freewheel_overspeed,
         captured,
         findings.standstill,
     )

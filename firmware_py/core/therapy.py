@@ -4,9 +4,10 @@ The cadence leaves a few ratios r = n f_stride 2π/ω, and impacts grow with r. 
 
     r* = r̄ + (J* − J̄)/J'
 
-is where impacts would be those asked for, and n is chosen next to it in place of the region's centre. J' is
-believed until two n have been tried, and from then on their secant: so both agree on which of them is nearer,
-and no step is taken back. Whole turns seldom meet a request; the remainder is reported.
+is where impacts would be those asked for, and n is chosen next to it in place of the region's centre. The
+slope J' starts as a parameter. After two values of n have been tried, the secant through them replaces it, so
+that both values rank the candidates alike and the search does not oscillate. Whole turns seldom meet a
+request; the remainder is reported.
 """
 
 from typing import NamedTuple

@@ -21,7 +21,7 @@ class Urgency(IntEnum):
     AT_ONCE = 0
     """Stands behind nothing, and is the last to be dropped: a fault, an E-stop."""
     PROMPT = 1
-    """Stands behind nothing but those: what tells of an instant."""
+    """Waits for nothing but those: what belongs to one instant."""
     IN_TURN = 2
 
 

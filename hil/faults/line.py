@@ -188,7 +188,7 @@ class FaultyBus:
 def with_faults(
     bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
 ) -> tuple[NodeBus, Callable[[float], None]]:
-    """A node's bus, and what to tell the time of its turns: the bus itself where nothing on it breaks."""
+    """A node's bus, and where to set the time of its turns: the bus itself where nothing on it breaks."""
     if not any(is_of_the_line(fault) for fault in faults):
         return bus, lambda _: None
     faulty = FaultyBus(bus, node, faults, seed)

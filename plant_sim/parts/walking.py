@@ -293,7 +293,7 @@ def felt_m_s3(walking: Walking, t_s: float) -> float:
 
 @shared
 def unbroken_s(walking: Walking, t_s: float, same_s: float) -> float:
-    """A radian of the fastest wave from `t_s` on, and over no end of a row, a strike or a knock."""
+    """A radian of the fastest wave from `t_s` on, and over no end of a row, a heel strike or a knock."""
     rows = walking.rows
     row = rows[row_at(rows, t_s + same_s)]
     into_s = t_s - row[BEGIN_S]

@@ -240,10 +240,10 @@ def test_a_refused_request_is_said_once_and_latches_nothing(
     assert bench.node.outputs.refusal == Refusal.NONE
 
 
-def test_a_crank_that_the_striker_whirls_is_waited_for() -> None:
+def test_a_crank_that_the_striker_drives_is_waited_for() -> None:
     """Free after power-up it turns faster than motion allows; half a second after, the start begins."""
-    whirl = scene_with(initial={"x_m": 0.02, "v_m_s": 0.4}, drive={"phase_rad": 0.5})
-    bench = Bench(scene=whirl)
+    fast = scene_with(initial={"x_m": 0.02, "v_m_s": 0.4}, drive={"phase_rad": 0.5})
+    bench = Bench(scene=fast)
     bench.run(0.3)
     assert bench.node.outputs.mode == Mode.READY
     bench.request = OperatorRequest.RUN

@@ -122,7 +122,7 @@ def test_a_healthy_module_has_no_faults() -> None:
         standstill=False,
         parameters_damaged=False,
         overspeed=False,
-        whirling=False,
+        freewheel_overspeed=False,
     )
 
 
@@ -196,28 +196,28 @@ def test_overspeed_also_by_the_drives_own_estimate() -> None:
 
 
 @pytest.mark.parametrize("fast", [20.1, -20.1, math.nan])
-def test_a_crank_has_whirled_until_it_has_been_calm_for_its_time(fast: float) -> None:
+def test_a_crank_is_too_fast_until_it_has_been_slow_for_its_time(fast: float) -> None:
     edge = CRANK._replace(omega_rad_s=20.0)
-    assert not watch(crank_state=edge)[1].whirling
+    assert not watch(crank_state=edge)[1].freewheel_overspeed
     state, findings = watch(crank_state=CRANK._replace(omega_rad_s=fast))
-    assert (findings.whirling, state.whirl_ticks) == (True, 500)
+    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (True, 500)
     state, findings = watch(ticks=499, crank_state=edge, state=state)
-    assert (findings.whirling, state.whirl_ticks) == (True, 1)
+    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (True, 1)
     state, findings = watch(crank_state=edge, state=state)
-    assert (findings.whirling, state.whirl_ticks) == (False, 0)
+    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (False, 0)
     # One long tick counts as long; and what is calm stays so.
     state, _ = watch(crank_state=CRANK._replace(omega_rad_s=fast))
-    assert watch(replaced(CLOSED, "elapsed_ticks", 499), crank_state=edge, state=state)[1].whirling
+    assert watch(replaced(CLOSED, "elapsed_ticks", 499), crank_state=edge, state=state)[1].freewheel_overspeed
     state, findings = watch(replaced(CLOSED, "elapsed_ticks", 501), crank_state=edge, state=state)
-    assert (findings.whirling, state.whirl_ticks) == (False, 0)
+    assert (findings.freewheel_overspeed, state.freewheel_ticks) == (False, 0)
 
 
 def test_without_a_time_to_calm_down_in_only_the_present_speed_counts() -> None:
     config = CONFIG._replace(takeover_ticks=0)
-    for omega, whirling in ((20.1, True), (20.0, False)):
+    for omega, freewheel_overspeed in ((20.1, True), (20.0, False)):
         crank_state = CRANK._replace(omega_rad_s=omega)
         _, findings = watch(mode=Mode.READY, crank_state=crank_state, target=0.0, config=config)
-        assert findings.whirling == whirling
+        assert findings.freewheel_overspeed == freewheel_overspeed
 
 
 def test_frozen_drive_data_is_found_out() -> None:

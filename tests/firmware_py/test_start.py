@@ -60,11 +60,13 @@ def test_the_rise_reaches_the_target_in_its_time_without_overshoot() -> None:
     assert state.stage == Stage.CONFIRM
 
 
-def test_a_whirling_crank_is_first_brought_below_resonance() -> None:
-    whirling = 1.2 * CONFIG.natural_rad_s
-    state = start.step(CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, whirling, QUIET, 0.0, 0.0, True, 1)
+def test_a_fast_crank_is_first_brought_below_resonance() -> None:
+    freewheel_overspeed = 1.2 * CONFIG.natural_rad_s
+    state = start.step(
+        CONFIG, start.INITIAL, Mode.SOFT_START, 1.3, True, freewheel_overspeed, QUIET, 0.0, 0.0, True, 1
+    )
     assert state.stage == Stage.APPROACH
-    assert state.target_omega_rad_s == whirling
+    assert state.target_omega_rad_s == freewheel_overspeed
     _, targets = until(state, CONFIG.approach_s, hits=False)
     assert targets[-1] == pytest.approx(CONFIG.approach_ratio * CONFIG.natural_rad_s, rel=1e-3)
 

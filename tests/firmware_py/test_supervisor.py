@@ -17,7 +17,7 @@ CALM = Findings(
     standstill=True,
     parameters_damaged=False,
     overspeed=False,
-    whirling=False,
+    freewheel_overspeed=False,
 )
 
 
@@ -51,7 +51,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert c.axis_idle
             assert c.inputs_fresh
             assert c.target_valid
-            assert not c.whirling
+            assert not c.freewheel_overspeed
             assert c.fault == Fault.NONE
         # A fault ends all motion in the same tick, and keeps it from beginning.
         if c.fault != Fault.NONE and mode in (*MOVING, Mode.READY, Mode.INIT):
@@ -77,7 +77,9 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert after == (Mode.READY if c.standstill else Mode.STOPPING)
         if mode == Mode.READY and c.fault == Fault.NONE:
             fresh = c.inputs_fresh and c.operator_fresh
-            starts = wants_run and c.idle_seen and c.axis_idle and c.target_valid and not c.whirling
+            starts = (
+                wants_run and c.idle_seen and c.axis_idle and c.target_valid and not c.freewheel_overspeed
+            )
             assert after == ((Mode.SOFT_START if starts else Mode.READY) if fresh else Mode.INIT)
         # Clearing never arms.
         if c.request == OperatorRequest.CLEAR_FAULTS:
@@ -86,7 +88,7 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
 
 WATCHDOG = CALM._replace(watchdog=Fault.SENSOR_TIMEOUT)
 LIMIT = CALM._replace(limit=Fault.OVERCURRENT)
-FAST = CALM._replace(overspeed=True, whirling=True)
+FAST = CALM._replace(overspeed=True, freewheel_overspeed=True)
 DRIVE = CALM._replace(drive=Fault.DRIVE_ERROR)
 ALONE = CALM._replace(operator_lost=True)
 DAMAGED = CALM._replace(parameters_damaged=True)
@@ -99,7 +101,7 @@ DAMAGED = CALM._replace(parameters_damaged=True)
         (WATCHDOG, False, dict.fromkeys((*MOVING, *LATCHED), Fault.SENSOR_TIMEOUT)),
         (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
         (FAST, False, dict.fromkeys((*MOVING, *LATCHED), Fault.OVERSPEED)),
-        (CALM._replace(whirling=True), False, {}),
+        (CALM._replace(freewheel_overspeed=True), False, {}),
         (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
         (ALONE, False, dict.fromkeys(MOVING, Fault.OPERATOR_TIMEOUT)),
         (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
@@ -189,7 +191,7 @@ def test_the_drives_reason_is_latched_when_it_arrives() -> None:
         assert state.disarm_reason == latched
 
 
-def test_a_crank_that_the_striker_whirls_only_delays_the_start() -> None:
+def test_a_crank_that_the_striker_drives_only_delays_the_start() -> None:
     state = step(supervisor.INITIAL._replace(mode=Mode.READY), FAST)
     for _ in range(3):
         state = step(state, FAST, OperatorRequest.RUN)

@@ -112,7 +112,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
         )
         os.close(terminal)
         os.set_blocking(screen, False)
-        # A logger makes its file, and the monitor draws, once it is on the bus.
+        # A logger makes its file, and the monitor shows frames, once it is on the bus.
         logs = [folder / f"live.{suffix}" for suffix in SUFFIXES]
         deadline_s = time.monotonic() + PATIENCE_S
         while not (all(log.exists() for log in logs) and select.select([screen], [], [], 0.0)[0]):

@@ -48,7 +48,7 @@ def test_the_compiled_loop_runs_as_the_bench_does(worker: ProcessPoolExecutor, t
     assert list(modes[changes]) == list(wanted_modes[wanted_changes])
     assert list(modes[changes])[-1] == Mode.READY
     assert np.abs(changes - wanted_changes)[:-1].max() <= 1
-    # When a crank that the spring pulls at has come to stand, seeds 7 to 10 tell to up to 4 ticks.
+    # When a crank that the spring pulls at has come to stand, seeds 7 to 10 differ by up to 4 ticks.
     assert abs(changes[-1] - wanted_changes[-1]) <= 10
     until = min(changes[-1], wanted_changes[-1]) - 10
     touched_s = compiled["impacts"][:, 0][compiled["impacts"][:, 0] < 1e-3 * until]

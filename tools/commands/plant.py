@@ -28,7 +28,7 @@ def plant(
     again: Annotated[
         bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
     ] = False,
-    until: Annotated[float | None, typer.Option(help="Stop after this many seconds; else on Ctrl-C.")] = None,
+    until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
 ) -> None:
     """Run the simulated module, its drive and its sensors as one CAN node at 1 kHz."""
     from hil.node_main import plant_main

@@ -3,7 +3,7 @@
 A flight's reading is linear in the parameters (`flights`), and least squares would do, were its regressors
 not made of the reading itself. What the sensor's noise adds to ∫∫z dt² does two things. It makes residuals
 hang together, more so along a flight: they are weighted by how (generalised least squares; without it b is
-known half as well, 6 % off where friction is dry as well). And it lies in the regressor, which draws its
+known half as well, 6 % off where friction is dry as well). And it lies in the regressor, which pulls its
 coefficient towards 0: so the equations are solved by instrumental variables (Söderström & Stoica 1983), each
 flight run again by the model that was fitted, which has no noise in it, and the residual made orthogonal to
 *its* regressors.
