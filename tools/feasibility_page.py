@@ -11,7 +11,7 @@ from tools.study import feasibility
 from tools.study.feasibility import (
     AXES,
     FEASIBLE,
-    LEG_STRIKES,
+    LEG_IMPACTS,
     LOST,
     NO_REGION,
     NO_TURNS,
@@ -27,7 +27,7 @@ COLOURS = {
     FEASIBLE: "#4c9f70",
     NO_REGION: "#404040",
     NO_TURNS: "#8c8c8c",
-    LEG_STRIKES: "#c44e52",
+    LEG_IMPACTS: "#c44e52",
     LOST: "#8172b3",
     TOO_HARD: "#e8a33d",
     TOO_SOFT: "#9cc4e4",
@@ -36,7 +36,7 @@ MARKS = {
     FEASIBLE: "**yes**",
     NO_REGION: "region",
     NO_TURNS: "n",
-    LEG_STRIKES: "leg",
+    LEG_IMPACTS: "leg",
     LOST: "lost",
     TOO_HARD: "hard",
     TOO_SOFT: "soft",
@@ -185,7 +185,7 @@ def text_of(row: Row) -> str:
     if row["harmonic"] == 0:
         return mark
     text = f"{mark} {row['harmonic']}×, r {row['ratio']:.2f}"
-    if row["verdict"] == LEG_STRIKES:
+    if row["verdict"] == LEG_IMPACTS:
         return f"{text}, {row['idle_impacts_hz']:.1f}/s"
     if np.isfinite(row["felt_high_n"]):
         text += f", {row['felt_low_n']:.0f}–{row['felt_high_n']:.0f}"

@@ -3,11 +3,12 @@
 import re
 import shlex
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_type_hints
 
 import pytest
 import typer
 
+from firmware_py.core.step import State
 from firmware_py.interface.parameter_table import TABLE
 from hil.figure_records import CATALOGUE
 from hil.scenario import load_scenario
@@ -151,3 +152,19 @@ def test_every_link_leads_somewhere(page):
 def test_the_reference_is_up_to_date(name):
     written = (DOCS / "reference" / name).read_text("utf-8")
     assert written == reference.PAGES[name](), f"{name} is old; run python -m tools.reference"
+
+
+def words_of(kind: type) -> int:
+    """Numbers in a record and in the records within it."""
+    fields = get_type_hints(kind) if hasattr(kind, "_fields") else {}
+    return sum(words_of(one) for one in fields.values()) or 1
+
+
+def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
+    page = (DOCS / "firmware.md").read_text("utf-8")
+    said = {
+        name: int(words) for name, words in re.findall(r"^\| `(\w+)` \|.*\| (\d+) \|$", page, re.MULTILINE)
+    }
+    states = {name: words_of(kind) for name, kind in get_type_hints(State).items()}
+    assert said == {name: states[name] for name in said}
+    assert len(said) == len(states) - 1  # docs/safety.md describes the drive link

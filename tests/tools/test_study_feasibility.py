@@ -15,7 +15,7 @@ from tools.output import BadInputError
 from tools.study import feasibility
 from tools.study.feasibility import (
     FEASIBLE,
-    LEG_STRIKES,
+    LEG_IMPACTS,
     LOST,
     NO_REGION,
     NO_TURNS,
@@ -101,7 +101,7 @@ def test_the_first_that_fails_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(feasibility, "idle_impacts_hz", lambda *_: 1.0)
     assert feasibility.cell(STOP, "up", 0.8, math.nan, math.nan)["verdict"] == NO_REGION
     assert feasibility.cell(TABLE1, "up", 1.1, 0.97, 1.3)["verdict"] == NO_TURNS
-    assert feasibility.cell(STOP, "up", 0.8, 0.97, 1.3)["verdict"] == LEG_STRIKES
+    assert feasibility.cell(STOP, "up", 0.8, 0.97, 1.3)["verdict"] == LEG_IMPACTS
 
 
 def test_the_shipped_module_serves_a_walk_across_the_legs_swing_and_not_within_it() -> None:
@@ -113,7 +113,7 @@ def test_the_shipped_module_serves_a_walk_across_the_legs_swing_and_not_within_i
     assert across["harmonic"] in (6, 7)
     assert 10.0 <= across["felt_low_n"] <= across["felt_high_n"] <= 40.0
     within = feasibility.cell(STOP, "forward", 1.0, low, high)
-    assert within["verdict"] == LEG_STRIKES
+    assert within["verdict"] == LEG_IMPACTS
     assert within["idle_impacts_hz"] > feasibility.IDLE_IMPACTS_HZ
 
 

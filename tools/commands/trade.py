@@ -28,7 +28,8 @@ def trade(
         bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")
     ] = False,
     parts: Annotated[
-        bool, typer.Option("--parts", help="Price the parts of a scene instead: what each costs and changes.")
+        bool,
+        typer.Option("--parts", help="Measure a scene's parts instead: what each costs and changes."),
     ] = False,
     extremes: Annotated[
         Path | None,
@@ -37,7 +38,7 @@ def trade(
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Price solvers, peers, fidelity and control rate: error against cost, in one run."""
+    """Measure solvers, peers, fidelity and control rate: error against cost, in one run."""
     from tools.trade import control_rate, fidelity, heyoka_peer, pictures, prices
     from tools.trade.cases import CASES
 

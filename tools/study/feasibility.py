@@ -70,11 +70,11 @@ ACCURACY = 1e-6
 FEASIBLE = "feasible"
 NO_TURNS = "no whole number of turns"
 NO_REGION = "no impact region"
-LEG_STRIKES = "the leg alone causes impacts"
-LOST = "impacts are lost"
+LEG_IMPACTS = "impacts by the leg"
+LOST = "impacts lost"
 TOO_HARD = "too hard"
 TOO_SOFT = "too soft"
-REASONS = (FEASIBLE, NO_REGION, NO_TURNS, LEG_STRIKES, LOST, TOO_HARD, TOO_SOFT)
+REASONS = (FEASIBLE, NO_REGION, NO_TURNS, LEG_IMPACTS, LOST, TOO_HARD, TOO_SOFT)
 
 COLUMNS = (
     ("preset", pa.string()),
@@ -286,7 +286,7 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
         row["harmonic"], row["ratio"] = candidates[0]
         row["idle_impacts_hz"] = idle_impacts_hz(stop, axis, stride_hz)
         if row["idle_impacts_hz"] > IDLE_IMPACTS_HZ:
-            found = found._replace(verdict=LEG_STRIKES)
+            found = found._replace(verdict=LEG_IMPACTS)
         else:
             for number, (harmonic, ratio) in enumerate(candidates):
                 other = judged(stop, axis, stride_hz, ratio)

@@ -109,7 +109,7 @@ def _bands(axes: Any, bands: Sequence[Band]) -> None:
             solid_capstyle="butt",
         )
     for turns in sorted({band.turns for band in bands}):
-        axes.plot([], [], color=f"C{turns - 2}", lw=5, label=f"one impact in {turns} turns")
+        axes.plot([], [], color=f"C{turns - 2}", lw=5, label=f"1 impact in {turns} turns")
     axes.set_yticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
     axes.set(
         xlabel="Ω/ω",
