@@ -309,7 +309,7 @@ def _after_impact(config: IdentifyConfig, state: IdentifyState, impact: float) -
 def towards(
     config: IdentifyConfig, state: IdentifyState, holding: bool, estimate: EstimatorState
 ) -> EstimatorState:
-    """The estimate with its model a step nearer to what was identified, or to the estimate without noise."""
+    """The estimate with its model a step nearer to what was identified; else to the nominal one."""
     aims = holding and trusted(config, state)
     to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
     spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
