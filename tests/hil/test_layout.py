@@ -84,7 +84,7 @@ def near(picture, rgba, tolerance=40):
 
 
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display; install xvfb")
-def test_the_overview_shows_truth_belief_stop_and_modes(tmp_path):
+def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
     """Rendered as a user sees it, without a display: see that the plots, lanes and the picture are there."""
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1.0}]

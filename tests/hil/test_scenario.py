@@ -96,7 +96,7 @@ def test_bad_scenario_is_refused_with_key_value_and_remedy(
         load_scenario(written(tmp_path, MINIMAL + more), settings)
 
 
-def test_bad_plant_and_bad_beliefs_are_refused_too(tmp_path: Path) -> None:
+def test_bad_plant_and_bad_parameters_are_refused_too(tmp_path: Path) -> None:
     path = written(tmp_path, MINIMAL)
     with pytest.raises(SceneError, match=r"striker.mass_kg = -1.*greater than 0"):
         load_scenario(path, ["scene.striker.mass_kg=-1.0"])

@@ -68,7 +68,7 @@ def test_draws_fill_their_ranges_and_stay_inside() -> None:
     assert (starts <= np.minimum(0.06, room)).all()
 
 
-def test_beliefs_keep_the_nominal_numbers() -> None:
+def test_parameters_keep_the_nominal_numbers() -> None:
     for cell in cells_of(table("start-up"), [])[0]:
         truth = draw(cell.scene, Mismatch(), 20_000, 0).scene
         assert "striker" not in cell.firmware
@@ -87,7 +87,7 @@ def test_a_campaign_may_set_its_own_mismatch() -> None:
 # --- conditions --------------------------------------------------------------------------------------
 
 
-def test_settings_reach_scene_beliefs_and_conditions() -> None:
+def test_settings_reach_scene_parameters_and_conditions() -> None:
     cells, numbers = cells_of(
         table("start-up"),
         [
