@@ -294,7 +294,7 @@ class ProcessesRun:
                 self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
 
     def start_of(self, name: str, t0_ns: int, first_tick: int = 0) -> Start:
-        """What a child is told."""
+        """What a child receives at its start."""
         if not self.patient:
             return Start(t0_ns, first_tick)
         return Start(t0_ns, first_tick, self.shared, ROWS.get(name, -1))

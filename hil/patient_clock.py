@@ -24,12 +24,12 @@ MEMORY = Path("/dev/shm")
 """Where the shared memory lies, where there is such a place."""
 POLL_S = 1e-4
 POLLS_A_LOOK = 1_000
-"""After so many in vain, a tenth of a second at least, the others are looked at."""
+"""After these in vain, a tenth of a second at least, the others are looked at."""
 MOST_POLLS = 100_000
 MOST_AHEAD_NS = 2_000_000
 """The others sleep no longer than this beyond a process that they have waited for: two ticks."""
 MOST_BEHIND_NS = 1_000_000_000
-"""By so much the recorder may be behind: a quarter of what its socket holds."""
+"""The recorder's largest lag: a quarter of what its socket holds."""
 NEVER_NS = 1 << 62
 NOTES = 1 << 17
 """Wake-ups of the plant that are kept: two minutes, more than a recorder is ever behind."""
@@ -68,7 +68,7 @@ def words_of(descriptor: int) -> memoryview:
 
 
 def has_stopped(pid: int) -> bool:
-    """Whether a process is dead or was stopped by a signal, as far as the system tells."""
+    """Whether a process is dead or was stopped by a signal, as far as the system says."""
     if not Path("/proc/self/stat").exists() or pid == 0:
         return False
     try:

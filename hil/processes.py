@@ -49,7 +49,7 @@ class Start(NamedTuple):
     row: int = -1
 
     def clock(self) -> MonotonicClock | PatientClock:
-        """The clock of the process that was told so."""
+        """The clock of the process that received it."""
         return MonotonicClock() if self.shared < 0 else PatientClock(self.shared, Row(self.row))
 
 
