@@ -25,8 +25,9 @@ from firmware_py.shell.parameters import config_from
 def loaded() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    # All sections in one piece of memory: its references from one to the other have 32 bits.
     engine = llvm.create_mcjit_compiler(
-        llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine()
+        llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine(), use_lmm=True
     )
     engine.add_object_file(llvm.ObjectFileRef.from_data(object_code("host")))
     engine.finalize_object()
