@@ -180,20 +180,6 @@ def test_a_run_whose_trace_has_no_room_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_record_of_a_hundred_columns_takes_five_microseconds_at_most(tmp_path: Path) -> None:
-    block = NamedTuple("block", [(f"x{index}", float) for index in range(10)])
-    state = NamedTuple("state", [(f"b{index}", block) for index in range(10)])
-    value = state(*[block(*map(float, range(10)))] * 10)
-    best_s = float("inf")
-    with trace.TraceWriter(tmp_path / "a.trace", [("tick", int), ("state", state)], 20_000) as writer:
-        for _ in range(10):
-            started = time.perf_counter()
-            for tick in range(2000):
-                writer.append(tick, value)
-            best_s = min(best_s, (time.perf_counter() - started) / 2000)
-    assert best_s < 5e-6
-
-
 def test_trace_that_lies_in_memory_is_read_through_its_link_and_brought_home(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
