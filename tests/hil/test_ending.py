@@ -73,6 +73,11 @@ def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
     ]
 
 
+def heeding_hang_ups() -> None:
+    """As a program in a terminal does, even if these tests run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.fixture
 def begin() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Starts the program with these arguments; kills what a failed test leaves running, workers included."""
@@ -80,7 +85,13 @@ def begin() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     def begin(*arguments: str | Path, stdout: int = subprocess.DEVNULL) -> subprocess.Popen[str]:
         begun.append(
-            subprocess.Popen([PROGRAM, *arguments], stdout=stdout, stderr=subprocess.DEVNULL, text=True)
+            subprocess.Popen(
+                [PROGRAM, *arguments],
+                stdout=stdout,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                preexec_fn=heeding_hang_ups,  # noqa: PLW1509  one system call, no lock
+            )
         )
         return begun[-1]
 
