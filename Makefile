@@ -26,7 +26,7 @@ setup: $(WARM) ## the virtual environment, the locked packages, the compiled ker
 
 hil: setup ## the default scenario in real time on the best CAN bus there is, and its verdict
 	@echo "hil: firmware and plant as two processes at 1 kHz; the run takes half a minute, as it is in real time"
-	@$(BIN)/vibrohil run soft-start-multistable --clock real --bus auto
+	@$(BIN)/vibrohil run soft-start-multistable --clock real --bus auto --firmware compiled
 
 view: setup ## the newest run in the Rerun viewer
 	@$(BIN)/vibrohil view
