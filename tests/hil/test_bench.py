@@ -106,7 +106,7 @@ def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
     before = plant[(plant["t_s"] > at_s - 0.2) & (plant["t_s"] < at_s)]
     after = plant[plant["t_s"] > at_s + 0.1]
     assert np.max(np.abs(before["motor_torque_n_m"])) > 0.01
-    assert len(after) > 300  # its reaction is in the log
+    assert after["tick"][-1] - after["tick"][0] > 300  # its reaction is in the log
     assert np.max(np.abs(after["motor_torque_n_m"])) == 0.0
     assert set(after["axis_error"]) == {0x01000000}  # WATCHDOG_TIMER_EXPIRED
     assert (tmp_path / "run.rrd").exists()
@@ -152,7 +152,7 @@ def test_killed_plant_makes_the_firmware_command_nothing(tmp_path: Path) -> None
     firmware = trace.read(tmp_path / "firmware.trace")
     t0_s = json.loads((tmp_path / "run.json").read_text())["t0_ns"] * 1e-9
     after = firmware[firmware["t_s"] > killed_s[0] - t0_s + 0.1]
-    assert len(after) > 300
+    assert after["tick"][-1] - after["tick"][0] > 300
     assert np.max(np.abs(after["outputs.torque_n_m"])) == 0.0
     assert none_left(tmp_path)
 
