@@ -3,7 +3,7 @@
 Each process says until when it sleeps, in memory that all share, and goes on once nobody else has anything to
 do before then (the conservative order of Chandy and Misra, IEEE Trans. Softw. Eng. 5, 1979). So the events of
 a run come in the order of their times, as in lockstep; a pause of the machine only makes it take longer. A
-process that is dead, stopped, or silent for `MOST_POLLS` holds up nobody; when it comes back it is late.
+process that is dead, stopped, or silent for `MOST_POLLS` polls holds up nobody; back again, it is late.
 
 The bus has to deliver at once, as vcan does: a frame is there before its sender says that it sleeps.
 
@@ -125,7 +125,8 @@ class PatientClock:
     def _earliest(self) -> int:
         """When the first of the others wakes up."""
         words, absent = self._words, self._absent
-        return min(words[place] for place in self._others if absent.get(place) != words[place])
+        present = (words[place] for place in self._others if absent.get(place) != words[place])
+        return min(present, default=NEVER_NS)
 
     def _look(self, is_impatient: bool) -> None:
         """Note who holds up this process and is gone, or has been silent for too long."""
