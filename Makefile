@@ -17,7 +17,7 @@ content = $(shell cat $(1) | cksum | cut -d ' ' -f 1)
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
-WARM := $(VENV)/.warm-$(call content,requirements.lock tools/warm.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
+WARM := $(VENV)/.warm-$(call content,requirements.lock tools/dev/warm.py $$(find plant_sim firmware_py hil -name '*.py' | sort))
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 15
@@ -63,8 +63,8 @@ clean: ## remove the virtual environment and all caches; runs stay
 	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(BIN)/python:
-	@python=$$(sh tools/find-python.sh $(PYTHON)) && \
-	{ [ -n "$(PYTHON)" ] || python=$$("$$python" tools/quickest_python.py); } && \
+	@python=$$(sh tools/dev/find-python.sh $(PYTHON)) && \
+	{ [ -n "$(PYTHON)" ] || python=$$("$$python" tools/dev/quickest_python.py); } && \
 	echo "setup: a virtual environment in $(VENV), so that nothing else on this machine changes" && \
 	"$$python" -m venv --clear $(VENV)
 
@@ -80,5 +80,5 @@ $(INSTALLED_DEV): | $(INSTALLED)
 	@rm -f $(VENV)/.installed-dev-* && touch $@
 
 $(WARM): | $(INSTALLED)
-	@$(BIN)/python -m tools.warm
+	@$(BIN)/python -m tools.dev.warm
 	@rm -f $(VENV)/.warm-* && touch $@

@@ -4,8 +4,9 @@
         run = bench.run("soft-start-multistable", set={"firmware.start.rise_s": 3.0})
         assert run.regime == "impact"
 
-The same file runs on any clock and bus: `pytest --vibrohil-clock real --vibrohil-bus vcan`. The folders of a
-test that fails are kept and named in pytest's report; those of a test that passes are removed.
+The same file runs on any clock, any bus and any build of the firmware: `pytest --vibrohil-clock real
+--vibrohil-bus vcan --vibrohil-firmware compiled`. The folders of a test that fails are kept and named in
+pytest's report; those of a test that passes are removed.
 """
 
 import shutil
@@ -16,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from hil.clock import ClockName
-    from hil.recorded_run import Run
-    from hil.settings import Settings
+    from firmware_py.shell.builds import Build
+    from hil.bench.recorded_run import Run
+    from hil.scenario.settings import Settings
+    from hil.timing.clock import ClockName
 
 KEPT = pytest.StashKey[list[Path]]()
 """The run folders of a test."""
@@ -26,11 +28,12 @@ FAILED = pytest.StashKey[bool]()
 
 
 class Bench:
-    """What a test runs scenarios with: `hil.run` on the clock and the bus that pytest was started with."""
+    """What a test runs scenarios with: `hil.run` on the clock, bus and build that pytest was started with."""
 
-    def __init__(self, clock: "ClockName", bus: str, folders: list[Path]) -> None:
+    def __init__(self, clock: "ClockName", bus: str, firmware: "Build", folders: list[Path]) -> None:
         self.clock: ClockName = clock
         self.bus = bus
+        self.firmware: Build = firmware
         self._folders = folders
 
     def run(
@@ -44,13 +47,21 @@ class Bench:
         """Run one scenario, by its name or its file, and return it judged; see `hil.run`."""
         import hil
 
-        run = hil.run(scenario, clock=self.clock, bus=self.bus, seed=seed, set=set, parameters=parameters)
+        run = hil.run(
+            scenario,
+            clock=self.clock,
+            bus=self.bus,
+            firmware=self.firmware,
+            seed=seed,
+            set=set,
+            parameters=parameters,
+        )
         self._folders.append(run.folder)
         return run
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The clock and the bus of all tests of this session."""
+    """The clock, the bus and the build of all tests of this session."""
     group = parser.getgroup("vibrohil", "vibrohil: runs on the bench")
     group.addoption(
         "--vibrohil-clock",
@@ -64,6 +75,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="SPEC",
         help="in real time: the bus, such as vcan, local or socketcan:can0 (default: auto)",
     )
+    group.addoption(
+        "--vibrohil-firmware",
+        choices=("python", "compiled", "cortex-m7", "cortex-m4f"),
+        default="python",
+        help="build of the firmware: python (default), compiled, or cortex-m7 or cortex-m4f on an emulator, "
+        "in lockstep",
+    )
 
 
 @pytest.fixture
@@ -72,7 +90,8 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     folders: list[Path] = []
     request.node.stash[KEPT] = folders
     config = request.config
-    yield Bench(config.getoption("vibrohil_clock"), config.getoption("vibrohil_bus"), folders)
+    clock, bus, firmware = (config.getoption(f"vibrohil_{name}") for name in ("clock", "bus", "firmware"))
+    yield Bench(clock, bus, firmware, folders)
     if not request.node.stash.get(FAILED, False):
         for folder in folders:
             shutil.rmtree(folder)

@@ -86,17 +86,32 @@ def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:
-    """The machine code of a kernel for arguments of these very types, compiled or loaded now.
+    """The machine code of a kernel for arguments of these types, compiled or loaded now.
 
     It skips the look-up of the arguments' types, which for nested records takes longer than a short kernel;
-    whoever calls it keeps to those types.
+    whoever calls it keeps to those types, but for a record's numbers, which it takes as they are declared.
     """
     dispatcher: Any = kernel
     typeof: Callable[[object], types.Type] = numba.typeof
-    signature = tuple(typeof(argument) for argument in arguments)
+    signature = tuple(typeof(_as_declared(argument)) for argument in arguments)
     dispatcher.compile(signature)
     compiled: Callable[..., _R] = dispatcher.overloads[signature].entry_point
     return compiled
+
+
+def _as_declared(value: object) -> Any:
+    """The value, with a float wherever a record declares one: a whole number in its place would else be
+    compiled as such, and later ones be cut down to whole numbers."""
+    if not isinstance(value, tuple):
+        return value
+    if not hasattr(value, "_fields"):
+        return tuple(map(_as_declared, value))
+    kind: Any = type(value)
+    declared = kind.__annotations__
+    return kind._make(
+        float(field) if declared[name] is float else _as_declared(field)
+        for name, field in zip(kind._fields, value, strict=True)
+    )
 
 
 def by_part(generic: _Generic) -> _Generic:

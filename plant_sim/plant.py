@@ -1,13 +1,11 @@
 """The module as a thing that lives tick by tick: a torque goes in, readings come out."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.complaints import real
-from plant_sim.gait_sensors import GaitReading, GaitSensors, GaitTruth, gait_at
 from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
@@ -15,10 +13,11 @@ from plant_sim.parts.stop import origin_m
 from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
 from plant_sim.scene import Scene, require_scene
-from plant_sim.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
-from plant_sim.sensors import Readers, SensorReading, Sensors
+from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
+from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
+from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive import (
+from plant_sim.solvers.adaptive.adaptive import (
     BUFFER_FULL,
     DONE,
     NO_GRID,
@@ -31,7 +30,7 @@ from plant_sim.solvers.adaptive import (
     peak_felt_force_n,
     refusal,
 )
-from plant_sim.solvers.memory import (
+from plant_sim.solvers.adaptive.state_layout import (
     ELAPSED,
     ELAPSED_LOW,
     IMPACTS,
@@ -41,9 +40,13 @@ from plant_sim.solvers.memory import (
     Memory,
     allocate,
 )
+from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
 """How often the gait sensors are read."""
+
+COARSE_STREAM = 11
+"""The coarse sensor's noise is sampled separately from the others', which is the same without it."""
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
@@ -68,13 +71,13 @@ class Impact(NamedTuple):
 
 
 class Lent(NamedTuple):
-    """What compiled code needs to go on with a plant tick by tick; `noise` is the sensors', four a sample."""
+    """What compiled code needs to go on with a plant tick by tick; `noise` is the sensors'."""
 
     parts: Parts
     probe: Sensing
     memory: Memory
     readers: Readers
-    noise: Iterator[list[float]]
+    noise: Noise
     t_s: float
     t_rest_s: float
     stored_before_j: float
@@ -83,13 +86,16 @@ class Lent(NamedTuple):
 class Plant:
     """A scene's module, advanced under a held torque; its sensors' noise is sampled from `seed`."""
 
-    def __init__(self, scene: Scene, seed: int) -> None:
+    def __init__(
+        self, scene: Scene, seed: int, parts: Parts | None = None, initial: MotionState | None = None
+    ) -> None:
+        """`parts` and `initial` in place of the scene's own."""
         if not (real(seed) >= 0.0 and real(seed).is_integer()):
             raise PlantError(f"seed = {seed!r}: wanted a whole number of at least 0")
         seed = int(seed)
         self.scene = require_scene(scene)
-        self.parts = scene.parts(seed)
-        initial = initial_state(scene, self.parts)
+        self.parts = parts or scene.parts(seed)
+        initial = initial or initial_state(scene, self.parts)
         self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
         self._sensors: Sensors | None = None
         self._probe: Probe = NoSensing()
@@ -98,6 +104,8 @@ class Plant:
             sensing = allocate_sensing(models, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
             self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
+        self._coarse = None if scene.sensors is None else scene.sensors.coarse
+        self._coarse_noise = np.random.default_rng((seed, COARSE_STREAM))
         self._gait_sensors: GaitSensors | None = None
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
             self._gait_sensors = GaitSensors(
@@ -190,17 +198,30 @@ class Plant:
         """Whether somebody walks and is seen to."""
         return self._gait_sensors is not None
 
-    def sense_gait(self) -> GaitReading | None:
-        """Sample the gait sensors now, every `GAIT_PERIOD_S`; None where the sample drops out."""
+    @property
+    def has_coarse_sensor(self) -> bool:
+        """Whether the striker's position is measured coarsely."""
+        return self._coarse is not None
+
+    def sample_coarse_error_m(self) -> float:
+        """The error of the coarse sensor's next sample; the sample is `now.x_m` and this error."""
+        if self._coarse is None:
+            raise PlantError("the scene has no coarse sensor; add the table [sensors.coarse]")
+        return self._coarse.noise_m * float(self._coarse_noise.standard_normal())
+
+    def sense_gait(self, t_s: float) -> GaitReading | None:
+        """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out.
+
+        Nothing that the module does changes the gait, so that times ahead may be sampled.
+        """
         if self._gait_sensors is None:
             raise PlantError("the scene has no gait sensors; add the tables [gait] and [sensors]")
-        return self._gait_sensors.read(self.t_s)
+        return self._gait_sensors.read(t_s)
 
-    @property
-    def gait(self) -> GaitTruth | None:
-        """The gait now; None where nobody walks."""
+    def gait_at(self, t_s: float) -> GaitTruth | None:
+        """The gait at `t_s`; None where nobody walks."""
         walking = self.parts.housing
-        return gait_at(walking, self.t_s) if isinstance(walking, Walking) else None
+        return gait_at(walking, t_s) if isinstance(walking, Walking) else None
 
     def lend(self) -> Lent:
         """Hand the module to compiled code; `take_back` ends that. Raise PlantError without sensors."""

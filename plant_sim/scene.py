@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from plant_sim.complaints import complaints, nearest
+from plant_sim.gait_tables import GaitTable
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted
@@ -36,7 +36,6 @@ from plant_sim.scene_tables import (
     AxisTable,
     CoulombTable,
     DqMotorDriveTable,
-    GaitTable,
     HuntCrossleyTable,
     IdealDriveTable,
     InitialTable,
@@ -47,7 +46,6 @@ from plant_sim.scene_tables import (
     NoFrictionTable,
     NoStopTable,
     RigidStopTable,
-    SensorsTable,
     SolverTable,
     StribeckTable,
     StrikerTable,
@@ -57,8 +55,10 @@ from plant_sim.scene_tables import (
     WearerTable,
     WindingTable,
 )
+from plant_sim.sensor_tables import SensorsTable
 from plant_sim.strides import draw_strides
 from plant_sim.text_input import TextInputError, read_toml
+from plant_sim.validation_messages import complaints, nearest
 
 SCENES = Path(__file__).parent / "scenes"
 

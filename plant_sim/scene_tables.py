@@ -2,17 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from plant_sim.parts.walking import TOE_OFF
 from plant_sim.quantities import quantity_of
-from plant_sim.sensor_models import AccelerometerModel, EncoderModel, GaitSensorModel, SensorModels
-from plant_sim.strides import Pace, Trip, Walk
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -278,118 +274,6 @@ class WearerTable(Table):
     ankle_n_s_m: float = Field(ge=0.0, description="the ankle's damping along the axis in N s/m")
 
 
-class PaceTable(Table):
-    """[[gait.pace]]: how fast somebody walks from then on."""
-
-    at_s: float = Field(
-        ge=0.0, le=1e6, description="from when in s; between two paces that walk it changes evenly"
-    )
-    # The slowest is rehabilitation's 0.3 m/s at 0.44 Hz, the fastest a brisk 1.8 m/s at 1.1 Hz.
-    stride_hz: float = Field(
-        ge=0.0, le=1.5, description="the strides a second, up to 1.5 and not between 0 and 0.2; 0: standing"
-    )
-
-    @model_validator(mode="after")
-    def _walks_or_stands(self) -> Self:
-        if 0.0 < self.stride_hz < _SLOWEST_HZ:
-            raise ValueError(
-                f"gait.pace.stride_hz = {self.stride_hz} is slower than anybody walks; give at least "
-                f"{_SLOWEST_HZ}, or 0 for standing"
-            )
-        return self
-
-
-_SLOWEST_HZ = 0.2
-
-
-class StumbleTable(Table):
-    """[[gait.stumble]]: the foot trips in the next mid-swing, and the walk finds back in three strides."""
-
-    at_s: float = Field(ge=0.0, le=1e6, description="after when in s")
-    # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
-    knock_m_s2: float = Field(
-        default=15.0, ge=0.0, description="the largest deceleration of the foot in m/s²"
-    )
-
-
-class GaitTable(Table):
-    """[gait]: the module is on a walker's shank. The strides are sampled with the run's seed."""
-
-    axis: Literal["up", "down", "forward", "backward", "outward", "inward"] = Field(
-        description="where the striker's axis points, towards the stop: up or down along the shank, forward "
-        "or backward across it, outward or inward"
-    )
-    pace: list[PaceTable] = Field(min_length=1, description="the tables [[gait.pace]], in the order of time")
-    stumble: list[StumbleTable] = Field(default=[], description="the tables [[gait.stumble]]")
-    # The lower third of the shank, above an ankle exoskeleton's joint.
-    mount_m: float = Field(default=0.1, description="the module's height over the ankle in m")
-    # Healthy walkers; 3 to 6 % after a stroke.
-    variability: float = Field(
-        default=0.02,
-        ge=0.0,
-        le=0.2,
-        description="the deviation of each stride's frequency, size and length, as a share of itself",
-    )
-    # 0.62 is what the curves have; a paretic leg stands shorter, the other one longer.
-    stance_share: float = Field(
-        default=TOE_OFF, ge=0.5, le=0.75, description="where in the cycle the foot leaves the ground"
-    )
-    range_share: float = Field(
-        default=1.0, ge=0.0, le=1.5, description="the leg's range of motion over a healthy one's"
-    )
-    # Step length over cadence is nearly the same at all speeds: 0.0065 m min (Sekiya & Nagasaki 1998), so
-    # that a stride is 1.4 m long at 0.9 Hz.
-    walk_ratio_m_s: float = Field(
-        default=1.56, ge=0.0, le=3.0, description="the stride's length over its frequency in m s"
-    )
-    # 1 g at the shank at natural cadence: the lower end of what bone-mounted accelerometers read.
-    heel_strike_m_s2: float = Field(
-        default=10.0,
-        ge=0.0,
-        description="a heel strike's peak at the shank in m/s² at 0.9 Hz, growing as the cadence's square",
-    )
-
-    @model_validator(mode="after")
-    def _paces_in_order(self) -> Self:
-        times = [pace.at_s for pace in self.pace]
-        if times[0] != 0.0:
-            raise ValueError(
-                f"gait.pace begins at at_s = {times[0]}; the first pace is that of t = 0, set its at_s to 0"
-            )
-        for before, after in pairwise(times):
-            if after <= before:
-                raise ValueError(
-                    f"gait.pace has at_s = {after} after at_s = {before}; put the paces in the order of time"
-                )
-        return self
-
-    def walk(self) -> Walk:
-        """Plain record for the drawing of strides."""
-        return Walk(
-            tuple(Pace(pace.at_s, pace.stride_hz) for pace in self.pace),
-            tuple(Trip(stumble.at_s, stumble.knock_m_s2) for stumble in self.stumble),
-            self.variability,
-            self.range_share,
-            self.walk_ratio_m_s,
-            self.heel_strike_m_s2,
-        )
-
-    @property
-    def direction(self) -> tuple[float, float, float]:
-        """The axis in the shank's directions: up, forward, outward."""
-        return _DIRECTIONS[self.axis]
-
-
-_DIRECTIONS = {
-    "up": (1.0, 0.0, 0.0),
-    "down": (-1.0, 0.0, 0.0),
-    "forward": (0.0, 1.0, 0.0),
-    "backward": (0.0, -1.0, 0.0),
-    "outward": (0.0, 0.0, 1.0),
-    "inward": (0.0, 0.0, -1.0),
-}
-
-
 class InitialTable(Table):
     """The striker at t = 0."""
 
@@ -459,6 +343,13 @@ class AxisTable(Table):
     )
     # ODrive's heartbeat_rate_ms, whose own default is 100 ms.
     heartbeat_s: float = Field(default=0.1, ge=1e-3, le=60.0, description="the heartbeat's period in s")
+    # ODrive's encoder_msg_rate_ms, whose own default is 10 ms; the firmware needs a sample a tick.
+    encoder_s: float | None = Field(
+        default=None, ge=1e-3, le=60.0, description="the period of position and speed in s (default: a tick)"
+    )
+    control_mode: Literal["torque", "velocity"] = Field(
+        default="torque", description="the drive's mode as its supply comes on: `torque` or `velocity`"
+    )
 
 
 class CoggingTable(Table):
@@ -492,128 +383,3 @@ class WindingTable(Table):
     )
     cogging: list[CoggingTable] = Field(default=[], description="the tables [[winding.cogging]]")
     ripple: list[RippleTable] = Field(default=[], description="the tables [[winding.ripple]]")
-
-
-class AccelerometerTable(Table):
-    """One accelerometer: low-pass, then noise and bias, then clip, then quantise."""
-
-    range_m_s2: float = Field(gt=0.0, description="the reading in m/s² beyond which it clips")
-    count_m_s2: float = Field(gt=0.0, description="one count of the reading in m/s²")
-    noise_m_s2_rthz: float = Field(ge=0.0, description="the noise density in m/s²/√Hz")
-    bias_m_s2: float = Field(description="the reading at rest in m/s²")
-    # Below half the 1 kHz sample rate; 0.56 ms of delay.
-    bandwidth_hz: float = Field(default=400.0, gt=0.0, description="the low-pass's corner frequency in Hz")
-
-    def model(self) -> AccelerometerModel:
-        """Plain record for the kernels."""
-        return AccelerometerModel(**self.model_dump())
-
-
-class LowRangeTable(AccelerometerTable):
-    """±16 g, low noise (ICM-42688-P class)."""
-
-    range_m_s2: float = Field(default=16.0 * STANDARD_GRAVITY_M_S2, gt=0.0, description="the range in m/s²")
-    # 16 bits over ±16 g: 2048 counts per g.
-    count_m_s2: float = Field(default=STANDARD_GRAVITY_M_S2 / 2048.0, gt=0.0, description="one count in m/s²")
-    # 70 µg/√Hz.
-    noise_m_s2_rthz: float = Field(
-        default=70e-6 * STANDARD_GRAVITY_M_S2, ge=0.0, description="the noise density in m/s²/√Hz"
-    )
-    # The ±20 mg of its data sheet.
-    bias_m_s2: float = Field(default=0.02 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
-
-
-class HighRangeTable(AccelerometerTable):
-    """±200 g (ADXL375 class): clips at none of a default stop's impacts (32 g)."""
-
-    range_m_s2: float = Field(default=200.0 * STANDARD_GRAVITY_M_S2, gt=0.0, description="the range in m/s²")
-    # 49 mg per count.
-    count_m_s2: float = Field(default=0.049 * STANDARD_GRAVITY_M_S2, gt=0.0, description="one count in m/s²")
-    # 5 mg/√Hz.
-    noise_m_s2_rthz: float = Field(
-        default=5e-3 * STANDARD_GRAVITY_M_S2, ge=0.0, description="the noise density in m/s²/√Hz"
-    )
-    # Half of the ±400 mg of its data sheet.
-    bias_m_s2: float = Field(default=-0.2 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
-
-
-class HousingTable(LowRangeTable):
-    """±16 g on the housing."""
-
-    # Another specimen of the same type: half its data sheet's ±20 mg, of the other sign.
-    bias_m_s2: float = Field(default=-0.01 * STANDARD_GRAVITY_M_S2, description="the reading at rest in m/s²")
-
-
-class EncoderTable(Table):
-    """The drive's encoder and its speed estimate."""
-
-    # 14 bits: a magnetic absolute encoder on the shaft.
-    counts: int = Field(default=16384, ge=1, description="the number of counts per revolution")
-    # The drive's default tracking bandwidth.
-    bandwidth_rad_s: float = Field(
-        default=1000.0, gt=0.0, description="the bandwidth of the speed estimate in rad/s"
-    )
-    # One count is 0.38 mrad; a tracking loop of 1000 rad/s at 8 kHz leaves about this much of its rounding.
-    noise_rad_s: float = Field(default=0.02, ge=0.0, description="the speed estimate's noise in rad/s, rms")
-
-    def model(self) -> EncoderModel:
-        """Plain record for the kernels."""
-        return EncoderModel(**self.model_dump())
-
-
-class GaitSensorsTable(Table):
-    """[sensors.gait]: an IMU on the shank and switches under heel and toe, where the scene has a [gait]."""
-
-    # 0.004 °/s/√Hz over 100 Hz is 0.7 mrad/s; soft tissue under the strap adds several times that.
-    rate_noise_rad_s: float = Field(default=0.01, ge=0.0, description="the rate's noise in rad/s, rms")
-    # ±0.5 °/s of a gyroscope that has been zeroed once.
-    rate_bias_rad_s: float = Field(default=0.01, description="the rate's reading at rest in rad/s")
-    along_noise_m_s2: float = Field(
-        default=0.1, ge=0.0, description="the specific force's noise in m/s², rms"
-    )
-    # The ±20 mg of the module's own accelerometers.
-    along_bias_m_s2: float = Field(
-        default=0.02 * STANDARD_GRAVITY_M_S2, description="the specific force's bias in m/s²"
-    )
-    # 3° and 6°: straps on a calf.
-    tilt_rad: float = Field(default=0.05, description="by how much the IMU leans forward on the shank in rad")
-    twist_rad: float = Field(default=0.1, description="by how much it is turned about the shank in rad")
-    # Force-sensing resistors close at some 5 to 10 % of body weight.
-    heel_threshold: float = Field(
-        default=0.1, gt=0.0, lt=0.5, description="the load that closes the heel switch, of the largest"
-    )
-    toe_threshold: float = Field(
-        default=0.1, gt=0.0, lt=0.5, description="the load that closes the toe switch, of the largest"
-    )
-    bounce_s: float = Field(default=0.008, ge=0.0, description="how long a switch bounces in s")
-    dropout_share: float = Field(default=0.0, ge=0.0, lt=1.0, description="the share of frames that drop out")
-    dropout_s: float = Field(default=0.02, ge=0.0, description="how long a drop-out lasts in s, on average")
-
-    def model(self) -> GaitSensorModel:
-        """Plain record for the sensors."""
-        return GaitSensorModel(**self.model_dump())
-
-
-class SensorsTable(Table):
-    """What the firmware can know."""
-
-    striker_low: LowRangeTable = LowRangeTable()
-    striker_high: HighRangeTable = HighRangeTable()
-    housing: HousingTable = HousingTable()
-    encoder: EncoderTable = EncoderTable()
-    gait: GaitSensorsTable = GaitSensorsTable()
-    # A Newton jump is no acceleration; the striker's accelerometers see a half-sine of this length instead,
-    # as long as the default soft stop's elastic contact.
-    rigid_contact_s: float = Field(
-        default=0.01, gt=0.0, description="the duration in s of the half-sine read at a rigid stop"
-    )
-
-    def models(self) -> SensorModels:
-        """Plain records for the kernels."""
-        return SensorModels(
-            striker_low=self.striker_low.model(),
-            striker_high=self.striker_high.model(),
-            housing=self.housing.model(),
-            encoder=self.encoder.model(),
-            rigid_contact_s=self.rigid_contact_s,
-        )

@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.complaints import real
 from plant_sim.methods import choose
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.result import MotionState, Phase, SimulationResult
 from plant_sim.scene import Scene, require_scene
-from plant_sim.solvers import adaptive, exact, stepping
+from plant_sim.solvers import stepping
+from plant_sim.solvers.adaptive import adaptive
+from plant_sim.solvers.exact import exact
 from plant_sim.tilt import levelled, tilted
+from plant_sim.validation_messages import real
 
 
 class SimulationError(ValueError):

@@ -19,7 +19,8 @@ NATURAL_HZ = 0.9
 SAMPLED_S = 600.0
 """Strides are sampled for this long and until the script has ended; a longer walk then goes on evenly."""
 AFTER_SCRIPT_S = 30.0
-"""After the script's last pace or trip: the strides until it has happened, at the slowest cadence."""
+"""After the script's last pace or trip: the strides until it has happened, at the slowest cadence. Trips that
+follow each other faster than the strides take longer."""
 STARTING_SHARE, STOPPING_SHARE = 0.8, 0.8
 """The first and the last stride's frequency over that of the walk."""
 TRIP_PHASE = 0.75
@@ -83,7 +84,7 @@ def draw_strides(walk: Walk, dice: np.random.Generator) -> Rows:
     drawing = _Drawing(walk, dice)
     script_s = [pace.at_s for pace in walk.paces] + [trip.at_s for trip in walk.trips]
     until_s = max(SAMPLED_S, max(script_s) + AFTER_SCRIPT_S)
-    while drawing.t_s < until_s:
+    while drawing.t_s < until_s or drawing.is_tripping:
         if drawing.is_walking or wanted_hz(walk.paces, drawing.t_s) > 0.0:
             drawing.stride()
         elif not drawing.stand():
@@ -98,6 +99,7 @@ class _Drawing:
         self._rows: list[tuple[float, ...]] = []
         self._trips = sorted(walk.trips)
         self._recovering: list[tuple[float, float]] = []
+        self._now_factor = 1.0
         self.t_s = 0.0
         self._cycles = 0.0
         first_hz = wanted_hz(walk.paces, 0.0)
@@ -107,6 +109,12 @@ class _Drawing:
     def is_walking(self) -> bool:
         """Whether the last stride has not ended in standing."""
         return self._now is not STILL
+
+    @property
+    def is_tripping(self) -> bool:
+        """Whether somebody who walks has trips to come by now, or has yet to find back from one."""
+        is_due = bool(self._trips) and self._trips[0].at_s <= self.t_s
+        return self.is_walking and (is_due or self._now_factor != 1.0)
 
     def _drawn(self, hertz: float, size_factor: float = 1.0) -> _Stride:
         by_hertz, by_size, by_length = np.exp(self._walk.variability * self._dice.standard_normal(3)).tolist()
@@ -155,7 +163,7 @@ class _Drawing:
         if here is STILL:
             goal = self._drawn(wanted_hz(self._walk.paces, self.t_s))
             self._go(1.0, _Stride(STARTING_SHARE * goal.hertz, 0.0, 0.0), goal)
-            self._now = goal
+            self._now, self._now_factor = goal, 1.0
             return
         ends_s = self.t_s + 1.0 / here.hertz
         next_hz = wanted_hz(self._walk.paces, ends_s)
@@ -175,7 +183,7 @@ class _Drawing:
             goal = self._drawn(next_hz, size)
             goal = goal._replace(hertz=goal.hertz * factor)
             self._go(1.0, here, goal, strike)
-        self._now = goal
+        self._now, self._now_factor = goal, factor
 
     def rows(self, endless: bool = False) -> Rows:
         """All of them; `endless`: with one more that goes on as the last one ended."""

@@ -1,25 +1,24 @@
-"""What the firmware takes of an emulated Cortex-M7: flash, RAM, stack, and instructions a tick."""
+"""What the firmware takes of an emulated Cortex-M: flash, RAM, stack, and instructions a tick."""
 
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import llvmlite.binding as llvm
 import numpy as np
 
-from firmware_py.builds.board import TIMER_TICKS_AN_INSTRUCTION, image
-from firmware_py.builds.machine_code import object_code, sizes
+from firmware_py.builds.board import TIMER_TICKS_AN_INSTRUCTION, BoardName, image
+from firmware_py.builds.machine_code import sizes
 from firmware_py.shell.board_node import MEASURED_TICK, BoardNode
-from hil.lockstep import Progress, run_lockstep
-from hil.scenario import load_scenario
+from hil.bench.lockstep import Progress, run_lockstep
+from hil.scenario.scenario import load_scenario
 
-SCENARIOS = ("soft-start-multistable", "a-controller-that-pauses-for-long-stops-the-motor")
-"""An ordinary run, and one whose tick after a pause is the longest."""
+SCENARIOS = ("soft-start-multistable", "a-controller-that-pauses-for-thirty-ticks-goes-on")
+"""An ordinary run, and one whose tick after an overrun is the longest: the most samples have waited."""
 
 
-def budget(names: Sequence[str], progress: Progress) -> dict[str, Any]:
+def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex-m7") -> dict[str, Any]:
     """Sizes in bytes, and the instructions of ordinary ticks and of those after a pause, with their worst."""
     measured: list[tuple[str, int, float, int]] = []
 
@@ -32,13 +31,14 @@ def budget(names: Sequence[str], progress: Progress) -> dict[str, Any]:
             measured.append((name, elapsed_ticks, instructions, int(self.reply["stack_bytes"][0])))
             return done
 
-    flash = image_bytes()
+    Measured.target = target
+    flash = image_bytes(target)
     for name in names or SCENARIOS:
-        with tempfile.TemporaryDirectory() as folder, patch("hil.nodes.node_of", lambda _: Measured):
-            run_lockstep(load_scenario(name), Path(folder), 1, progress)
+        with tempfile.TemporaryDirectory() as folder:
+            run_lockstep(load_scenario(name), Path(folder), 1, progress, make=Measured)
     ordinary = [one for one in measured if one[1] == 1]
     late = [one for one in measured if one[1] > 1]
-    found = sizes(object_code("cortex-m7"))
+    found = sizes(target)
     return {
         "flash": {"code": found["code"], "constants": found["constants"], "image": flash},
         "ram": {name: found[name] for name in ("config", "state", "tx")},
@@ -55,9 +55,9 @@ def spread(ticks: Sequence[tuple[str, int, float, int]]) -> dict[str, Any]:
     return {"p50": p50, "p99": p99, "worst": worst[2], "scenario": worst[0], "elapsed_ticks": worst[1]}
 
 
-def image_bytes() -> int:
+def image_bytes(target: BoardName) -> int:
     """Flash that the whole image takes: the firmware, the C library's part and the bench's few lines."""
     total = 0
-    for section in llvm.ObjectFileRef.from_path(str(image())).sections():
+    for section in llvm.ObjectFileRef.from_path(str(image(target))).sections():
         total += section.size() if (section.name() or b"") in (b".text", b".ARM.exidx", b".data") else 0
     return total

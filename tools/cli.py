@@ -15,7 +15,7 @@ import typer
 from typer.exceptions import TyperException
 from typer.models import CommandInfo
 
-from hil.signals import Interrupted, ending_signals
+from hil.timing.signals import Interrupted, ending_signals
 from tools.examples import EXAMPLES
 from tools.output import (
     EXIT_BAD_INPUT,
@@ -41,7 +41,7 @@ def print_version(wanted: bool) -> None:
     """Print which version of the code this is, and end."""
     if not wanted:
         return
-    from hil.provenance import commit, versions
+    from hil.record.provenance import commit, versions
 
     origin = commit()
     edited = ", edited since" if origin["edited"] else ""
@@ -51,12 +51,15 @@ def print_version(wanted: bool) -> None:
 
 
 COMMANDS = {
-    "Test the firmware": ("run", "suite", "campaign", "fuzz"),
-    "Look at runs": ("runs", "view", "inspect", "compare", "import_log", "export"),
-    "Design": ("tune", "trade", "schedule"),
-    "The module alone": ("simulate", "study"),
-    "One node on a bus": ("firmware", "plant", "operator"),
-    "This machine": ("doctor", "kernel", "list_names"),
+    "Test the firmware": ("testing.run", "testing.suite", "testing.campaign", "testing.fuzz"),
+    "Look at runs": (
+        *("logs.runs", "logs.view", "logs.inspect", "logs.compare"),
+        *("logs.import_log", "logs.export"),
+    ),
+    "Design": ("design.tune", "design.trade", "design.schedule"),
+    "The module alone": ("design.simulate", "design.study"),
+    "One node on a bus": ("nodes.firmware", "nodes.plant", "nodes.operator"),
+    "This machine": ("machine.doctor", "machine.kernel", "machine.list_names"),
 }
 """The modules of the commands, in the groups of the help page."""
 
@@ -102,14 +105,15 @@ def program(
 def bad_input_types() -> tuple[type[Exception], ...]:
     """The errors that blame the input; looked up only once one has been raised."""
     from firmware_py.shell.parameters import ParameterError
+    from hil.bench.recorded_run import RunError
+    from hil.bench.workers import WorkerDiedError
     from hil.bus import BusError
-    from hil.damage import DamagedFileError
-    from hil.processes import ChildRefusalError
-    from hil.recorded_run import RunError
-    from hil.rerun_program import RerunError
-    from hil.run_folder import RunFolderError
-    from hil.trace import TraceError
-    from hil.uml import UmlError
+    from hil.bus.uml import UmlError
+    from hil.record.damage import DamagedFileError
+    from hil.record.rerun_program import RerunError
+    from hil.record.run_folder import RunFolderError
+    from hil.record.trace import TraceError
+    from hil.timing.processes import ChildRefusalError
     from plant_sim.text_input import TextInputError
 
     return (
@@ -117,7 +121,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
         *solver_errors(),
         *board_errors(),
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
-        *(DamagedFileError, RerunError),
+        *(DamagedFileError, RerunError, WorkerDiedError),
     )
 
 
@@ -126,7 +130,7 @@ def solver_errors() -> tuple[type[Exception], ...]:
     if "plant_sim.solvers.cost" not in sys.modules:
         return ()
     from plant_sim.solvers.cost import SolverError
-    from plant_sim.solvers.exact import UnsupportedSceneError
+    from plant_sim.solvers.exact.exact import UnsupportedSceneError
 
     return SolverError, UnsupportedSceneError
 

@@ -7,9 +7,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import PackageNotFoundError, requires, version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -17,12 +15,13 @@ import numpy as np
 
 from firmware_py.builds.board import REMEDY as INSTALL_BOARD
 from firmware_py.builds.board import missing_tools
+from hil.bench.workers import alive, results
 from hil.bus import BusError, provide
 from hil.bus.can_socket import has_kernel_can
+from hil.bus.uml import REMEDY as INSTALL_UML
 from hil.bus.vcan import VcanError, enter_own_network
-from hil.clock import MonotonicClock
-from hil.realtime import BASELINE, RealtimeReport, become_realtime
-from hil.uml import REMEDY as INSTALL_UML
+from hil.timing.clock import MonotonicClock
+from hil.timing.realtime import BASELINE, RealtimeReport, become_realtime
 from plant_sim.kernels import KernelCacheError, cache_folder
 
 OLDEST_PYTHON = (3, 11)
@@ -128,8 +127,12 @@ def checks() -> list[DoctorCheck]:
 
 def _in_own_process(ask: Callable[[], Answer]) -> Answer:
     """Return `ask()` of a fresh process: what it changes there, such as its priority, ends with it."""
-    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(ask).result()
+    [(_, answer)] = results(_answer, [ask], processes=1)
+    return alive(answer)
+
+
+def _answer(ask: Callable[[], Answer]) -> Answer:
+    return ask()
 
 
 def _python() -> DoctorCheck:

@@ -2,9 +2,10 @@
 
 import json
 import math
+import os
 import sys
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from rich.console import Console
@@ -17,8 +18,18 @@ EXIT_INTERNAL_ERROR = 3
 EXIT_BAD_INPUT = 4
 EXIT_NOTHING_RAN = 5
 
-console = Console(stderr=False)
-progress_console = Console(stderr=True)
+PIPED_WIDTH = 240
+"""Of what is no terminal: rows of tables keep to one line each, for grep and for files."""
+
+
+def console_on(stream: TextIO) -> Console:
+    """A console on standard output or error; in a terminal, or by $COLUMNS, it is as wide as that."""
+    free = not stream.isatty() and "COLUMNS" not in os.environ
+    return Console(stderr=stream is sys.stderr, width=PIPED_WIDTH if free else None)
+
+
+console = console_on(sys.stdout)
+progress_console = console_on(sys.stderr)
 
 
 class BadInputError(ValueError):

@@ -1,4 +1,4 @@
-"""The firmware for a Cortex-M7, linked with the few lines that let QEMU's emulated board run it.
+"""The firmware for a Cortex-M, linked with the few lines that let QEMU's emulated board run it.
 
 The image reads requests from standard input and answers on standard output; see `board_image/main.c`.
 """
@@ -8,22 +8,36 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 from firmware_py.builds.c_header import header
-from firmware_py.builds.machine_code import kept, object_code
+from firmware_py.builds.machine_code import TARGETS, kept, object_code
 
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 REMEDY = (
     "install Debian's packages: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
 )
 SOURCES = Path(__file__).parent / "board_image"
-OPTIONS = (
-    *("-mthumb", "-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
-    *("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib"),
-)
+BoardName = Literal["cortex-m7", "cortex-m4f"]
+
+
+class Board(NamedTuple):
+    """A board of QEMU, and what the compiler calls its processor."""
+
+    machine: str
+    cpu: str
+    fpu: str
+
+
+BOARDS: dict[BoardName, Board] = {
+    "cortex-m7": Board("mps2-an500", "cortex-m7", "fpv5-d16"),
+    "cortex-m4f": Board("mps2-an386", "cortex-m4", "fpv4-sp-d16"),
+}
+OPTIONS = ("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib")
 LIBRARIES = ("-lm", "-lc", "-lgcc")
-BOARD = (
-    *("-machine", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"),
+"""Of the mathematics only `floorf` and `rintf`, which are exact, where there are no such instructions."""
+EMULATION = (
+    *("-display", "none", "-monitor", "none", "-serial", "none"),
     *("-icount", "shift=6,align=off,sleep=off", "-semihosting-config", "enable=on,target=native"),
 )
 """Each instruction takes 64 ns of the board's own time, so that two runs are alike."""
@@ -50,35 +64,45 @@ def missing_tools() -> list[str]:
 def refuse_without_tools() -> None:
     """Raise BoardError where anything is missing."""
     if missing := missing_tools():
-        raise BoardError(f"an emulated Cortex-M7 needs {' and '.join(missing)}; {REMEDY}")
+        raise BoardError(f"an emulated Cortex-M needs {' and '.join(missing)}; {REMEDY}")
 
 
-def image() -> Path:
+def compiler(name: BoardName) -> list[str]:
+    """The C compiler's command for a board's processor."""
+    board = BOARDS[name]
+    return [COMPILER, "-mthumb", f"-mcpu={board.cpu}", f"-mfpu={board.fpu}", "-mfloat-abi=hard", *OPTIONS]
+
+
+def emulator(name: BoardName, image: Path) -> list[str]:
+    """The emulator's command for an image on a board."""
+    return [EMULATOR, "-machine", BOARDS[name].machine, *EMULATION, "-kernel", str(image)]
+
+
+def image(name: BoardName) -> Path:
     """The linked image; the first one after a change of the firmware takes a minute."""
     refuse_without_tools()
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
         :16
     ]
-    path = kept(f"cortex-m7-{digest}.elf")
+    path = kept(f"{name}-{digest}.elf")
     if not path.exists():
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            _link(Path(folder)).replace(path)
+            _link(name, Path(folder)).replace(path)
     return path
 
 
-def _link(folder: Path) -> Path:
-    (folder / "vibro_firmware.o").write_bytes(object_code("cortex-m7"))
-    (folder / "vibro_firmware.h").write_text(header(), encoding="utf-8")
+def _link(name: BoardName, folder: Path) -> Path:
+    (folder / "vibro_firmware.o").write_bytes(object_code(name))
+    (folder / "vibro_firmware.h").write_text(header(TARGETS[name].precision), encoding="utf-8")
     linked = folder / "image.elf"
     parts = [str(SOURCES / "main.c"), str(folder / "vibro_firmware.o"), "-T", str(SOURCES / "mps2.ld")]
-    command = [COMPILER, *OPTIONS, "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
+    command = [*compiler(name), "-I", str(folder), *parts, *LIBRARIES, "-o", str(linked)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise BoardError(f"{COMPILER} cannot link the image: {done.stderr.strip()}")
     return linked
 
 
-def start() -> "subprocess.Popen[bytes]":
+def start(name: BoardName) -> "subprocess.Popen[bytes]":
     """A board that has just been switched on."""
-    command = [EMULATOR, *BOARD, "-kernel", str(image())]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    return subprocess.Popen(emulator(name, image(name)), stdin=subprocess.PIPE, stdout=subprocess.PIPE)

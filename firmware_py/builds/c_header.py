@@ -1,4 +1,7 @@
-"""The C headers of the firmware: structs in the layout of `flat.layout`, and a config's values."""
+"""The C headers of the firmware: structs in the layout of `flat.layout`, and a config's values.
+
+In single precision the structs' numbers are floats, and the config's are rounded once.
+"""
 
 import inspect
 import math
@@ -7,7 +10,8 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import Any, get_args, get_origin
 
-from firmware_py.builds.flat import layout, members
+from firmware_py.builds.flat import Precision, layout, members
+from firmware_py.builds.single_precision import single
 from firmware_py.core.step import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.tick import MAX_RX, NodeState, Tx
@@ -76,34 +80,41 @@ static const vibro_config VIBRO_CONFIG = {values};
 """
 
 
-def config_header(config: Config) -> str:
+def config_header(config: Config, precision: Precision = "double") -> str:
     """The header with a config's values, floats to the last bit."""
-    return CONFIG.format(values=initializer(config, ""))
+    return CONFIG.format(values=initializer(config, precision, ""))
 
 
-def initializer(value: Any, indent: str) -> str:
+def initializer(value: Any, precision: Precision, indent: str) -> str:
     """A record or one of its members as C initialises it."""
     inner = indent + "    "
     if hasattr(value, "_fields"):
         members = zip(value._fields, value, strict=True)
-        lines = "".join(f"{inner}.{c_member(name)} = {initializer(one, inner)},\n" for name, one in members)
+        lines = "".join(
+            f"{inner}.{c_member(name)} = {initializer(one, precision, inner)},\n" for name, one in members
+        )
         return f"{{\n{lines}{indent}}}"
     if isinstance(value, tuple):
-        return f"{{{', '.join(initializer(one, inner) for one in value)}}}"
+        return f"{{{', '.join(initializer(one, precision, inner) for one in value)}}}"
     if isinstance(value, float):
         if math.isnan(value):
             return "NAN"
-        return value.hex() if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+        if precision == "single":
+            value = single(value)
+        digits = value.hex() + ("f" if precision == "single" else "")
+        return digits if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
     return str(value).lower() if isinstance(value, bool) else str(int(value))
 
 
-def header() -> str:
+def header(precision: Precision = "double") -> str:
     """The text of the header with the structs and the function."""
     found: dict[Any, None] = {}
     for record in RECORDS:
         for kind in needed(record):
             found[kind] = None
-    blocks = [enum_text(kind) if issubclass(kind, IntEnum) else struct_text(kind) for kind in found]
+    blocks = [
+        enum_text(kind) if issubclass(kind, IntEnum) else struct_text(kind, precision) for kind in found
+    ]
     return "\n".join([TOP.format(max_rx=MAX_RX), *blocks, BOTTOM])
 
 
@@ -146,26 +157,26 @@ def enum_text(kind: type[IntEnum]) -> str:
     return f"{comment(kind)}\nenum {c_name(kind)} {{\n{values}\n}};\n"
 
 
-def struct_text(kind: Any) -> str:
+def struct_text(kind: Any, precision: Precision) -> str:
     """A record's struct, and its size held."""
-    lines = "\n".join(f"    {declaration(name, member)}" for name, member in members(kind))
+    lines = "\n".join(f"    {declaration(name, member, precision)}" for name, member in members(kind))
     name = c_name(kind)
-    size = layout(kind).itemsize
+    size = layout(kind, precision).itemsize
     return (
         f"{comment(kind)}\ntypedef struct {{\n{lines}\n}} {name};\n"
         f'VIBRO_HOLDS(sizeof({name}) == {size}, "{name} has another layout");\n'
     )
 
 
-def declaration(name: str, kind: Any) -> str:
+def declaration(name: str, kind: Any, precision: Precision) -> str:
     """A member's line."""
     if get_origin(kind) is tuple:
         items = get_args(kind)
-        first, _, rest = declaration(f"{name}[{len(items)}]", items[0]).partition(";")
+        first, _, rest = declaration(f"{name}[{len(items)}]", items[0], precision).partition(";")
         return f"{first};{rest}"
     name = c_member(name)
     if kind is float:
-        return f"double {name};"
+        return f"{'double' if precision == 'double' else 'float'} {name};"
     if kind is bool:
         return f"bool {name};"
     if hasattr(kind, "_fields"):

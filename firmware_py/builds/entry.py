@@ -9,8 +9,9 @@ from typing import Any
 
 import numba
 
+from firmware_py.builds.cache import cache_folder
 from firmware_py.builds.flat_tick import SIGNATURE, flat_tick
-from firmware_py.core.compiled import cache_folder
+from firmware_py.builds.numba_subset import register
 
 
 def _compiled() -> Any:
@@ -23,4 +24,5 @@ def _compiled() -> Any:
         settings.CACHE_DIR = previous
 
 
+register()
 entry = _compiled()

@@ -1,42 +1,45 @@
 """Records as flat memory: a NamedTuple of the subset as a numpy structured type, which is also a C struct.
 
-Floats and integers take eight bytes, enums are integers, bools take one byte; members are aligned as a C
-compiler aligns them.
+Integers take eight bytes, floats eight or, in single precision, four; enums are integers, bools take one
+byte; members are aligned as a C compiler aligns them.
 """
 
+import functools
+from collections.abc import Callable, Iterator
 from enum import IntEnum
-from functools import cache
-from typing import Any, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 Memory = NDArray[np.void]
+Precision = Literal["double", "single"]
 
 
-@cache
+@functools.cache
 def members(kind: Any) -> tuple[tuple[str, Any], ...]:
     """Names and types of a NamedTuple's members, in order."""
     hints = get_type_hints(kind)
     return tuple((name, hints[name]) for name in kind._fields)
 
 
-def layout(kind: Any) -> Any:
+@functools.cache
+def layout(kind: Any, precision: Precision = "double") -> Any:
     """The numpy type of a record or one of its members; raise TypeError for what the subset has not."""
     if get_origin(kind) is tuple:
         items = get_args(kind)
         if len(set(items)) != 1:
             raise TypeError(f"{kind}: wanted a tuple of one type, or a NamedTuple")
-        return np.dtype((layout(items[0]), len(items)))
+        return np.dtype((layout(items[0], precision), len(items)))
     if kind is float:
-        return np.dtype(np.float64)
+        return np.dtype(np.float64 if precision == "double" else np.float32)
     if kind is bool:
         return np.dtype(np.bool_)
     if kind is int or (isinstance(kind, type) and issubclass(kind, IntEnum)):
         return np.dtype(np.int64)
     if not hasattr(kind, "_fields"):
         raise TypeError(f"{kind}: wanted float, int, bool, an IntEnum, or a NamedTuple or tuple of these")
-    return np.dtype([(name, layout(member)) for name, member in members(kind)], align=True)
+    return np.dtype([(name, layout(member, precision)) for name, member in members(kind)], align=True)
 
 
 def stored(record: tuple[Any, ...]) -> Memory:
@@ -44,6 +47,48 @@ def stored(record: tuple[Any, ...]) -> Memory:
     memory = np.zeros(1, layout(type(record)))
     memory[0] = _plain(record)
     return cast(Memory, memory)
+
+
+def in_precision(memory: Memory, kind: Any, precision: Precision) -> Memory:
+    """Records of this type with floats of this precision, each rounded once; beyond its range to infinity."""
+    wanted = layout(kind, precision)
+    if memory.dtype == wanted:
+        return memory
+    other: Memory = np.zeros(memory.shape, wanted)  # astype would leave anything between the members
+    with np.errstate(over="ignore"):
+        other[:] = memory
+    return other
+
+
+def copier(source: Memory, destination: Memory) -> Callable[[], None]:
+    """`copy()`: `destination` becomes equal to `source`, a record of the same type in any precision."""
+    if source.dtype == destination.dtype:
+        return functools.partial(destination.__setitem__, slice(None), source)
+    places: dict[str, list[tuple[int, int]]] = {}
+    views: dict[str, tuple[Any, Any]] = {}
+    for (kind, place), (other, target) in zip(_leaves(source.dtype), _leaves(destination.dtype), strict=True):
+        places.setdefault(kind.kind, []).append((place // kind.itemsize, target // other.itemsize))
+        views[kind.kind] = source.view(kind), destination.view(other)
+    moves = [(*views[kind], *np.array(found).T) for kind, found in places.items()]
+
+    def copy() -> None:
+        for taken, given, sources, targets in moves:
+            given[targets] = taken[sources]
+
+    return copy
+
+
+def _leaves(kind: Any, start: int = 0) -> Iterator[tuple[Any, int]]:
+    """The numbers that a type is made of, each with its place in bytes."""
+    if kind.subdtype is not None:
+        item, (count,) = kind.subdtype
+        for index in range(count):
+            yield from _leaves(item, start + index * item.itemsize)
+    elif kind.names is not None:
+        for member, place in kind.fields.values():
+            yield from _leaves(member, start + place)
+    else:
+        yield kind, start
 
 
 def _plain(value: Any) -> Any:

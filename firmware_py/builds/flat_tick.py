@@ -2,6 +2,8 @@
 
     tick(config *, state *, int64 elapsed_ticks, int64 count, frame *, tx *)
 
+Whoever compiles it calls `numba_subset.register` first.
+
 The structs are those of `flat.layout`; a frame is three 64-bit integers.
 """
 
@@ -9,12 +11,10 @@ from typing import Any, cast
 
 from numba.core import types
 
-from firmware_py.builds.numba_subset import loader, numba_type, register, store
+from firmware_py.builds.numba_subset import loader, numba_type, store
 from firmware_py.core.step import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.tick import NodeState, Rx, tick
-
-register()
 
 _load_config, _load_state, _store = loader(Config), loader(NodeState), cast(Any, store)
 _pointer: Any = types.CPointer

@@ -4,25 +4,28 @@
                    const vibro_frame *, vibro_tx *)
 
 It returns 0, or another number with state and tx unchanged where the arithmetic failed. The object also holds
-the constant `vibro_initial_state`. It wants a C library's sin, cos, exp, pow, atan2 and fmod, what its target
-has no instruction for, and nothing of an operating system.
+the constant `vibro_initial_state`. It wants what its target has no instruction for, memory copied and filled,
+and nothing of an operating system; no mathematics of a C library, whose last bits are its own.
 """
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Collection
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import llvmlite.binding as llvm
 
-from firmware_py.builds.flat import layout, stored
-from firmware_py.core.compiled import cache_folder
+from firmware_py.builds import single_precision
+from firmware_py.builds.cache import cache_folder
+from firmware_py.builds.flat import Precision, in_precision, layout, stored
 from firmware_py.core.step import Config
 from firmware_py.node.tick import INITIAL, NodeState, Tx
 
-TargetName = Literal["cortex-m7", "host"]
+TargetName = Literal["cortex-m7", "cortex-m4f", "host", "host-single"]
 
 
 class Target(NamedTuple):
@@ -32,11 +35,16 @@ class Target(NamedTuple):
     cpu: str
     features: str
     relocation: str
+    precision: Precision
+    """Of every float, in structs, registers and constants: see `single_precision`."""
 
 
+_ARM = "thumbv7em-none-unknown-eabihf"
 TARGETS: dict[TargetName, Target] = {
-    "cortex-m7": Target("thumbv7em-none-unknown-eabihf", "cortex-m7", "+fp-armv8d16,+fp64", "static"),
-    "host": Target(llvm.get_default_triple(), "", "", "pic"),
+    "cortex-m7": Target(_ARM, "cortex-m7", "+fp-armv8d16,+fp64", "static", "double"),
+    "cortex-m4f": Target(_ARM, "cortex-m4", "+vfp4d16sp,-fp64", "static", "single"),
+    "host": Target(llvm.get_default_triple(), "", "", "pic", "double"),
+    "host-single": Target(llvm.get_default_triple(), "", "", "pic", "single"),
 }
 """The host's own features are left out: an FMA where another target has none would change bits."""
 
@@ -57,6 +65,8 @@ define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %f
 @vibro_initial_state = constant [{state_size} x i8] c"{state}", align 8
 """
 KEPT = (ENTRY, "vibro_initial_state")
+NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
+"""Numba's pickled exceptions are left out: the wrapper looks at the status alone."""
 
 
 def escaped(content: bytes) -> str:
@@ -90,41 +100,47 @@ def object_code(target: TargetName) -> bytes:
     if not path.exists():
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             fresh = Path(folder) / path.name
-            fresh.write_bytes(_compiled(TARGETS[target], raw_assembly()))
+            assembly = NAMES_EXCEPTION.sub("", raw_assembly())
+            state = in_precision(stored(INITIAL), NodeState, TARGETS[target].precision).tobytes()
+            tick = assembly.partition("\n")[0].removeprefix("; ")
+            wrapper = WRAPPER.format(tick=tick, state_size=len(state), state=escaped(state))
+            fresh.write_bytes(retargeted(assembly + wrapper, TARGETS[target], KEPT))
             fresh.replace(path)
     return path.read_bytes()
 
 
-def _compiled(target: Target, assembly: str) -> bytes:
+def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
+    """The object file of numba's raw LLVM assembly in which `kept_names` can be seen from outside."""
+    if target.precision == "single":
+        assembly = single_precision.narrowed(assembly)
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=SPEED, reloc=target.relocation, codemodel="default"
     )
-    state = stored(INITIAL).tobytes()
-    tick = assembly.partition("\n")[0].removeprefix("; ")
-    wrapper = WRAPPER.format(tick=tick, state_size=len(state), state=escaped(state))
-    module = llvm.parse_assembly(assembly + wrapper)
+    module = llvm.parse_assembly(assembly)
     module.triple, module.data_layout = target.triple, str(machine.target_data)
     for symbol in (*module.functions, *module.global_variables):
-        if not symbol.is_declaration and symbol.name not in KEPT:
+        if not symbol.is_declaration and symbol.name not in kept_names:
             symbol.linkage = "internal"
     for function in module.functions:
         if not function.is_declaration and len(list(function.arguments)) > MOST_ARGUMENTS:
             function.add_function_attribute("alwaysinline")
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
     options.slp_vectorization = options.loop_vectorization = False
+    options.loop_unrolling = False  # a tenth more flash, and not an instruction less in a tick
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))
 
 
-def sizes(code: bytes) -> dict[str, int]:
-    """Bytes that an object file takes in flash, and its caller's structs in RAM."""
+def sizes(target: TargetName) -> dict[str, int]:
+    """Bytes that the target's object file takes in flash, and its caller's structs in RAM."""
+    code, precision = object_code(target), TARGETS[target].precision
     text = constants = 0
     for section in llvm.ObjectFileRef.from_data(code).sections():  # one object that moves on: not to be kept
         text += section.size() if section.is_text() else 0
         constants += section.size() if (section.name() or b"").startswith(b".rodata") else 0
     records = {"config": Config, "state": NodeState, "tx": Tx}
-    structs = {name: layout(kind).itemsize for name, kind in records.items()}
+    structs = {name: layout(kind, precision).itemsize for name, kind in records.items()}
     return {"code": text, "constants": constants, **structs}

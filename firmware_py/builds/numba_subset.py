@@ -20,7 +20,7 @@ from numba.extending import intrinsic, overload, register_jitable
 import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members
-from firmware_py.core import kalman
+from firmware_py.core.estimation import kalman
 from firmware_py.interface import enums, float32, packing
 from firmware_py.interface.enums import AxisState, OperatorRequest
 
@@ -34,15 +34,21 @@ INSTEAD: dict[Any, Any] = {
 
 
 @functools.cache
-def register() -> None:
-    """Let compiled code call the firmware's functions."""
+def register(inlined: bool = True) -> None:
+    """Let compiled code call the firmware's functions.
+
+    `inlined`: each call's machine code stands where the call was. Records of hundreds of members are then not
+    copied from call to call, which takes two thirds of a tick; the code is larger, too large for a board.
+    """
+    options: Any = {"forceinline": inlined}
     for module in subset():
         for function in vars(module).values():
             if isinstance(function, FunctionType) and function.__module__ == module.__name__:
                 if function in INSTEAD:
-                    overload(function, strict=False)(functools.partial(_instead, INSTEAD[function]))
+                    replaced = overload(function, strict=False, jit_options=options)
+                    replaced(functools.partial(_instead, INSTEAD[function]))
                 else:
-                    register_jitable(function)
+                    register_jitable(**options)(function)
     for function, instruction in INSTRUCTIONS.items():
         overload(function, strict=False)(functools.partial(_calling, instruction))
 
@@ -51,9 +57,8 @@ def subset() -> Iterator[ModuleType]:
     """The modules of the subset."""
     yield packing
     for package in (firmware_py.core, firmware_py.node):
-        for found in pkgutil.iter_modules(package.__path__):
-            if found.name != "compiled":
-                yield importlib.import_module(f"{package.__name__}.{found.name}")
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            yield importlib.import_module(found.name)
 
 
 def _instead(function: FunctionType, *_: Any) -> FunctionType:

@@ -11,10 +11,12 @@ from typing import Any
 import numba
 
 from firmware_py.builds.flat_tick import SIGNATURE, flat_tick
+from firmware_py.builds.numba_subset import register
 
 
 def main() -> None:
     """Write the file."""
+    register(inlined=False)
     dispatcher = numba.njit(SIGNATURE)(flat_tick)
     result: Any = next(iter(dispatcher.overloads.values()))
     text = result.library.get_llvm_str()

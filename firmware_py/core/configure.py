@@ -2,43 +2,38 @@
 
 import math
 
-from firmware_py.core import (
-    calm,
+from firmware_py.core.control import gait, hold, speed, start
+from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control import stride_harmonic as therapy
+from firmware_py.core.estimation import (
+    accelerometer,
     crank,
     detector,
-    drive_link,
     estimator,
-    gait,
-    hold,
+    estimator_state,
     identify,
-    lock,
-    monitors,
     regime,
-    speed,
-    start,
-    therapy,
+    striker_model,
 )
-from firmware_py.core.compiled import compiled
-from firmware_py.core.kalman import ProcessNoise, Row
+from firmware_py.core.estimation.kalman import ProcessNoise, Row
 from firmware_py.core.numbers import TAU
 from firmware_py.core.parameter_values import Parameters
+from firmware_py.core.safety import drive_link, monitors
 from firmware_py.core.step import Config
 from firmware_py.interface.packing import GAIT_SENSORS_PERIOD_S
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 
-@compiled
 def _in_ticks(duration_s: float, tick_s: float) -> int:
     return round(duration_s / tick_s)
 
 
-@compiled
 def _square(value: float) -> float:
     return value * value
 
 
-@compiled
 def config_of(parameters: Parameters, damaged: bool) -> Config:
     """The core's configuration for parameters that are within their bounds.
 
@@ -63,9 +58,9 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
         gain_acceleration=gain_acceleration,
         largest_disturbance_rad_s2=p.crank_largest_disturbance_rad_s2,
     )
-    estimator_config = estimator.EstimatorConfig(
+    estimator_config = estimator_state.EstimatorConfig(
         tick_s=tick_s,
-        striker=estimator.NominalStriker(
+        striker=striker_model.NominalStriker(
             stiffness_1_s2=stiffness_1_s2,
             damping_1_s=damping_1_s,
             dry_m_s2=p.friction_mu * STANDARD_GRAVITY_M_S2,
@@ -74,7 +69,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             stop_m=p.stop_position_m,
             restitution=restitution,
         ),
-        sensor=estimator.NominalSensors(
+        sensor=accelerometer.NominalSensors(
             low_full_scale_m_s2=p.sensor_low_full_scale_m_s2,
             high_full_scale_m_s2=p.sensor_high_full_scale_m_s2,
             delay_s=delay_s,
@@ -82,13 +77,13 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             housing_weight=p.sensor_housing_weight,
             housing_rate=min(tick_s / p.sensor_housing_offset_s, 1.0),
         ),
-        spread=estimator.Spread(
-            initial_xx=_square(estimator.INITIAL_POSITION_STD_M),
-            initial_vv=_square(estimator.INITIAL_VELOCITY_STD_M_S),
-            initial_bb=_square(estimator.INITIAL_BIAS_STD_M_S2),
-            floor_xx=_square(estimator.POSITION_FLOOR_M),
-            floor_vv=_square(estimator.VELOCITY_FLOOR_M_S),
-            floor_bb=_square(estimator.BIAS_FLOOR_M_S2),
+        spread=estimator_state.Spread(
+            initial_xx=_square(estimator_state.INITIAL_POSITION_STD_M),
+            initial_vv=_square(estimator_state.INITIAL_VELOCITY_STD_M_S),
+            initial_bb=_square(estimator_state.INITIAL_BIAS_STD_M_S2),
+            floor_xx=_square(estimator_state.POSITION_FLOOR_M),
+            floor_vv=_square(estimator_state.VELOCITY_FLOOR_M_S),
+            floor_bb=_square(estimator_state.BIAS_FLOOR_M_S2),
         ),
         # a_d = a − τ a',  a = −(c/m) (x − …) − (b/m) x',  a' = −(c/m) (x' − x_A') − (b/m) a
         row=Row(
@@ -96,25 +91,25 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             v=-damping_1_s * (1.0 + delay_s * damping_1_s) + delay_s * stiffness_1_s2,
             b=1.0,
         ),
-        model=estimator.free_flight(stiffness_1_s2, damping_1_s, tick_s),
+        model=striker_model.free_flight(stiffness_1_s2, damping_1_s, tick_s),
         strapdown=estimator.strapdown(tick_s),
         strapdown_noise=ProcessNoise(
-            xx=0.0, vv=_square(p.estimator_velocity_noise_m_s), bb=_square(estimator.BIAS_NOISE_M_S2)
+            xx=0.0, vv=_square(p.estimator_velocity_noise_m_s), bb=_square(estimator_state.BIAS_NOISE_M_S2)
         ),
         model_noise=ProcessNoise(
-            xx=0.0, vv=_square(estimator.GAP_NOISE_M_S), bb=_square(estimator.BIAS_NOISE_M_S2)
+            xx=0.0, vv=_square(estimator_state.GAP_NOISE_M_S), bb=_square(estimator_state.BIAS_NOISE_M_S2)
         ),
         contact_noise=ProcessNoise(
-            xx=0.0, vv=_square(estimator.CONTACT_NOISE_M_S), bb=_square(estimator.BIAS_NOISE_M_S2)
+            xx=0.0, vv=_square(estimator_state.CONTACT_NOISE_M_S), bb=_square(estimator_state.BIAS_NOISE_M_S2)
         ),
-        bend_share=estimator.BEND_SHARE,
-        noise=estimator.AdaptiveNoise(
+        bend_share=estimator_state.BEND_SHARE,
+        noise=estimator_state.AdaptiveNoise(
             floor=_square(p.estimator_model_std_m_s2),
             start=_square(p.estimator_initial_model_std_m_s2),
             ceiling=_square(p.estimator_largest_model_std_m_s2),
             learning_rate=min(tick_s / p.estimator_model_learning_s, 1.0),
             readings_as_one=max(p.estimator_model_memory_s / tick_s, 1.0),
-            still_m_s2=estimator.STILL_M_S2,
+            still_m_s2=estimator_state.STILL_M_S2,
             still_ticks=_in_ticks(p.estimator_still_s, tick_s),
             strange_sigmas=p.estimator_strange_sigmas,
             strange_ticks=_in_ticks(p.estimator_strange_s, tick_s),
@@ -122,7 +117,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
         stop_variance=_square(p.estimator_stop_std_m),
         coarse_variance=_square(p.estimator_coarse_std_m),
         touch_down_jitter_s=p.estimator_touch_down_jitter_s,
-        separation_jitter_s=estimator.SEPARATION_JITTER_S,
+        separation_jitter_s=estimator_state.SEPARATION_JITTER_S,
         restitution_variance=_square(p.estimator_restitution_std),
         has_flights=p.identify_mode > 0.0,
     )

@@ -6,15 +6,12 @@ or of a number beyond ±2⁶³ is undefined. Each helper gives the same bits int
 
 import math
 
-from firmware_py.core.compiled import compiled
-
 TAU = 2.0 * math.pi
 
 LARGEST_TO_WRAP = 1e9
 """In rad or turns: a double resolves 1e-7 there. Nothing that turns comes near it."""
 
 
-@compiled
 def clamp(value: float, limit: float) -> float:
     """`value` within ±`limit`; 0 if it is NaN, or if `limit` is NaN, negative or infinite."""
     if not 0.0 <= limit < math.inf:
@@ -28,13 +25,11 @@ def clamp(value: float, limit: float) -> float:
     return 0.0
 
 
-@compiled
 def at_least(value: float, floor: float) -> float:
     """`value`, but no less than `floor`; `floor` for NaN."""
     return value if value >= floor else floor
 
 
-@compiled
 def fraction(turns: float) -> float:
     """`turns` without its whole turns, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= turns <= LARGEST_TO_WRAP:
@@ -43,7 +38,6 @@ def fraction(turns: float) -> float:
     return rest if rest < 1.0 else 0.0
 
 
-@compiled
 def wrap_pi(angle_rad: float) -> float:
     """`angle_rad` in (−π, π]; 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
@@ -52,7 +46,6 @@ def wrap_pi(angle_rad: float) -> float:
     return angle if -math.pi < angle <= math.pi else math.pi  # beyond by rounding: the seam
 
 
-@compiled
 def wrap_two_pi(angle_rad: float) -> float:
     """`angle_rad` in [0, 2π); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:

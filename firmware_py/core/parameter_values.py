@@ -1,12 +1,10 @@
 """The parameters in the firmware's subset: written by `parameter_table.py`; do not edit.
 
-Their source is `interface/parameters.toml`, which says what each one is. All are floats, counts and switches
-too.
+Their source is `parameters.toml` of interface/sources, which says what each one is. All are
+floats, counts and switches too.
 """
 
 from typing import NamedTuple
-
-from firmware_py.core.compiled import compiled
 
 
 class Parameters(NamedTuple):
@@ -211,12 +209,10 @@ ORDERED = (
 """Indices: the first may not exceed the second."""
 
 
-@compiled
 def _chosen(first: bool, one: float, other: float) -> float:
     return one if first else other
 
 
-@compiled
 def with_value(parameters: Parameters, index: int, value: float) -> Parameters:
     """`parameters`, with `value` in the place of `index`."""
     return Parameters(

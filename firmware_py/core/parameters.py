@@ -12,7 +12,6 @@ that is refused hands back the parameters as they were. Whether the firmware may
 
 import math
 
-from firmware_py.core.compiled import compiled
 from firmware_py.core.parameter_values import COUNT, HIGH, LOW, ORDERED, TIERS, WHOLE, Parameters, with_value
 from firmware_py.interface.enums import ParameterStatus, ParameterTier
 
@@ -24,7 +23,6 @@ OUT_OF_RANGE = ParameterStatus.OUT_OF_RANGE
 NOT_WRITABLE = ParameterStatus.NOT_WRITABLE
 
 
-@compiled
 def within_bounds(index: int, value: float) -> bool:
     """Whether the parameter at `index` may have this value, whatever the others have; NaN may not."""
     if not LOW[index] <= value <= HIGH[index]:
@@ -32,7 +30,6 @@ def within_bounds(index: int, value: float) -> bool:
     return WHOLE[index] == 0 or value == math.floor(value)
 
 
-@compiled
 def conflict(parameters: Parameters) -> int:
     """The place in `ORDERED` of the first pair whose first parameter exceeds its second; −1: none does."""
     for place, (lower, upper) in enumerate(ORDERED):
@@ -41,7 +38,6 @@ def conflict(parameters: Parameters) -> int:
     return -1
 
 
-@compiled
 def read_parameter(parameters: Parameters, index: int) -> tuple[float, int, ParameterStatus]:
     """The value, its `ParameterTier` and whether there is such a parameter: else 0, MODULE, UNKNOWN_INDEX."""
     if not 0 <= index < COUNT:
@@ -49,7 +45,6 @@ def read_parameter(parameters: Parameters, index: int) -> tuple[float, int, Para
     return parameters[index], TIERS[index], OK
 
 
-@compiled
 def write_parameter(parameters: Parameters, index: int, value: float) -> tuple[Parameters, ParameterStatus]:
     """The parameters with `value` at `index`, or as they were with the reason for which it is refused."""
     if not 0 <= index < COUNT:

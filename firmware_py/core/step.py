@@ -2,32 +2,22 @@
 
     step(config, state, inputs) -> (state, outputs)
 
-Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from there for one tick.
+Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from there for one tick. After an
+overrun `sense` runs once for each sample that has waited, at its own time, before `act` runs on the newest.
 """
 
 import math
 from typing import NamedTuple
 
-from firmware_py.core import (
-    calm,
-    crank,
-    detector,
-    drive_link,
-    estimator,
-    gait,
-    hold,
-    identify,
-    lock,
-    monitors,
-    regime,
-    speed,
-    start,
-    supervisor,
-    therapy,
-)
-from firmware_py.core.compiled import compiled
+from firmware_py.core.control import gait, hold, speed, start
+from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control import stride_harmonic as therapy
+from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
+from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import NEVER_TICKS, Inputs
 from firmware_py.core.numbers import clamp
+from firmware_py.core.safety import drive_link, monitors, supervisor
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
@@ -54,7 +44,7 @@ class Config(NamedTuple):
     tick_s: float
     drive_link: drive_link.DriveLinkConfig
     crank: crank.CrankConfig
-    estimator: estimator.EstimatorConfig
+    estimator: estimator_state.EstimatorConfig
     detector: detector.DetectorConfig
     regime: regime.RegimeConfig
     start: start.StartConfig
@@ -72,7 +62,7 @@ class State(NamedTuple):
     """Everything that a tick hands to the next one."""
 
     crank: crank.CrankState
-    estimator: estimator.EstimatorState
+    estimator: estimator_state.EstimatorState
     detector: detector.DetectorState
     regime: regime.RegimeState
     start: start.StartState
@@ -86,6 +76,28 @@ class State(NamedTuple):
     therapy: therapy.TherapyState
     identify: identify.IdentifyState
     calm: calm.CalmState
+
+
+class Sensed(NamedTuple):
+    """What the samples since the last command have shown: one sample, or more after an overrun.
+
+    `ticks` is their time since that command; `contact` is the newest sample's. `separation_ticks` is how long
+    before the newest sample the striker left the stop, if it did; impulse and peak are the hardest impact's
+    of those that it left.
+    """
+
+    ticks: int
+    crank: crank.CrankState
+    estimator: estimator_state.EstimatorState
+    detector: detector.DetectorState
+    regime: regime.RegimeState
+    gait: gait.CycleState
+    contact: Contact
+    touch_down: bool
+    separation: bool
+    separation_ticks: int
+    impulse_n_s: float
+    peak_m_s2: float
 
 
 class Outputs(NamedTuple):
@@ -119,7 +131,7 @@ class Outputs(NamedTuple):
 
 INITIAL = State(
     crank=crank.INITIAL,
-    estimator=estimator.INITIAL,
+    estimator=estimator_state.INITIAL,
     detector=detector.INITIAL,
     regime=regime.INITIAL,
     start=start.INITIAL,
@@ -158,7 +170,6 @@ INITIAL_OUTPUTS = Outputs(
 )
 
 
-@compiled
 def refused(
     valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_therapy: Refusal
 ) -> Refusal:
@@ -172,34 +183,49 @@ def refused(
     return by_hold if by_hold != NO_REFUSAL else by_therapy
 
 
-@compiled
-def step(  # noqa: PLR0915 - one tick, read top to bottom
-    config: Config, state: State, inputs: Inputs
-) -> tuple[State, Outputs]:
-    """The whole controller, once a tick."""
-    n = inputs.elapsed_ticks
+def unsensed(state: State) -> Sensed:
+    """Before the first sample."""
+    return Sensed(
+        0,
+        state.crank,
+        state.estimator,
+        state.detector,
+        state.regime,
+        state.gait,
+        detector.FLYING,
+        False,
+        False,
+        0,
+        0.0,
+        0.0,
+    )
 
-    # Measure
+
+def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: Inputs) -> Sensed:
+    """One sample: crank, estimate, impacts, regime and gait, after what earlier ones have shown."""
+    n = inputs.elapsed_ticks - sensed.ticks
+    waited = sensed.ticks > 0
+    acting_n_m = commanded.torque_n_m if waited else commanded.acting_n_m
     crank_now = crank.step(
         config.crank,
-        state.crank,
+        sensed.crank,
         inputs.encoder,
         n,
-        speed.known_acceleration(config.speed, state.speed, state.crank, state.estimator),
+        speed.known_acceleration(config.speed, acting_n_m, sensed.crank, sensed.estimator),
     )
     predicted = estimator.propagate(
         config.estimator,
-        state.estimator,
+        sensed.estimator,
         inputs.accelerometer,
-        state.detector.phase,
+        sensed.detector.phase,
         crank_now.angle_rad,
         crank_now.omega_rad_s,
         n,
     )
-    detector_now, contact = detector.step(config.detector, state.detector, predicted, n)
+    detector_now, contact = detector.step(config.detector, sensed.detector, predicted, n)
     estimate = estimator.correct(
         config.estimator,
-        state.estimator,
+        sensed.estimator,
         predicted,
         contact,
         inputs.coarse,
@@ -209,18 +235,53 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
     )
     regime_now = regime.step(
         config.regime,
-        state.regime,
+        sensed.regime,
         crank_now.angle_rad,
         crank_now.omega_rad_s,
         contact.touch_down,
         contact.age_s,
         contact.approach_speed_m_s,
         predicted.sensor.acceleration_m_s2,
+        waited and sensed.regime.ended,
+    )
+    gait_now = sensed.gait
+    if inputs.gait.age_ticks < NEVER_TICKS:
+        gait_now = gait.step(config.gait, sensed.gait, inputs.gait, n)
+    separation_ticks = sensed.separation_ticks + n if sensed.separation else 0
+    impulse_n_s, peak_m_s2 = sensed.impulse_n_s, sensed.peak_m_s2
+    if contact.separation:  # what is no number counts as the hardest
+        separation_ticks = 0
+        impulse_n_s = impulse_n_s if detector_now.impulse_n_s <= impulse_n_s else detector_now.impulse_n_s
+        peak_m_s2 = peak_m_s2 if detector_now.peak_m_s2 <= peak_m_s2 else detector_now.peak_m_s2
+    return Sensed(
+        inputs.elapsed_ticks,
+        crank_now,
+        estimate,
+        detector_now,
+        regime_now,
+        gait_now,
+        contact,
+        sensed.touch_down or contact.touch_down,
+        sensed.separation or contact.separation,
+        separation_ticks,
+        impulse_n_s,
+        peak_m_s2,
     )
 
-    gait_now = state.gait
-    if inputs.gait.age_ticks < NEVER_TICKS:
-        gait_now = gait.step(config.gait, state.gait, inputs.gait, n)
+
+def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
+    """The whole controller, once a tick, on one sample."""
+    return act(config, state, sense(config, state.speed, unsensed(state), inputs), inputs)
+
+
+def act(  # noqa: PLR0915 - one tick, read top to bottom
+    config: Config, state: State, sensed: Sensed, inputs: Inputs
+) -> tuple[State, Outputs]:
+    """Limits, mode, speed to follow and torque, on what has been sensed up to the newest sample."""
+    n = inputs.elapsed_ticks
+    crank_now, estimate, detector_now = sensed.crank, sensed.estimator, sensed.detector
+    regime_now, gait_now = sensed.regime, sensed.gait
+    since_touch_down_s = detector_now.since_touch_down_s + sensed.separation_ticks * config.tick_s
 
     # Supervise
     follow = config.lock.follow
@@ -235,8 +296,8 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         inputs,
         crank_now,
         estimate,
-        detector_now,
-        contact.separation,
+        sensed.impulse_n_s,
+        sensed.peak_m_s2,
         followed_rad_s,
         not math.isnan(speed.stretch_at(config.speed.load, crank_now, estimate, 0.0)),
     )
@@ -259,6 +320,7 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
     target_ratio = inputs.operator.target_ratio
     holding = mode == RUN and state.start.stage == start.HOLD
     identify_now = state.identify
+    contact = sensed.contact
     if config.identify.enabled and (
         contact.touch_down or contact.separation or estimate.flight.ticks % identify.SAMPLE_TICKS == 0
     ):
@@ -284,8 +346,8 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
             holding,
             crank_now.angle_rad,
             regime_now,
-            contact.touch_down,
-            contact.age_s,
+            sensed.touch_down,
+            since_touch_down_s,
             n,
             state.therapy.aim_ratio,
         )
@@ -365,9 +427,9 @@ def step(  # noqa: PLR0915 - one tick, read top to bottom
         clamp(speed_now.torque_n_m, config.speed.torque_limit_n_m),
         target_rad_s,
         drive_frame,
-        contact.touch_down,
-        contact.separation,
-        detector_now.since_touch_down_s,
+        sensed.touch_down,
+        sensed.separation,
+        since_touch_down_s,
         detector_now.approach_speed_m_s,
         detector_now.impulse_n_s,
         regime_now.ended,

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from firmware_py.interface import packing, records
-from firmware_py.interface.dbc import database
 from firmware_py.interface.errors import FrameError, FrameErrorReason
 from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.interface.generate import checked_hints, snake
-from firmware_py.interface.layout import Layout, Signal, layout_of
 from firmware_py.interface.refusals import unencodable, unusable
+from firmware_py.interface.sources.dbc import database
+from firmware_py.interface.sources.generate import checked_hints, snake
+from firmware_py.interface.sources.layout import Layout, Signal, layout_of
 
 __all__ = ["CODECS", "CODEC_BY_ID", "FrameCodec", "FrameError", "FrameErrorReason", "decode", "encode"]
 

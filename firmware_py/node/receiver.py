@@ -39,6 +39,9 @@ NO_COARSE = CoarseInput(0.0, NEVER_TICKS)
 NO_GAIT = GaitInput(0.0, 0.0, heel=False, toe=False, age_ticks=NEVER_TICKS)
 """What modules without such a sensor read."""
 
+LONGEST_DATED_TICKS = (1 << packing.ACCELEROMETER_COUNTER_BITS) - 2
+"""Since the last sample: for as long a sample's counter says when it was sent, give or take a tick."""
+
 REQUESTS = 4
 """Parameter requests that wait for their answers at most; a client waits for one before it asks again."""
 
@@ -363,6 +366,60 @@ def without_requests(received: Received) -> Received:
         received.gait_heard,
         received.requests,
         0,
+        received.request_heard,
+    )
+
+
+def begins_sample(received: Received, tick: int, frame: WordFrame, first_id: int) -> bool:
+    """Whether a frame of `tick` belongs to another sample than those received in it so far.
+
+    A sample is an accelerometer frame and its encoder frame; the frame with `first_id` comes first.
+    """
+    can_id, length, word = frame
+    if can_id != first_id or received.accelerometer_heard.tick != tick:
+        return False
+    bits = packing.ACCELEROMETER_COUNTER_BITS
+    own = received.accelerometer_heard.counter
+    return can_id != packing.ACCELEROMETER_ID or counter_of(length, word, bits) != own
+
+
+def sampled_tick(before: Heard, received: Received) -> int:
+    """When the newest sample was taken, by how far its counter has moved since that of `before`."""
+    modulus = 1 << packing.ACCELEROMETER_COUNTER_BITS
+    return before.tick + (received.accelerometer_heard.counter - before.counter) % modulus
+
+
+def dated(heard: Heard, tick: int, sampled: int) -> Heard:
+    """The same, of `sampled` if it was received in `tick`."""
+    return Heard(sampled, sampled, heard.counter) if heard.tick == tick else heard
+
+
+def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
+    """The same, with the sensors' readings that were received in `tick` of the earlier tick `sampled`."""
+    return Received(
+        received.accelerometer,
+        dated(received.accelerometer_heard, tick, sampled),
+        received.encoder,
+        dated(received.encoder_heard, tick, sampled),
+        received.heartbeat,
+        received.heartbeat_heard,
+        received.disarm_reason,
+        received.disarm_reason_heard,
+        received.current_a,
+        received.current_heard,
+        received.temperature,
+        received.temperature_heard,
+        received.voltage_v,
+        received.voltage_heard,
+        received.estop_tick,
+        received.command,
+        received.command_heard,
+        received.coarse,
+        dated(received.coarse_heard, tick, sampled),
+        received.gait,
+        dated(received.gait_heard, tick, sampled),
+        received.requests,
+        received.request_count,
         received.request_heard,
     )
 

@@ -5,7 +5,8 @@
 Call it once a control period with the frames that have arrived since. `config` is the core's, made of the
 parameters; `state` starts as `INITIAL`. `rx.frames` is anything with `rx.frame_count` items of `WordFrame`: a
 sequence interpreted, a tuple of them or a pointer to them compiled; `rx.elapsed_ticks` is 1, or more after
-ticks that were skipped. `tx.torque` leaves in every tick, `tx.other` if `tx.frame_count` is 2.
+ticks that were skipped. Samples that have waited meanwhile are then used one after the other, each at the
+time that its counter says. `tx.torque` leaves in every tick, `tx.other` if `tx.frame_count` is 2.
 
 Reading and writing parameters is no part of a control period: while `state.received.request_count` is not 0,
 call `served` between two ticks; its answers leave in the next ones.
@@ -19,22 +20,36 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from firmware_py.core.configure import config_of
-from firmware_py.core.drive_link import DriveFrame
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.parameters import read_parameter, write_parameter
+from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.step import INITIAL as INITIAL_CORE
-from firmware_py.core.step import INITIAL_OUTPUTS, Config, Outputs, State, step
+from firmware_py.core.step import INITIAL_OUTPUTS, Config, Outputs, State, act, sense, unsensed
 from firmware_py.interface import packing
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
 from firmware_py.node import receiver, transmitter
-from firmware_py.node.receiver import Counters, Received, also_counted, inputs_of, receive
+from firmware_py.node.receiver import (
+    LONGEST_DATED_TICKS,
+    Counters,
+    Received,
+    also_counted,
+    begins_sample,
+    inputs_of,
+    receive,
+    sampled_tick,
+    with_sensors_dated,
+)
 from firmware_py.node.transmitter import Transmitter
 
 MAX_RX = 64
 """Frames that a flat `rx` holds. A tick brings 3 at most; 25 ticks of patience after a pause bring 60."""
+
+
+MOST_SAMPLES = 20
+"""Samples that waited in an overrun and are used at most, the newest; the model bridges what was before."""
 
 
 class Rx(NamedTuple):
@@ -110,10 +125,26 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     """One control period."""
     now = state.ticks + rx.elapsed_ticks
     received, counters = state.received, state.counters
-    for index in range(rx.frame_count):
-        received, counters = receive(config.tick_s, received, counters, now, rx.frames[index])
-    inputs = inputs_of(received, now, rx.elapsed_ticks)
-    core, outputs = step(config, state.core, inputs)
+    sensed, inputs = unsensed(state.core), state.inputs
+    last = received.accelerometer_heard
+    late = rx.elapsed_ticks > 1 and now - last.tick < LONGEST_DATED_TICKS
+    first_id = 0
+    for index in range(rx.frame_count + 1):
+        is_end = index == rx.frame_count
+        frame = transmitter.NO_FRAME if is_end else rx.frames[index]
+        if first_id == 0 and frame.can_id in (packing.ACCELEROMETER_ID, packing.ENCODER_ESTIMATES_ID):
+            first_id = frame.can_id
+        if is_end or (late and begins_sample(received, now, frame, first_id)):
+            # The sample so far is complete: the newest one is of now, those before of their own time.
+            sampled = now if is_end else min(sampled_tick(last, received), now - 1)
+            if sampled > state.ticks + sensed.ticks and now - sampled <= MOST_SAMPLES:
+                inputs = inputs_of(received, now, sampled - state.ticks)
+                sensed = sense(config, state.core.speed, sensed, inputs)
+            received = with_sensors_dated(received, now, sampled)
+            last = received.accelerometer_heard
+        if not is_end:
+            received, counters = receive(config.tick_s, received, counters, now, frame)
+    core, outputs = act(config, state.core, sensed, inputs)
     waiting, lost, tx = transmitted(config, received, state.waiting, now, state.outputs, core, outputs)
     if lost > 0 or rx.elapsed_ticks > 1:
         counters = also_counted(counters, rx.elapsed_ticks - 1, lost)

@@ -6,12 +6,11 @@ small part of the ticks. The drive link's frame comes first, then faults, then i
 the order in which they fell due.
 """
 
-import math
 from typing import NamedTuple
 
-from firmware_py.core.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
+from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface import packing
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
@@ -133,7 +132,7 @@ def regime_report(outputs: Outputs) -> RegimeReport:
     return RegimeReport(
         outputs.regime.value,
         outputs.period_impacts,
-        math.degrees(outputs.impact_phase_rad) % 360.0,
+        360.0 * fraction(outputs.impact_phase_rad / TAU),
         outputs.peak_acceleration_m_s2,
     )
 

@@ -1,4 +1,4 @@
-"""The same node on an emulated board: a Cortex-M7 in QEMU that was switched on when the node was made."""
+"""The same node on an emulated board: a Cortex-M in QEMU that was switched on when the node was made."""
 
 import struct
 import subprocess
@@ -9,20 +9,20 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 
 from firmware_py.builds import board
-from firmware_py.builds.flat import Memory, layout
+from firmware_py.builds.flat import Memory, Precision, copier, in_precision, layout
+from firmware_py.builds.machine_code import TARGETS
 from firmware_py.core.step import Config
 from firmware_py.node.tick import NodeState, Tx
 from firmware_py.shell.flat_node import FRAME_BYTES, FlatNode
 
 TICK, CONFIG, STATE, MEASURED_TICK = range(4)
 REQUEST = struct.Struct("<3q")
-REPLY = np.dtype(
-    [
-        *((name, np.int64) for name in ("status", "timer_ticks", "stack_bytes")),
-        ("tx", layout(Tx)),
-        ("state", layout(NodeState)),
-    ]
-)
+
+
+def reply_layout(precision: Precision) -> "np.dtype[np.void]":
+    """What the board answers a tick with."""
+    numbers = ((name, np.int64) for name in ("status", "timer_ticks", "stack_bytes"))
+    return np.dtype([*numbers, ("tx", layout(Tx, precision)), ("state", layout(NodeState, precision))])
 
 
 class BoardDiedError(RuntimeError):
@@ -30,38 +30,42 @@ class BoardDiedError(RuntimeError):
 
 
 class BoardNode(FlatNode):
-    """One controller on a board of its own; `memory` is a copy of the board's after each tick."""
+    """One controller on a Cortex-M7 of its own; `memory` is a copy of the board's after each tick."""
 
+    target: board.BoardName = "cortex-m7"
     kind = TICK
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         super().__init__(config, parameters)
-        board_process = board.start()
+        self._precision = TARGETS[self.target].precision
+        board_process = board.start(self.target)
         weakref.finalize(self, _switch_off, board_process)
         self._process = board_process
         self._to_board = cast(BinaryIO, board_process.stdin)
         self._from_board = cast(BinaryIO, board_process.stdout)
-        self.reply = np.zeros(1, REPLY)
+        self.reply = np.zeros(1, reply_layout(self._precision))
+        self._take_state = copier(self.reply["state"], self.memory)
         self._reply_bytes = memoryview(self.reply.view("u1"))  # type: ignore[arg-type]  # no buffer in stubs
-        self._send(CONFIG, self.flat_config)
+        self._send(CONFIG, Config, self.flat_config)
 
     def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
         """One tick."""
         request = REQUEST.pack(self.kind, elapsed_ticks, frame_count)
         self._write(request + bytes(memoryview(frames)[: FRAME_BYTES * frame_count]))
-        if self._from_board.readinto(self._reply_bytes) != REPLY.itemsize:  # type: ignore[attr-defined]
+        if self._from_board.readinto(self._reply_bytes) != self.reply.nbytes:  # type: ignore[attr-defined]
             raise BoardDiedError(f"the emulated board has ended, status {self._process.wait()}")
-        self.tx[:], self.memory[:] = self.reply["tx"], self.reply["state"]
+        self.tx[:] = self.reply["tx"]
+        self._take_state()
         return bool(self.reply["status"][0] == 0)
 
     def changed(self) -> None:
         """Hand both to the board."""
-        self._send(CONFIG, self.flat_config)
-        self._send(STATE, self.memory)
+        self._send(CONFIG, Config, self.flat_config)
+        self._send(STATE, NodeState, self.memory)
 
-    def _send(self, kind: int, content: Memory) -> None:
-        self._write(REQUEST.pack(kind, 0, 0) + content.tobytes())
+    def _send(self, kind: int, record: type[Any], content: Memory) -> None:
+        self._write(REQUEST.pack(kind, 0, 0) + in_precision(content, record, self._precision).tobytes())
 
     def _write(self, message: bytes) -> None:
         try:
@@ -69,6 +73,12 @@ class BoardNode(FlatNode):
             self._to_board.flush()
         except BrokenPipeError:
             raise BoardDiedError(f"the emulated board has ended, status {self._process.wait()}") from None
+
+
+class SinglePrecisionBoardNode(BoardNode):
+    """One controller on a Cortex-M4F; `memory` holds its numbers of single precision as doubles."""
+
+    target = "cortex-m4f"
 
 
 def _switch_off(process: "subprocess.Popen[bytes]") -> None:

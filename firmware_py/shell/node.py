@@ -7,7 +7,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.compiled import COMPILED
 from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
@@ -72,10 +71,6 @@ class MakeNode(Protocol):
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
 
 
-class NodeError(RuntimeError):
-    """The node cannot run in this process."""
-
-
 class FirmwareNode:
     """One controller. `tick` is called once a control period with the frames that have arrived since.
 
@@ -84,11 +79,6 @@ class FirmwareNode:
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        if COMPILED:
-            raise NodeError(
-                "VIBROHIL_COMPILED=1 is set: called tick by tick from Python, a compiled core costs three "
-                "times the interpreted one; unset it to run a node"
-            )
         self.config = config
         self.parameters = parameters_of(with_overrides(parameters or {}))
         self.memory = None

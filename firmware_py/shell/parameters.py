@@ -1,6 +1,7 @@
 """The parameters by name: overrides of scenarios and tools, the parameter file, what is wrong with either.
 
-`interface/parameters.toml` says what there is; the core's `parameters` reads and writes them by index.
+`interface/sources/parameters.toml` says what there is; the core's `parameters` reads and
+writes them by index.
 """
 
 import difflib
@@ -11,14 +12,13 @@ from typing import Any
 
 import tomli_w
 
-from firmware_py.core.compiled import interpreted
 from firmware_py.core.configure import config_of
 from firmware_py.core.parameter_values import ORDERED, Parameters
 from firmware_py.core.parameters import conflict, within_bounds
 from firmware_py.core.step import Config
 from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier
-from firmware_py.interface.parameter_table import INDEX, TABLE, Parameter
+from firmware_py.interface.sources.parameter_table import INDEX, TABLE, Parameter
 
 BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABLE}
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
@@ -89,7 +89,7 @@ def parameters_of(values: Mapping[str, float]) -> Parameters:
 
 def config_from(overrides: Mapping[str, Any]) -> Config:
     """The core's configuration for the defaults with `overrides`."""
-    return interpreted(config_of)(parameters_of(with_overrides(overrides)), False)
+    return config_of(parameters_of(with_overrides(overrides)), False)
 
 
 def _checksum(values: Mapping[str, float]) -> str:

@@ -40,6 +40,19 @@ class Loss(NamedTuple):
     frames: int
 
 
+class NodeBus(Protocol):
+    """What a node needs of its bus."""
+
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Send frames in order."""
+
+    def receive(self) -> list[Frame]:
+        """All frames that have arrived."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived, or when the time is over."""
+
+
 class Bus(Protocol):
     """One node's connection. It never receives its own frames; no call blocks longer than a send may wait."""
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from firmware_py.interface.frame import Frame
 from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
 from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
-from hil.realtime import libc
+from hil.timing.realtime import libc
 
 BATCH = 256
 """Frames a system call moves at most: a quarter of a second of this bus."""

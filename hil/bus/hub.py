@@ -18,8 +18,8 @@ from typing import IO
 
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, CONTROL_ID, FRAME_BYTES, LOSS_KIND, STAMP_KIND
-from hil.processes import stop_requests
-from hil.realtime import HUB, become_realtime
+from hil.timing.processes import stop_requests
+from hil.timing.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
 MAX_QUEUED_BYTES = 1 << 16

@@ -12,7 +12,7 @@ from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED, HubSocket
 from hil.bus.wire import requests_in
-from hil.processes import Child, ChildError
+from hil.timing.processes import Child, ChildError
 
 READY_TIMEOUT_S = 20.0
 

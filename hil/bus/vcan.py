@@ -19,8 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from hil.bus.can_socket import open_can_socket
-from hil.processes import stop_requests
-from hil.realtime import libc
+from hil.timing.processes import stop_requests
+from hil.timing.realtime import libc
 
 CLONE_NEWUSER = 0x10000000
 CLONE_NEWNET = 0x40000000

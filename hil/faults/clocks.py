@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
-from hil.clock import NS_PER_S, Clock
 from hil.faults.processes import FIRMWARE
-from hil.faults.tables import ClockJitter, ClockJumped, Fault, Restarted
-from hil.loop import LoopTiming
+from hil.scenario.fault_tables import ClockJitter, ClockJumped, Fault, Restarted
+from hil.timing.clock import NS_PER_S, Clock
+from hil.timing.loop import LoopTiming
 
 SEED_OF_CLOCKS = 2000
 """Independent of the seeds of bus and sensor faults."""

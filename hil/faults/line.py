@@ -10,7 +10,8 @@ from typing import NamedTuple, TypeGuard, get_args
 import numpy as np
 
 from firmware_py.interface.frame import Frame
-from hil.faults.tables import (
+from hil.bus.base import NodeBus
+from hil.scenario.fault_tables import (
     Babbling,
     Bundled,
     Corrupted,
@@ -24,7 +25,6 @@ from hil.faults.tables import (
     Thinned,
     Unplugged,
 )
-from hil.nodes import NodeBus
 
 PLANT = "plant"
 IDENTIFIERS = 0x800

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from firmware_py.shell.parameters import with_overrides, written
-from hil.faults.tables import Fault, ParametersDamaged
+from hil.scenario.fault_tables import Fault, ParametersDamaged
 
 SEED_OF_MEMORY = 3000
 """Independent of the seeds of all other faults."""

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import TypeGuard, get_args
 
-from hil.drive import DriveConfig
-from hil.faults.tables import (
+from hil.drive.axis import DriveConfig
+from hil.scenario.fault_tables import (
     Fault,
     FrictionChanged,
     MotorStall,

@@ -5,14 +5,22 @@ from collections.abc import Sequence
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import EncoderEstimates, SetInputTorque
-from hil import drive as axis
-from hil.drive import DriveConfig, DriveState
+from hil.drive import axis
+from hil.drive.axis import DriveConfig, DriveState
 from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
 from hil.faults.readings import SensorFaults
-from hil.faults.tables import BrownOut, EncoderWrap, Fault, Kick, OverTemperature, PhysicalFault, TorqueStuck
+from hil.scenario.fault_tables import (
+    BrownOut,
+    EncoderWrap,
+    Fault,
+    Kick,
+    OverTemperature,
+    PhysicalFault,
+    TorqueStuck,
+)
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Plant
-from plant_sim.sensors import SensorReading
+from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
 """What falls silent with the drive's electronics."""

@@ -5,7 +5,7 @@ import signal
 from collections.abc import Sequence
 from typing import NamedTuple, TypeGuard, get_args
 
-from hil.faults.tables import Fault, Killed, Paused, ProcessFault, Restarted
+from hil.scenario.fault_tables import Fault, Killed, Paused, ProcessFault, Restarted
 
 PLANT, FIRMWARE = "plant", "firmware"
 

@@ -6,7 +6,7 @@ from typing import TypeGuard, get_args
 
 import numpy as np
 
-from hil.faults.tables import (
+from hil.scenario.fault_tables import (
     EncoderSlip,
     Fault,
     ReadingFault,
@@ -18,7 +18,7 @@ from hil.faults.tables import (
     SensorStuck,
     SensorWrongSign,
 )
-from plant_sim.sensors import SensorReading
+from plant_sim.sensors.readings import SensorReading
 
 TURN_RAD = 2.0 * math.pi
 FIELDS = {

@@ -5,6 +5,10 @@ from typing import NamedTuple, TypeAlias
 
 from plant_sim.kernels import by_part, law
 
+ROUNDING = 1e-14
+"""Of a sum of forces or torques, as a share of the largest term: what holds at rest, be it friction, the dry
+loss of a crank or the stop, holds up to and including its limit and this much beyond it, in every solver."""
+
 
 class NoFriction(NamedTuple):
     """F_f = 0."""

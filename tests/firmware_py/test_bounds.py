@@ -6,8 +6,10 @@ from collections.abc import Callable
 import pytest
 from closed_loop import Bench
 
-from firmware_py.core import calm, crank, estimator, regime, start
-from firmware_py.core.start import StartState
+from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control import start
+from firmware_py.core.control.start import StartState
+from firmware_py.core.estimation import crank, estimator_state, regime
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
@@ -199,7 +201,7 @@ def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s
     state = calm.INITIAL
     for tick in range(4000):
         # A striker that swings far ahead of the crank asks for the highest speed.
-        swing = estimator.INITIAL._replace(
+        swing = estimator_state.INITIAL._replace(
             x_m=0.12 + 0.05 * math.cos(0.0094 * tick), v_m_s=-0.47 * math.sin(0.0094 * tick)
         )
         speed_rad_s = omega_rad_s if tick == 0 else state.target_omega_rad_s

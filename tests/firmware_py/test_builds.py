@@ -6,25 +6,29 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from closed_loop import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 from records import leaves
+from walker import walk
 
-from firmware_py.builds import flat
-from firmware_py.core import kalman
+from firmware_py.builds import cache, flat
+from firmware_py.core.estimation import kalman
+from firmware_py.core.step import INITIAL as STARTED
+from firmware_py.core.step import step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import Accelerometer, DriveEstop, ParameterRequest
+from firmware_py.interface.records import Accelerometer, DriveEstop, GaitSensors, ParameterRequest
 from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import fitting
 from firmware_py.shell.parameters import config_from
-from hil.firmware_trace import FirmwareTrace
-from hil.loop import LoopTiming
-from hil.trace import read
+from hil.record.firmware_trace import FirmwareTrace
+from hil.record.trace import read
+from hil.timing.loop import LoopTiming
 
 
 class Twins(Bench):
@@ -86,11 +90,13 @@ def test_both_builds_send_the_same_bytes_among_damaged_lost_and_late_frames() ->
             kept += [frame, frame] if 0.02 <= fate < 0.03 else [frame]
         return kept
 
-    bench = Twins(
-        {"start.rise_s": 2.0, "start.confirm_periods": 2},
-        change=change,
-        overrun=lambda _: dice.random() < 0.01,
-    )
+    missed = [False]
+
+    def overrun(_: int) -> bool:
+        missed[0] = dice.random() < (0.8 if missed[0] else 0.01)
+        return missed[0]
+
+    bench = Twins({"start.rise_s": 2.0, "start.confirm_periods": 2}, change=change, overrun=overrun)
     bench.started()
     bench.run(4.5, keep=False)
     assert bench.node.outputs.mode == Mode.RUN
@@ -104,6 +110,93 @@ def test_both_builds_send_the_same_bytes_among_damaged_lost_and_late_frames() ->
     assert bits(bench.node.outputs) == bits(bench.other.outputs)
     assert bench.node.counters == bench.other.counters
     assert bench.node.counters.rejected_crc > 10
+
+
+class Recorded(Bench):
+    """A closed loop that keeps the frames of each tick."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.received: list[list[Frame]] = []
+        tick = self.node.tick
+
+        def recorded(frames: list[Frame], elapsed_ticks: int) -> list[Frame]:
+            self.received.append(frames)
+            return tick(frames, elapsed_ticks)
+
+        self.node.tick = recorded  # type: ignore[method-assign,assignment]
+
+
+@pytest.fixture(scope="module")
+def walked() -> Recorded:
+    """A start into the impact regime with lost frames and a fault at the end; somebody walks."""
+    bench = Recorded({"start.rise_s": 2.0, "start.confirm_periods": 2})
+    steps = walk(np.random.default_rng(1), stride_s=0.75, count=12)
+
+    def changed(tick: int, frames: list[Frame]) -> list[Frame]:
+        row = tick // 5 - 60
+        if tick % 5 == 0 and 0 <= row < len(steps.t_s):
+            sensors = GaitSensors(
+                float(steps.rate_rad_s[row]), 9.8, int(steps.heel[row]), int(steps.toe[row])
+            )
+            frames = [*frames, codec.GAIT_SENSORS.encode(sensors, row)]
+        return frames[:1] if tick % 97 == 0 else frames
+
+    bench.change = changed
+    bench.started()
+    bench.run(6.0)
+    bench.request = OperatorRequest.IDLE
+    bench.run(0.8)
+    bench.axis_error = 0x200
+    bench.run(0.3)
+    return bench
+
+
+# The recorded crank does not follow what a firmware that follows the gait asks of it.
+FOLLOWS = {"gait.follow": 1, "gait.lowest_ratio": 0.5, "start.rise_s": 2.0}
+
+
+@pytest.mark.usefixtures("written_out")
+@pytest.mark.parametrize("parameters", [None, FOLLOWS], ids=["as recorded", "follows the gait"])
+def test_both_builds_keep_the_same_bits_while_somebody_walks(
+    walked: Recorded, parameters: dict[str, float] | None
+) -> None:
+    parameters = walked.parameters if parameters is None else parameters
+    python, compiled = (
+        node_of(build)(config_from(parameters), parameters) for build in ("python", "compiled")
+    )  # type: ignore[arg-type]
+    confidence, harmonic = 0.0, 0
+    for tick, frames in enumerate(walked.received):
+        assert compiled.tick(frames, 1) == python.tick(frames, 1), tick
+        confidence = max(confidence, python.state.gait.confidence)
+        harmonic = max(harmonic, python.state.lock.harmonic)
+        if tick % 10 == 0 or tick == len(walked.received) - 1:
+            assert bits(compiled.inputs) == bits(python.inputs), tick
+            assert bits(compiled.state) == bits(python.state), tick
+            assert bits(compiled.outputs) == bits(python.outputs), tick
+    assert confidence > 0.25
+    assert (harmonic > 0) == (parameters == FOLLOWS)
+
+
+def test_filterpy_and_the_written_out_algebra_give_one_run(
+    walked: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kalman, "predict", kalman.predict_written_out)
+    monkeypatch.setattr(kalman, "update", kalman.update_written_out)
+    other = STARTED
+    for inputs, state, outputs in zip(walked.inputs, walked.states, walked.outputs, strict=True):
+        other, other_outputs = step(walked.node.config, other, inputs)
+        assert outputs.mode == other_outputs.mode
+        assert outputs.impact == other_outputs.impact
+        assert state.estimator.x_m == pytest.approx(other.estimator.x_m, abs=1e-12)
+        assert state.estimator.v_m_s == pytest.approx(other.estimator.v_m_s, abs=1e-11)
+        assert outputs.torque_n_m == pytest.approx(other_outputs.torque_n_m, abs=1e-10)
+
+
+def test_the_cache_folder_is_named_by_the_sources(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
+    assert cache.cache_folder().parent == tmp_path
+    assert cache.source_hash() in cache.cache_folder().name
 
 
 def test_parameters_are_read_and_written_alike() -> None:

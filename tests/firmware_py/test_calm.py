@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from firmware_py.core import calm, crank, estimator
-from firmware_py.core.calm import CalmStage
+from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control.spin_down import CalmStage
+from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({"gait": {"follow": 1.0}}).calm
@@ -23,7 +24,7 @@ def stopped(x_m: float, v_m_s: float, angle_rad: float, most_s: float = 3.0) -> 
             CONFIG,
             state,
             TURNING._replace(angle_rad=angle_rad),
-            estimator.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
+            estimator_state.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
             1,
         )
         angle_rad = (angle_rad + state.target_omega_rad_s * CONFIG.tick_s) % (2.0 * math.pi)
@@ -62,7 +63,7 @@ def test_the_crank_comes_to_rest_at_its_backward_dead_centre() -> None:
 
 def test_braking_ends_whatever_the_striker_does() -> None:
     state = calm.INITIAL
-    far = estimator.INITIAL._replace(x_m=CONFIG.stop_m, v_m_s=2.0)
+    far = estimator_state.INITIAL._replace(x_m=CONFIG.stop_m, v_m_s=2.0)
     stages = []
     for _ in range(round(1.1 * CONFIG.longest_s / CONFIG.tick_s)):
         state = calm.step(CONFIG, state, crank.INITIAL, far, 1)
@@ -73,7 +74,7 @@ def test_braking_ends_whatever_the_striker_does() -> None:
 
 
 def test_an_estimate_that_is_no_number_parks_the_crank() -> None:
-    lost = estimator.INITIAL._replace(x_m=math.nan, v_m_s=math.nan)
+    lost = estimator_state.INITIAL._replace(x_m=math.nan, v_m_s=math.nan)
     state = calm.step(CONFIG, calm.INITIAL, crank.INITIAL, lost, 1)
     assert state.stage == CalmStage.PARK
     assert abs(state.target_omega_rad_s) <= CONFIG.natural_rad_s
@@ -87,7 +88,7 @@ def test_speeds_stay_below_the_limit() -> None:
                     CONFIG,
                     calm.INITIAL,
                     TURNING._replace(angle_rad=math.radians(degree)),
-                    estimator.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
+                    estimator_state.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
                     1,
                 )
                 assert -CONFIG.natural_rad_s <= state.target_omega_rad_s <= 1.2 * CONFIG.natural_rad_s

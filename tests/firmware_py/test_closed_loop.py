@@ -7,7 +7,7 @@ import pytest
 from closed_loop import Bench, scene_with
 from records import HEALTHY, leaves, replaced
 
-from firmware_py.core.drive_link import DriveFrame
+from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.step import INITIAL, Outputs, step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import (

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.core import crank
+from firmware_py.core.estimation import crank
 from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
 from firmware_py.core.numbers import TAU, wrap_pi
 from firmware_py.shell.parameters import config_from
@@ -59,7 +59,7 @@ def test_few_readings_are_followed_as_fast_as_many(every: int) -> None:
 
 def test_gains_after_missed_readings_are_those_of_the_longer_interval() -> None:
     g, h, k = crank.critically_damped_gains(CONFIG.bandwidth_rad_s, 3e-3)
-    state = crank.CrankState(0.1, 0.0, 0.0, 0.0, 2)
+    state = crank.CrankState(0.1, 0.0, 0.0, 0.0, 2, 0)
     after = crank.step(CONFIG, state, EncoderInput(0.2 / TAU, 0.0, 0), 1, 0.0)
     e = after.innovation_rad
     assert e == pytest.approx(0.1)
@@ -103,12 +103,21 @@ def test_nothing_is_known_before_the_first_reading() -> None:
     assert first.omega_rad_s == pytest.approx(2.0 * TAU)
 
 
-@pytest.mark.parametrize(("moved_ticks", "elapsed_ticks"), [(12, 11), (12, 13), (3, 20)])
-def test_a_pause_that_is_misjudged_leaves_the_speed_alone(moved_ticks: int, elapsed_ticks: int) -> None:
+@pytest.mark.parametrize(
+    ("moved_ticks", "elapsed_ticks", "late_ticks"), [(12, 11, 0), (12, 13, 1), (3, 20, 10)]
+)
+def test_a_pause_that_is_misjudged_leaves_the_speed_alone(
+    moved_ticks: int, elapsed_ticks: int, late_ticks: int
+) -> None:
     """The reading is of another time than its time stamp: the way in between gives no speed."""
     t = np.arange(2000) * 1e-3
     before = follow(12.0 * t / TAU, velocity_rev_s=12.0 / TAU)[-1]
     position_rev = 12.0 * (t[-1] + moved_ticks * 1e-3) / TAU
     after = crank.step(CONFIG, before, EncoderInput(position_rev, 12.0 / TAU, 0), elapsed_ticks, 0.0)
+    assert after.late_ticks == late_ticks
     assert after.omega_rad_s == pytest.approx(12.0, rel=1e-3)
-    assert wrap_pi(after.angle_rad - TAU * position_rev) == pytest.approx(0.0, abs=1e-9)
+    behind_rad = wrap_pi(after.angle_rad - TAU * position_rev)
+    assert behind_rad == pytest.approx(0.012 * late_ticks, abs=1e-4)
+    position_rev = 12.0 * (t[-1] + (moved_ticks + 1) * 1e-3) / TAU
+    later = crank.step(CONFIG, after, EncoderInput(position_rev, 12.0 / TAU, 0), 1, 0.0)
+    assert later.omega_rad_s == pytest.approx(12.0, rel=1e-3)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from firmware_py.core import estimator
-from firmware_py.core.estimator import Contact, EstimatorConfig, EstimatorState
+from firmware_py.core.estimation import accelerometer, estimator, estimator_state, striker_model
+from firmware_py.core.estimation.estimator_state import Contact, EstimatorConfig, EstimatorState
+from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
-from firmware_py.core.kalman import Covariance, StateEstimate
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
@@ -36,14 +36,14 @@ def tick(
     [(87.5, 0.25), (87.5, 2 * math.sqrt(87.5)), (87.5, 60.0), (87.5, 0.0), (1.0, 2.0)],
 )
 def test_the_closed_form_is_the_matrix_exponential(stiffness: float, damping: float) -> None:
-    f = estimator.free_flight(stiffness, damping, 1e-3)
+    f = striker_model.free_flight(stiffness, damping, 1e-3)
     reference = expm(np.array([[0.0, 1.0], [-stiffness, -damping]]) * 1e-3)
     np.testing.assert_allclose([[f.x_x, f.x_v], [f.v_x, f.v_v]], reference, rtol=1e-12)
 
 
 def test_bias_is_found_at_rest() -> None:
     config = config_from({}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(8000):
         state = tick(config, state, 0.4)
     assert state.bias_m_s2 == pytest.approx(0.4, abs=0.01)
@@ -53,8 +53,8 @@ def test_bias_is_found_at_rest() -> None:
 
 def test_free_vibration_is_followed_with_unknown_start_and_bias() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = estimator.free_flight(87.5, 0.25, 1e-3)
-    x, v, state, errors = 0.03, 0.2, estimator.INITIAL, []
+    f = striker_model.free_flight(87.5, 0.25, 1e-3)
+    x, v, state, errors = 0.03, 0.2, estimator_state.INITIAL, []
     for _ in range(8000):
         state = tick(config, state, -87.5 * x - 0.25 * v - 0.35)
         errors.append((state.x_m - 0.12 - x, state.v_m_s - v))
@@ -70,7 +70,7 @@ def test_the_low_pass_delay_is_made_up_for() -> None:
     w = 2 * math.pi * 400.0
     config = config_from({}).estimator
     contact = Contact(ContactPhase.CONTACT, False, False, 0.0, 0.9, measured=True, settled=False)
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(10):
         state = tick(config, state, 0.0)
     start = state
@@ -90,7 +90,7 @@ def test_the_low_pass_delay_is_made_up_for() -> None:
 
 def test_the_high_range_takes_over_with_its_offset_removed() -> None:
     config = config_from({"sensor.high_offset_s": 0.05}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(1000):
         state = tick(config, state, 1.0, high=3.0)
     assert state.sensor.high_offset_m_s2 == pytest.approx(2.0, abs=1e-3)
@@ -104,23 +104,25 @@ def test_the_high_range_takes_over_with_its_offset_removed() -> None:
 def test_a_housing_at_its_rail_is_no_reading(rail_m_s2: float) -> None:
     """Where the housing's acceleration is not known, neither is the striker's against it."""
     config = config_from({}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(5):
         state = tick(config, state, 0.0)
-    clipped = estimator.sense(config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
+    clipped = accelerometer.sense(config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
     assert clipped.missed_ticks == 1
     assert clipped.housing_m_s2 == state.sensor.housing_m_s2
     assert clipped.housing_offset_m_s2 == state.sensor.housing_offset_m_s2
-    near = estimator.sense(config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, 0.9 * rail_m_s2, 0), 1)
+    near = accelerometer.sense(
+        config.sensor, state.sensor, AccelerometerInput(0.0, 0.0, 0.9 * rail_m_s2, 0), 1
+    )
     assert near.missed_ticks == 0
     ignored = config.sensor._replace(housing_weight=0.0)
-    unused = estimator.sense(ignored, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
+    unused = accelerometer.sense(ignored, state.sensor, AccelerometerInput(0.0, 0.0, rail_m_s2, 0), 1)
     assert unused.missed_ticks == 0
 
 
 def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     config = config_from({}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(5):
         state = tick(config, state, 0.0)
     wide = state._replace(x_m=0.170, v_m_s=0.9, p_xx=1e-4, p_vv=1e-3, p_xv=0.0)
@@ -140,6 +142,26 @@ def test_touch_down_and_separation_put_the_striker_at_the_stop() -> None:
     assert left.x_m > 0.1790
 
 
+@pytest.mark.parametrize("true_m", [0.045, 0.179])
+def test_a_touch_down_that_the_estimate_excludes_leaves_open_which_of_the_two_is_wrong(true_m: float) -> None:
+    config = config_from(EXACT_SENSOR).estimator
+    state = estimator_state.INITIAL
+    for _ in range(5):
+        state = tick(config, state, 0.0)
+    sure = state._replace(x_m=0.045, v_m_s=0.6, bias_m_s2=0.0, p_xx=1e-6, p_vv=1e-4, p_xv=0.0, p_bb=1e-4)
+    touch_down = Contact(ContactPhase.CONTACT, True, False, 1e-3, 0.9, True, False)
+    separation = Contact(ContactPhase.FREE, False, True, 1e-3, 0.9, True, False)
+    torn = tick(config, sure, -50.0, contact=touch_down)
+    assert torn.p_xx > 0.05**2
+    left = tick(config, torn, -50.0, contact=separation)
+    x_m, v_m_s = true_m, -0.45
+    for _ in range(10):
+        a_m_s2 = striker_model.model_acceleration(config.striker, 0.0, x_m, v_m_s)
+        x_m, v_m_s = x_m + 1e-3 * v_m_s, v_m_s + 1e-3 * a_m_s2
+        left = tick(config, left, striker_model.model_acceleration(config.striker, 0.0, x_m, v_m_s))
+    assert left.x_m == pytest.approx(x_m, abs=3e-3)
+
+
 def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_saltation_of_the_flow() -> (
     None
 ):
@@ -154,8 +176,8 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
 
     def through(x: float, v: float) -> tuple[float, float]:
         """Where a neighbour that starts at t = 0 is at t = 0: it meets the stop earlier or later."""
-        a0 = estimator.model_acceleration(config.striker, 0.4, 0.18, 0.9)
-        a1 = estimator.model_acceleration(config.striker, 0.4, 0.18, -0.45)
+        a0 = striker_model.model_acceleration(config.striker, 0.4, 0.18, 0.9)
+        a1 = striker_model.model_acceleration(config.striker, 0.4, 0.18, -0.45)
         t = (0.18 - x) / v
         v_hit = v + a0 * t
         v_out = -0.5 * v_hit - a1 * t
@@ -177,8 +199,8 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
 
 def test_gaps_are_bridged_by_the_model() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = estimator.free_flight(87.5, 0.25, 1e-3)
-    x, v, state = 0.03, 0.2, estimator.INITIAL
+    f = striker_model.free_flight(87.5, 0.25, 1e-3)
+    x, v, state = 0.03, 0.2, estimator_state.INITIAL
     for k in range(6000):
         state = tick(config, state, -87.5 * x - 0.25 * v, age=0 if k < 5950 else 5)
         x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
@@ -190,7 +212,7 @@ def test_gaps_are_bridged_by_the_model() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_a_missing_reading(bad: float) -> None:
     config = config_from({}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     assert not tick(config, state, bad).started
     for _ in range(10):
         state = tick(config, state, 0.1)
@@ -201,13 +223,13 @@ def test_what_is_no_number_is_a_missing_reading(bad: float) -> None:
 
 def test_an_estimate_that_is_no_number_starts_anew() -> None:
     config = config_from({}).estimator
-    state = tick(config, estimator.INITIAL, 0.0)
-    assert tick(config, state._replace(x_m=math.nan), 0.0) == estimator.INITIAL
+    state = tick(config, estimator_state.INITIAL, 0.0)
+    assert tick(config, state._replace(x_m=math.nan), 0.0) == estimator_state.INITIAL
 
 
 def test_variances_keep_their_floors() -> None:
     config = config_from({}).estimator
-    state = estimator.INITIAL
+    state = estimator_state.INITIAL
     for _ in range(3000):
         state = tick(config, state, 0.0)
     spread = config.spread
@@ -219,20 +241,20 @@ def test_variances_keep_their_floors() -> None:
 def test_a_dry_guide_widens_what_the_model_is_trusted_with() -> None:
     dry = config_from({"friction.mu": 0.2}).estimator
     wet = config_from({}).estimator
-    one, other = (tick(c, tick(c, estimator.INITIAL, 0.0), 0.0) for c in (dry, wet))
+    one, other = (tick(c, tick(c, estimator_state.INITIAL, 0.0), 0.0) for c in (dry, wet))
     assert one.p_xx > other.p_xx
 
 
 def test_nothing_is_believed_before_the_first_reading() -> None:
     config = config_from({}).estimator
-    state = tick(config, estimator.INITIAL, 0.0, age=NEVER_TICKS)
+    state = tick(config, estimator_state.INITIAL, 0.0, age=NEVER_TICKS)
     assert not state.started
 
 
 def moving_housing(config: EstimatorConfig, seconds: float = 12.0) -> np.ndarray:
     """Errors of x on a housing that is shaken at 1 Hz and whose accelerometer has an offset, the last 4 s."""
-    f = estimator.free_flight(87.5, 0.25, 1e-3)
-    x, v, state, errors = 0.0, 0.0, estimator.INITIAL, []
+    f = striker_model.free_flight(87.5, 0.25, 1e-3)
+    x, v, state, errors = 0.0, 0.0, estimator_state.INITIAL, []
     for k in range(round(1000 * seconds)):
         shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
         sample = AccelerometerInput(-87.5 * x - 0.25 * v + 0.1, 0.0, shake + 0.4, 0)
@@ -258,7 +280,7 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
     rng = np.random.default_rng(1)
     states = {}
     for fitted in (False, True):
-        state = estimator.INITIAL
+        state = estimator_state.INITIAL
         for k in range(3000):
             heard = fitted and k % 20 == 0
             coarse = CoarseInput(0.105 + 2e-3 * rng.standard_normal(), 0 if heard else NEVER_TICKS)
@@ -293,7 +315,7 @@ def test_how_far_the_model_is_off_is_learnt_within_its_bounds() -> None:
 def test_a_impact_within_a_pause_is_taken_into_account() -> None:
     """Coming at the stop when the ticks cease, it is on its way back when they go on, and less sure."""
     config = config_from(EXACT_SENSOR).estimator
-    coming = estimator.INITIAL._replace(
+    coming = estimator_state.INITIAL._replace(
         x_m=0.179, v_m_s=0.9, p_xx=1e-8, p_vv=1e-6, p_bb=1e-4, started=True, model_variance=0.01
     )
     after = estimator.propagate(
@@ -306,8 +328,8 @@ def test_a_impact_within_a_pause_is_taken_into_account() -> None:
 
 def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    f = estimator.free_flight(87.5, 0.25, 1e-3)
-    x, v, state = 0.03, 0.2, estimator.INITIAL
+    f = striker_model.free_flight(87.5, 0.25, 1e-3)
+    x, v, state = 0.03, 0.2, estimator_state.INITIAL
     for _ in range(5000):
         state = tick(config, state, -87.5 * x - 0.25 * v)
         x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
@@ -321,11 +343,11 @@ def test_a_pause_is_bridged_in_one_step_as_long_as_it_was() -> None:
 def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
     config = config_from(EXACT_SENSOR).estimator
     touch_down = StateEstimate(0.18, 0.9, 0.0, Covariance(1e-7, 0.0, 0.0, 1e-4, 0.0, 1e-6))
-    within = estimator.INITIAL._replace(
+    within = estimator_state.INITIAL._replace(
         x_m=0.182, v_m_s=0.1, p_xx=1e-7, p_vv=1e-4, p_bb=1e-6, touch_down=touch_down, started=True
     )
     x, v = 0.06, -0.45
-    f = estimator.free_flight(87.5, 0.25, 1e-3)
+    f = striker_model.free_flight(87.5, 0.25, 1e-3)
     for _ in range(60):
         x, v = f.x_x * x + f.x_v * v, f.v_x * x + f.v_v * v
     over = Contact(ContactPhase.FREE, False, True, 5e-4, 0.9, measured=False, settled=False)
@@ -339,9 +361,9 @@ def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
 
 def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
     noise = config_from(EXACT_SENSOR).estimator.noise
-    usual = estimator.Prediction(
-        estimate=estimator.estimate_of(estimator.INITIAL),
-        sensor=estimator.INITIAL.sensor,
+    usual = estimator_state.Prediction(
+        estimate=estimator_state.estimate_of(estimator_state.INITIAL),
+        sensor=estimator_state.INITIAL.sensor,
         innovation_m_s2=0.0,
         innovation_std_m_s2=0.1,
         spread_m_s2=0.0,

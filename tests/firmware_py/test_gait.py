@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from walker import HEEL_OFF, TOE_DOWN, TOE_OFF, Walk, walk
 
-from firmware_py.core import gait
-from firmware_py.core.gait import CycleState
+from firmware_py.core.control import gait
+from firmware_py.core.control.gait import CycleState
 from firmware_py.core.inputs import NEVER_TICKS, GaitInput
 from firmware_py.interface.enums import GaitState
 from firmware_py.shell.parameters import config_from

@@ -8,9 +8,10 @@ import pytest
 from closed_loop import Bench
 from scipy.optimize import brentq
 
-from firmware_py.core import hold, regime
-from firmware_py.core.hold import HoldState
-from firmware_py.core.regime import Period
+from firmware_py.core.control import hold
+from firmware_py.core.control.hold import HoldState
+from firmware_py.core.estimation import regime
+from firmware_py.core.estimation.regime import Period
 from firmware_py.interface.enums import ActingLimit, Mode, Refusal, Regime
 from firmware_py.shell.parameters import config_from
 
@@ -164,15 +165,15 @@ def test_what_the_region_cannot_give_is_refused_with_its_reason() -> None:
 
 
 def test_a_ratio_that_the_guard_keeps_from_is_refused() -> None:
-    assert held(30, target=1.4, phase_deg=65.0).refusal == Refusal.RATIO_TOO_HIGH
-    assert held(5, target=1.4, phase_deg=65.0).refusal == Refusal.NONE
+    assert held(30, target=1.4, phase_deg=64.6).refusal == Refusal.RATIO_TOO_HIGH
+    assert held(5, target=1.4, phase_deg=64.6).refusal == Refusal.NONE
     assert held(30, target=1.4).refusal == Refusal.NONE
-    state = held(30, target=1.4, phase_deg=65.0)
+    state = held(30, target=1.4, phase_deg=64.6)
     asked = hold.step(CONFIG, state, True, 1.3, 1.4, 0.8, regime.INITIAL, 0.8, 1)
     assert asked.refusal == Refusal.NONE
-    lowered = hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, period(65.0), 0.8, 1)
+    lowered = hold.step(CONFIG, state, True, 1.3, 1.3, 0.0, period(64.6), 0.8, 1)
     assert lowered.refusal == Refusal.NONE
-    assert held(80, impulse=5.0, target=1.4, phase_deg=65.0).refusal == Refusal.IMPULSE_OUT_OF_RANGE
+    assert held(80, impulse=5.0, target=1.4, phase_deg=64.6).refusal == Refusal.IMPULSE_OUT_OF_RANGE
 
 
 def test_a_refusal_ends_with_its_request() -> None:

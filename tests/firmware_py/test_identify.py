@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from closed_loop import Bench, scene_with
 
-from firmware_py.core import estimator, identify
-from firmware_py.core.identify import IdentifyState, Normal, Sample
+from firmware_py.core.estimation import estimator_state, identify
+from firmware_py.core.estimation.identify import IdentifyState, Normal, Sample
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
 from plant_sim.plant import Impact
@@ -89,7 +89,7 @@ def test_only_what_explains_new_flights_better_is_fed() -> None:
 
 def test_the_model_follows_slowly_and_goes_back_where_nothing_is_held() -> None:
     state = identify.INITIAL._replace(flights=100, gain=1.0, spring=0.02, friction=-0.3)
-    estimate = estimator.INITIAL
+    estimate = estimator_state.INITIAL
     for n in range(1, 30):
         estimate = identify.towards(CONFIG, state, True, estimate)
         assert estimate.spring_share == pytest.approx(min(n * CONFIG.spring_step, 0.02))
@@ -168,4 +168,4 @@ def test_fed_with_it_the_estimate_is_better_and_told_only_it_is_as_without(dry: 
     assert rms_mm(told) == rms_mm(off)
     assert told.node.state.identify.spring != 0.0
     assert off.node.state.identify == identify.INITIAL
-    assert off.node.state.estimator.flight == estimator.NO_FLIGHT
+    assert off.node.state.estimator.flight == estimator_state.NO_FLIGHT

@@ -2,7 +2,6 @@
 
 import ast
 import math
-import timeit
 from collections.abc import Callable
 from typing import Any, NamedTuple, get_type_hints
 
@@ -12,7 +11,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from firmware_py.interface import codec as codecs
-from firmware_py.interface import generate
 from firmware_py.interface.codec import (
     ACCELEROMETER,
     CODEC_BY_ID,
@@ -28,10 +26,8 @@ from firmware_py.interface.codec import (
     decode,
     encode,
 )
-from firmware_py.interface.dbc import database
 from firmware_py.interface.enums import AxisError, AxisState, Mode
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.layout import LayoutError, Signal, SignalKind
 from firmware_py.interface.records import (
     Accelerometer,
     ClearErrors,
@@ -43,6 +39,9 @@ from firmware_py.interface.records import (
     ParameterRequest,
     SetInputTorque,
 )
+from firmware_py.interface.sources import generate
+from firmware_py.interface.sources.dbc import database
+from firmware_py.interface.sources.layout import LayoutError, Signal, SignalKind
 
 ALL = list(CODECS.values())
 PROTECTED = [codec for codec in ALL if codec.protected]
@@ -337,7 +336,7 @@ def test_an_unknown_identifier() -> None:
 
 
 def test_the_checked_in_codec_is_what_the_dbc_gives() -> None:
-    """Up to its layout, which is ruff's; `python -m firmware_py.interface.generate` writes it again."""
+    """Up to its layout, which is ruff's; `firmware_py.interface.sources.generate` writes it again."""
     written = ast.parse(generate.TARGET.read_text(encoding="utf-8"))
     assert ast.dump(written) == ast.dump(ast.parse(generate.source()))
 
@@ -426,26 +425,3 @@ def test_every_codec_is_exported_under_its_records_name() -> None:
         )
         assert getattr(codecs, name) is codec
         assert CODEC_BY_ID[codec.can_id] is codec
-
-
-@pytest.mark.parametrize(
-    "record",
-    [Accelerometer(1.5, -30.0, 0.2), EncoderEstimates(0.25, 3.9), SetInputTorque(0.123)],
-    ids=lambda record: type(record).__name__,
-)
-def test_frames_of_every_tick_are_cheaper_than_cantools(record: Any) -> None:
-    codec = CODECS[type(record)]
-    data = codec.encode(record).data
-    message = database().get_message_by_name(type(record).__name__)
-    fields = record._asdict() | ({"counter": 0, "crc": 0} if codec.protected else {})
-
-    def cost_us(action: Callable[[], object]) -> float:
-        return min(timeit.repeat(action, number=1000, repeat=9)) * 1e3
-
-    for what, ours, theirs in (
-        ("encode", lambda: codec.encode(record), lambda: message.encode(fields)),
-        ("decode", lambda: codec.decode(data), lambda: message.decode(data, decode_choices=False)),
-    ):
-        ours_us, theirs_us = cost_us(ours), cost_us(theirs)
-        print(f"{type(record).__name__} {what}: {ours_us:.2f} us, cantools {theirs_us:.2f} us")
-        assert ours_us < theirs_us

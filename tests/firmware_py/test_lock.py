@@ -7,9 +7,10 @@ import pytest
 from closed_loop import Bench
 from walker import PERIOD_S, Walk, walk
 
-from firmware_py.core import gait, lock
-from firmware_py.core.lock import LockConfig, LockState
-from firmware_py.core.regime import INITIAL as NO_REGIME
+from firmware_py.core.control import gait
+from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control.gait_lock import LockConfig, LockState
+from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, GaitState, Mode, OperatorRequest, Refusal
 from firmware_py.interface.frame import Frame

@@ -5,15 +5,14 @@ import random
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
-import llvmlite.binding as llvm
 import pytest
 from closed_loop import Bench
 
 from firmware_py.builds.c_header import config_header, header
-from firmware_py.builds.flat import stored
+from firmware_py.builds.flat import Precision, in_precision, stored
 from firmware_py.builds.machine_code import object_code, sizes
+from firmware_py.core.step import Config
 from firmware_py.interface.frame import Frame, word_of
 from firmware_py.node.tick import INITIAL, NO_TX
 from firmware_py.shell.builds import node_of
@@ -22,22 +21,22 @@ from firmware_py.shell.parameters import config_from
 
 
 @pytest.fixture(scope="module")
-def loaded() -> Any:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    # All sections in one piece of memory: its references from one to the other have 32 bits.
-    engine = llvm.create_mcjit_compiler(
-        llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine(), use_lmm=True
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on this machine, which makes a library of the object file")
+    folder = tmp_path_factory.mktemp("host")
+    (folder / "vibro_firmware.o").write_bytes(object_code("host"))
+    library = folder / "firmware.so"
+    subprocess.run(
+        ["gcc", "-shared", str(folder / "vibro_firmware.o"), "-lm", "-o", str(library)], check=True
     )
-    engine.add_object_file(llvm.ObjectFileRef.from_data(object_code("host")))
-    engine.finalize_object()
-    return engine
+    return ctypes.CDLL(str(library))
 
 
-def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: Any) -> None:
+def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.CDLL) -> None:
     pointer, integer = ctypes.c_void_p, ctypes.c_int64
     prototype = ctypes.CFUNCTYPE(ctypes.c_int32, pointer, pointer, integer, integer, pointer, pointer)
-    tick = prototype(loaded.get_function_address("vibro_tick"))
+    tick = prototype(("vibro_tick", loaded))
     dice = random.Random(1)
     parameters = {"start.rise_s": 2.0, "start.confirm_periods": 2}
     node = node_of("compiled")(config_from(parameters), parameters)
@@ -62,15 +61,17 @@ def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: Any) ->
     assert bench.node.outputs.torque_n_m != 0.0
 
 
-def test_it_begins_as_the_compiled_build_does(loaded: Any) -> None:
+def test_it_begins_as_the_compiled_build_does(loaded: ctypes.CDLL) -> None:
     wanted = stored(INITIAL)
-    content = ctypes.string_at(loaded.get_global_value_address("vibro_initial_state"), wanted.nbytes)
-    assert content == wanted.tobytes()
+    content = (ctypes.c_char * wanted.nbytes).in_dll(loaded, "vibro_initial_state")
+    assert bytes(content) == wanted.tobytes()
 
 
 def test_sizes_are_counted() -> None:
-    found = sizes(object_code("host"))
+    found, single = sizes("host"), sizes("host-single")
     assert found["state"] == stored(INITIAL).nbytes
+    assert 0.5 * found["state"] < single["state"] < found["state"]
+    assert 0.5 * found["config"] < single["config"] < found["config"]
     assert found["code"] > 20_000
     assert found["constants"] > found["state"]
 
@@ -95,24 +96,42 @@ def example() -> str:
     return PAGE.read_text("utf-8").partition("```c\n")[2].partition("```")[0]
 
 
-def compiled(compiler: str, source: Path, text: str, *options: str) -> None:
+def compiled(compiler: str, source: Path, text: str, *options: str, precision: Precision = "double") -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} on this machine")
-    (source.parent / "vibro_firmware.h").write_text(header())
-    (source.parent / "vibro_config.h").write_text(config_header(config_from({})))
+    (source.parent / "vibro_firmware.h").write_text(header(precision))
+    (source.parent / "vibro_config.h").write_text(config_header(config_from({}), precision))
     source.write_text(text)
     strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run([compiler, *strict, str(source), *options], check=True)
 
 
+@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("compiler", ["gcc", "g++", "arm-none-eabi-gcc"])
-def test_the_headers_describe_the_memory_of_the_structs(compiler: str, tmp_path: Path) -> None:
+def test_the_headers_describe_the_memory_of_the_structs(
+    compiler: str, precision: Precision, tmp_path: Path
+) -> None:
     source = tmp_path / ("a.cpp" if compiler == "g++" else "a.c")
-    compiled(compiler, source, '#include "vibro_firmware.h"\n', "-c", "-o", str(tmp_path / "a.o"))
+    text = '#include "vibro_firmware.h"\n'
+    compiled(compiler, source, text, "-c", "-o", str(tmp_path / "a.o"), precision=precision)
 
 
-def test_the_example_for_a_board_compiles_for_one(tmp_path: Path) -> None:
-    compiled("arm-none-eabi-gcc", tmp_path / "a.c", example(), "-c", "-o", str(tmp_path / "a.o"))
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_the_example_for_a_board_compiles_for_one(precision: Precision, tmp_path: Path) -> None:
+    options = ["-c", "-Wdouble-promotion", "-o", str(tmp_path / "a.o")]
+    compiled("arm-none-eabi-gcc", tmp_path / "a.c", example(), *options, precision=precision)
+
+
+def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
+    config = config_from({})
+    read = "const void *config(void) { return &VIBRO_CONFIG; }\n"
+    options = ["-fPIC", "-shared", "-o", str(tmp_path / "config.so")]
+    text = '#include "vibro_config.h"\n' + read
+    compiled("gcc", tmp_path / "a.c", text, *options, precision="single")
+    library = ctypes.CDLL(str(tmp_path / "config.so"))
+    library.config.restype = ctypes.c_void_p
+    wanted = in_precision(stored(config), Config, "single")
+    assert ctypes.string_at(library.config(), wanted.nbytes) == wanted.tobytes()
 
 
 def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from firmware_py.interface.enums import (
     ParameterTier,
 )
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.parameter_table import INDEX
 from firmware_py.interface.records import (
     Accelerometer,
     DriveErrors,
@@ -33,6 +32,7 @@ from firmware_py.interface.records import (
     SetInputTorque,
     SetLimits,
 )
+from firmware_py.interface.sources.parameter_table import INDEX
 from firmware_py.shell.node import FirmwareNode, powered_up
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS, config_from, written
 

@@ -1,18 +1,16 @@
 import ast
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from compiled_calls import as_compiled
 
-from firmware_py.core import detector, parameter_values
+from firmware_py.core import parameter_values
 from firmware_py.core.configure import config_of
+from firmware_py.core.estimation import detector
 from firmware_py.core.parameters import read_parameter, write_parameter
-from firmware_py.interface import parameter_table
 from firmware_py.interface.enums import ParameterStatus, ParameterTier
-from firmware_py.interface.parameter_table import INDEX, TABLE
+from firmware_py.interface.sources import parameter_table
+from firmware_py.interface.sources.parameter_table import INDEX, TABLE
 from firmware_py.shell import parameters
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, config_from
 
@@ -193,30 +191,11 @@ def test_torque_current_speed_and_watchdogs_have_ceilings() -> None:
     assert watchdogs | limits | speeds == bounded
 
 
-WRITES = """
-import sys
-from firmware_py.core import parameters
-from firmware_py.core.configure import config_of
-from firmware_py.core.parameter_values import COUNT, DEFAULTS
-for index in range(-1, COUNT + 1):
-    after, status = parameters.write_parameter(DEFAULTS, index, 0.5)
-    print(index, status.value, *(value.hex() for value in after))
-print(repr(config_of(DEFAULTS, False)))
-"""
-
-
 def test_interpreted_and_compiled_write_and_configure_alike() -> None:
-    said = []
-    for compiled in ("0", "1"):
-        environment = os.environ | {"VIBROHIL_COMPILED": compiled}
-        run = subprocess.run(
-            [sys.executable, "-c", WRITES],
-            check=True,
-            capture_output=True,
-            text=True,
-            env=environment,
-            cwd=Path(__file__).parents[2],
-        )
-        said.append(run.stdout.splitlines())
-    assert len(said[0]) == len(TABLE) + 3
-    assert said[0] == said[1]
+    before = parameter_values.DEFAULTS
+    compiled_write, compiled_config = as_compiled(write_parameter), as_compiled(config_of)
+    for index in range(-1, parameter_values.COUNT + 1):
+        after, status = write_parameter(before, index, 0.5)
+        other_after, other_status = compiled_write(before, index, 0.5)
+        assert (other_after, other_status) == (after, status), index
+    assert repr(compiled_config(before, False)) == repr(config_of(before, False))

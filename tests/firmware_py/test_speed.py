@@ -4,13 +4,14 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.core import crank, estimator, speed
+from firmware_py.core.control import speed
+from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.interface.enums import ActingLimit
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).speed
 CRANK = crank.INITIAL._replace(angle_rad=0.0, omega_rad_s=12.0, missed_ticks=0)
-ESTIMATE = estimator.INITIAL._replace(x_m=0.12)
+ESTIMATE = estimator_state.INITIAL._replace(x_m=0.12)
 
 
 def step(
@@ -102,9 +103,13 @@ def test_the_tracker_is_told_the_torque_that_acts() -> None:
     still = ESTIMATE._replace(x_m=0.12 + 0.02 * math.sin(12.0 * 0.5e-3))
     load = CONFIG.load
     expected = (0.1 - load.viscous_n_m_s * 12.0 - load.dry_n_m) / load.inertia_kg_m2
-    assert speed.known_acceleration(CONFIG, state, CRANK, still) == pytest.approx(expected, rel=1e-3)
+    assert speed.known_acceleration(CONFIG, state.acting_n_m, CRANK, still) == pytest.approx(
+        expected, rel=1e-3
+    )
 
 
 def test_a_standing_crank_is_not_believed_to_move_by_less_than_its_dry_friction() -> None:
     state = speed.INITIAL._replace(acting_n_m=0.004)
-    assert speed.known_acceleration(CONFIG, state, CRANK._replace(omega_rad_s=0.0), ESTIMATE) == 0.0
+    assert (
+        speed.known_acceleration(CONFIG, state.acting_n_m, CRANK._replace(omega_rad_s=0.0), ESTIMATE) == 0.0
+    )

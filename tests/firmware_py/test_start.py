@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from firmware_py.core import regime, start
-from firmware_py.core.regime import Period
-from firmware_py.core.start import Stage
+from firmware_py.core.control import start
+from firmware_py.core.control.start import Stage
+from firmware_py.core.estimation import regime
+from firmware_py.core.estimation.regime import Period
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
 

@@ -4,9 +4,9 @@ import itertools
 
 import pytest
 
-from firmware_py.core import supervisor
-from firmware_py.core.monitors import Findings
-from firmware_py.core.supervisor import Conditions, SupervisorState, counting_fault, transition
+from firmware_py.core.safety import supervisor
+from firmware_py.core.safety.monitors import Findings
+from firmware_py.core.safety.supervisor import Conditions, SupervisorState, counting_fault, transition
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
 CALM = Findings(

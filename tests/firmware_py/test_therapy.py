@@ -5,10 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_py.core import lock, therapy
-from firmware_py.core.regime import INITIAL as NO_REGIME
-from firmware_py.core.regime import Period, RegimeState
-from firmware_py.core.therapy import TherapyState
+from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import stride_harmonic as therapy
+from firmware_py.core.control.stride_harmonic import TherapyState
+from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
+from firmware_py.core.estimation.regime import Period, RegimeState
 from firmware_py.interface.enums import Refusal
 from firmware_py.shell.parameters import config_from
 

@@ -5,7 +5,7 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import Accelerometer, DriveErrors, EncoderEstimates
-from hil.alignment import Alignment
+from hil.nodes.alignment import Alignment
 
 
 def acceleration(tick: int) -> Frame:

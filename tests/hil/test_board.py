@@ -1,19 +1,27 @@
-"""The firmware on an emulated Cortex-M7: the same frames as the compiled build, in the same order."""
+"""The firmware on an emulated Cortex-M7: the same frames as the compiled build, in the same order.
+
+In single precision, on a Cortex-M4F: the same decisions.
+"""
 
 import gc
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_py.builds import board
 from firmware_py.interface import codec
 from firmware_py.interface.records import ParameterRequest
-from firmware_py.shell.board_node import BoardDiedError, BoardNode
+from firmware_py.shell.board_node import BoardDiedError, BoardNode, SinglePrecisionBoardNode
+from firmware_py.shell.builds import Build
 from firmware_py.shell.compiled_node import CompiledNode
 from firmware_py.shell.parameters import config_from
-from hil.lockstep import run_lockstep
-from hil.scenario import load_scenario
+from hil.bench.bench import run_scenario
+from hil.bench.lockstep import run_lockstep
+from hil.judge.decisions import decisions_of, differences
+from hil.record.trace import read
+from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
 from tools.budget import budget
 from tools.output import EXIT_BAD_INPUT
@@ -39,7 +47,9 @@ def tools() -> None:
         "damaged-parameters-arm-nothing",
     ],
 )
-def test_every_frame_of_a_run_is_that_of_the_compiled_build(name: str, tmp_path: Path) -> None:
+def test_every_frame_and_every_state_of_a_run_is_that_of_the_compiled_build(
+    name: str, tmp_path: Path
+) -> None:
     scenario = load_scenario(name)
     for build in ("compiled", "cortex-m7"):
         (tmp_path / build).mkdir()
@@ -47,6 +57,40 @@ def test_every_frame_of_a_run_is_that_of_the_compiled_build(name: str, tmp_path:
     logs = [(tmp_path / build / "can.log").read_bytes() for build in ("compiled", "cortex-m7")]
     assert logs[0].count(b"\n") > 3 * scenario.ticks
     assert logs[0] == logs[1]
+    first, second = (read(tmp_path / build / "firmware.trace") for build in ("compiled", "cortex-m7"))
+    assert "state.estimator.x_m" in first.dtype.names
+    for column in set(first.dtype.names) - {"work_us"}:
+        assert first[column].tobytes() == second[column].tobytes(), column
+
+
+@pytest.mark.usefixtures("tools")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a-hot-winding-stops-the-motor",
+        "a-controller-that-pauses-for-long-stops-the-motor",
+        "damaged-parameters-arm-nothing",
+    ],
+)
+def test_in_single_precision_a_run_has_the_decisions_of_the_compiled_build(name: str, tmp_path: Path) -> None:
+    builds: tuple[Build, ...] = ("compiled", "cortex-m4f")
+    for build in builds:
+        verdict = run_scenario(
+            load_scenario(name),
+            "lockstep",
+            "auto",
+            tmp_path / build,
+            1,
+            progress=lambda *_: None,
+            firmware=build,
+        )
+        assert verdict["passed"]
+    double, single = (read(tmp_path / build / "firmware.trace") for build in builds)
+    assert double.dtype == single.dtype
+    assert not differences(decisions_of(double), decisions_of(single))
+    x_m = single["state.estimator.x_m"]
+    assert np.array_equal(x_m, x_m.astype(np.float32))
+    assert not np.array_equal(x_m, double["state.estimator.x_m"])
 
 
 @pytest.mark.usefixtures("tools")
@@ -58,6 +102,24 @@ def test_parameters_are_served_as_by_the_compiled_build() -> None:
         assert sent[0] == sent[1]
     assert nodes[1].parameters[7] == 80.0
     assert nodes[1].memory.tobytes() == nodes[0].memory.tobytes()
+
+
+@pytest.mark.usefixtures("tools")
+def test_in_single_precision_a_parameter_that_is_written_is_in_the_next_config() -> None:
+    node = SinglePrecisionBoardNode(config_from({}), {})
+    before = node.config
+    answers = [
+        frame
+        for number, request in enumerate([(7, 1, 80.0), (7, 0, 0.0)])
+        for k in range(5)
+        for frame in node.tick(
+            [codec.PARAMETER_REQUEST.encode(ParameterRequest(*request), number)] if k == 0 else [], 1
+        )
+        if frame.can_id == codec.PARAMETER_VALUE.can_id
+    ]
+    assert [codec.decode(frame).value for frame in answers] == [80.0, 80.0]
+    assert node.config != before
+    assert node.memory["ticks"][0] == 10
 
 
 @pytest.mark.usefixtures("tools")
@@ -75,15 +137,21 @@ def test_a_board_ends_with_its_node_and_says_so_when_it_has_died() -> None:
 
 
 @pytest.mark.usefixtures("tools")
-def test_the_firmware_keeps_its_budget() -> None:
-    found = budget(["a-controller-that-pauses-for-long-stops-the-motor"], lambda *_: None)
-    assert 100_000 < found["flash"]["image"] < 160_000
-    assert sum(found["ram"].values()) < 8192
-    assert 4096 < found["stack"] < 8192
+@pytest.mark.parametrize(
+    ("target", "most_ram", "most_stack", "longest_tick"),
+    [("cortex-m7", 8192, 8192, 90_000), ("cortex-m4f", 4096, 5120, 100_000)],
+)
+def test_the_firmware_keeps_its_budget(
+    target: board.BoardName, most_ram: int, most_stack: int, longest_tick: int
+) -> None:
+    found = budget(["a-controller-that-pauses-for-thirty-ticks-goes-on"], lambda *_: None, target)
+    assert 80_000 < found["flash"]["image"] <= 96 * 1024
+    assert 0.5 * most_ram < sum(found["ram"].values()) < most_ram
+    assert 0.5 * most_stack < found["stack"] < most_stack
     ordinary, late = found["instructions"]["ordinary"], found["instructions"]["after_a_pause"]
     assert 5_000 < ordinary["p50"] <= ordinary["p99"] <= ordinary["worst"] < 12_000
-    assert ordinary["worst"] < late["worst"] < 40_000
-    assert late["elapsed_ticks"] > 100
+    assert ordinary["worst"] < late["worst"] < longest_tick
+    assert late["elapsed_ticks"] == 31
 
 
 def test_without_the_tools_a_sentence_names_the_packages(

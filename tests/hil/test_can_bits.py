@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame, worst_case_bits
-from hil.can_bits import (
+from hil.can_model.bits import (
     ARBITRATION_BITS,
     CRC_BITS,
     arbitration_length,

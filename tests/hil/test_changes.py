@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.changes import FALSE_ALARMS, TICK_TIME, changes
+from hil.bench.changes import FALSE_ALARMS, TICK_TIME, changes
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 

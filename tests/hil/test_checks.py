@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from hil.checks import Check, evaluate
+from hil.judge.checks import Check, evaluate
 
 
 def figures(**values):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
-from hil.damage import DamagedFileError, reading
-from hil.figures import figures_from
-from hil.run_traces import parse_candump, read_run
-from hil.verdict import judge
+from hil.bench.verdict import judge
+from hil.judge.figures import figures_from
+from hil.record.candump import parse_candump
+from hil.record.damage import DamagedFileError, reading
+from hil.record.run_traces import read_run
 
 FILES = (
     *("run.json", "outcome.json", "scenario.toml"),

@@ -15,13 +15,14 @@ from xml.etree import ElementTree
 import psutil
 import pytest
 
-from hil import junit, trace
-from hil.bench import run_scenario
-from hil.loop import FixedRateLoop
-from hil.scenario import check_scenario, load_scenario, read_scenario
-from hil.soak import prolonged
-from hil.suite import run_suite
-from hil.trace import TraceWriter
+from hil.bench.bench import run_scenario
+from hil.bench.soak import prolonged
+from hil.bench.suite import run_suite
+from hil.judge import junit
+from hil.record import trace
+from hil.record.trace import TraceWriter
+from hil.scenario.scenario import check_scenario, load_scenario, read_scenario
+from hil.timing.loop import FixedRateLoop
 from tools.output import EXIT_INTERRUPTED
 
 T = TypeVar("T")
@@ -232,7 +233,7 @@ def test_a_trace_without_room_counts_what_it_loses(
     def full(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("hil.trace.WINDOW_BYTES", 4096)
+    monkeypatch.setattr("hil.record.trace.WINDOW_BYTES", 4096)
     with TraceWriter(tmp_path / "x.trace", [("t_s", float)]) as writer:
         monkeypatch.setattr("os.posix_fallocate", full)
         for tick in range(2000):
@@ -248,7 +249,7 @@ def test_a_full_disk_in_lockstep_is_a_failed_verdict_that_says_so(
     def full(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("hil.can_log.CanLog.write", full)
+    monkeypatch.setattr("hil.bus.can_log.CanLog.write", full)
     scenario = load_scenario(rests(tmp_path, "rests", 0.3))
     verdict = run_scenario(scenario, "lockstep", "auto", tmp_path / "out", 1, silent)
     assert verdict["passed"] is False

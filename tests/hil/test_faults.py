@@ -15,8 +15,9 @@ from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
-from hil import trace
-from hil.drive import is_armed
+from hil.bench.beginning import begin
+from hil.bench.lockstep import run_lockstep
+from hil.drive.axis import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
@@ -24,16 +25,17 @@ from hil.faults.physics import torque_share
 from hil.faults.plant import TurnCounter
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
-from hil.faults.tables import AnyFault, Fault, PhaseLoss
-from hil.figures import figures_of
-from hil.lockstep import run_lockstep
-from hil.loop import FixedRateLoop, LoopTiming
-from hil.plant_node import ImpactRecord, PlantNode
-from hil.run_folder import begin, note
-from hil.scenario import ScenarioError, check_scenario, read_scenario, refuse_modelled_bus
-from hil.settings import apply_settings
+from hil.judge.figures import figures_of
+from hil.nodes.plant import PlantNode
+from hil.record import trace
+from hil.record.plant_trace import ImpactRecord
+from hil.record.run_folder import note
+from hil.scenario.fault_tables import AnyFault, Fault, PhaseLoss
+from hil.scenario.scenario import ScenarioError, check_scenario, read_scenario, refuse_modelled_bus
+from hil.scenario.settings import apply_settings
+from hil.timing.loop import FixedRateLoop, LoopTiming
 from plant_sim.scene import load_scene
-from plant_sim.sensors import SensorReading
+from plant_sim.sensors.readings import SensorReading
 
 ARM = codec.encode(SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
 READING = SensorReading(10.0, 10.5, 0.25, 0.75, 2.0)

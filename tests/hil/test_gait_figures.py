@@ -8,15 +8,15 @@ from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, write_run
 from test_rerun_log import part
 
 from firmware_py.interface.enums import GaitState, Mode
-from hil.figure_records import GaitFigures
-from hil.figures import figures_of
-from hil.gait_figures import push_off
-from hil.log_reader import tables
-from hil.report_plots import plots, push_off_curve
-from hil.rerun_log import RunLog, rebuild
-from hil.run_traces import read_run
-from hil.verdict import finish
-from plant_sim.gait_sensors import LegState
+from hil.bench.verdict import finish
+from hil.judge.figure_records import GaitFigures
+from hil.judge.figures import figures_of
+from hil.judge.gait_figures import push_off
+from hil.record.log_reader import tables
+from hil.record.run_traces import read_run
+from hil.show.report_plots import plots, push_off_curve
+from hil.show.rerun_log import RunLog, rebuild
+from plant_sim.sensors.gait import LegState
 
 STRIDE_S = 0.4
 ERROR = 0.012
@@ -80,7 +80,7 @@ def test_a_run_without_a_walk_has_no_figures_of_one(tmp_path) -> None:
 def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
     found = figures(walk(), tmp_path)
     assert found.phase_rmse_percent == pytest.approx(100.0 * ERROR, rel=1e-6)
-    assert found.phase_worst_percent == pytest.approx(100.0 * ERROR, rel=1e-6)
+    assert found.phase_worst_percent == pytest.approx(100.0 * ERROR, abs=1e-5)  # single precision of a turn
 
 
 def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> None:

@@ -20,10 +20,10 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode
-from hil import trace
-from hil.bench import in_lockstep, program, run_scenario
+from hil.bench.bench import in_lockstep, program, run_scenario
 from hil.bus import provide
-from hil.scenario import Scenario, load_scenario
+from hil.record import trace
+from hil.scenario.scenario import Scenario, load_scenario
 
 LOST = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'
 SHORT = [

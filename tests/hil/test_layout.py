@@ -12,14 +12,17 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.step import Outputs, State
 from firmware_py.interface.records import Accelerometer, GaitSensors
 from firmware_py.shell.node import Counters
-from hil import lanes, layout
-from hil.loop import LoopTiming
-from hil.operator import OperatorRecord
-from hil.plant_node import ImpactRecord, PlantRecord
-from hil.rerun_log import rebuild
-from hil.rerun_program import rerun_environment, rerun_program
-from hil.trace import flatten
-from plant_sim.gait_sensors import GaitTruth
+from hil.can_model.error_trace import BusErrorRecord
+from hil.record import state_timeline as lanes
+from hil.record.firmware_rates import is_slow
+from hil.record.plant_trace import ImpactRecord, PlantRecord
+from hil.record.rerun_program import rerun_environment, rerun_program
+from hil.record.trace import flatten
+from hil.scenario.operator import OperatorRecord
+from hil.show import layout
+from hil.show.rerun_log import rebuild
+from hil.timing.loop import LoopTiming
+from plant_sim.sensors.gait import GaitTruth
 
 WIDTH, HEIGHT = 1280, 800
 
@@ -34,6 +37,8 @@ WRITTEN = {
         ("inputs", Inputs), ("state", State), ("outputs", Outputs), ("counters", Counters), ("", LoopTiming)
     ),
     "/impacts/truth": columns(("", ImpactRecord)),
+    "/bus_errors": columns(("", BusErrorRecord)),
+    "/estimate_error": {"x_m", "v_m_s"},
     "/operator": columns(("", OperatorRecord)),
     "/can/Accelerometer": set(Accelerometer._fields),
     "/can/GaitSensors": set(GaitSensors._fields),
@@ -49,10 +54,11 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    moments = layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03, marked=True, worn=True)
-    layout.layout(moments)
+    moments = layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03)
+    all_there_is = layout.Contents(worn=True, judged=True, failed=True, injected=True, bus_errors=True)
+    layout.layout(moments, all_there_is)
     assert not any(getattr(item, "field", "") == "gait.phase" for item in plotted)
-    layout.layout(moments, walked=True)
+    layout.layout(moments, all_there_is._replace(walked=True))
 
     fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
     fields += [
@@ -64,6 +70,7 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
     for entity, field in fields:
         if field is not None:
             assert field in WRITTEN[entity], f"{entity} has no {field}"
+            assert entity != "/firmware" or not is_slow(field), f"{field} is not logged at every tick"
 
 
 def test_every_lane_is_written_by_the_bench():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import hil
-from hil.scenario import ScenarioError
-from hil.settings import SettingError
+from hil.record.run_traces import read_json
+from hil.scenario.scenario import ScenarioError
+from hil.scenario.settings import SettingError
 
 pytest_plugins = ["pytester"]
 
@@ -88,13 +89,21 @@ def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester):
     result.stdout.fnmatch_lines(["*vibrohil: run folders kept*", f"*{kept[0].name}*"])
 
 
-def test_the_clock_of_the_session_is_that_of_its_runs(pytester):
+def test_clock_bus_and_build_of_the_session_are_those_of_its_runs(pytester):
     pytester.makepyfile(
         """
-        def test_clock(bench):
-            assert (bench.clock, bench.bus) == ("real", "local")
+        def test_options(bench):
+            assert (bench.clock, bench.bus, bench.firmware) == ("real", "local", "compiled")
         """
     )
-    options = ("--vibrohil-clock", "real", "--vibrohil-bus", "local")
+    clock = ("--vibrohil-clock", "real", "--vibrohil-bus", "local")
+    options = (*clock, "--vibrohil-firmware", "compiled")
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider", *options)
     result.assert_outcomes(passed=1)
+
+
+def test_a_run_names_the_build_of_its_firmware(scenario):
+    compiled = hil.run(
+        scenario, firmware="compiled", set={"script.duration_s": 1.0}, out=scenario.parent / "c"
+    )
+    assert read_json(compiled.folder / "run.json")["firmware"] == "compiled"

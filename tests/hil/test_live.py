@@ -1,6 +1,5 @@
 """The live view: an open viewer gets all that is recorded, and its end is nobody's loss."""
 
-import os
 import signal
 import socket
 import subprocess
@@ -11,13 +10,14 @@ from types import SimpleNamespace
 import pytest
 from run_folder import make_run, write_run
 
-from hil.bench import ProcessesRun
-from hil.ending import Outcome
-from hil.follower import Follower
-from hil.log_reader import column_hashes, repair
-from hil.processes import Child, Start
-from hil.rerun_log import rebuild, show
-from hil.rerun_program import rerun_environment, rerun_program
+from hil.bench.bench import ProcessesRun
+from hil.bench.ending import Outcome
+from hil.record.follower import Follower
+from hil.record.log_reader import column_hashes, repair
+from hil.record.rerun_program import rerun_environment, rerun_program
+from hil.show.live import show
+from hil.show.rerun_log import rebuild
+from hil.timing.processes import Child, Start
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def end(viewer):
 
 
 def start(run_dir, viewer) -> Child:
-    command = [sys.executable, "-m", "hil.live", str(run_dir), "--to", viewer.url]
+    command = [sys.executable, "-m", "hil.show.live", str(run_dir), "--to", viewer.url]
     child = Child("live", command, run_dir / "live.log")
     child.wait_ready(30.0)
     child.start(Start(0))
@@ -78,7 +78,8 @@ def test_a_run_that_goes_on_is_shown_whole(run_dir, viewer):
     end(viewer)
     shown, whole = column_hashes(viewer.received), column_hashes(rebuild(run_dir))
     differing = {name.split(":")[0] for name in whole if shown.get(name) != whole[name]}
-    assert differing <= {"/stop", "/events"}, "the stop's line comes in pieces, the verdict at the end"
+    at_the_end = {"/events", "/estimate_error"}
+    assert differing <= {"/stop", *at_the_end}, "the stop's line comes in pieces, the verdict at the end"
     assert "/firmware:trace:record.outputs.mode" in shown
 
 
@@ -88,16 +89,37 @@ def test_a_run_in_lockstep_is_shown_at_its_end(run_dir, viewer):
     assert column_hashes(viewer.received) == column_hashes(rebuild(run_dir))
 
 
-def test_a_viewer_that_is_closed_ends_only_the_view(run_dir, viewer):
+def shown(viewer):
+    """Whether the viewer has got something."""
+    return viewer.received.exists() and viewer.received.stat().st_size > 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("after", ["before it connects", "while it shows"])
+def test_a_viewer_that_is_gone_ends_only_the_view(run_dir, viewer, number, after):
+    if after == "before it connects":
+        viewer.process.send_signal(number)
     live = start(run_dir, viewer)
-    time.sleep(0.5)
-    os.kill(viewer.process.pid, signal.SIGKILL)
+    while after == "while it shows" and not shown(viewer):
+        time.sleep(0.01)
+    viewer.process.send_signal(number)
     can_log = run_dir / "can.log"
-    with can_log.open("a") as file:
-        file.write(can_log.read_text().splitlines(keepends=True)[-1])
-    assert live.wait(20.0)
+    line = can_log.read_text().splitlines(keepends=True)[-1]
+    for _ in range(60):
+        with can_log.open("a") as file:
+            file.write(line)
+        if live.wait(1.0):
+            break
     live.stop()
+    viewer.process.send_signal(signal.SIGCONT)
+    assert live.how_it_ended() == "live ended with status 1", "of its own accord"
     assert "the live view ended" in live.last_errors()
+
+
+def test_a_run_in_lockstep_does_not_wait_for_a_viewer_that_is_gone(run_dir, viewer, capfd):
+    viewer.process.kill()
+    show(run_dir, viewer.url)
+    assert "the live view ended: connecting to" in capfd.readouterr().err
 
 
 def test_a_run_does_not_end_with_its_live_view(run_dir):

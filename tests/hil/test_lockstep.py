@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import trace
-from hil.checks import evaluate
-from hil.figures import figures_of
-from hil.lockstep import run_lockstep
-from hil.run_folder import begin, note
-from hil.scenario import Scenario, check_scenario, load_scenario, read_scenario
-from hil.settings import apply_settings
+from hil.bench.beginning import begin
+from hil.bench.lockstep import run_lockstep
+from hil.judge.checks import evaluate
+from hil.judge.figures import figures_of
+from hil.record import trace
+from hil.record.run_folder import note
+from hil.scenario.scenario import Scenario, check_scenario, load_scenario, read_scenario
+from hil.scenario.settings import apply_settings
 
 MEASURED = ("wake_latency_us", "work_us")
 """The only columns that a second run of the same seed may change: they are of this machine."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.loop import FixedRateLoop, LoopTiming
+from hil.timing.loop import FixedRateLoop, LoopTiming
 
 MS = 1_000_000
 

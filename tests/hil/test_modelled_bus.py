@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame
-from hil.bus_model import Delivery, ErrorCounters, ModelledBus, ModelledInProcessBus, Standing
-from hil.bus_model import fault_confinement as rules
-from hil.bus_model.core import advance, queue
-from hil.bus_model.state import BusState, NodeState
-from hil.can_bits import arbitration_length, frame_bits, wire_bits
+from hil.can_model import Delivery, ErrorCounters, ErrorState, ModelledBus, ModelledInProcessBus
+from hil.can_model import fault_confinement as rules
+from hil.can_model.bits import arbitration_length, frame_bits, wire_bits
+from hil.can_model.core import advance, queue
+from hil.can_model.state import BusState, NodeState
 
 US = 1000
 NODES = ("a", "b", "c")
@@ -204,11 +204,11 @@ RULES: dict[str, Callable[[ErrorCounters], ErrorCounters]] = {
     "receive error": lambda before: rules.after_receive_error(before, first_to_signal=False),
     "first to signal": lambda before: rules.after_receive_error(before, first_to_signal=True),
 }
-ACTIVE, PASSIVE, OFF = Standing.ERROR_ACTIVE, Standing.ERROR_PASSIVE, Standing.BUS_OFF
+ACTIVE, PASSIVE, OFF = ErrorState.ERROR_ACTIVE, ErrorState.ERROR_PASSIVE, ErrorState.BUS_OFF
 
 
 @pytest.mark.parametrize(
-    ("steps", "counters", "standing"),
+    ("steps", "counters", "error_state"),
     [
         (["transmit error"] * 15, (120, 0), ACTIVE),
         (["transmit error"] * 16, (128, 0), PASSIVE),
@@ -232,12 +232,12 @@ ACTIVE, PASSIVE, OFF = Standing.ERROR_ACTIVE, Standing.ERROR_PASSIVE, Standing.B
         (["transmit error", "receive error", "sent", "received"], (7, 0), ACTIVE),
     ],
 )
-def test_error_counters(steps: list[str], counters: tuple[int, int], standing: Standing) -> None:
+def test_error_counters(steps: list[str], counters: tuple[int, int], error_state: ErrorState) -> None:
     state = ErrorCounters()
     for step in steps:
         state = RULES[step](state)
     assert state == counters
-    assert state.standing is standing
+    assert state.error_state is error_state
 
 
 def test_a_sender_goes_off_after_32_errors_in_a_row_and_the_others_stay() -> None:
@@ -248,7 +248,7 @@ def test_a_sender_goes_off_after_32_errors_in_a_row_and_the_others_stay() -> Non
     assert bus.figures.errors == 32
     assert bus.figures.lost == 1
     assert bus.counters("b").receive == 32
-    assert bus.counters("a").standing is ACTIVE  # off, and back again meanwhile
+    assert bus.counters("a").error_state is ACTIVE  # off, and back again meanwhile
     bus.end_corruption()
     bus.submit("b", SHORT, 10_000 * US)
     assert bus.deliver(11_000 * US)[0].receivers == ("a", "c")
@@ -261,7 +261,7 @@ def test_an_idle_bus_lets_a_node_back_after_1408_bits() -> None:
         bus.switch_off("a")
         back_us = 100 + 128 * 11
         bus.submit("a", LONG, (back_us - 1 + late_bits) * US)
-        assert bus.counters("a").standing is (ACTIVE if arrives else OFF)
+        assert bus.counters("a").error_state is (ACTIVE if arrives else OFF)
         assert bool(bus.deliver(5000 * US)) == arrives
         assert bus.figures.lost == (0 if arrives else 1)
 
@@ -272,7 +272,7 @@ def test_a_busy_bus_lets_a_node_back_after_128_frames() -> None:
     bus.switch_off("a")
     arrived: list[Delivery] = []
     t_us = 0
-    while bus.counters("a").standing is OFF:
+    while bus.counters("a").error_state is OFF:
         if t_us % 40 == 0:
             bus.submit("b", SHORT, t_us * US)
         t_us += 1
@@ -362,13 +362,13 @@ def test_a_babbler_with_anothers_identifier_drives_it_off() -> None:
     """Every collision costs both; who sends the more dominant data wins once the other is error-passive."""
     bus = bus_of()
     bus.babble("c", Frame(0x00E, bytes(8)), 200 * US, 0, 50_000 * US)
-    standings = set()
+    states_seen = set()
     for tick in range(50):
         bus.submit("a", Frame(0x00E, b"\xff" * 8), tick * 1000 * US)
         bus.deliver((tick + 1) * 1000 * US)
-        standings.add(bus.counters("a").standing)
+        states_seen.add(bus.counters("a").error_state)
     assert bus.figures.errors > 16
-    assert PASSIVE in standings or OFF in standings
+    assert PASSIVE in states_seen or OFF in states_seen
 
 
 def test_nodes_of_one_process_meet_on_it_in_time() -> None:

@@ -8,14 +8,15 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import DriveEstop
+from firmware_py.interface.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
-from hil.nodes import FirmwareRunner, Pace
-from hil.plant_node import PlantNode
-from hil.waking import PATIENCE_TICKS
+from hil.nodes.plant import PlantNode
+from hil.nodes.resync import PATIENCE_TICKS
+from hil.nodes.runners import FirmwareRunner, Pace
 from plant_sim.scene import load_scene
 
 ESTOP = codec.DRIVE_ESTOP.encode(DriveEstop())
+ERRORS = codec.DRIVE_ERRORS.encode(DriveErrors(0x200, 0x200))
 
 
 def plant_node() -> PlantNode:
@@ -145,15 +146,21 @@ def test_the_sample_of_the_tick_before_is_better_than_none() -> None:
     assert run.firmware.node.inputs.elapsed_ticks == 2
 
 
-def test_of_two_samples_the_one_of_this_tick_is_taken() -> None:
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_samples_the_one_of_this_tick_is_taken_and_the_other_one_in_the_next(order: int) -> None:
+    """Whichever of the sensors comes first on the bus."""
     run = Paused()
     run.plant.sleep_through(7, [])
-    own = run.publish()
-    run.bus.pending += own + run.publish()
-    run.firmware.step(27, 8)
-    node = run.firmware.node
-    assert node._state.received.accelerometer_heard.counter == codec.ACCELEROMETER.counter(own[0].data)
-    assert node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(own[1].data)
+    own, early = run.publish()[:2], run.publish()[:2]
+    run.bus.pending += [*own[::order], ESTOP, *early[::order], ERRORS]
+    for tick, elapsed_ticks, sample in ((27, 8, own), (28, 1, early)):
+        run.firmware.step(tick, elapsed_ticks)
+        node = run.firmware.node
+        assert node._state.received.accelerometer_heard.counter == codec.ACCELEROMETER.counter(sample[0].data)
+        assert node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(sample[1].data)
+        assert run.ages() == (0, 0)
+        assert node.inputs.drive.disarm_reason == 0x200  # nothing else waits
+    assert run.bus.waited_s == []
 
 
 def test_nothing_is_done_until_the_sensors_are_back() -> None:
@@ -175,13 +182,16 @@ def test_nothing_is_done_until_the_sensors_are_back() -> None:
 
 
 def test_firmware_that_paused_alone_goes_on_at_once() -> None:
+    """It uses all that has come meanwhile."""
     run = Paused()
+    before = run.firmware.node.counters
     for _ in range(30):
-        run.bus.pending += run.publish()
+        run.bus.pending += run.publish()[:2]
     run.firmware.step(49, 30)
     assert run.ages() == (0, 0)
     assert run.firmware.node.inputs.elapsed_ticks == 30
     assert run.bus.waited_s == []
+    assert run.firmware.node.counters == before._replace(frames=before.frames + 60, skipped_ticks=29)
 
 
 def test_plant_that_does_not_come_back_is_silent_in_the_end() -> None:

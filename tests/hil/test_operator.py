@@ -6,7 +6,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import OperatorRequest
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import OperatorCommand
-from hil.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
+from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
 
 ESTOP_ID = codec.DRIVE_ESTOP.can_id
 

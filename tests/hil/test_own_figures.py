@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hil.checks import Check, evaluate
-from hil.own_figures import Window, own_figure
-from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces
+from hil.judge.checks import Check, evaluate
+from hil.judge.own_figures import Window, own_figure
+from hil.record.candump import NO_BUS
+from hil.record.run_traces import NO_RECORDS, RunTraces
 
 WHOLE = Window(0.0, 100.0)
 LOG = {"log": {"frames_lost": 0}}

@@ -10,13 +10,21 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hil.patient_clock import MOST_BEHIND_NS, NEVER_NS, PatientClock, Row, RunTimes, shared_memory, words_of
+from hil.timing.patient_clock import (
+    MOST_BEHIND_NS,
+    NEVER_NS,
+    PatientClock,
+    Row,
+    RunTimes,
+    shared_memory,
+    words_of,
+)
 
 MS = 1_000_000
 
 LOOP = """
 import os, sys, time
-from hil.patient_clock import PatientClock, Row
+from hil.timing.patient_clock import PatientClock, Row
 clock = PatientClock(int(sys.argv[1]), Row[sys.argv[2]])
 period, offset, ticks, slow = map(int, sys.argv[3:])
 for tick in range(ticks):

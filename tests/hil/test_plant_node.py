@@ -2,6 +2,7 @@
 
 import random
 import struct
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -10,13 +11,14 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from hil.drive import is_armed
-from hil.plant_node import PlantNode, PlantRecord
+from hil.drive.axis import is_armed
+from hil.nodes.plant import PlantNode
+from hil.record.plant_trace import PlantRecord
 from plant_sim.plant import Plant
 from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene
 from plant_sim.scene_tables import AxisTable
-from plant_sim.sensors import SensorReading
+from plant_sim.sensors.readings import SensorReading
 
 ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
 
@@ -117,6 +119,24 @@ def test_gait_sensors_speak_every_five_ticks_and_count_their_frames() -> None:
         record = codec.GAIT_SENSORS.decode(frame.data)
         assert record.shank_rate_rad_s == pytest.approx(truth.shank_rad_s, abs=6e-4)
         assert record.toe_contact == 0 or truth.phase > 0.05
+
+
+def test_a_coarse_sensor_sends_its_position_at_50_hz_with_its_noise() -> None:
+    scene = read_scene("table1-motor-soft")
+    scene["sensors"] = {**scene.get("sensors", {}), "coarse": {"noise_m": 2e-3}}
+    node, ticks, counters, errors = PlantNode(load_scene(scene), seed=1), [], [], []
+    for tick in range(8000):
+        x_m = node.plant.now.x_m
+        for frame in node.publish():
+            if frame.can_id == codec.COARSE_POSITION.can_id:
+                ticks.append(tick)
+                counters.append(codec.COARSE_POSITION.counter(frame.data))
+                errors.append(codec.COARSE_POSITION.decode(frame.data).striker_position_m - x_m)
+        node.advance([])
+    assert ticks == list(range(0, 8000, 20))
+    assert counters == [number % 16 for number in range(400)]
+    assert np.std(errors) == pytest.approx(2e-3, rel=0.1)
+    assert abs(np.mean(errors)) < 3e-4
 
 
 def test_a_gait_frame_that_drops_out_leaves_a_gap_in_the_count() -> None:
@@ -320,14 +340,14 @@ def test_discovery_finds_the_drive_at_its_node_number() -> None:
     assert int.from_bytes(answer.data[1:7], "little") != 0
 
 
-def test_watchdog_and_heartbeat_are_keys_of_the_scene() -> None:
+def test_watchdog_and_periods_are_keys_of_the_scene() -> None:
     """A client that waits for state 8 in a heartbeat before its first command needs the longer watchdog."""
-    table = {"watchdog_s": 0.5, "heartbeat_s": 0.02}
+    table = {"watchdog_s": 0.5, "heartbeat_s": 0.02, "encoder_s": 0.01}
     scene = load_scene("table1-motor-soft").model_copy(update={"axis": AxisTable(**table)})
     node = PlantNode(scene, 1)
-    heartbeats = 0
+    sent = Counter[int]()
     for tick in range(400):
-        heartbeats += any(frame.can_id == 0x001 for frame in node.publish())
+        sent.update(frame.can_id for frame in node.publish())
         node.advance([ARM] if tick == 0 else [])
-    assert heartbeats == 20
+    assert (sent[0x001], sent[0x009]) == (20, 40)
     assert node.drive.axis.state == AxisState.CLOSED_LOOP_CONTROL

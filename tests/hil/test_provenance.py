@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 import hil
-from hil import provenance
+from hil.record import provenance
 
 SCENARIO = """
 title = "The module stands still"

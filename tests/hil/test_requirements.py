@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil import junit
-from hil.requirements import requirements, trace
-from hil.scenario import ScenarioError, check_scenario, load_scenario, read_scenario, scenario_names
+from hil.judge import junit
+from hil.judge.requirements import requirements, trace
+from hil.scenario.scenario import ScenarioError, check_scenario, load_scenario, read_scenario, scenario_names
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,13 +5,15 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
-from hil import suite
-from hil.bench import run_scenario
-from hil.run_folder import RunFolderError, claimed
-from hil.scenario import Scenario, load_scenario
-from hil.suite import Case, judged, run_suite
+from hil.bench import suite
+from hil.bench.bench import run_scenario
+from hil.bench.suite import Case, judged, run_suite
+from hil.record.run_folder import RunFolderError, claimed
+from hil.record.run_traces import read_bus
+from hil.scenario.scenario import Scenario, load_scenario
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
 
@@ -119,7 +121,7 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     def breaks(*_: object) -> None:
         raise RuntimeError("no compiler")
 
-    monkeypatch.setattr("hil.bench.warm_lockstep", breaks)
+    monkeypatch.setattr("hil.bench.bench.warm_lockstep", breaks)
     verdict = judged(case, "lockstep", "auto")
     assert verdict["passed"] is False
     assert verdict["ticks"] == 0
@@ -165,11 +167,26 @@ def test_a_good_run_keeps_its_log_instead_of_its_traces(
         out = tmp_path / name
         arguments = ["run", str(short(tmp_path)), "--clock", "lockstep", "--out", str(out), *options]
         assert run([*arguments, "--json"]) == 0
-        kept[name] = sorted(path.name for path in out.glob("*.trace"))
+        kept[name] = [path.name for pattern in ("can.*", "*.trace") for path in sorted(out.glob(pattern))]
     assert kept == {
-        "plain": [],
-        "kept": ["firmware.trace", "impacts.trace", "operator.trace", "plant.trace"],
+        "plain": ["can.log"],
+        "kept": ["can.log", "firmware.trace", "impacts.trace", "operator.trace", "plant.trace"],
     }
+    can_log = tmp_path / "plain" / "can.log"
+    assert can_log.read_bytes() == (tmp_path / "kept" / "can.log").read_bytes()
+    assert len(list(can.LogReader(can_log))) == len(read_bus(can_log).t_s) > 900
     capsys.readouterr()
     assert run(["inspect", str(tmp_path / "plain"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ticks"] == 300
+
+
+MOST_KEPT_MB_A_MINUTE = 25.0
+
+
+def test_what_a_good_run_keeps_has_bounds(tmp_path: Path) -> None:
+    """Of the default scenario, in whose run-up and hold all signals change in every tick."""
+    arguments = ["run", "soft-start-multistable", "--clock", "lockstep", "--firmware", "compiled"]
+    assert run([*arguments, "--out", str(tmp_path / "run"), "--json"]) == 0
+    kept = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
+    minutes = load_scenario("soft-start-multistable").duration_s / 60.0
+    assert sum(kept.values()) / minutes < MOST_KEPT_MB_A_MINUTE * 1e6, kept

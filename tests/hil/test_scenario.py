@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.operator import Command, Request
-from hil.scenario import load_scenario, scenario_names
+from hil.scenario.operator import Command, Request
+from hil.scenario.scenario import load_scenario, scenario_names
 from plant_sim.scene import SceneError
 from plant_sim.text_input import TextInputError
 

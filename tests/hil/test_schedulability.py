@@ -11,17 +11,17 @@ import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.interface.dbc import database
 from firmware_py.interface.frame import worst_case_bits
-from hil.can_bits import BitRateError
-from hil.message_set import (
+from firmware_py.interface.sources.dbc import database
+from hil.can_model.bits import BitRateError
+from hil.can_model.message_set import (
     ALL_SENDERS,
     ONE_ERROR,
     TICK_NS,
     bus_schedule,
     bus_streams,
 )
-from hil.schedulability import (
+from hil.can_model.schedulability import (
     ERROR_BITS,
     ErrorModel,
     Pacing,
@@ -29,7 +29,7 @@ from hil.schedulability import (
     load,
     response_times,
 )
-from tools.commands import schedule as command
+from tools.commands.design import schedule as command
 
 MS = 1_000_000
 TAU = 1

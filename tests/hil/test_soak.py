@@ -2,11 +2,24 @@
 
 import mmap
 import os
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
-from hil.scenario import check_scenario, read_scenario
-from hil.soak import FEWEST_SAMPLES, MemoryWatch, duration_s, grown_mb, own_memory_mb, prolonged
+from firmware_py.shell.builds import Build
+from hil.bench.lockstep import run_lockstep
+from hil.bench.soak import (
+    FEWEST_SAMPLES,
+    SAMPLE_S,
+    SHORTEST_S,
+    MemoryWatch,
+    duration_s,
+    grown_mb,
+    own_memory_mb,
+    prolonged,
+)
+from hil.scenario.scenario import check_scenario, read_scenario
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("90s", 90.0), ("10m", 600.0), ("1.5h", 5400.0)])
@@ -61,3 +74,21 @@ def test_memory_that_grows_is_seen() -> None:
     assert watch.growth_mb()["self"] == pytest.approx(4 * 0.675 * FEWEST_SAMPLES, rel=0.2)
     assert own_memory_mb(2**22 + 1) is None
     assert MemoryWatch({"self": os.getpid()}).growth_mb() == {}
+
+
+def test_a_run_that_is_too_short_is_refused_with_the_shortest_that_works() -> None:
+    document = dict(read_scenario("soft-start-multistable"))
+    missing_s = SHORTEST_S - document["script"]["duration_s"]
+    prolonged(document, missing_s, "lockstep")
+    with pytest.raises(ValueError, match=f"give --soak {missing_s:g}s or longer"):
+        prolonged(document, missing_s - 0.5, "lockstep")
+
+
+@pytest.mark.parametrize("build", ["python", "compiled"])
+def test_lockstep_lets_memory_be_sampled_often_enough(build: Build, tmp_path: Path) -> None:
+    document = dict(read_scenario("soft-start-multistable"))
+    scenario = check_scenario({**document, "script": {"duration_s": 5.0, "commands": []}}, "rests")
+    looks_s: list[float] = []
+    run_lockstep(scenario, tmp_path, 1, lambda done, _: looks_s.append(5.0 * done), build)
+    edges_s = [0.0, *looks_s, 5.0]
+    assert max(later - before for before, later in pairwise(edges_s)) <= SAMPLE_S

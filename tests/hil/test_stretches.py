@@ -11,41 +11,54 @@ import pytest
 from firmware_py.builds.flat import layout
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
-from hil import stretches, trace
-from hil.can_log import CanLog
-from hil.closed_loop import LINE_BYTES, log_line
-from hil.firmware_trace import moves_to
-from hil.lockstep import run_lockstep
-from hil.scenario import check_scenario, read_scenario
-from hil.settings import apply_settings
-from hil.stretches import has_stretches, quiet_until_s, word_frame
+from hil.bench import stretches
+from hil.bench.lockstep import run_lockstep
+from hil.bench.stretches import has_stretches, quiet_until_s, word_frame
+from hil.bus.can_log import CanLog
+from hil.nodes.closed_loop import LINE_BYTES, log_line
+from hil.record import trace
+from hil.record.firmware_trace import moves_to
+from hil.scenario.scenario import check_scenario, read_scenario
+from hil.scenario.settings import apply_settings
 
 SETTINGS = [
     "script.duration_s=4.0",
+    "scene.sensors.coarse.noise_m=0.002",
     'script.commands=[{at_s=0.2,request="run",target_ratio=1.1},{at_s=3.0,request="e-stop"}]',
     "firmware.start.rise_s=1.0",
 ]
 STIFFER = {"kind": "stiffness-changed", "at_s": 1.0, "factor": 1.1}
+KICK = {"kind": "kick", "at_s": 1.2003, "change_m_s": 0.4}
 NOISY = {"kind": "sensor-noisy", "at_s": 1.6, "duration_s": 0.2, "sensor": "striker-low", "std": 1.0}
 PAUSED = {"kind": "paused", "at_s": 2.2, "duration_s": 0.01, "process": "firmware"}
 AWAY = {"kind": "restarted", "at_s": 2.2, "duration_s": 0.2, "process": "plant"}
 
 
-def scenario_with(*faults: dict[str, Any]) -> Any:
-    document = apply_settings(read_scenario("soft-start-multistable"), SETTINGS)
+BASE = "soft-start-multistable"
+
+
+def scenario_with(*faults: dict[str, Any], base: str = BASE) -> Any:
+    document = apply_settings(read_scenario(base), SETTINGS)
     document["script"]["faults"] = list(faults)
     return check_scenario(document, "in-stretches")
 
 
-@pytest.mark.parametrize("faults", [(), (STIFFER, NOISY, PAUSED)], ids=["undisturbed", "disturbed"])
+WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
+
+
+@pytest.mark.parametrize(
+    ("base", "faults"),
+    [(BASE, ()), (BASE, (STIFFER, KICK, NOISY, PAUSED)), (WALK, ())],
+    ids=["undisturbed", "disturbed", "walking"],
+)
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
-    faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    base: str, faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scenario = scenario_with(*faults)
+    scenario = scenario_with(*faults, base=base)
     lengths: list[int] = []
     run = stretches.Stretches.run
 
-    def counted(self: stretches.Stretches, tick: int, ticks: int, operator_period: int) -> int:
+    def counted(self: stretches.Stretches, tick: int, ticks: int, operator_period: int) -> Any:
         lengths.append(ticks)
         return run(self, tick, ticks, operator_period)
 
@@ -69,16 +82,15 @@ def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
 @pytest.mark.parametrize(
     ("t_s", "until_s"),
     [
-        (0.0, 0.995),  # up to just before the stiffness changes
-        (0.999, 0.999),  # it is about to
-        (1.1, 1.1),
-        (1.3, 1.595),  # it has changed, and stays so
+        (0.0, 1.0),  # the stiffness changes between two stretches
+        (0.999, 1.0),
+        (1.0, 1.595),  # it has changed, and stays so
         (1.7, 1.7),  # the noise acts
         (1.9, 1.9),
         (2.1, math.inf),
     ],
 )
-def test_a_stretch_ends_before_a_fault_begins_and_starts_after_its_end(t_s: float, until_s: float) -> None:
+def test_a_stretch_ends_where_a_fault_begins_and_starts_after_its_end(t_s: float, until_s: float) -> None:
     faults = scenario_with(STIFFER, NOISY).faults
     assert quiet_until_s(faults, t_s) == pytest.approx(until_s)
 

@@ -11,13 +11,13 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil import bench
-from hil.checks import Check, within
-from hil.faults.tables import Fault
-from hil.same_verdicts import compare, read_suite
-from hil.scenario import load_scenario, scenario_names
-from hil.seeds import at_another_moment, merged
-from hil.suite import Case, judged, run_suite, scenarios_for
+from hil.bench import bench
+from hil.bench.compare_suites import compare, read_suite
+from hil.bench.suite import Case, judged, run_suite, scenarios_for
+from hil.judge.checks import Check, within
+from hil.scenario.fault_tables import Fault
+from hil.scenario.scenario import load_scenario, scenario_names
+from hil.scenario.seeds import at_another_moment, merged
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
 

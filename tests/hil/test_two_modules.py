@@ -21,11 +21,11 @@ from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import addresses_from, parameters_of, with_overrides
 from hil.bus.addressed import AddressedBus, addressed
 from hil.bus.in_process import InProcessBus
-from hil.bus_model.in_process import ModelledInProcessBus
-from hil.message_set import bus_schedule
-from hil.operator import OPERATOR_PERIOD_S, OperatorNode
-from hil.plant_node import PlantNode
-from hil.scenario import load_scenario
+from hil.can_model.in_process import ModelledInProcessBus
+from hil.can_model.message_set import bus_schedule
+from hil.nodes.plant import PlantNode
+from hil.scenario.operator import OPERATOR_PERIOD_S, OperatorNode
+from hil.scenario.scenario import load_scenario
 
 TICK_NS = 1_000_000
 PLACES = (addresses(0, 2), addresses(1, 5))

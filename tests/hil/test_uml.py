@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import uml
-from hil.realtime import NODE_PRIORITY
+from hil.bus import uml
+from hil.timing.realtime import NODE_PRIORITY
 
 ROOT = Path(__file__).parents[2]
-RUN = "import sys; from hil.uml import run_in_kernel; sys.exit(run_in_kernel(sys.argv[1:]))"
+RUN = "import sys; from hil.bus.uml import run_in_kernel; sys.exit(run_in_kernel(sys.argv[1:]))"
 CAN_PAIR = """
 import os, can
 receiver = can.Bus(interface="socketcan", channel="vcan0")

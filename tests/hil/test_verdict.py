@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
-from hil import junit, requirements
-from hil.figures import figures_of
-from hil.report import write_suite_report
-from hil.report_plots import thinned
-from hil.rerun_program import rerun
-from hil.verdict import finish
+from hil.bench.verdict import finish
+from hil.judge import junit, requirements
+from hil.judge.figures import figures_of
+from hil.record.rerun_program import rerun
+from hil.show.report import write_suite_report
+from hil.show.report_plots import thinned
 
 # What a program that reads the verdict may rely on.
 KEYS = {
@@ -33,7 +33,7 @@ def finished(tmp_path_factory):
 @pytest.fixture
 def without_plots(monkeypatch):
     """Nine tenths of the time a verdict takes are its report's plots."""
-    monkeypatch.setattr("hil.report.plots", lambda *_: [])
+    monkeypatch.setattr("hil.show.report.plots", lambda *_: [])
 
 
 class Page(html.parser.HTMLParser):
@@ -170,14 +170,14 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     text = (run_dir / "report.html").read_text()
     page = Page(text)
     assert page.open == []
-    assert page.references == []
+    assert page.references == ["run.rrd", "can.log", "scenario.toml", "verdict.json"]
     assert "http" not in text.replace("http://www.w3.org/", "").replace("http://purl.org/", "").replace(
         "http://creativecommons.org/", ""
     )
     said = "".join(page.words[page.words.index("PASSED") :])
     for word in ("A made-up run", "detector.recall", "Phase portrait", "0.1.0", "hunt-crossley"):
         assert word in said
-    assert text.count("<svg") == 5
+    assert text.count("<svg") == 5, "the run, start-up, portrait, distributions, clockwork"
     assert "prefers-color-scheme: dark" in text
     assert "#010203" not in text
     assert len(text) < 1_500_000

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.polynomial import Polynomial
 
-from plant_sim.solvers import bernstein
-from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE, NO_ROOT
+from plant_sim.solvers.adaptive import bernstein
+from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE, NO_ROOT
 
 
 @njit

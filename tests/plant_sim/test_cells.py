@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from plant_sim.parts.friction import Coulomb, Viscous
 from plant_sim.parts.stop import NoStop, RigidStop
-from plant_sim.solvers.cells import Place, bends_below, doubt, onward
-from plant_sim.solvers.exact import simulate
-from plant_sim.solvers.oscillator import oscillator
-from plant_sim.solvers.roots import guess_between, near_root
+from plant_sim.solvers.exact.cells import Place, bends_below, doubt, onward
+from plant_sim.solvers.exact.exact import simulate
+from plant_sim.solvers.exact.oscillator import oscillator
+from plant_sim.solvers.exact.roots import guess_between, near_root
 
 GAP_M = 0.06
 

@@ -15,7 +15,7 @@ from plant_sim.parts.friction import Coulomb, NoFriction, Viscous
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
-from plant_sim.solvers.exact import simulate
+from plant_sim.solvers.exact.exact import simulate
 
 CRITICAL_B = 2.0 * math.sqrt(0.8 * 70.0)
 

@@ -12,7 +12,7 @@ from plant_sim.parts.friction import Coulomb, NoFriction, Viscous
 from plant_sim.parts.stop import RigidStop
 from plant_sim.result import Phase
 from plant_sim.solvers.cost import SolverError
-from plant_sim.solvers.exact import UnsupportedSceneError, simulate
+from plant_sim.solvers.exact.exact import UnsupportedSceneError, simulate
 
 STOP_M = 0.18
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from plant_sim.parts.friction import Coulomb, NoFriction, Viscous
 from plant_sim.parts.stop import NoStop, RigidStop
-from plant_sim.solvers.exact import simulate
+from plant_sim.solvers.exact.exact import simulate
 
 FOUND_M = 1e-12
 

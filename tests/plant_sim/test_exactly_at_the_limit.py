@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from test_scene import changed
 
@@ -71,3 +72,66 @@ def test_a_striker_laid_against_the_stop_without_force_stays_there(method: str) 
     result = simulate(load_scene(changed("table1-viscous", changes)), 10.0)
     assert result.final.x_m == 0.12
     assert result.impacts.t_s.size == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("speed_rad_s", [0.0, 1.0, 20.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_guide_tilted_by_the_angle_of_friction_holds_the_striker(
+    method: str, speed_rad_s: float, side: float
+) -> None:
+    """tan α = μ: gravity pulls along the guide as much as friction holds, to rounding."""
+    tables = BALANCED | {"solver": {"method": method}, "housing": {"tilt_rad": side * math.atan(0.25)}}
+    tables["drive"] = BALANCED["drive"] | {"amplitude_m": 0.0, "speed_rad_s": speed_rad_s}
+    final = simulate(load_scene(tables), 10.0).final
+    assert final.x_m == pytest.approx(0.125, abs=1e-15)
+    assert final.v_m_s == 0.0
+    assert final.phase == Phase.STICK
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("speed_rad_s", [0.0, 1.0, 20.0])
+@pytest.mark.parametrize("amplitude_m", [1.0 / 64.0, 0.01])
+def test_a_striker_rests_on_the_stop_while_the_pull_falls_to_nothing_and_rises_again(
+    method: str, speed_rad_s: float, amplitude_m: float
+) -> None:
+    """The piston turns round just where the spring no longer presses."""
+    tables = BALANCED | {"solver": {"method": method}, "friction": {"law": "none"}}
+    tables["drive"] = BALANCED["drive"] | {"speed_rad_s": speed_rad_s, "amplitude_m": amplitude_m}
+    tables["stop"] = {"law": "rigid", "position_m": 0.125 - amplitude_m, "restitution": 0.5}
+    tables["initial"] = {"x_m": 0.125 - amplitude_m}
+    result = simulate(load_scene(tables), 10.0)
+    assert result.final.x_m == 0.125 - amplitude_m
+    assert result.impacts.t_s.size == 0
+
+
+SOFT_STOPS = ["hunt-crossley", "kelvin-voigt"]
+
+
+@pytest.mark.parametrize("law", SOFT_STOPS)
+@pytest.mark.parametrize("speed_rad_s", [1.0, 20.0])
+def test_a_striker_that_friction_just_holds_at_a_pad_does_not_press_it(law: str, speed_rad_s: float) -> None:
+    stop = {"law": law, "position_m": 0.125, "restitution": 0.5, "contact_s": 0.01}
+    tables = BALANCED | {"stop": stop, "drive": BALANCED["drive"] | {"speed_rad_s": speed_rad_s}}
+    result = simulate(load_scene(tables), 3.0)
+    assert result.final.x_m == 0.125
+    assert result.impacts.t_s.size == 0
+
+
+@pytest.mark.parametrize(
+    ("law", "method"),
+    [*((law, "adaptive") for law in SOFT_STOPS), *(("rigid", method) for method in METHODS)],
+)
+def test_a_striker_at_the_stop_leaves_it_where_the_pull_passes_zero(law: str, method: str) -> None:
+    """sin π is not 0 in doubles: the spring still presses, by less than its rounding."""
+    more = {"contact_s": 0.01} if law in SOFT_STOPS else {}
+    tables = BALANCED | {"friction": {"law": "viscous", "b_n_s_m": 0.2}, "solver": {"method": method}}
+    tables["stop"] = {"law": law, "position_m": 0.125, "restitution": 0.5, **more}
+    ways_m = []
+    for phase_rad in np.array([0.0, 1e-16, 1e-12, -1e-12, 1e-9, -1e-9]) + math.pi:
+        tables["drive"] = BALANCED["drive"] | {"speed_rad_s": 20.0, "phase_rad": phase_rad}
+        result = simulate(load_scene(tables), 0.1)
+        assert result.impacts.t_s.size == 0
+        ways_m.append(result.final.x_m - 0.125)
+    assert ways_m[0] < -1e-3
+    assert ways_m == pytest.approx([ways_m[0]] * 6, abs=1e-9)

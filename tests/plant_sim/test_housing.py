@@ -15,7 +15,7 @@ from plant_sim.plant import Plant
 from plant_sim.result import Phase, SimulationResult
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.memory import allocate
+from plant_sim.solvers.adaptive.state_layout import allocate
 from plant_sim.tilt import levelled
 
 G = 9.80665

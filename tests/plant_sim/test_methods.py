@@ -9,7 +9,8 @@ from test_scene import changed
 from plant_sim.methods import STEPPING_PRICES, choose
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers import adaptive, stepping
+from plant_sim.solvers import stepping
+from plant_sim.solvers.adaptive import adaptive
 
 DRY = "table1-stribeck"
 

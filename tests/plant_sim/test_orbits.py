@@ -5,17 +5,18 @@ import math
 import numpy as np
 import pytest
 
+from plant_sim.orbits import adaptive as streaming_adaptive
+from plant_sim.orbits import exact as streaming
+from plant_sim.orbits.sections import CLASSIFY, PAPER, Regime
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Coulomb
+from plant_sim.parts.friction import Coulomb, Viscous
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import MotionState, Phase
-from plant_sim.sensing import NoSensing
-from plant_sim.solvers import streaming, streaming_adaptive
-from plant_sim.solvers.adaptive import NO_GRID, NO_SAMPLES, run
-from plant_sim.solvers.memory import CRANK_ANGLE, Memory, allocate
-from plant_sim.solvers.orbits import CLASSIFY, PAPER, Regime
+from plant_sim.sensors.sensing import NoSensing
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.adaptive.state_layout import CRANK_ANGLE, Memory, allocate
 
 STRIKER = Striker(0.8, 70.0, 0.12, 9.80665)
 NATURAL_RAD_S = math.sqrt(70.0 / 0.8)
@@ -38,6 +39,7 @@ def memory_of(parts: Parts) -> Memory:
         (0.3, 0.5, 0.3, 0.18, Regime.STUCK),
         (0.15, 0.0, 0.3, 0.125, Regime.CHATTERING),  # rests on the stop for part of each turn
         (0.15, 0.2, 0.3, 0.125, Regime.CHATTERING),
+        (0.2, 0.0, 0.5, 0.15, Regime.CHATTERING),  # friction alone holds it on the stop
         (0.15, 0.5, 1.0, 0.18, Regime.IMPACT),
     ],
 )
@@ -53,6 +55,15 @@ def test_both_followers_name_the_same_regime(
     assert stepwise.x_high_m == pytest.approx(closed.x_high_m, abs=1e-6)
     assert stepwise.friction_j == pytest.approx(closed.friction_j, abs=1e-6)
     assert stepwise.loss_j == pytest.approx(closed.loss_j, abs=1e-6)
+
+
+def test_a_striker_that_the_spring_never_quite_lets_go_of_the_stop_is_stuck() -> None:
+    """The gap is −A: the spring presses but for the instant in which the piston turns round."""
+    friction, stop = Viscous(0.05), RigidStop(0.09, 0.5)
+    parts = Parts(STRIKER, drive(2.0), friction, stop)
+    closed = streaming.follow(STRIKER, drive(2.0), friction, stop, -0.03, 0.3, 0.0, PAPER)
+    stepwise = streaming_adaptive.follow_stepwise(parts, memory_of(parts), -0.03, 0.3, 0.0, PAPER)
+    assert Regime(closed.regime) == Regime(stepwise.regime) == Regime.STUCK
 
 
 def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:

@@ -10,6 +10,7 @@ from test_scene import changed
 
 import plant_sim
 from plant_sim import Plant, SceneError, load_scene, simulate
+from plant_sim.parts.striker import Striker
 from plant_sim.plant import PlantError
 from plant_sim.simulation import SimulationError
 from plant_sim.text_input import TextInputError
@@ -61,6 +62,17 @@ def test_ticks_take_any_real_number() -> None:
     assert plants[0].state == plants[1].state
 
 
+def test_whole_numbers_in_parts_do_not_round_later_ones() -> None:
+    """Parts are compiled for their declared types, whatever kind of number came first."""
+    scene = load_scene("table1-motor-soft")
+    whole = scene.parts()._replace(striker=Striker(1, 70, 0, 10))
+    plants = Plant(scene, 1, whole), Plant(scene, 1, whole._replace(striker=Striker(1.0, 70.0, 0.0, 10.0)))
+    for plant in plants:
+        plant.replace_parts(whole._replace(striker=Striker(0.5, 70.5, 0.0, 10.0)))
+        plant.advance(0.1, 1.0)
+    assert plants[0].state == plants[1].state
+
+
 @pytest.mark.parametrize(
     ("until_s", "spacing_s", "count"),
     [(0.3, 0.1, 4), (1.0, 0.1, 11), (0.7, 0.1, 8), (1.0, 0.3, 5), (1.0, 2.0, 2), (7.0, 0.07, 101)],
@@ -80,6 +92,8 @@ def test_each_sample_is_given_once(until_s: float, spacing_s: float, count: int)
         ({"until_s": None}, "until_s = None"),
         ({"until_s": True}, "until_s = True"),
         ({"until_s": 1j}, "until_s = 1j"),
+        ({"until_s": 10**400}, "until_s = 1000"),
+        ({"until_s": 1.0, "torque_n_m": -(10**400)}, "torque_n_m = -1000"),
         ({"until_s": np.array([1.0, 2.0])}, r"until_s = array"),
         ({"until_s": 1.0, "torque_n_m": "much"}, "torque_n_m = 'much': wanted a finite motor torque"),
         ({"until_s": 1.0, "samples_s": 0}, "samples_s = 0: wanted a positive, finite spacing"),

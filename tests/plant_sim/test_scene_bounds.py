@@ -11,8 +11,8 @@ from plant_sim.quantities import quantity_of
 from plant_sim.scene import SceneError, load_scene, scene_names
 from plant_sim.scene_tables import Table
 from plant_sim.simulation import simulate
+from plant_sim.solvers.adaptive.state_layout import DEBT
 from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt
-from plant_sim.solvers.memory import DEBT
 
 TABLES = [
     thing for thing in vars(scene_tables).values() if isinstance(thing, type) and issubclass(thing, Table)

@@ -10,6 +10,7 @@ from test_scene import changed
 
 from plant_sim.plant import Plant, PlantError
 from plant_sim.scene import load_scene
+from plant_sim.sensors.readings import Noise
 
 G = 9.80665
 QUIET = {"noise_m_s2_rthz": 0.0, "bias_m_s2": 0.0, "count_m_s2": 1e-9, "range_m_s2": 1e5}
@@ -28,6 +29,13 @@ def filtered(times: np.ndarray, values: np.ndarray, corner_hz: float) -> np.ndar
     """scipy's Butterworth of second order over finely sampled values."""
     system = signal.butter(2, 2.0 * math.pi * corner_hz, analog=True, output="ba")
     return signal.lsim(system, values, times)[1]
+
+
+def test_noise_of_many_samples_is_that_of_single_ones() -> None:
+    many, single = Noise(np.random.default_rng(5)), Noise(np.random.default_rng(5))
+    found = [[many.next()], many.take(300), many.take(0), many.take(7), [many.next()]]
+    wanted = [single.next() for _ in range(309)]
+    np.testing.assert_array_equal(np.concatenate([np.reshape(one, (-1, 4)) for one in found]), wanted)
 
 
 def test_low_passes_follow_the_true_acceleration() -> None:

@@ -7,8 +7,8 @@ from exact_scenes import REST_M, module, start
 from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
 from plant_sim.parts.stop import HuntCrossley, NoStop, RigidStop
 from plant_sim.result import Phase
-from plant_sim.solvers import exact
-from plant_sim.solvers.exact import UnsupportedSceneError
+from plant_sim.solvers.exact import exact
+from plant_sim.solvers.exact.exact import UnsupportedSceneError
 from plant_sim.solvers.stepping import simulate
 
 STEPS_S = np.array([4e-4, 2e-4, 1e-4, 5e-5, 2.5e-5, 1.25e-5])

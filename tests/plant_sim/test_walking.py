@@ -9,12 +9,12 @@ import pytest
 from reference import Reference
 from test_scene import changed
 
-from plant_sim.gait_sensors import GaitReading, GaitTruth, LegState, gait_at
 from plant_sim.parts import walking as w
 from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
-from plant_sim.parts.walking import Walking, leg_at, row_at
+from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.sensors.gait import GaitReading, GaitTruth, LegState, gait_at
 from plant_sim.simulation import initial_state, simulate
 
 G = 9.80665
@@ -328,9 +328,9 @@ def sensed(
     plant = Plant(scene(gait, "gait-motor-soft", sensors={"gait": QUIET | sensors}), seed)
     found = []
     for _ in range(round(until_s / 5e-3)):
-        truth = plant.gait
+        truth = plant.gait_at(plant.t_s)
         assert truth is not None
-        found.append((truth, plant.sense_gait()))
+        found.append((truth, plant.sense_gait(plant.t_s)))
         plant.advance(0.0, 5e-3)
     return found
 
@@ -407,7 +407,7 @@ def test_gait_sensors_leave_the_others_noise_alone() -> None:
         for _ in range(20):
             readings[-1].append(plant.sense().housing_m_s2)
             if gait is not None:
-                plant.sense_gait()
+                plant.sense_gait(plant.t_s)
             plant.advance(0.0, 1e-3)
     assert readings[0] == pytest.approx(readings[1], abs=1e-12)
 
@@ -432,11 +432,20 @@ def test_what_makes_no_sense_is_refused(gait: dict[str, Any], changes: dict[str,
         scene(gait, **changes)
 
 
+@pytest.mark.parametrize("first_s", [0.0, 590.0, 700.0])
+def test_every_trip_of_a_script_happens_and_the_walk_finds_back(first_s: float) -> None:
+    """A hundred, one a stride: the last of them two minutes after its time."""
+    scripted = {**STEADY, "stumble": [{"at_s": first_s + 0.01 * i} for i in range(100)]}
+    walking = walking_of(scripted)
+    assert np.count_nonzero(walking.rows[:, KNOCK_M_S2]) == 100
+    assert gait_at(walking, 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)
+
+
 def test_a_walk_is_told_to_stop_after_any_time() -> None:
     """At 700 s, and a trip at 800 s of somebody who walks on."""
-    told = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}
-    assert gait_at(walking_of(told), 699.0).stride_hz > 0.8
-    assert gait_at(walking_of(told), 710.0).state == LegState.STANDING
+    scripted = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}
+    assert gait_at(walking_of(scripted), 699.0).stride_hz > 0.8
+    assert gait_at(walking_of(scripted), 710.0).state == LegState.STANDING
     trips = {**STEADY, "stumble": [{"at_s": 800.0}]}
     assert any(gait_at(walking_of(trips), 800.0 + 0.01 * i).tripping for i in range(300))
     assert gait_at(walking_of(trips), 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)

@@ -13,8 +13,8 @@ from plant_sim.parts.wearer import Ankle
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers import exact
-from plant_sim.solvers.memory import allocate
+from plant_sim.solvers.adaptive.state_layout import allocate
+from plant_sim.solvers.exact import exact
 
 # A foot of a kilogram; an ankle of 100 N m/rad and 1 N m s/rad at a lever of 0.1 m.
 WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}

@@ -57,6 +57,7 @@ class Browser:
     def __init__(self) -> None:
         self.requests: list[str] = []
         """What the page asked for."""
+        self._loaded = 0
         self._folder = tempfile.TemporaryDirectory(prefix="vibrohil-browser-", ignore_cleanup_errors=True)
         command = [program(), *OPTIONS, f"--user-data-dir={self._folder.name}"]
         pairs = os.pipe(), os.pipe()
@@ -114,6 +115,7 @@ class Browser:
     def _note(self, event: str, what: dict[str, Any]) -> None:
         if event == "Network.requestWillBeSent":
             self.requests.append(what["request"]["url"])
+        self._loaded += event == "Page.loadEventFired"
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._buffer:
@@ -129,8 +131,19 @@ class Browser:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
         self.requests.clear()
+        loaded = self._loaded
         self.call("Page.navigate", url=url)
-        while (answer := self._receive()).get("method") != "Page.loadEventFired":
+        self._wait_for_load(loaded)
+
+    def follow(self, selector: str) -> None:
+        """Click a link and wait for the page that it leads to."""
+        loaded = self._loaded
+        self.evaluate(f"setTimeout(() => document.querySelector('{selector}').click(), 0)")
+        self._wait_for_load(loaded)
+
+    def _wait_for_load(self, loaded: int) -> None:
+        while self._loaded == loaded:
+            answer = self._receive()
             self._note(answer.get("method", ""), answer.get("params", {}))
 
     def evaluate(self, expression: str) -> Any:

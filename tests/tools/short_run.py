@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from hil.bench import run_scenario
-from hil.scenario import load_scenario
+from hil.bench.bench import run_scenario
+from hil.scenario.scenario import load_scenario
 
 SCENARIO = """
 title = "A quick start is on its way to the impacts"

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from hil.signals import Interrupted
-from plant_sim.scene import load_scene, read_scene
+from hil.timing.signals import Interrupted
 from tools.campaign import processes
 from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
 from tools.campaign.cells import cells_of
@@ -20,10 +19,10 @@ from tools.campaign.outcome import Outcome
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
 from tools.campaign.statistics import distribution, wilson
-from tools.campaign.walk_cells import WalkCell, walk_cells
-from tools.campaign.walks import course_of, drawn_walk, ended_s
+from tools.campaign.walk_cells import WalkCell, course_of, drawn_walk, walk_cells
+from tools.campaign.walks import ended_s
 from tools.cli import run
-from tools.commands.campaign import histogram
+from tools.commands.testing.campaign import histogram, is_kept
 from tools.output import EXIT_BAD_INPUT, BadInputError, plain
 
 ESTIMATE = CAMPAIGNS["estimate"]
@@ -42,7 +41,7 @@ def test_a_trial_draws_the_same_truth_every_time_and_another_draws_another() -> 
     first, again, other = (draw(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
     assert first.scene == again.scene
     assert first.scene.striker.spring_n_m != other.scene.striker.spring_n_m
-    assert first.noise.standard_normal() == again.noise.standard_normal() != other.noise.standard_normal()
+    assert first.run_seed == again.run_seed != other.run_seed
 
 
 def test_draws_fill_their_ranges_and_stay_inside() -> None:
@@ -123,14 +122,29 @@ def test_settings_that_name_nothing_are_refused(setting: str, wanted: str) -> No
 
 
 def test_the_command_line_refuses_a_bad_setting(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["campaign", "hold", "--trials", "1", "--set", "scene.stop.law='rigid'", "--json"]
-    assert run(arguments) == EXIT_BAD_INPUT
-    assert "error" in json.loads(capsys.readouterr().out)
+    for arguments, reason in (
+        (["--set", "scene.stop.law='rigid'"], "contact_s"),
+        (["--set", "scene.drive.model='dq-motor'"], "set scene.drive.model = 'motor'"),
+        (["--keep", "1"], "0 … 0"),
+        (["--keep", "successes"], "wanted failures, all, or a trial's number"),
+    ):
+        assert run(["campaign", "hold", "--trials", "1", *arguments, "--json"]) == EXIT_BAD_INPUT
+        assert reason in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_kept_are_failures_one_trial_or_all() -> None:
+    fine, lost = Outcome(0, 0), Outcome(1, 0, why="ends in fault")
+    unfit = Outcome(2, 0, eligible=False, why="no impact attractor at this speed")
+    kept = {
+        keep: [one.trial for one in (fine, lost, unfit) if is_kept(one, keep)]
+        for keep in (None, "failures", "2", "all")
+    }
+    assert kept == {None: [], "failures": [1], "2": [2], "all": [0, 1, 2]}
 
 
 def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:
     cells = cells_of(table("start-up"), [])[0]
-    first, rest = batches("start-up", cells, MISMATCH, 20_000, range(101), 2)
+    first, *rest = batches("start-up", cells, MISMATCH, 20_000, range(101), 2)
     assert [cells[trial].law for trial in first.trials] == ["viscous", "coulomb", "stribeck"]
     assert sorted(first.trials + [trial for batch in rest for trial in batch.trials]) == list(range(101))
 
@@ -231,19 +245,6 @@ def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
     assert histogram([]) == ""
 
 
-def test_parts_that_campaigns_do_not_know_are_refused() -> None:
-    from tools.campaign.run import supported
-
-    worn = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
-    supported(load_scene({**read_scene("table1-motor-soft"), "housing": {"tilt_rad": 0.1}}))
-    supported(load_scene({**read_scene("table1-motor-soft"), "wearer": worn}))
-    rigid = {"law": "rigid", "position_m": 0.18, "restitution": 0.5}
-    with pytest.raises(BadInputError, match=r"stop\.law = 'rigid'"):
-        supported(load_scene({**read_scene("table1-motor-soft"), "stop": rigid}))
-    with pytest.raises(BadInputError, match="dq-motor"):
-        supported(load_scene("table1-dq-motor"))
-
-
 def test_a_drawn_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:
     cell = cells_of(table("shock"), [])[0][0]
     moved = Disturbance(swing_m_s2=0.5, shock_g=8.0)
@@ -342,19 +343,19 @@ def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
     ran: list[int] = []
 
     @contextmanager
-    def here(_: int) -> Iterator[Any]:
-        def finished(some: Sequence[processes.Batch]) -> Iterator[list[Outcome]]:
-            for batch in some:
+    def running(*_: object) -> Iterator[Any]:
+        def run(batches: Sequence[processes.Batch]) -> Iterator[tuple[int, list[Outcome]]]:
+            for number, batch in enumerate(batches):
                 if len(ran) > 40 and not interrupted:
                     interrupted.append(True)
                     raise Interrupted("interrupted by Ctrl-C")
                 ran.extend(batch.trials)
-                yield [Outcome(trial, 0, metrics={"x": 0.1 * trial}) for trial in batch.trials]
+                yield number, [Outcome(trial, 0, metrics={"x": 0.1 * trial}) for trial in batch.trials]
 
-        yield finished
+        yield run
 
     interrupted: list[bool] = []
-    monkeypatch.setattr(processes, "_here", here)
+    monkeypatch.setattr(processes, "running", running)
 
     def run_all() -> list[Outcome]:
         return processes.run_all("start-up", cells, numbers, 20_000, 100, lambda *_: None, workers=2)

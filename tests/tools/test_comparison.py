@@ -7,10 +7,10 @@ import pyarrow as pa
 import pytest
 from short_run import make_run
 
-from hil.log_reader import tables
-from hil.recorded_run import open_run
+from hil.bench.recorded_run import open_run
+from hil.record.log_reader import tables
 from tools import cli
-from tools.comparison import Difference, compare, first_in_table, largest_changes
+from tools.logs.comparison import Difference, compare, first_in_blocks, first_in_table, largest_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
 
@@ -99,6 +99,25 @@ def test_a_skipped_tick_is_no_difference_but_an_impact_that_is_missing_is():
     shorter = table([0.0, 1.0], x=[1, 2])
     assert first_in_table("impacts/truth", whole, shorter) == Difference(2.0, "impacts/truth.t_s", 2.0, None)
     assert first_in_table("plant", whole, shorter) == Difference(1.0, "plant.t_s", 2.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["plant", "can/raw"])
+@pytest.mark.parametrize("rows", [1, 3, 7, 100])
+def test_blocks_of_any_length_give_the_difference_of_the_whole_tables(name, rows):
+    t_s = np.arange(20.0)
+    x = np.arange(20)
+    whole = table(t_s, x=x)
+    others = [
+        whole,
+        table(t_s, x=np.where(t_s == 13.0, -1, x)),
+        whole.slice(0, 12),
+        whole.filter(pa.array(t_s != 6.0)),
+        whole.filter(pa.array((t_s < 6.0) | (t_s > 10.0))),
+    ]
+    for other in others:
+        cut = (other.slice(first, rows) for first in range(0, other.num_rows, rows))
+        fives = (whole.slice(first, 5) for first in range(0, 20, 5))
+        assert first_in_blocks(name, fives, cut) == first_in_table(name, whole, other)
 
 
 def test_frames_differ_in_hexadecimal():

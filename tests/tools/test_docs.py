@@ -9,10 +9,11 @@ import pytest
 import typer
 
 from firmware_py.core.step import State
-from firmware_py.interface.parameter_table import TABLE
-from hil.figure_records import CATALOGUE
-from hil.scenario import load_scenario
-from tools import cli, reference
+from firmware_py.interface.sources.parameter_table import TABLE
+from hil.judge.figure_records import CATALOGUE
+from hil.scenario.scenario import load_scenario
+from tools import cli
+from tools.dev import reference
 from tools.examples import EXAMPLES
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 
@@ -151,7 +152,7 @@ def test_every_link_leads_somewhere(page):
 @pytest.mark.parametrize("name", reference.PAGES)
 def test_the_reference_is_up_to_date(name):
     written = (DOCS / "reference" / name).read_text("utf-8")
-    assert written == reference.PAGES[name](), f"{name} is old; run python -m tools.reference"
+    assert written == reference.PAGES[name](), f"{name} is old; run python -m tools.dev.reference"
 
 
 def words_of(kind: type) -> int:

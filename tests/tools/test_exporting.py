@@ -11,7 +11,7 @@ from pyarrow import csv, parquet
 from short_run import make_run
 
 from firmware_py.interface import codec
-from hil.recorded_run import open_run
+from hil.bench.recorded_run import open_run
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPT = Path(__file__).parents[2] / "tools" / "find-python.sh"
+SCRIPT = Path(__file__).parents[2] / "tools" / "dev" / "find-python.sh"
 
 
 def find(search: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -10,9 +10,10 @@ from firmware_py.interface import codec, packing
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.node import tick
-from hil import drive
-from tools import fuzz, fuzz_kills
+from hil.drive import axis as drive
 from tools.cli import run
+from tools.fuzz import frames as fuzz
+from tools.fuzz import kills as fuzz_kills
 
 
 def test_sixty_thousand_frames_do_no_harm(capsys: pytest.CaptureFixture[str]) -> None:

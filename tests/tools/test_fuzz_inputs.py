@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tools import cli, fuzz_inputs
+from tools import cli
+from tools.fuzz import inputs as fuzz_inputs
 
 
 @pytest.mark.parametrize(("kind", "count"), [("files", 20), ("scenes", 30)])

@@ -9,18 +9,28 @@ import pytest
 from browser import Browser, Picture, drawn_in, near
 from short_run import make_run
 
-from hil.report import write_suite_report
-from hil.requirements import trace
-from hil.rerun_program import rerun_environment
-from tools import view
-from tools.quiet_viewer import served
+from hil.judge.requirements import trace
+from hil.record import state_timeline
+from hil.record.rerun_program import rerun_environment
+from hil.show.report import write_suite_report
+from tools.logs import view
+from tools.logs.quiet_viewer import served
 
 GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
 PAPER = {False: (255, 255, 255), True: (18, 20, 23)}
-TRUTH, STOP = (63, 143, 224), (229, 72, 77)
-VIEWER_STOP, VIEWER_START, VIEWER_TRUTH = (229, 72, 77), (242, 163, 58), (76, 155, 232)
 LANE_ROWS, STRIKER_ROWS = slice(100, 225), slice(250, 440)
 """Where the overview has its lanes and the striker's motion."""
+
+
+def rgb(rgba: int) -> tuple[int, int, int]:
+    """Red, green and blue of a colour of the product's palette."""
+    return rgba >> 24, rgba >> 16 & 255, rgba >> 8 & 255
+
+
+TRUTH, STOP, START = map(rgb, (state_timeline.TRUTH, state_timeline.ALARM, state_timeline.WARN))
+FIGURES = ["The run", "Start-up", "Detection and impacts", "Bus"]
+"""The plots that a run has which was too short to hold a speed."""
+CAPTIONS = "Array.from(document.querySelectorAll('figcaption b'), b => b.innerText.replace(/\\.$/, ''))"
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +51,8 @@ def run_dir(browser, tmp_path_factory) -> Path:
 def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, dark):
     page = (run_dir / "report.html").as_uri()
     browser.open(page, dark)
-    browser.wait_for("document.readyState == 'complete' && document.querySelectorAll('svg').length == 5")
+    browser.wait_for(f"document.readyState == 'complete' && {CAPTIONS}.length == {len(FIGURES)}")
+    assert browser.evaluate(CAPTIONS) == FIGURES
     assert browser.requests == [page]
     width = browser.evaluate("document.documentElement.scrollWidth")
     assert width <= 1280, "nothing sticks out to the right"
@@ -50,7 +61,7 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
     assert near(top, PAPER[dark], 4) > 0.6 * top.shape[0] * top.shape[1]
     assert near(top, GREEN[dark], 8) > 800, "the badge of the verdict"
 
-    browser.evaluate("document.querySelector('svg').scrollIntoView()")
+    browser.evaluate("document.querySelectorAll('svg')[1].scrollIntoView()")
     plot = browser.look()
     assert near(plot, TRUTH) > 500, "the striker's position"
     assert near(plot, STOP, 60) > 500, "the stop"
@@ -64,25 +75,25 @@ def test_a_suites_page_leads_to_each_run(browser, run_dir, tmp_path, dark):
     browser.open((tmp_path / "index.html").as_uri(), dark)
     browser.wait_for("document.querySelectorAll('a').length == 2")
     assert near(browser.look(), RED[dark], 8) > 800
-    browser.evaluate("document.querySelector('a').click()")
-    browser.wait_for("document.querySelectorAll('svg').length == 5")
+    browser.follow("a")
+    assert browser.evaluate(CAPTIONS) == FIGURES
 
 
 def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, run_dir):
     def stop_line(seen: Picture) -> int:
         """How wide the widest row of the stop's colour is in the plot of the striker."""
-        return int(drawn_in(seen[STRIKER_ROWS], VIEWER_STOP).sum(axis=1).max())
+        return int(drawn_in(seen[STRIKER_ROWS], STOP).sum(axis=1).max())
 
     def start_rows(seen: Picture) -> int:
         """How high the lane of the run-up is, some 20 rows where it is drawn."""
-        return int((drawn_in(seen[LANE_ROWS], VIEWER_START).sum(axis=1) > 1000).sum())
+        return int((drawn_in(seen[LANE_ROWS], START).sum(axis=1) > 1000).sum())
 
     command = view.viewer_command(run_dir / "run.rrd", web=True)
     with served(command, rerun_environment()) as (address, _):
         browser.open(address, dark=True)
         # The page is drawn piece by piece.
         picture = browser.look_until(lambda seen: stop_line(seen) > 1000 and start_rows(seen) >= 15)
-    assert drawn_in(picture[STRIKER_ROWS], VIEWER_TRUTH, 40).sum() > 200, "the striker's position"
+    assert drawn_in(picture[STRIKER_ROWS], TRUTH, 40).sum() > 200, "the striker's position"
     # What the page's policy stops does not even become a request.
     asked = {urlsplit(url).hostname for url in browser.requests}
     assert asked == {"127.0.0.1", "localhost"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tools import mutation
+from tools.dev import mutation
 
 SOURCE = '''
 from enum import IntEnum

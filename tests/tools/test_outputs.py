@@ -1,5 +1,8 @@
 """What commands write is checked before they work; an unexpected exception is one line and a file."""
 
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -7,9 +10,10 @@ from typing import Any
 import pytest
 import typer
 
+from hil.scenario.scenario import scenario_names
 from tools import cli
+from tools.dev.reference import every_command
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
-from tools.reference import every_command
 
 FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "tune check"}
 """Commands whose --out is a folder; `study`'s is one, too."""
@@ -123,3 +127,11 @@ def test_an_unexpected_exception_is_one_line_and_a_file(
     assert "ZeroDivisionError: planted" in said
     assert "Traceback" not in said
     assert "in broken" in written.read_text()
+
+
+def test_a_table_in_a_pipe_keeps_a_row_to_a_line() -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    command = [sys.executable, "-m", "tools.cli", "list"]
+    listed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert {line.split()[0] for line in listed.splitlines() if line[0] != " "} >= set(scenario_names())
+    assert not [line for line in listed.splitlines() if line.startswith(" ")], "nothing is folded"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.run_traces import column
-from tools import pictures
-from tools.pictures import AVERAGED_TICKS, Series
+from hil.record.run_traces import column
+from tools.dev import pictures
+from tools.dev.pictures import AVERAGED_TICKS, Series
 
 
 @pytest.mark.parametrize("name", pictures.PICTURES)

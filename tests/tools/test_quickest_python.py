@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tools import quickest_python
+from tools.dev import quickest_python
 
-SCRIPT = Path(__file__).parents[2] / "tools" / "quickest_python.py"
+SCRIPT = Path(__file__).parents[2] / "tools" / "dev" / "quickest_python.py"
 MINOR = sys.version_info[1]
 
 

@@ -4,12 +4,24 @@ import math
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode
 from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
-from hil.can_log import CanLog
-from hil.scenario import load_scenario
-from tools.reactions import IDLE, Reaction, attributable, latched, markdown, reaction, records, worst
+from hil.bus.can_log import CanLog
+from hil.scenario.scenario import load_scenario
+from tools.dev.reactions import (
+    IDLE,
+    Reaction,
+    attributable,
+    latched,
+    markdown,
+    reaction,
+    records,
+    with_table,
+    worst,
+)
 
 OPENED = DriveHeartbeat(0, AxisState.IDLE.value, 0, 0)
 CLOSED = DriveHeartbeat(0, AxisState.CLOSED_LOOP_CONTROL.value, 0, 0)
@@ -61,6 +73,15 @@ def test_the_table_has_the_worst_of_each_time() -> None:
     assert worst(reactions) == Reaction(0.003, 0.002, math.inf)
     row = markdown({(Fault.OVERSPEED, "too-fast"): reactions}).splitlines()[-1]
     assert row == "| OVERSPEED | `too-fast` | 2 | 3 ms | 2 ms | never |"
+
+
+def test_the_table_takes_the_place_of_the_page_s_and_nothing_else_s() -> None:
+    table = markdown({(Fault.OVERSPEED, "too-fast"): [Reaction(0.003, 0.002, math.inf)]})
+    other = "| code | fault |\n|---|---|\n| 1 | SENSOR_TIMEOUT |\n"
+    page = f"# Reaction times\n\n{markdown({})}\n| old |\n\nText.\n\n{other}"
+    assert with_table(page, table) == f"# Reaction times\n\n{table}\n\nText.\n\n{other}"
+    with pytest.raises(SystemExit, match="no line"):
+        with_table(other, table)
 
 
 def test_a_flood_s_frames_are_nobody_s_reaction() -> None:

@@ -6,7 +6,8 @@ import time
 
 import pytest
 
-from tools import cli, runs
+from tools import cli
+from tools.logs import catalogue as runs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 VERDICTS = {

@@ -9,10 +9,12 @@ import pytest
 
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, plain
-from tools.study import page, work
+from tools.study import work
 from tools.study.cases import case
-from tools.study.claims import CONTRADICTED, REPRODUCED, UNDER_PARAMETERS, Claim, judge
-from tools.study.evidence import Evidence, grazing_amplitude_m
+from tools.study.claims import page
+from tools.study.claims.claim import CONTRADICTED, REPRODUCED, Claim
+from tools.study.claims.claims import UNDER_PARAMETERS, judge
+from tools.study.claims.evidence import Evidence, grazing_amplitude_m
 
 VERDICTS = {
     "C1": UNDER_PARAMETERS,

@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from plant_sim.plant import Impact
 from plant_sim.scene import load_scene
-from tools import feasibility_page
 from tools.cli import app
 from tools.output import BadInputError
-from tools.study import feasibility
-from tools.study.feasibility import (
+from tools.study.feasibility import feasibility
+from tools.study.feasibility import page as feasibility_page
+from tools.study.feasibility.feasibility import (
     FEASIBLE,
     LEG_IMPACTS,
     LOST,
@@ -158,6 +158,6 @@ def test_an_unknown_preset_is_refused() -> None:
 
 
 def test_what_was_not_measured_is_null_for_machines() -> None:
-    from tools.commands.study import without_nan
+    from tools.commands.design.study_output import without_nan
 
     assert json.dumps(without_nan({"a": math.nan, "b": 1.0})) == '{"a": null, "b": 1.0}'

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plant_sim.orbits import adaptive as streaming_adaptive
+from plant_sim.orbits.sections import CLASSIFY, PAPER, Regime
 from plant_sim.result import MotionState, Phase
-from plant_sim.solvers import streaming_adaptive
-from plant_sim.solvers.memory import allocate
-from plant_sim.solvers.orbits import CLASSIFY, PAPER, Regime
+from plant_sim.solvers.adaptive.state_layout import allocate
 from tools.study.basin import BORDER_BOUND_M, axes
 from tools.study.cases import Case, case
 from tools.study.orbits import AT_REST, State, classify, follow

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from firmware_py.core import calm
+from firmware_py.core.control import spin_down as calm
 from firmware_py.shell.parameters import config_from
-from hil.scenario import read_scenario
+from hil.scenario.scenario import read_scenario
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Impact
 from plant_sim.scene import load_scene, read_scene
 from tools.cli import app
 from tools.output import BadInputError
-from tools.study.feasibility import STEP_S, Driven
+from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse import gate
 from tools.study.pulse.gate import WINDOW_MIDDLE, Gate, GateState, Stage
 from tools.study.pulse.gated import SCENES, SETTLING, gated

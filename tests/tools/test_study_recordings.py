@@ -7,8 +7,8 @@ import pytest
 from pyarrow import parquet
 from rerun.chunk import RrdReader
 
-from hil.recorded_run import log_of
-from hil.rerun_program import rerun
+from hil.bench.recorded_run import log_of
+from hil.record.rerun_program import rerun
 from tools.study import portraits, recordings, work
 from tools.study.cases import case
 from tools.study.sweep import diagrams

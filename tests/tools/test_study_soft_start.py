@@ -40,12 +40,12 @@ def test_the_firmware_strikes_from_where_an_instant_start_does_not(tmp_path, mon
     assert kept.equals(found.table)
     assert metadata["spec"]["sources"].startswith("campaign-"), "the firmware's and the campaigns'"
 
-    monkeypatch.setattr(work.processes, "pool", None)  # what is there is not computed again
+    monkeypatch.setattr(work, "running", None)  # what is there is not computed again
     again = soft_start.compute(case("table1", "viscous"), 1.3, "state", 3, where)
     assert again.table.equals(found.table)
 
 
-def test_a_cluster_that_compiles_the_firmware_gives_the_same(tmp_path, monkeypatch):
+def test_a_cluster_gives_the_same(tmp_path):
     from distributed import LocalCluster
 
     def found(where):
@@ -53,13 +53,7 @@ def test_a_cluster_that_compiles_the_firmware_gives_the_same(tmp_path, monkeypat
 
     settings = {"n_workers": 1, "dashboard_address": None, "host": "127.0.0.1", "silence_logs": 50}
     with LocalCluster(threads_per_worker=1, **settings) as cluster:
-        where = work.here(tmp_path / "interpreted", None, cluster.scheduler_address)
-        with pytest.raises(BadInputError, match="VIBROHIL_COMPILED=1"):
-            found(where)
-    monkeypatch.setenv("VIBROHIL_COMPILED", "1")
-    with LocalCluster(threads_per_worker=1, **settings) as cluster:
         on_a_cluster = found(work.here(tmp_path / "cluster", None, cluster.scheduler_address))
-    monkeypatch.undo()
     assert found(work.here(tmp_path / "here", 1)).equals(on_a_cluster)
 
 

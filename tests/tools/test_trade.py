@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tools import cli
-from tools.trade import heyoka_peer, own, prices, scipy_peer
+from tools.trade import builds, heyoka_peer, own, scipy_peer
+from tools.trade import costs as prices
 from tools.trade.answers import Answer, Method, answer, errors_of
 from tools.trade.automaton import has_peers, run
 from tools.trade.cases import CASES, Case
@@ -116,6 +117,17 @@ def test_a_short_call_is_timed_in_a_row_of_them_and_a_long_one_once() -> None:
     spent = prices.spent_us(slow)
     assert len(calls) == 1
     assert spent.call == spent.first >= prices.ROW_US
+
+
+def test_the_builds_of_the_firmware_decide_alike_and_differ_in_time() -> None:
+    python, compiled = builds.measure(1, lambda doing: None)
+    assert {"what", "error", "cost", "unit"} <= set(python)
+    assert (python["build"], compiled["build"]) == ("python", "compiled")
+    assert 0.0 < compiled["error"] < 1e-3
+    assert python["error"] == pytest.approx(compiled["error"], rel=1e-3)
+    assert python["decisions"] == compiled["decisions"] > 10
+    assert python["decisions_that_differ"] == compiled["decisions_that_differ"] == 0
+    assert python["cost"] > 2.0 * compiled["cost"] > 0.0
 
 
 def test_every_stop_is_met_on_the_orbit() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.parameter_file import read_document, values_of
+from hil.scenario.parameter_file import read_document, values_of
 from tools import cli
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import check, detector, estimator, start

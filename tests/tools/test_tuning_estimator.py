@@ -11,7 +11,7 @@ from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import estimator, safety
 from tools.tuning.estimator import FLOOR, MEMORY, NOISE, STOP, combinations_of, tune_estimator
-from tools.tuning.innovations import said, whiteness, worth
+from tools.tuning.recordings.innovations import said, whiteness, worth
 
 SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)}
 
@@ -104,7 +104,7 @@ def test_other_input_is_refused(tmp_path: Path) -> None:
 def test_the_command(recorded: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(safety, "SCENARIOS", ())
     monkeypatch.setattr(estimator, "GRID", SMALL)
-    monkeypatch.setattr("tools.tuning.views.GRID", SMALL)
+    monkeypatch.setattr("tools.tuning.figures.views.GRID", SMALL)
     out, plot, rrd = (tmp_path / f"mine.{kind}" for kind in ("toml", "svg", "rrd"))
     command = ["tune", "estimator", str(recorded), "--fresh-trials", "0", "--workers", "1", "--json"]
     assert cli.run([*command, "--out", str(out), "--plot", str(plot), "--rrd", str(rrd)]) == EXIT_PASSED

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from firmware_py.shell.parameters import ParameterError
-from hil.parameter_file import merged, read_document, read_parameters
-from hil.scenario import load_scenario
+from hil.scenario.parameter_file import merged, read_document, read_parameters
+from hil.scenario.scenario import load_scenario
 from plant_sim.text_input import TextInputError
 from tools import cli
-from tools.commands.tune_tables import show_difference
+from tools.commands.design.tune_tables import show_difference
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import safety
 from tools.tuning.difference import difference

@@ -5,9 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tools.tuning.flights import CRANK, Flight
-from tools.tuning.flown import FITTED, Flown, derivatives, fly, moved, reading, side_by_side, spreads
-from tools.tuning.laws import NO_RISE, Law, Striker
+from tools.tuning.identification.flights import CRANK, Flight
+from tools.tuning.identification.flown import (
+    FITTED,
+    Flown,
+    derivatives,
+    fly,
+    moved,
+    reading,
+    side_by_side,
+    spreads,
+)
+from tools.tuning.identification.laws import NO_RISE, Law, Striker
 
 T = 1e-3
 TRUTH = Striker(87.5, 0.025, 0.125, 0.49, 0.0, -0.2)

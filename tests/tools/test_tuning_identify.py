@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.bench import in_lockstep
-from hil.scenario import check_scenario
+from hil.bench.bench import in_lockstep
+from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
-from tools.tuning.flights import contacts_of, flights_of, integrals
-from tools.tuning.identify import bench_of, identify, tune_identify
-from tools.tuning.impacts import contact_time_s, fit_impact, pulse, seen
-from tools.tuning.laws import Law
-from tools.tuning.readings import Readings, read
+from tools.tuning.identification.flights import contacts_of, flights_of, integrals
+from tools.tuning.identification.identify import bench_of, identify, tune_identify
+from tools.tuning.identification.impacts import contact_time_s, fit_impact, pulse, seen
+from tools.tuning.identification.laws import Law
+from tools.tuning.recordings.readings import Readings, read
 from tools.tuning.result import Tuning
 
 SPRING_N_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47

@@ -7,10 +7,12 @@ import control
 import numpy as np
 import pytest
 
-from firmware_py.core.crank import critically_damped_gains
+from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
-from hil.parameter_file import nested
+from hil.scenario.parameter_file import nested
 from tools.output import BadInputError
+from tools.tuning.figures.speed import draw_speed
+from tools.tuning.figures.views import of_speed
 from tools.tuning.speed import (
     NominalDrive,
     SpeedDesign,
@@ -21,9 +23,7 @@ from tools.tuning.speed import (
     speed_loop,
     tune_speed,
 )
-from tools.tuning.speed_figure import draw_speed
 from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
-from tools.tuning.views import of_speed
 
 J, B, T, TRACKER = 5e-4, 1e-4, 1e-3, DEFAULTS["crank.bandwidth_rad_s"]
 

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from hil import recorded_run
-from hil.recorded_run import RunError
-from hil.rerun_log import LOG_NAME, RunLog
-from hil.rerun_program import rerun, rerun_environment
-from hil.run_traces import NO_BUS, NO_RECORDS, RunTraces
-from tools import view
+from hil.bench import recorded_run
+from hil.bench.recorded_run import RunError
+from hil.record.candump import NO_BUS
+from hil.record.rerun_program import rerun, rerun_environment
+from hil.record.run_traces import NO_RECORDS, RunTraces
+from hil.show.rerun_log import LOG_NAME, RunLog
+from tools.logs import view
 from tools.output import BadInputError
 
 

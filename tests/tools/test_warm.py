@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from hil.compiled import PACKAGES
+from hil.nodes.compiled import PACKAGES
 
 MAKEFILE = Path(__file__).parents[2] / "Makefile"
 

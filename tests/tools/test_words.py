@@ -28,7 +28,7 @@ ON_PAGES = {r"lanes?": "state timeline", r"prices?": "cost"}
 """The same on pages alone: in the code they are names of Rerun's layout and of modules."""
 
 ALLOWED = {
-    ("", "a-violent-kick-just-before-a-blow"): "a scenario's name",
+    ("", "a-violent-kick-just-before-an-impact"): "a scenario's name",
     ("", "a-heavier-striker-than-believed"): "a scenario's name",
     ("", "Stop after so many seconds"): "the option's value is that number",
 }

@@ -99,7 +99,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             title="the same in dry friction, with a coarse position at 50 Hz",
             trials=150,
             conditions=((("coulomb-0.2",), (0.95,), NO_IMPULSE),),
-            numbers={"duration_s": 30.0, "coarse_s": 0.02, **MISMATCH},
+            numbers={"duration_s": 30.0, "coarse_noise_m": 2e-3, **MISMATCH},
             units={"x_rmse": "mm", "v_rmse": "m/s", "x_worst": "mm", "nis": "1"},
             goals=(Goal("x_rmse", "p50", high=1.6),),
         ),

@@ -5,7 +5,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-from hil.settings import apply_settings
+from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
 from tools.output import BadInputError
 

@@ -16,6 +16,8 @@ from plant_sim.scene import Scene, load_scene
 
 FIRST_CAMPAIGN_SEED = 10_000
 DEFAULT_SEED = 20_260
+LARGEST_RUN_SEED = 10**9
+"""A scenario takes no larger one."""
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -50,10 +52,11 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One trial's truth, generators for its sensors' noise and its script, and the seed of the latter."""
+    """One trial's truth as tables and checked, its run's seed, and a generator for its script."""
 
+    tables: Mapping[str, Any]
     scene: Scene
-    noise: np.random.Generator
+    run_seed: int
     more: np.random.Generator
     more_seed: tuple[int, ...]
 
@@ -133,4 +136,4 @@ def draw(
     housing = _moving_housing(disturbance, until_s, truth)
     if housing:
         drawn["housing"] = housing
-    return Drawn(load_scene(drawn), noise, more, (seed, trial, 2))
+    return Drawn(drawn, load_scene(drawn), int(noise.integers(LARGEST_RUN_SEED)), more, (seed, trial, 2))

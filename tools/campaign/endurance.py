@@ -1,49 +1,68 @@
 """Does the estimate's covariance stay positive for a day? The whole loop, compiled, and its eigenvalues."""
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from firmware_py.interface.enums import Mode
+from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.parameters import config_from
-from hil.operator import Command, Request
-from plant_sim.scene import load_scene
-from tools.campaign import columns
+from hil.bench.stretches import records_of
+from hil.record.firmware_trace import columns_of
+from hil.record.plant_trace import PlantRecord
+from hil.scenario.operator import Command, Request
 from tools.campaign.cells import cells_of
-from tools.campaign.run import UNDISTURBED, run
+from tools.campaign.scenarios import scenario_of
 
 CONDITIONS = ((("viscous",), (1.1,), (0.0,)),)
-ROOM_S = 600.0
-"""What the record has room for; older entries are forgotten."""
+COVARIANCE = tuple(
+    f"state.estimator.p_{name}" for name in ("xx", "xv", "xb", "xv", "vv", "vb", "xb", "vb", "bb")
+)
+"""Row by row."""
+SIGNALS = (
+    *sorted(set(COVARIANCE)),
+    "state.estimator.started",
+    "state.estimator.x_m",
+    "outputs.mode",
+    "outputs.fault",
+)
+TRUE_X = PlantRecord._fields.index("x_m")
 
 
 def endurance(ticks: int, settings: Sequence[str] = (), seed: int = 1) -> dict[str, Any]:
     """Run the nominal module for `ticks` ticks; the smallest eigenvalue of P in any of them, and where."""
     cell = cells_of({"conditions": CONDITIONS}, settings)[0][0]
-    config = config_from(cell.firmware)
+    commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
+    duration_s = ticks * config_from(cell.firmware).tick_s
+    scenario = scenario_of("endurance", cell.scene, cell.firmware, commands, duration_s, seed)
     started_s = time.process_time()
-    done = run(
-        load_scene(cell.scene),
-        config,
-        [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)],
-        ticks * config.tick_s,
-        np.random.default_rng(seed),
-        UNDISTURBED._replace(endless=True),
-        room_s=min(ticks * config.tick_s, ROOM_S),
-    )
+    least: list[tuple[float, int]] = []
+    faults: set[int] = set()
+    squares, judged, tick, mode = 0.0, 0, 0, Mode.INIT.value
+    for records in records_of(scenario, seed, columns_of(SIGNALS)):
+        known = records.firmware
+        p = np.stack([known[name] for name in COVARIANCE], axis=-1).reshape(-1, 3, 3)
+        eigenvalues = np.where(known["state.estimator.started"], np.linalg.eigvalsh(p)[:, 0], math.inf)
+        place = int(np.argmin(eigenvalues))
+        least.append((float(eigenvalues[place]), tick + place))
+        runs = known["outputs.mode"] == Mode.RUN
+        squares += float(np.sum((known["state.estimator.x_m"] - records.plant[:, TRUE_X])[runs] ** 2))
+        judged += int(np.count_nonzero(runs))
+        mode = int(known["outputs.mode"][-1])
+        faults |= set(known["outputs.fault"].tolist())
+        tick += len(known)
+    smallest, at_tick = least[int(np.argmin([value for value, _ in least]))]
     compute_s = time.process_time() - started_s
-    sums = done.sums
-    judged = sums[columns.SUM_TICKS]
     return {
         "ticks": ticks,
-        "smallest_eigenvalue": float(sums[columns.LEAST_EIGENVALUE]),
-        "at_tick": int(sums[columns.LEAST_AT]),
-        "x_rmse_mm": 1e3 * float(np.sqrt(sums[columns.SUM_X] / judged)) if judged else None,
-        "mode": done.modes[-1].mode.name.lower() if done.modes else Mode.INIT.name.lower(),
-        "faults": [change.fault.name.lower() for change in done.modes if change.fault.value],
+        "smallest_eigenvalue": smallest,
+        "at_tick": at_tick,
+        "x_rmse_mm": 1e3 * math.sqrt(squares / judged) if judged else None,
+        "mode": Mode(mode).name.lower(),
+        "faults": [Fault(fault).name.lower() for fault in sorted(faults) if fault],
         "compute_s": compute_s,
-        "realtime_factor": ticks * config.tick_s / compute_s,
-        "passed": bool(sums[columns.LEAST_EIGENVALUE] > 0.0),
+        "realtime_factor": scenario.duration_s / compute_s,
+        "passed": smallest > 0.0,
     }

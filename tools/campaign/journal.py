@@ -11,8 +11,8 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any, Self
 
-from hil import provenance
-from hil.run_folder import RUNS
+from hil.record import provenance
+from hil.record.run_folder import RUNS
 from tools.campaign.cells import Cell
 from tools.campaign.outcome import Outcome
 

@@ -1,31 +1,34 @@
 """What the module does without a controller: its crank at a given speed, whatever the load.
 
-That is the campaigns' own motor with an inertia of a planet and no losses: the same parts, so the same
+That is the plant with a motor that has a huge flywheel and no losses: the same parts, so the same
 kernels. It answers whether an impact attractor exists at a speed, how hard impacts are on the way up to it,
 where an instant start ends, and where a kicked striker would have ended.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.record.plant_trace import PlantRecord
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import HuntCrossley
+from plant_sim.parts.stop import NoStop
+from plant_sim.plant import Impact, Plant
 from plant_sim.result import MotionState, Phase
 from plant_sim.scene import Scene
-from plant_sim.sensing import allocate_sensing
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.memory import APPROACH, IMPACT_TIME, IMPACTS
-from tools.campaign import loop
-from tools.campaign.plant import Filters, filters, module
+from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
+from tools.output import BadInputError
 
 FloatArray = NDArray[np.float64]
 
-TICK_S = 1e-3
-PLANET_KG_M2 = 1e12
+FLYWHEEL_KG_M2 = 1e4
+"""The module, whose mean load is below 0.1 N m, changes its speed by less than 0.001 rad/s in a minute."""
+FLYWHEEL_V = 1e9
+"""More than the back-EMF of a motor whose torque constant fits the flywheel."""
 RAMP_S, HELD_S = 40.0, 20.0
 """Up to speed so slowly that the striker follows its attractor; then long enough for it to be left."""
 SLOWEST = 0.4
@@ -49,10 +52,34 @@ class Reference(NamedTuple):
 
 
 def led(parts: Parts) -> Parts:
-    """The same module with a crank that nothing slows."""
+    """The same module with a crank that a flywheel leads, and a motor that can accelerate it."""
     drive = parts.drive
     assert isinstance(drive, MotorDrive)
-    return parts._replace(drive=drive._replace(inertia_kg_m2=PLANET_KG_M2, viscous_n_m_s=0.0, dry_n_m=0.0))
+    return parts._replace(
+        drive=drive._replace(
+            inertia_kg_m2=FLYWHEEL_KG_M2,
+            torque_constant_n_m_a=FLYWHEEL_KG_M2,
+            supply_v=FLYWHEEL_V,
+            viscous_n_m_s=0.0,
+            dry_n_m=0.0,
+        )
+    )
+
+
+def stop_m_of(scene: Scene) -> float:
+    """Where the stop is, m."""
+    stop = scene.parts().stop
+    assert not isinstance(stop, NoStop)
+    return stop.position_m
+
+
+def refuse_other_drives(scene: Scene) -> None:
+    """A led crank is a motor's that takes its torque at once."""
+    if scene.drive.model != "motor":
+        raise BadInputError(
+            f"scene.drive.model = {scene.drive.model!r}: campaigns lead the crank of a motor that takes its "
+            "torque at once; set scene.drive.model = 'motor'"
+        )
 
 
 def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s: float = JUDGED_S) -> bool:
@@ -63,35 +90,15 @@ def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s:
     return bool(np.max(np.diff(edges)) <= gap_s)
 
 
-def _filters(scene: Scene, parts: Parts) -> Filters:
-    assert scene.sensors is not None
-    return filters(allocate_sensing(scene.sensors.models(), 0.0, parts.housing), TICK_S)
-
-
 def alone(
     scene: Scene, start: MotionState, from_rad_s: float, to_rad_s: float, ramp_s: float, duration_s: float
 ) -> FloatArray:
-    """Impacts of a led crank, columns as in the plant's memory, oldest first."""
-    parts = led(scene.parts())
-    moving = module(parts, start, 64 + round(40.0 * duration_s))
-    loop.run_alone(
-        parts,
-        _filters(scene, parts),
-        moving,
-        from_rad_s,
-        to_rad_s,
-        round(ramp_s / TICK_S),
-        round(duration_s / TICK_S),
-        TICK_S,
-    )
-    return moving.memory.impacts[: moving.memory.mode[IMPACTS]]
-
-
-def stop_m_of(scene: Scene) -> float:
-    """Where the soft stop is, m."""
-    stop = scene.parts().stop
-    assert isinstance(stop, HuntCrossley)
-    return stop.position_m
+    """Impacts of a crank that is led from one speed to another in `ramp_s`, then held, as in a `Run`."""
+    plant = Plant(scene, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
+    if ramp_s > 0.0:
+        plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)
+    plant.advance(0.0, duration_s - ramp_s)
+    return np.array(plant.take_impacts(), dtype=np.float64).reshape(-1, len(Impact._fields))
 
 
 def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
@@ -133,10 +140,10 @@ def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
     return goes_on(impacts[:, IMPACT_TIME], HELD_S, omega_rad_s)
 
 
-def would_be_lost(scene: Scene, state: FloatArray, omega_rad_s: float) -> bool:
-    """Whether a striker left in this state ends without impacts where the crank keeps its speed."""
-    stop_m = stop_m_of(scene)
-    start = at(float(state[0]) + stop_m, float(state[1]), float(state[2]))
+def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
+    """Whether a module in the state of a `PlantRecord` ends without impacts if the crank keeps its speed."""
+    state = PlantRecord._make(record)
+    start = at(state.x_m, state.v_m_s, state.crank_rad)
     impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
     late = impacts[impacts[:, IMPACT_TIME] > HELD_S - JUDGED_S]
     return len(late) == 0

@@ -1,36 +1,31 @@
-"""One trial of each campaign: sample, run, judge against the truth."""
+"""The judges of campaigns: one trial's run against the truth."""
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.step import Config
-from firmware_py.interface.enums import Fault, Mode, Regime
-from firmware_py.shell.parameters import config_from
-from hil import detection, true_regime
-from hil.operator import Command, Request
-from plant_sim.scene import Scene
-from plant_sim.solvers.memory import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
-from tools.campaign import columns
+from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
+from hil.judge import detection, true_regime
+from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
 from tools.campaign.cells import Cell
-from tools.campaign.draws import Drawn, disturbance_of, draw, mismatch_of
 from tools.campaign.outcome import Outcome
 from tools.campaign.reference import LONGEST_GAP, goes_on, instant_start_captures, reference, would_be_lost
-from tools.campaign.run import UNDISTURBED, Run, first_in, rms, run
-from tools.campaign.walk_cells import WalkCell
-from tools.campaign.walks import walk
+from tools.campaign.run import Run, run
+from tools.campaign.scenarios import RUN_S, SETTLED_S, Trial, trial_of
+from tools.campaign.walks import judge_walk
 
 FloatArray = NDArray[np.float64]
 
-CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
-"""The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
 TRANSIENT_S = 1.5
 """After the command: how long impacts are the sampled start's own and not the drive's doing."""
 SETTLE_S = 5.0
 """From mode RUN on, before the estimate and the regime are judged."""
+CAPTURED_S = RUN_S + 8.0
+"""When a nominal capture is over."""
 KICK_FAULT_S = 1.0
 """An impact so soon after a kick is the kick's."""
 GRAZING_M_S = 0.05
@@ -42,22 +37,12 @@ LATE_TURNS = 10
 """Turns of the crank whose median is the speed kept."""
 TARGET_SHARE = 0.02
 """A turn of the crank that takes so nearly as long as the last ones is at speed."""
-
-
-def script(cell: Cell) -> list[Command]:
-    """What the operator does in a trial."""
-    return [
-        Command(0.0, Request.IDLE, 0.0),
-        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
-        Command(IDLE_S, Request.IDLE, 0.0),
-        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
-    ]
+LEAST_JUDGED_S = 5.0
+"""Of mode RUN, for an estimate to be judged."""
 
 
 def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
     """Why the run does not end in mode RUN with impacts that go on; empty where it does."""
-    if done.cut_short:
-        return "more impacts than a run has room for"
     started = [change for change in done.modes if change.t_s >= RUN_S]
     last = done.modes[-1] if done.modes else None
     if not any(change.mode == Mode.SOFT_START for change in started):
@@ -86,9 +71,9 @@ def steady_speed(done: Run) -> float:
 
 def energy_j(done: Run, until_s: float) -> float:
     """What the crank took from the command to run on: ∫ T ω dt where positive, as nothing is stored."""
-    rows = done.trace[round(RUN_S / done.tick_s) : round(until_s / done.tick_s)]
-    power_w = rows[:, columns.TRACE_TORQUE] * rows[:, columns.TRACE_OMEGA]
-    return float(np.sum(np.maximum(power_w, 0.0)) * done.tick_s)
+    power_w = done.true("motor_torque_n_m") * done.true("omega_rad_s")
+    taken_w = power_w[round(RUN_S / done.tick_s) : round(until_s / done.tick_s)]
+    return float(np.sum(np.maximum(taken_w, 0.0)) * done.tick_s)
 
 
 def largest_steady_speed(done: Run) -> float:
@@ -96,20 +81,17 @@ def largest_steady_speed(done: Run) -> float:
     return float(np.max(done.impacts[-2 * LATE_IMPACTS :, APPROACH], initial=0.0))
 
 
-def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Into the impact regime; the largest impact on the way beside the steady one or a slow way up's."""
-    duration_s = float(numbers["duration_s"])
-    omega_rad_s = cell.ratio * config.start.natural_rad_s
+    drawn, duration_s, omega_rad_s = trial.drawn, trial.scenario.duration_s, trial.omega_rad_s
     attractor = reference(drawn.scene, omega_rad_s, drawn.more_seed)
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, traced=True)
-    outcome.simulated_s = duration_s
     outcome.counts["sampled"] = 1
     if not attractor.exists:
         outcome.eligible = False
         outcome.why = "no impact attractor at this speed"
         ended = done.modes[-1]
         outcome.counts["hopeless"] = 1
-        refused = np.isfinite(done.sums[columns.REFUSED_AT])
+        refused = bool(np.any(done.firmware["outputs.refusal"] == Refusal.RATIO_TOO_HIGH))
         said = refused or ended.fault in (Fault.START_FAILED, Fault.ATTRACTOR_LOST)
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
         outcome.counts["hopeless_settled"] = int(said or elsewhere)
@@ -119,7 +101,7 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
         any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
     )
     outcome.why = lost_by(done, duration_s, omega_rad_s)
-    captured = first_in(done.modes, Mode.RUN)
+    captured = done.first_in(Mode.RUN)
     if captured is None:
         return
     outcome.metrics["capture"] = captured.t_s - RUN_S
@@ -136,39 +118,33 @@ def start_up(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any
             outcome.metrics["overshoot_low"] = float(np.max(way)) / max(attractor.path_m_s, steady_m_s)
 
 
-def _first_run(cell: Cell, config: Config, drawn: Drawn, duration_s: float) -> tuple[Run, float | None]:
-    """A run without judgement, and when its mode RUN began."""
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise)
-    captured = first_in(done.modes, Mode.RUN)
-    return done, None if captured is None else captured.t_s
-
-
-def estimate(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+def estimate(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
-    duration_s = float(numbers["duration_s"])
-    judged = UNDISTURBED._replace(
-        judged_tick=round((RUN_S + 8.0 + SETTLE_S) / config.tick_s),
-        coarse_ticks=round(numbers["coarse_s"] / config.tick_s) if "coarse_s" in numbers else 0,
-    )
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, judged)
-    outcome.simulated_s = duration_s
-    if done.sums[columns.SUM_TICKS] < 0.5 / config.tick_s * 10.0:
+    known = done.firmware
+    judged = known["outputs.mode"] == Mode.RUN
+    judged[: round((CAPTURED_S + SETTLE_S) / done.tick_s)] = False
+    if np.count_nonzero(judged) < LEAST_JUDGED_S / done.tick_s:
         outcome.eligible = False
-        outcome.why = lost_by(done, duration_s, cell.ratio * config.start.natural_rad_s) or "no time in RUN"
+        outcome.why = lost_by(done, trial.scenario.duration_s, trial.omega_rad_s) or "no time in RUN"
         return
-    outcome.metrics["x_rmse"] = 1e3 * rms(done, columns.SUM_X)
-    outcome.metrics["v_rmse"] = rms(done, columns.SUM_V)
-    outcome.metrics["x_worst"] = 1e3 * float(done.sums[columns.WORST_X])
-    outcome.metrics["nis"] = float(done.sums[columns.SUM_NIS] / done.sums[columns.SUM_TICKS])
+    x_error = (known["state.estimator.x_m"] - done.true("x_m"))[judged]
+    v_error = (known["state.estimator.v_m_s"] - done.true("v_m_s"))[judged]
+    outcome.metrics["x_rmse"] = 1e3 * rms(x_error)
+    outcome.metrics["v_rmse"] = rms(v_error)
+    outcome.metrics["x_worst"] = 1e3 * float(np.max(np.abs(x_error)))
+    outcome.metrics["nis"] = float(np.mean(known["state.estimator.nis"][judged]))
     if not np.isfinite(outcome.metrics["x_rmse"]):
         outcome.why = "the estimate is no number"
 
 
-def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+def rms(values: FloatArray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def detect(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Touch-downs against detections, from power-up to the end; the regime of settled periods."""
-    duration_s = float(numbers["duration_s"])
-    done, captured_s = _first_run(cell, config, drawn, duration_s)
-    outcome.simulated_s = duration_s
+    duration_s = trial.scenario.duration_s
     until_s = duration_s - detection.LONGEST_LATENCY_S
     true_s, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
     pairs = detection.match(true_s, done.detected_s)
@@ -186,7 +162,8 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
         "soft_hits": int(np.count_nonzero(found & ~hard & due)),
         "soft": int(np.count_nonzero(~hard & due)),
     }
-    shock = drawn.scene.housing.shock if drawn.scene.housing else None
+    housing = trial.scenario.scene.housing
+    shock = housing.shock if housing else None
     if shock is not None:
         since_s = done.detected_s[alarms] - shock.start_s
         outcome.counts["shocks"] = 1
@@ -195,11 +172,9 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
         )
     if of_hard.any():
         outcome.samples["latency"] = latency_ms[of_hard].tolist()
-        told_m_s = done.detections[pairs.detection, 2]
-        outcome.metrics["speed_error"] = float(
-            np.sqrt(np.mean((told_m_s - speeds[pairs.truth])[of_hard] ** 2))
-        )
-    _judge_regime(done, captured_s, duration_s, outcome)
+        reported_m_s = done.detections["outputs.impact_speed_m_s"][pairs.detection]
+        outcome.metrics["speed_error"] = rms((reported_m_s - speeds[pairs.truth])[of_hard])
+    _judge_regime(done, duration_s, outcome)
     wrong = outcome.counts["misses"] + outcome.counts["false_alarms"]
     if wrong:
         missed = true_s[~found & hard & due]
@@ -209,11 +184,12 @@ def detect(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any],
         )
 
 
-def _judge_regime(done: Run, captured_s: float | None, duration_s: float, outcome: Outcome) -> None:
+def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     """The periods reported after a capture has settled, against the truth of that whole time."""
-    if captured_s is None or done.modes[-1].mode != Mode.RUN:
+    captured = done.first_in(Mode.RUN)
+    if captured is None or done.modes[-1].mode != Mode.RUN:
         return
-    from_s = captured_s + SETTLE_S
+    from_s = captured.t_s + SETTLE_S
     turns = done.turns_s[done.turns_s >= from_s]
     if len(turns) < 10:
         return
@@ -229,27 +205,22 @@ def _judge_regime(done: Run, captured_s: float | None, duration_s: float, outcom
     if truth not in (Regime.IMPACT, Regime.NON_IMPACT, Regime.PERIOD_N):
         outcome.counts["regime_undecided"] = 1
         return
-    ended_s = done.periods[:, 0] * done.tick_s
-    told = done.periods[(ended_s >= from_s) & (ended_s <= duration_s), 1].astype(int)
+    late = done.firmware[round(from_s / done.tick_s) : round(duration_s / done.tick_s)]
+    reported = late["outputs.regime"][late["outputs.period_ended"]]
     grazing = len(speeds) > 0 and float(np.mean(speeds)) < GRAZING_M_S
-    right = (told == truth.value) | (grazing & (told == Regime.UNCERTAIN.value))
-    outcome.counts["periods"] = len(told)
+    right = (reported == truth.value) | (grazing & (reported == Regime.UNCERTAIN.value))
+    outcome.counts["periods"] = len(reported)
     outcome.counts["periods_right"] = int(np.count_nonzero(right))
-    outcome.counts["periods_uncertain"] = int(np.count_nonzero(told == Regime.UNCERTAIN.value))
+    outcome.counts["periods_uncertain"] = int(np.count_nonzero(reported == Regime.UNCERTAIN.value))
 
 
-def hold(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """A minute of impacts; their impulse, phase and the crank's speed."""
-    hold_s = float(numbers["hold_s"])
-    settled_s = RUN_S + 15.0
-    duration_s = settled_s + hold_s
-    omega_rad_s = cell.ratio * config.start.natural_rad_s
-    judged = UNDISTURBED._replace(judged_tick=round(settled_s / config.tick_s))
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, judged)
-    outcome.simulated_s = duration_s
+    duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     outcome.why = lost_by(done, duration_s, omega_rad_s)
-    held = done.impacts[done.impacts[:, IMPACT_TIME] >= settled_s]
-    if outcome.why == "" and not goes_on(held[:, IMPACT_TIME], duration_s, omega_rad_s, hold_s):
+    held = done.impacts[done.impacts[:, IMPACT_TIME] >= SETTLED_S]
+    lasts_s = duration_s - SETTLED_S
+    if outcome.why == "" and not goes_on(held[:, IMPACT_TIME], duration_s, omega_rad_s, lasts_s):
         outcome.why = "impacts missing during the hold"
     if len(held) < 2:
         return
@@ -266,60 +237,55 @@ def hold(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], o
         outcome.metrics["phase_asked"] = float(np.percentile(phase_deg, 95))
         if outcome.why == "" and outcome.metrics["phase_asked"] > 65.0:
             outcome.why = f"impact phase {outcome.metrics['phase_asked']:.0f}°"
-    ticks = done.sums[columns.SUM_TICKS]
-    if ticks > 0:
-        mean = float(done.sums[columns.SUM_OMEGA] / ticks)
-        variance = float(done.sums[columns.SUM_OMEGA_2] / ticks) - mean * mean
-        outcome.metrics["ripple"] = 100.0 * float(np.sqrt(max(variance, 0.0))) / mean
+    judged = done.firmware["outputs.mode"] == Mode.RUN
+    judged[: round(SETTLED_S / done.tick_s)] = False
+    if judged.any():
+        speeds = done.true("omega_rad_s")[judged]
+        mean = float(np.mean(speeds))
+        outcome.metrics["ripple"] = 100.0 * float(np.std(speeds)) / mean
         outcome.metrics["speed_error"] = 100.0 * abs(mean / omega_rad_s - 1.0)
 
 
-def recover(cell: Cell, config: Config, drawn: Drawn, numbers: Mapping[str, Any], outcome: Outcome) -> None:
+def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """A kick in the hold that, left alone, would have ended without impacts; how long until it is undone."""
-    duration_s = float(numbers["duration_s"])
-    omega_rad_s = cell.ratio * config.start.natural_rad_s
-    size = float(drawn.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
-    sign = 1.0 if drawn.more.uniform() < 0.5 else -1.0
-    kick_s = RUN_S + 15.0 + float(drawn.more.uniform(0.0, 1.0))
-    plan = UNDISTURBED._replace(kick_tick=round(kick_s / config.tick_s), kick_m_s=sign * size)
-    done = run(drawn.scene, config, script(cell), duration_s, drawn.noise, plan)
-    outcome.simulated_s = duration_s
+    duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
+    kicked_s = trial.scenario.faults[0].at_s
     times = done.impacts[:, IMPACT_TIME]
-    if done.kicked_s is None or not goes_on(times[times < done.kicked_s], done.kicked_s, omega_rad_s, 5.0):
+    if not goes_on(times[times < kicked_s], kicked_s, omega_rad_s, 5.0):
         outcome.eligible = False
         outcome.why = "no impacts before the kick"
         return
     tripped = [change for change in done.modes if change.fault == Fault.IMPULSE_LIMIT]
-    if tripped and 0.0 <= tripped[0].t_s - done.kicked_s < KICK_FAULT_S:
+    if tripped and 0.0 <= tripped[0].t_s - kicked_s < KICK_FAULT_S:
         outcome.eligible = False
         outcome.why = "the kick's own impact tripped the impulse limit"
         return
-    if not would_be_lost(drawn.scene, done.kicked, omega_rad_s):
+    kicked = done.plant[math.ceil(kicked_s / done.tick_s)]
+    if not would_be_lost(trial.scenario.scene, kicked, omega_rad_s):
         outcome.eligible = False
         outcome.why = "the kick did not throw it out"
         return
     outcome.why = lost_by(done, duration_s, omega_rad_s)
     if outcome.why == "":
-        outcome.metrics["recovery"] = _back_s(done, omega_rad_s) - done.kicked_s
+        outcome.metrics["recovery"] = _back_s(done, kicked_s, omega_rad_s) - kicked_s
 
 
-def _back_s(done: Run, omega_rad_s: float) -> float:
+def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     """When the crank is at the speed that it then keeps, and impacts go on, for good.
 
     That speed is not the target's where the firmware keeps away from the fold.
     """
     target_s = 2.0 * np.pi / omega_rad_s
-    assert done.kicked_s is not None
-    times = np.concatenate([[done.kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > done.kicked_s, 0]])
+    times = np.concatenate([[kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > kicked_s, IMPACT_TIME]])
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * target_s)
-    from_s = times[gaps[-1] + 1] if len(gaps) else done.kicked_s
-    turns = done.turns_s[done.turns_s > done.kicked_s]
+    from_s = times[gaps[-1] + 1] if len(gaps) else kicked_s
+    turns = done.turns_s[done.turns_s > kicked_s]
     kept_s = 2.0 * np.pi / kept_omega(done)
     off = np.flatnonzero(np.abs(np.diff(turns) / kept_s - 1.0) > TARGET_SHARE)
-    return float(max(from_s, turns[off[-1] + 1] if len(off) else done.kicked_s))
+    return float(max(from_s, turns[off[-1] + 1] if len(off) else kicked_s))
 
 
-TRIALS: dict[str, Callable[[Cell, Config, Drawn, Mapping[str, Any], Outcome], None]] = {
+JUDGES: dict[str, Callable[[Cell, Trial, Run, Outcome], None]] = {
     "start-up": start_up,
     "estimate": estimate,
     "estimate-coarse": estimate,
@@ -327,31 +293,19 @@ TRIALS: dict[str, Callable[[Cell, Config, Drawn, Mapping[str, Any], Outcome], No
     "shock": detect,
     "hold": hold,
     "recover": recover,
+    "walk": judge_walk,
 }
 
 
-def drawn_for(cell: Cell, numbers: Mapping[str, Any], seed: int, trial: int) -> Drawn:
-    """What a trial of this cell samples."""
-    until_s = float(numbers.get("duration_s", 0.0))
-    return draw(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
-
-
-def run_trial(campaign: str, cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Outcome:
-    """The trial of this number: its cell, its sample, its judgement."""
-    number = trial % len(cells)
-    cell = cells[number]
-    outcome = Outcome(trial, number)
+def run_trial(
+    campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, trial: int
+) -> Outcome:
+    """Sample, run and judge the trial of this number."""
     started_s = time.process_time()
-    config = config_from(cell.firmware)
-    if isinstance(cell, WalkCell):
-        walk(cell, config, numbers, seed, trial, outcome)
-    else:
-        drawn = drawn_for(cell, numbers, seed, trial)
-        TRIALS[campaign](cell, config, drawn, numbers, outcome)
+    number = trial % len(cells)
+    sampled = trial_of(campaign, cells, numbers, seed, trial)
+    outcome = Outcome(trial, number, simulated_s=sampled.scenario.duration_s)
+    done = run(sampled.scenario, sampled.scenario.seed)
+    JUDGES[campaign](cells[number], sampled, done, outcome)
     outcome.compute_s = time.process_time() - started_s
     return outcome
-
-
-def scene_of_trial(cells: list[Cell], numbers: Mapping[str, Any], seed: int, trial: int) -> Scene:
-    """The truth that a trial has sampled."""
-    return drawn_for(cells[trial % len(cells)], numbers, seed, trial).scene

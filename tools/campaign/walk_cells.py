@@ -3,15 +3,28 @@
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from hil.scenario import read_scenario
-from hil.settings import apply_settings
+import numpy as np
+
+from hil.scenario.scenario import read_scenario
+from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
 from tools.campaign.cells import Cell
+from tools.campaign.draws import Drawn, draw, mismatch_of
 from tools.output import BadInputError
 
 COURSES = ("steady", "change", "stop", "stumble")
+
+
+STEADY_S = 20.0
+"""Until a stop, a stumble or a change may come: three strides, the start, and some to settle."""
+LATER_S = (0.0, 3.0)
+CHANGE_SHARE, CHANGE_STRIDES = 0.2, 5
+BACK_S = 25.0
+"""From the change of cadence to the one back."""
+AFTER_S = 10.0
+"""How long a trial goes on after a stop or a stumble."""
 
 
 @dataclass(frozen=True)
@@ -88,3 +101,52 @@ def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:
     }
     own = apply_settings(own, settings)
     return WalkCell("viscous", 1.1, 0.0, own["scene"], own["firmware"], preset, course)
+
+
+class Course(NamedTuple):
+    """Paces (at_s, stride_hz), stumbles, and how long the trial lasts, s."""
+
+    paces: list[tuple[float, float]]
+    stumbles: list[float]
+    duration_s: float
+
+
+def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
+    """The walk of a trial: its cadence, and when what happens."""
+    preset, at_s = PRESETS[cell.preset], STEADY_S + float(dice.uniform(*LATER_S))
+    lowest_hz, highest_hz = preset.lowest_hz, preset.highest_hz
+    if cell.course == "change":
+        highest_hz = max(highest_hz / (1.0 + CHANGE_SHARE), lowest_hz)
+    first_hz = float(dice.uniform(lowest_hz, highest_hz))
+    whole_s = float(numbers["walk_s"])
+    if cell.course == "stop":
+        return Course([(0.0, first_hz), (at_s, 0.0)], [], at_s + AFTER_S)
+    if cell.course == "stumble":
+        return Course([(0.0, first_hz)], [at_s], at_s + AFTER_S)
+    if cell.course == "steady":
+        return Course([(0.0, first_hz)], [], whole_s)
+    second_hz = first_hz * (1.0 + CHANGE_SHARE)
+    if dice.uniform() < 0.5:
+        first_hz, second_hz = second_hz, first_hz
+    lasts_s = 2.0 * CHANGE_STRIDES / (first_hz + second_hz)
+    paces = [
+        (0.0, first_hz),
+        (at_s, first_hz),
+        (at_s + lasts_s, second_hz),
+        (at_s + BACK_S, second_hz),
+        (at_s + BACK_S + lasts_s, first_hz),
+    ]
+    return Course(paces, [], whole_s)
+
+
+def drawn_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Drawn, Course]:
+    """The truth of a trial, and what the wearer does in it."""
+    course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
+    scene = deepcopy(dict(cell.scene))
+    scene["gait"] = {
+        **scene["gait"],
+        "variability": float(numbers["variability"]),
+        "pace": [{"at_s": at_s, "stride_hz": hertz} for at_s, hertz in course.paces],
+        "stumble": [{"at_s": at_s} for at_s in course.stumbles],
+    }
+    return draw(scene, mismatch_of(numbers), seed, trial, at_rest=True), course

@@ -1,44 +1,29 @@
-"""One trial of the campaign `walk`: somebody walks, and the firmware follows; judged against the truth.
+"""The judge of the campaign `walk`: somebody walks, and the firmware follows; against the truth.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
-stride. Pulses after a stop or a stumble count until a pause (`hil.gait_figures.following`); those that the
-leg's own motion makes after it are counted separately.
+stride. Pulses after a stop or a stumble count until a pause (`hil.judge.gait_figures.following`); those that
+the leg's own motion makes after it are counted separately.
 """
-
-from collections.abc import Mapping
-from copy import deepcopy
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.lock import LockConfig
-from firmware_py.core.step import Config
+from firmware_py.core.control.gait_lock import LockConfig
 from firmware_py.interface.enums import Fault, Mode
-from hil.detection import WEAKEST_V_M_S
-from hil.gait_figures import following
-from hil.operator import Command, Request
+from hil.judge.detection import WEAKEST_V_M_S
+from hil.judge.gait_figures import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
-from plant_sim.solvers.memory import APPROACH, IMPACT_TIME
-from tools.campaign import columns
-from tools.campaign.draws import Drawn, draw, mismatch_of
-from tools.campaign.gait_frames import phases_at
+from plant_sim.sensors.gait import phases_at
+from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
+from tools.campaign.cells import Cell
 from tools.campaign.outcome import Outcome
-from tools.campaign.run import Run, first_in, run
+from tools.campaign.run import Run
+from tools.campaign.scenarios import Trial
 from tools.campaign.walk_cells import PRESETS, WalkCell
 
 FloatArray = NDArray[np.float64]
 
-IDLE_S, RUN_S = 0.0, 0.5
 SETTLED_S = 5.0
-STEADY_S = 20.0
-"""Until a stop, a stumble or a change may come: three strides, the start, and some to settle."""
-LATER_S = (0.0, 3.0)
-CHANGE_SHARE, CHANGE_STRIDES = 0.2, 5
-BACK_S = 25.0
-"""From the change of cadence to the one back."""
-AFTER_S = 10.0
-"""How long a trial goes on after a stop or a stumble."""
 SOFTEST_N, HARDEST_N = 10.0, 40.0
 HARDER = 1.05
 """The leg's own motion makes impacts uneven: a twentieth."""
@@ -46,76 +31,21 @@ LONGEST_GAP = 2.2
 """Turns between two impacts of a motion that goes on with impacts."""
 
 
-class Course(NamedTuple):
-    """Paces (at_s, stride_hz), stumbles, and how long the trial lasts, s."""
-
-    paces: list[tuple[float, float]]
-    stumbles: list[float]
-    duration_s: float
-
-
-def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
-    """The walk of a trial: its cadence, and when what happens."""
-    preset, at_s = PRESETS[cell.preset], STEADY_S + float(dice.uniform(*LATER_S))
-    lowest_hz, highest_hz = preset.lowest_hz, preset.highest_hz
-    if cell.course == "change":
-        highest_hz = max(highest_hz / (1.0 + CHANGE_SHARE), lowest_hz)
-    first_hz = float(dice.uniform(lowest_hz, highest_hz))
-    whole_s = float(numbers["walk_s"])
-    if cell.course == "stop":
-        return Course([(0.0, first_hz), (at_s, 0.0)], [], at_s + AFTER_S)
-    if cell.course == "stumble":
-        return Course([(0.0, first_hz)], [at_s], at_s + AFTER_S)
-    if cell.course == "steady":
-        return Course([(0.0, first_hz)], [], whole_s)
-    second_hz = first_hz * (1.0 + CHANGE_SHARE)
-    if dice.uniform() < 0.5:
-        first_hz, second_hz = second_hz, first_hz
-    lasts_s = 2.0 * CHANGE_STRIDES / (first_hz + second_hz)
-    paces = [
-        (0.0, first_hz),
-        (at_s, first_hz),
-        (at_s + lasts_s, second_hz),
-        (at_s + BACK_S, second_hz),
-        (at_s + BACK_S + lasts_s, first_hz),
-    ]
-    return Course(paces, [], whole_s)
-
-
-def drawn_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Drawn, Course]:
-    """The truth of a trial, and what the wearer does in it."""
-    course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
-    scene = deepcopy(dict(cell.scene))
-    scene["gait"] = {
-        **scene["gait"],
-        "variability": float(numbers["variability"]),
-        "pace": [{"at_s": at_s, "stride_hz": hertz} for at_s, hertz in course.paces],
-        "stumble": [{"at_s": at_s} for at_s in course.stumbles],
-    }
-    return draw(scene, mismatch_of(numbers), seed, trial, at_rest=True), course
-
-
-def walk(
-    cell: WalkCell, config: Config, numbers: Mapping[str, Any], seed: int, trial: int, outcome: Outcome
-) -> None:
-    """Run a walk and judge it."""
-    drawn, course = drawn_walk(cell, numbers, seed, trial)
-    commands = [Command(IDLE_S, Request.IDLE, 0.0), Command(RUN_S, Request.RUN, cell.ratio)]
-    done = run(
-        drawn.scene, config, commands, course.duration_s, drawn.noise, traced=True, walk_seed=seed + trial
-    )
-    outcome.simulated_s = course.duration_s
-    captured = first_in(done.modes, Mode.RUN)
+def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+    """Judge a walk."""
+    assert isinstance(cell, WalkCell)
+    scenario = trial.scenario
+    captured = done.first_in(Mode.RUN)
     ends_s = ended_s(done.parts.housing)
-    if first_in(done.modes, Mode.SOFT_START) is None:
+    if done.first_in(Mode.SOFT_START) is None:
         outcome.eligible = False
         outcome.why = "refused: no whole number of turns a stride within the region"
         return
     if captured is None or captured.t_s + SETTLED_S > ends_s:
         outcome.why = f"no hold: {last_word(done)}"
         return
-    hold_s = (captured.t_s, min(left_s(done, captured.t_s), course.duration_s, ends_s))
-    judge_hold(done, config.lock, hold_s, outcome)
+    hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
+    judge_hold(done, scenario.config.lock, hold_s, outcome)
     if cell.course in ("stop", "stumble"):
         judge_end(done, ends_s, hold_s, PRESETS[cell.preset].last_pulse_s, outcome)
     elif done.modes[-1].mode != Mode.RUN:
@@ -164,10 +94,10 @@ def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome
     ticks = np.arange(round(begin_s / done.tick_s), round(end_s / done.tick_s))
     if len(ticks) == 0:
         return
-    rows = done.trace[ticks]
-    turns = np.flatnonzero(np.diff(rows[:, columns.TRACE_ANGLE]) < -np.pi) + 1
+    turns = np.flatnonzero(np.diff(done.true("crank_rad")[ticks]) < -np.pi) + 1
     if len(turns) > 1:
-        peaks_n = np.maximum.reduceat(np.abs(rows[: turns[-1], columns.TRACE_FELT]), turns[:-1])
+        felt_n = np.abs(done.true("felt_force_n")[ticks])
+        peaks_n = np.maximum.reduceat(felt_n[: turns[-1]], turns[:-1])
         outcome.counts["turns"] = len(peaks_n)
         outcome.counts["turns_in_force"] = int(np.sum((peaks_n >= SOFTEST_N) & (peaks_n <= HARDEST_N)))
         outcome.metrics["felt_low"] = float(np.min(peaks_n))
@@ -175,7 +105,7 @@ def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome
     walking = done.parts.housing
     assert isinstance(walking, Walking)
     truth = phases_at(walking, ticks.astype(np.float64) * done.tick_s)
-    error = (rows[:, columns.TRACE_PHASE] - truth + 0.5) % 1.0 - 0.5
+    error = (done.firmware["state.gait.phase"][ticks] - truth + 0.5) % 1.0 - 0.5
     outcome.metrics["phase_rmse"] = 100.0 * float(np.sqrt(np.mean(error**2)))
     strikes_s = ticks[1:][np.diff(truth) < -0.5] * done.tick_s
     pulses_s = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S, IMPACT_TIME]

@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.solvers.orbits import CLASSIFY
+from plant_sim.orbits.sections import CLASSIFY
 from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.orbits import classify

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.solvers.orbits import Regime
+from plant_sim.orbits.sections import Regime
 from tools.study.cases import Case
 from tools.study.intervals import Interval
 from tools.study.portraits import Motion, Pair

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.solvers.orbits import CLASSIFY, Regime
+from plant_sim.orbits.sections import CLASSIFY, Regime
 from tools.output import BadInputError
 from tools.study.cases import STATIC_OVER_SLIDING, Case
 from tools.study.orbits import classify

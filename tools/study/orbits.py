@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.orbits import adaptive as streaming_adaptive
+from plant_sim.orbits import exact as streaming
+from plant_sim.orbits.sections import CLASSIFY, Outcome, Protocol
 from plant_sim.result import MotionState, Phase
-from plant_sim.solvers import streaming, streaming_adaptive
-from plant_sim.solvers.memory import Memory, allocate
-from plant_sim.solvers.orbits import CLASSIFY, Outcome, Protocol
+from plant_sim.solvers.adaptive.state_layout import Memory, allocate
 from tools.study.cases import Case
 
 ACCURACY_M = 1e-7

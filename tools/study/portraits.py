@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from plant_sim.orbits.sections import PAPER, SECTION_RAD
 from plant_sim.result import MotionState, Phase, SimulationResult
-from plant_sim.solvers import adaptive
-from plant_sim.solvers.orbits import PAPER, SECTION_RAD
+from plant_sim.solvers.adaptive import adaptive
 from tools.study.cases import Case
 from tools.study.orbits import State, follow
 from tools.study.sweep import Diagram, end_state

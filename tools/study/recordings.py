@@ -13,8 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from hil.lanes import ALARM, ESTIMATE, OTHER, TRUTH
-from hil.rerun_log import APPLICATION_ID
+from hil.record.state_timeline import ALARM, ESTIMATE, OTHER, TRUTH
+from hil.show.rerun_log import APPLICATION_ID
 from tools.study.cases import Case
 from tools.study.portraits import Motion, Pair, sample, with_impacts
 from tools.study.sweep import Diagram, Sweep

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from hil.compiled import cache_folder
-from plant_sim.scene import load_scene, read_scene
-from tools.campaign import processes
-from tools.campaign.kernels import PACKAGES
+from hil.nodes.compiled import PACKAGES, cache_folder
+from plant_sim.scene import read_scene
 from tools.output import BadInputError
 from tools.study import store, work
 from tools.study.basin import Basin, axes, keep, specs, statistics, wilson
@@ -93,9 +91,9 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     """The whole map; also written as one file beside its figure."""
     check(case, ratio)
     # The pieces depend on the firmware and the campaigns as well.
-    sources = cache_folder("campaign", PACKAGES).name
+    sources = cache_folder("campaign", (*PACKAGES, "tools/campaign")).name
     pieces = specs(case, ratio, plane, size, ROWS_AT_ONCE, sources=sources)
-    paths = work.run(f"soft-{plane}", piece, pieces, where, with_compiled_firmware=True)
+    paths = work.run(f"soft-{plane}", piece, pieces, where, in_processes=True)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reaches_stop = table["impacts"].to_numpy() > 0.0
     instant = float(table["instant"].to_numpy(zero_copy_only=False).mean())
@@ -112,15 +110,16 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Some rows of a map; in a process that compiles the firmware."""
-    processes.prepare()
+    """Some rows of a map."""
     from firmware_py.interface.enums import Mode
     from firmware_py.shell.parameters import config_from
-    from plant_sim.solvers.memory import APPROACH, IMPACT_TIME
+    from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
     from tools.campaign.cells import Cell
+    from tools.campaign.draws import LARGEST_RUN_SEED
     from tools.campaign.reference import JUDGED_S, instant_start_captures
-    from tools.campaign.run import first_in, run
-    from tools.campaign.trials import RUN_S, lost_by, script
+    from tools.campaign.run import run
+    from tools.campaign.scenarios import RUN_S, scenario_of, script
+    from tools.campaign.trials import lost_by
 
     case, ratio, size = Case(**spec["case"]), spec["ratio"], spec["size"]
     nominal = nominal_of(case)
@@ -133,12 +132,13 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
             v_m_s, crank_rad = (other[row], 0.0) if spec["plane"] == "state" else (0.0, other[row])
             x_m = float(y_m[column]) + case.rest_length_m
             drawn = scene_of(case, x_m, float(v_m_s), float(crank_rad))
-            scene = load_scene(drawn)
-            noise = np.random.default_rng([NOISE_SEED, row, column])
-            done = run(scene, config, script(Cell(case.law, ratio, 0.0, drawn, nominal)), DURATION_S, noise)
+            seed = int(np.random.default_rng([NOISE_SEED, row, column]).integers(LARGEST_RUN_SEED))
+            commands = script(Cell(case.law, ratio, 0.0, drawn, nominal))
+            scenario = scenario_of("soft-start", drawn, nominal, commands, DURATION_S, seed)
+            done = run(scenario, seed)
             why = lost_by(done, DURATION_S, omega_rad_s)
             late = int((done.impacts[:, IMPACT_TIME] >= DURATION_S - JUDGED_S).sum())
-            running = first_in(done.modes, Mode.RUN)
+            running = done.first_in(Mode.RUN)
             rows.append(
                 {
                     "x_m": x_m,
@@ -148,7 +148,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
                     "why": why,
                     "captured_s": np.nan if running is None else running.t_s - RUN_S,
                     "largest_m_s": float(np.max(done.impacts[:, APPROACH], initial=0.0)),
-                    "instant": instant_start_captures(scene, omega_rad_s),
+                    "instant": instant_start_captures(scenario.scene, omega_rad_s),
                 }
             )
     return pa.Table.from_pylist(rows), {}

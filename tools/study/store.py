@@ -28,8 +28,9 @@ METADATA_KEY = b"vibrohil"
 def versions() -> dict[str, str]:
     """What computed a result: packages, and the state of the plant's and the studies' own sources."""
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode())
+    here = Path(__file__).parent
+    for source in sorted(here.rglob("*.py")):
+        digest.update(source.relative_to(here).as_posix().encode())
         digest.update(source.read_bytes())
     packages = {name: version(name) for name in ("vibrohil", "numpy", "numba", "pyarrow")}
     return {**packages, "plant_sim": cache_folder().name.split("-")[-1], "studies": digest.hexdigest()[:16]}

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.solvers.orbits import CLASSIFY, PAPER, Outcome, Regime
+from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome, Regime
 from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.intervals import Interval, symmetric_difference, width

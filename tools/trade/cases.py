@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from hil.settings import apply_settings
+from hil.scenario.settings import apply_settings
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.scene import Scene, load_scene, read_scene
 

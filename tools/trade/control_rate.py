@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hil.bench import in_lockstep
-from hil.checks import evaluate
-from hil.figures import figures_of
-from hil.scenario import check_scenario, read_scenario
-from hil.warm import warm_firmware, warm_plant
-from tools.trade.prices import Progress
+from hil.bench.bench import in_lockstep
+from hil.judge.checks import evaluate
+from hil.judge.figures import figures_of
+from hil.nodes.warm import warm_firmware, warm_plant
+from hil.scenario.scenario import Scenario, check_scenario, read_scenario
+from tools.trade.costs import Progress
 
 SCENARIO = "soft-start-multistable"
 RATES_HZ = (250, 500, 1000, 2000, 4000)
@@ -32,12 +32,17 @@ def measure(quick: bool, progress: Progress) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(rate_hz: int) -> dict[str, Any]:
+def short_start(rate_hz: int = 1000) -> Scenario:
+    """The start and a short hold, at this control rate."""
     document = read_scenario(SCENARIO)
     document["firmware"] = {**document["firmware"], "control.tick_s": 1.0 / rate_hz}
     document["script"]["duration_s"] = UNTIL_S
     document["script"]["commands"][-1]["at_s"] = HOLD_UNTIL_S
-    scenario = check_scenario(document, SCENARIO)
+    return check_scenario(document, SCENARIO)
+
+
+def _row(rate_hz: int) -> dict[str, Any]:
+    scenario = short_start(rate_hz)
     warm_plant(scenario.scene)
     warm_firmware(scenario.parameters)
     with tempfile.TemporaryDirectory() as folder:

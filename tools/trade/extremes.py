@@ -12,7 +12,7 @@ from plant_sim.result import MotionState
 from plant_sim.scene import Scene, SceneError, load_scene, read_scene
 from plant_sim.simulation import simulate
 from plant_sim.solvers.cost import SolverError
-from plant_sim.solvers.exact import UnsupportedSceneError
+from plant_sim.solvers.exact.exact import UnsupportedSceneError
 
 METHODS = ("exact", "adaptive", "stepping", "Plant")
 REFUSALS = SceneError, UnsupportedSceneError, SolverError

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from hil.settings import apply_settings
+from hil.scenario.settings import apply_settings
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import simulate
-from tools.trade.prices import COST_UNIT, Progress, spent_us
+from tools.trade.costs import COST_UNIT, Progress, spent_us
 
 UNTIL_S = 30.0
 """Of which the second half is looked at."""

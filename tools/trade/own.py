@@ -7,7 +7,9 @@ from plant_sim.parts.friction import Stribeck
 from plant_sim.parts.stop import NoStop, RigidStop
 from plant_sim.result import SimulationResult
 from plant_sim.simulation import initial_state
-from plant_sim.solvers import adaptive, exact, stepping
+from plant_sim.solvers import stepping
+from plant_sim.solvers.adaptive import adaptive
+from plant_sim.solvers.exact import exact
 from tools.trade.answers import Answer, Method, Solve, answer
 from tools.trade.cases import Case
 

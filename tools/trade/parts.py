@@ -18,9 +18,9 @@ from plant_sim.kernels import entry_point
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
-from plant_sim.sensing import NoSensing, Probe, allocate_sensing
+from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive import (
+from plant_sim.solvers.adaptive.adaptive import (
     DONE,
     IMPACTS_AT_ONCE,
     NO_GRID,
@@ -30,9 +30,9 @@ from plant_sim.solvers.adaptive import (
     peak_felt_force_n,
     refusal,
 )
-from plant_sim.solvers.memory import ELAPSED, IMPACTS, IMPULSE, PEAK_FORCE, Memory, allocate
-from plant_sim.solvers.motion import work_place
-from tools.trade.prices import COST_UNIT, Progress
+from plant_sim.solvers.adaptive.motion import work_place
+from plant_sim.solvers.adaptive.state_layout import ELAPSED, IMPACTS, IMPULSE, PEAK_FORCE, Memory, allocate
+from tools.trade.costs import COST_UNIT, Progress
 
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60

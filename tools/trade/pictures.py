@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.trade.prices import Price, pareto
+from tools.trade.costs import Price, pareto
 
 STYLES = {
     "exact": ("tab:green", "*"),

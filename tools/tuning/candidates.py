@@ -7,14 +7,14 @@ Parameters are chosen on seeds below `FIRST_CAMPAIGN_SEED` and judged again on o
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 
 from tools.campaign.campaigns import CAMPAIGNS, Condition
 from tools.campaign.cells import cells_of
 from tools.campaign.draws import FIRST_CAMPAIGN_SEED
 from tools.campaign.outcome import Outcome
-from tools.campaign.processes import Batch, batches, pool, run_batch
+from tools.campaign.processes import Batch, batches, run_batch
+from tools.jobs import Runner, running
 from tools.output import BadInputError
 
 TUNING_SEED = 41
@@ -33,6 +33,11 @@ def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
         )
 
 
+def processes_for(workers: int | None) -> AbstractContextManager[Runner[Batch, list[Outcome]]]:
+    """Processes for candidates, one a core without `workers`."""
+    return running(run_batch, workers or os.cpu_count() or 1)
+
+
 def run_candidates(
     campaign: str,
     candidates: Sequence[Candidate],
@@ -41,7 +46,7 @@ def run_candidates(
     progress: Progress,
     workers: int | None = None,
     conditions: tuple[Condition, ...] | None = None,
-    opened: ProcessPoolExecutor | None = None,
+    opened: Runner[Batch, list[Outcome]] | None = None,
 ) -> list[list[Outcome]]:
     """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same trials.
 
@@ -51,29 +56,18 @@ def run_candidates(
     chosen = CAMPAIGNS[campaign]
     table = {"conditions": conditions or chosen.conditions, **chosen.numbers}
     count = workers or os.cpu_count() or 1
-    firsts: list[tuple[int, Batch]] = []
-    rests: list[tuple[int, Batch]] = []
+    parts: list[tuple[int, Batch]] = []
     for number, candidate in enumerate(candidates):
         settings = [f"firmware.{name}={value!r}" for name, value in candidate.items()]
         cells, numbers = cells_of(table, settings)
-        first, rest = batches(campaign, cells, numbers, seed, range(trials), count)
-        firsts.append((number, first))
-        rests += [(number, batch) for batch in rest]
+        parts += [(number, batch) for batch in batches(campaign, cells, numbers, seed, range(trials), count)]
     found: list[list[Outcome]] = [[] for _ in candidates]
     done, total = 0, trials * len(candidates)
-    with nullcontext(opened) if opened else pool(count) as executor:
-        # The first batch has everything compiled; the others find it in the cache.
-        for some in (firsts[:1], [*firsts[1:], *rests]):
-            futures = {executor.submit(run_batch, batch): number for number, batch in some}
-            try:
-                for future in as_completed(futures):
-                    outcomes = future.result()
-                    found[futures[future]] += outcomes
-                    done += len(outcomes)
-                    progress(done, total)
-            finally:
-                for future in futures:
-                    future.cancel()
+    with nullcontext(opened) if opened else processes_for(count) as run:
+        for place, outcomes in run([batch for _, batch in parts]):
+            found[parts[place][0]] += outcomes
+            done += len(outcomes)
+            progress(done, total)
     return [sorted(outcomes, key=lambda outcome: outcome.trial) for outcomes in found]
 
 

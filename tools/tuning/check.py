@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.bench import in_lockstep
-from hil.scenario import load_scenario
+from hil.bench.bench import in_lockstep
+from hil.scenario.scenario import load_scenario
 from tools.campaign.results import counts_of, values_of
 from tools.progress import Progress
 from tools.tuning import detector, estimator, start, trials
 from tools.tuning.candidates import FRESH_SEED, run_candidates
-from tools.tuning.identify import tune_identify
+from tools.tuning.identification.identify import tune_identify
 from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import tune_speed
 

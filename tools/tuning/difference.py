@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
-from hil.bench import in_lockstep
-from hil.figure_records import CATALOGUE, value_of
-from hil.figures import figures_from
-from hil.parameter_file import read_document, values_of
-from hil.run_traces import read_run
-from hil.scenario import load_scenario
-from hil.verdict import judge
+from hil.bench.bench import in_lockstep
+from hil.bench.verdict import judge
+from hil.judge.figure_records import CATALOGUE, value_of
+from hil.judge.figures import figures_from
+from hil.record.run_traces import read_run
+from hil.scenario.parameter_file import read_document, values_of
+from hil.scenario.scenario import load_scenario
 from tools.progress import Progress
 
 SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")

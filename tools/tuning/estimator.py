@@ -18,10 +18,9 @@ log has a truth beside it NEES and errors against that are reported as well; no 
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,13 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.parameter_file import nested
+from hil.scenario.parameter_file import nested
 from tools.campaign.cells import LAWS, Cell, scene_of
 from tools.campaign.draws import Mismatch, draw
-from tools.campaign.processes import environment, pool, prepare
+from tools.campaign.processes import environment
+from tools.jobs import running
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
-from tools.tuning.readings import Ticks
+from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.trials import ONE_THREAD_EACH
 
@@ -131,9 +131,9 @@ def _log(source: Source) -> Log:
 
 
 def _of_file(path: Path) -> Log:
-    from hil.run_traces import column, read_trace
-    from tools.tuning.identify import nominal_of
-    from tools.tuning.readings import read_ticks
+    from hil.record.run_traces import column, read_trace
+    from tools.tuning.identification.identify import nominal_of
+    from tools.tuning.recordings.readings import read_ticks
 
     values = nominal_of(path)
     changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
@@ -152,21 +152,19 @@ def _of_file(path: Path) -> Log:
 
 
 def _drawn(source: Source) -> Log:
-    from firmware_py.shell.parameters import config_from
-    from tools.campaign.trials import script
-    from tools.tuning.recorded import record
+    from tools.tuning.recordings.recorded import record
 
     law, ratio = CONDITIONS[source.number % len(CONDITIONS)]
     cell = Cell(law, ratio, 0.0, scene_of(law), LAWS[law]["nominal"])
     drawn = draw(cell.scene, Mismatch(), source.seed, source.number)
-    ticks, truth = record(drawn.scene, config_from(cell.firmware), script(cell), source.seconds, drawn.noise)
+    ticks, truth = record(cell, drawn, source.seconds)
     return Log(deepcopy(dict(cell.firmware)), ticks, np.stack([truth.x_m, truth.v_m_s]))
 
 
 def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, int]:
     """Configuration, the estimator's settled course, and where it begins."""
     from firmware_py.shell.parameters import config_from
-    from tools.tuning.replay import replay
+    from tools.tuning.recordings.replay import replay
 
     firmware = deepcopy(log.nominal)
     for block, table in nested(parameters).items():
@@ -178,7 +176,7 @@ def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, in
 
 @lru_cache(maxsize=64)
 def _yardstick(source: Source) -> Any:
-    from tools.tuning.smoother import smoothed
+    from tools.tuning.recordings.smoother import smoothed
 
     config, course, _ = _course(_log(source), {})
     return smoothed(config, course)
@@ -186,9 +184,8 @@ def _yardstick(source: Source) -> Any:
 
 def weigh(source: Source) -> Worth:
     """What a log's innovations are worth."""
-    prepare()
-    from tools.tuning import replay
-    from tools.tuning.innovations import whiteness, worth
+    from tools.tuning.recordings import replay
+    from tools.tuning.recordings.innovations import whiteness, worth
 
     log = _log(source)
     config, course, _ = _course(log, {})
@@ -204,13 +201,12 @@ def weigh(source: Source) -> Worth:
 
 def score(source: Source, combinations: Sequence[dict[str, float]]) -> list[Score]:
     """A log against combinations of parameters."""
-    prepare()
     return [_score(source, parameters) for parameters in combinations]
 
 
 def _score(source: Source, parameters: dict[str, float]) -> Score:
-    from tools.tuning import replay
-    from tools.tuning.innovations import said
+    from tools.tuning.recordings import replay
+    from tools.tuning.recordings.innovations import said
 
     log, yardstick = _log(source), _yardstick(source)
     _, course, begin = _course(log, parameters)
@@ -275,38 +271,22 @@ def scored(
     workers: int | None = None,
 ) -> tuple[list[Combination], list[Worth]]:
     """All logs against all combinations, on all cores."""
-    worths: dict[int, Worth] = {}
-    scores: dict[int, list[Score]] = {}
+    found: dict[int, tuple[Worth, list[Score]]] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
-    with environment(ONE_THREAD_EACH), pool(count) as executor:
-        # The first has everything compiled; the others find it in the cache.
-        worths[0] = executor.submit(weigh, sources[0]).result()
-        futures: dict[Any, tuple[str, int]] = {
-            executor.submit(weigh, source): ("worth", number)
-            for number, source in enumerate(sources)
-            if number
-        }
-        futures |= {
-            executor.submit(score, source, combinations): ("score", number)
-            for number, source in enumerate(sources)
-        }
-        try:
-            for future in as_completed(futures):
-                what, number = futures[future]
-                if what == "worth":
-                    worths[number] = future.result()
-                else:
-                    scores[number] = future.result()
-                    progress(len(scores), len(sources))
-        finally:
-            for future in futures:
-                future.cancel()
-    numbers = range(len(sources))
-    ordered = [worths[number] for number in numbers]
+    with environment(ONE_THREAD_EACH), running(partial(_weighed, combinations), count) as run:
+        for number, result in run(sources):
+            found[number] = result
+            progress(len(found), len(sources))
+    worths, scores = zip(*(found[number] for number in range(len(sources))), strict=True)
     return [
-        _together(parameters, [scores[number][place] for number in numbers], ordered)
+        _together(parameters, [mine[place] for mine in scores], worths)
         for place, parameters in enumerate(combinations)
-    ], ordered
+    ], list(worths)
+
+
+def _weighed(combinations: Sequence[dict[str, float]], source: Source) -> tuple[Worth, list[Score]]:
+    """One log against all combinations, in a worker."""
+    return weigh(source), score(source, combinations)
 
 
 def profile(points: Sequence[Combination], name: str) -> dict[float, float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import tomli_w
 
-from hil.parameter_file import FORMAT
+from hil.scenario.parameter_file import FORMAT
 from tools.tuning.result import Tuning
 from tools.tuning.safety import SafetyResult
 

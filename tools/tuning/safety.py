@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
-from hil.bench import in_lockstep
-from hil.figures import figures_from
-from hil.parameter_file import nested
-from hil.run_traces import read_run
-from hil.scenario import check_scenario, read_scenario
-from hil.verdict import judge
+from hil.bench.bench import in_lockstep
+from hil.bench.verdict import judge
+from hil.judge.figures import figures_from
+from hil.record.run_traces import read_run
+from hil.scenario.parameter_file import nested
+from hil.scenario.scenario import check_scenario, read_scenario
 from tools.progress import Progress
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")

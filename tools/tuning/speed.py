@@ -22,7 +22,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.crank import critically_damped_gains
+from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
 from tools.output import BadInputError
 from tools.tuning.result import Merit, Tuning, tuned

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.records import SetInputTorque
-from hil.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
-from hil.nodes import FirmwareRunner, NodeBus, Pace, PlantRunner
-from hil.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
+from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
+from hil.bus.base import NodeBus
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
+from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
 from plant_sim.scene import load_scene, read_scene
 from tools.output import BadInputError
 from tools.tuning.result import Merit, Tuning

@@ -18,10 +18,8 @@ where it was killed.
 import hashlib
 import json
 import math
-import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,8 +28,10 @@ import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.campaigns import NO_IMPULSE, Condition
-from tools.campaign.processes import pool
+from tools.campaign.outcome import Outcome
+from tools.campaign.processes import Batch
 from tools.campaign.statistics import wilson
+from tools.jobs import Runner
 from tools.tuning.aims import (
     CAPTURE_S,
     ENERGY_J,
@@ -44,7 +44,13 @@ from tools.tuning.aims import (
     late,
     starts_of,
 )
-from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
+from tools.tuning.candidates import (
+    FRESH_SEED,
+    TUNING_SEED,
+    processes_for,
+    refuse_same_seeds,
+    run_candidates,
+)
 from tools.tuning.result import Merit, Tuning, tuned
 
 if TYPE_CHECKING:
@@ -200,7 +206,7 @@ def finished(study: "optuna.Study") -> list[Ramp]:
 class Judge(NamedTuple):
     """Runs candidates, always in the same processes."""
 
-    executor: ProcessPoolExecutor
+    run: Runner[Batch, list[Outcome]]
     workers: int | None
 
     def __call__(
@@ -208,7 +214,7 @@ class Judge(NamedTuple):
     ) -> list[FloatArray]:
         """Each candidate's starts, all on the same trials."""
         found = run_candidates(
-            "start-up", candidates, seed, trials, progress, self.workers, CONDITIONS, self.executor
+            "start-up", candidates, seed, trials, progress, self.workers, CONDITIONS, self.run
         )
         return [starts_of(outcomes) for outcomes in found]
 
@@ -315,8 +321,8 @@ def tune_start(
     asked_for = json.dumps({"space": SPACE, "trials": [trials, fresh_trials, seed]}, sort_keys=True)
     study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
 
-    with pool(workers or os.cpu_count() or 1) as executor:
-        judged = Judge(executor, workers)
+    with processes_for(workers) as run:
+        judged = Judge(run, workers)
 
         if "free" not in study.user_attrs:
             found = screened(lambda some: judged(some, final_seed, screening_trials, progress))

@@ -1,6 +1,6 @@
 """How often identification is right: modules of every friction law, sampled, recorded and identified.
 
-A trial samples its module as campaigns do, a little wider, records a minute by the campaigns' compiled loop
+A trial samples its module as campaigns do, a little wider, records a minute by the bench's compiled loop
 (`recorded` says what such a log lacks) and goes through the same identification as a file. Places are counted
 from l0 on, which no log can identify, so that the stop is judged past the true l0.
 
@@ -12,9 +12,9 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from copy import deepcopy
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from tools.campaign.cells import LAWS, Cell, scene_of
 from tools.campaign.draws import Mismatch, draw
-from tools.campaign.processes import environment, pool, prepare
+from tools.campaign.processes import environment
 from tools.campaign.statistics import wilson
+from tools.jobs import running
 
 SECONDS = 60.0
 TRIALS = 300
@@ -57,8 +58,7 @@ ABSOLUTE = ("stop", "restitution")
 OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
-PACKAGES = ("firmware_py", "plant_sim", "tools/campaign")
-MODULES_OF_A_TRIAL = ("impacts", "flights", "flown", "identify", "laws", "readings", "recorded", "trials")
+PACKAGES = ("firmware_py", "plant_sim", "hil", "tools/campaign", "tools/tuning")
 ONE_THREAD_EACH = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Progress = Callable[[int, int], None]
@@ -89,14 +89,11 @@ def module_of(trial: int) -> tuple[str, float]:
 
 
 def run_trial(seed: int, trial: int, seconds: float) -> Trial:
-    """Sample, record, identify, compare; in a process that compiles the firmware."""
-    prepare()
-    from firmware_py.shell.parameters import config_from
-    from tools.campaign.trials import script
+    """Sample, record, identify, compare."""
     from tools.output import BadInputError
-    from tools.tuning.identify import identify
-    from tools.tuning.readings import of_ticks
-    from tools.tuning.recorded import record
+    from tools.tuning.identification.identify import identify
+    from tools.tuning.recordings.readings import of_ticks
+    from tools.tuning.recordings.recorded import record
 
     law, ratio = module_of(trial)
     known = MODULES[law]
@@ -106,7 +103,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     cell = Cell(law, ratio, 0.0, scene, deepcopy(known["nominal"]))
     drawn = draw(scene, MISMATCH, seed, trial)
     nominal = with_overrides(known["nominal"])
-    ticks, _ = record(drawn.scene, config_from(cell.firmware), script(cell), seconds, drawn.noise)
+    ticks, _ = record(cell, drawn, seconds)
     try:
         found = identify(
             of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
@@ -151,9 +148,9 @@ def sources() -> str:
     """A digest of all that a trial's outcome depends on."""
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
-    packages = (path for name in PACKAGES for path in sorted((root / name).rglob("*.py")))
-    for path in (*packages, *(root / "tools" / "tuning" / f"{name}.py" for name in MODULES_OF_A_TRIAL)):
-        digest.update(path.read_bytes())
+    for package in PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -185,20 +182,13 @@ def run_trials(
     progress(len(done), trials)
     with environment(ONE_THREAD_EACH), path.open("a", encoding="utf-8") as file:
         if missing:
-            with pool(min(workers or os.cpu_count() or 1, len(missing))) as executor:
-                # The first has everything compiled; the others find it in the cache.
-                for some in (missing[:1], missing[1:]):
-                    futures = [executor.submit(run_trial, seed, number, seconds) for number in some]
-                    try:
-                        for future in as_completed(futures):
-                            one = future.result()
-                            done[one.trial] = one
-                            file.write(json.dumps({"key": key, **asdict(one)}) + "\n")
-                            file.flush()
-                            progress(len(done), trials)
-                    finally:
-                        for future in futures:
-                            future.cancel()
+            one_of = partial(run_trial, seed, seconds=seconds)
+            with running(one_of, min(workers or os.cpu_count() or 1, len(missing))) as run:
+                for _, one in run(missing):
+                    done[one.trial] = one
+                    file.write(json.dumps({"key": key, **asdict(one)}) + "\n")
+                    file.flush()
+                    progress(len(done), trials)
     return [done[number] for number in sorted(done)]
 
 

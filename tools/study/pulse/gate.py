@@ -1,7 +1,7 @@
 """One impact a stride from a crank that rests: pumped up within two swings, one impact, braked, parked.
 
-Pumping is the mirror of `firmware_py.core.calm`, which brakes: a striker that swings as x − l₀ = R cos ψ
-gains most from a crank half a turn from where it loses most, the piston then being 90° ahead of it,
+Pumping is the mirror of `firmware_py.core.control.spin_down`, which brakes: a striker that swings as x − l₀ =
+R cos ψ gains most from a crank half a turn from where it loses most, the piston then being 90° ahead of it,
 
     θ = ψ + π        ω_crank = ω + g ω (ψ + π − θ)
 
@@ -19,7 +19,8 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core import calm, crank, estimator
+from firmware_py.core.control import spin_down as calm
+from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.numbers import clamp, wrap_pi
 
 WINDOW_MIDDLE = 0.525
@@ -119,7 +120,7 @@ def step(
             nominal,
             braking,
             crank.INITIAL._replace(angle_rad=crank_rad),
-            estimator.INITIAL._replace(x_m=striker[0], v_m_s=striker[1]),
+            estimator_state.INITIAL._replace(x_m=striker[0], v_m_s=striker[1]),
             1,
         )
         stage = Stage.BRAKE if braking.stage == calm.CalmStage.BRAKE else Stage.REST

@@ -9,16 +9,16 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from firmware_py.core import gait
+from firmware_py.core.control import gait
 from firmware_py.core.inputs import GaitInput
 from firmware_py.shell.parameters import config_from
-from hil.scenario import read_scenario
+from hil.scenario.scenario import read_scenario
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, read_scene
 from tools.campaign.draws import DEFAULT_SEED, Mismatch, draw
-from tools.study.feasibility import STEP_S, Driven
+from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse.gate import Gate, initial, step
 from tools.study.pulse.judging import COLUMNS, GATED, JUDGED, Walked, judged
 from tools.study.pulse.turns import WALK
@@ -64,7 +64,7 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     felt_n, crank_rad = np.empty(ticks // every), np.empty(ticks // every)
     touching, torque_n_m, largest_n_m, copper_j = False, 0.0, 0.0, 0.0
     for k in range(ticks):
-        reading = plant.sense_gait() if k % GAIT_TICKS == 0 else None
+        reading = plant.sense_gait(plant.t_s) if k % GAIT_TICKS == 0 else None
         heard = heard._replace(age_ticks=heard.age_ticks + 1) if reading is None else GaitInput(*reading, 0)
         cycle = gait.step(config.gait, cycle, heard, 1)
         now = plant.now

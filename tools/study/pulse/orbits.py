@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from plant_sim.solvers.orbits import CLASSIFY, Outcome
+from plant_sim.orbits.sections import CLASSIFY, Outcome
 from tools.study import store, work
 from tools.study.cases import Case, case
 from tools.study.orbits import State, follow

@@ -14,7 +14,7 @@ from plant_sim.plant import Impact, Plant
 from plant_sim.scene import Scene, load_scene
 from tools.campaign.draws import DEFAULT_SEED
 from tools.study.cases import Case, case
-from tools.study.feasibility import STEP_S, Driven
+from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.orbits import State
 from tools.study.pulse.gate import WINDOW_MIDDLE
 from tools.study.pulse.judging import (

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pyarrow as pa
 
-from firmware_py.core.compiled import source_hash
+from firmware_py.builds.cache import source_hash
 from tools.study import store, work
 from tools.study.pulse.gated import SCENES, gated_piece
 from tools.study.pulse.judging import GATED, STRIDES_HZ, SUBHARMONIC, WALKERS

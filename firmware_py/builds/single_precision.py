@@ -1,0 +1,111 @@
+"""The firmware in single precision: numba's LLVM assembly with each `double` made a `float`.
+
+Types, instructions and constants change, each constant rounded once; integers, and so all ages and counters,
+stay 64 bits wide. Of `core.elementary` a few constants are the number format's own: they are replaced by
+what they are in single precision.
+"""
+
+import math
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+
+from firmware_py.core import elementary
+
+SINGLE_BITS = 24
+"""Of a float's significand."""
+
+_SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
+    # 17 bits, so that the product with up to 64 quarter turns is exact
+    ((elementary._QUARTER_1, elementary._QUARTER_2, elementary._QUARTER_REST), 17),
+    # 12 bits, so that the product with up to 2¹¹ doublings is exact
+    ((elementary._LN2, elementary._LN2_REST), 12),
+    ((math.pi, elementary._PI_REST), SINGLE_BITS),
+    ((0.5 * math.pi, elementary._HALF_PI_REST), SINGLE_BITS),
+    ((0.25 * math.pi, 3.06161699786838301793e-17), SINGLE_BITS),
+    ((elementary._ATAN_1_2, elementary._ATAN_1_2_REST), SINGLE_BITS),
+    ((elementary._ATAN_3_2, elementary._ATAN_3_2_REST), SINGLE_BITS),
+)
+"""Numbers in pieces of several floats, and the bits of all pieces but the last one."""
+
+
+def single(value: Fraction | float) -> float:
+    """The nearest number of single precision; an infinity from halfway between the largest and 2¹²⁸ on.
+
+    >>> single(0.1)
+    0.10000000149011612
+    """
+    try:
+        rounded: float = struct.unpack("<f", struct.pack("<f", value))[0]
+    except OverflowError:
+        return math.copysign(math.inf, value)
+    return rounded
+
+
+def pieces(number: Fraction, count: int, bits: int) -> Iterator[float]:
+    """A positive number as a sum of floats, all but the last one of at most `bits` bits.
+
+    >>> [float(piece).hex() for piece in pieces(Fraction(1, 3), 2, 4)]
+    ['0x1.6000000000000p-2', '-0x1.5555560000000p-7']
+    """
+    for _ in range(count - 1):
+        unit = Fraction(2) ** (math.frexp(number)[1] - bits)
+        piece = round(number / unit) * unit
+        yield float(piece)
+        number -= piece
+    yield single(number)
+
+
+def _replaced() -> Iterator[tuple[float, float]]:
+    yield elementary._TO_INTEGER, 1.5 * 2.0**23
+    yield elementary._LARGEST_STEP, 2.0**32  # its cube is finite
+    yield elementary._HALF, 2.0**12 + 1.0
+    for numbers, bits in _SPLIT:
+        exact = sum(map(Fraction, numbers), Fraction())
+        yield from zip(numbers, pieces(exact, len(numbers), bits), strict=True)
+
+
+REPLACED = {value: other for value, other in _replaced() if other != single(value)}
+"""Constants that are more than a number to be rounded."""
+
+_NUMBER = r"(?<![\w.$-])(?:0x[0-9A-F]{16}|-?\d\.\d+e[+-]\d+)(?![\w.])"
+_REWRITTEN: Sequence[tuple[re.Pattern[str], str]] = (
+    (
+        re.compile(r"\b(?:fptrunc double (\S+) to float|fpext float (\S+) to double)"),
+        r"bitcast float \1\2 to float",
+    ),
+    (re.compile(r"(?<![\w.$%@-])double(?![\w.])"), "float"),
+    (re.compile(r"@llvm\.(\w+)\.f64\("), r"@llvm.\1.f32("),
+    (re.compile(r"@(floor|sqrt)\("), r"@\1f("),
+    (re.compile(r", align \d+$"), ""),  # the type's own, now a smaller one
+)
+_QUOTED = re.compile(r'("[^"]*")')
+_TOUCHED = re.compile(rf"\bdouble\b|{_NUMBER}")
+_NUMBERS = re.compile(_NUMBER)
+
+
+def narrowed(assembly: str) -> str:
+    """LLVM assembly in which every double has become a float."""
+    return "\n".join(map(_line, assembly.split("\n")))
+
+
+def _line(line: str) -> str:
+    if not _TOUCHED.search(line):
+        return line
+    parts = _QUOTED.split(line)  # those in odd places are names and bytes
+    if not any(map(_TOUCHED.search, parts[::2])):
+        return line
+    for place in range(0, len(parts), 2):
+        text = _NUMBERS.sub(_constant, parts[place])
+        for pattern, replacement in _REWRITTEN:
+            text = pattern.sub(replacement, text)
+        parts[place] = text
+    return "".join(parts)
+
+
+def _constant(found: re.Match[str]) -> str:
+    """LLVM writes a float as the bits of the double that equals it."""
+    text = found.group()
+    value: float = struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
+    return f"0x{struct.pack('>d', REPLACED.get(value, single(value))).hex().upper()}"

@@ -1,0 +1,367 @@
+"""Where the wearer is in the gait cycle, and how far that can be relied on: heel strike to heel strike.
+
+The phase is the time since the last heel strike over the stride that is expected. Three more events of a
+stride (toe down, heel off, toe off) come at phases that are learnt from the strides gone by; each pulls the
+expected stride, and the phase with it, towards what it says, as far as its own spread deserves it: a scalar
+Kalman gain
+
+    g = P / (P + (σ_k² + σ_t²)/φ_k²)      T ← T + g (t_k/φ_k − T)      P ← (1 − g) P
+
+with P the variance of a stride about the one expected. A heel strike that does not come was missed by its
+switch: the cycle goes on without it, and what was learnt with it. The shank's rate says what switches cannot:
+whether the leg has swung since its last heel strike, and whether it is at rest.
+
+The other candidate was an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng. Comput. 49,
+2011), which lags where the cadence changes.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.inputs import GaitInput
+from firmware_py.interface.enums import GaitState
+
+NEARLY_ONE = 0.9999
+"""The phase of a stride that lasts longer than expected."""
+
+LONGEST_S = 100.0
+"""Times count no further."""
+
+SHORTEST_STRIDE_S = 0.5
+"""A stride; a run has 0.7 s."""
+LONGEST_STRIDE_S = 3.0
+"""A stride; the slowest walk has 2.5 s."""
+SWING_RAD_S = 1.0
+"""The shank, backward: the leg has swung."""
+STILL_RAD_S = 0.25
+"""Of the shank: in stance it turns by 0.5 and more."""
+STANDING_S = 1.0
+"""A leg at rest for this time: standing."""
+GAIN_STRIDE = 0.5
+"""Share of a stride in the mean: 20 % in 5 are followed."""
+EVENT_STD = 0.0045
+"""Of the cycle: 5 ms of frames, and how feet roll."""
+IRREGULAR = 0.35
+"""Of a stride: so different a one begins anew."""
+LARGEST_SPREAD = 0.15
+"""Of strides: nothing can be foretold."""
+STRIDES_TO_TRUST = 3
+"""Before anything is said."""
+STRIKE_PHASE = 0.012
+"""Where the heel's switch closes: at a tenth of the load."""
+
+
+class GaitConfig(NamedTuple):
+    """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
+
+    `strike_phase`: where in the cycle the heel's switch closes, which takes some load. `overdue`: by how
+    much of the cycle a heel strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
+    """
+
+    tick_s: float
+    stale_ticks: int
+    edge_age_s: float
+    strike_phase: float
+    shortest_s: float
+    longest_s: float
+    swing_rad_s: float
+    still_rad_s: float
+    still_s: float
+    standing_s: float
+    gain_stride: float
+    gain_learning: float
+    timing_variance: float
+    overdue: float
+    irregular: float
+    surprise: float
+    surprise_spread: float
+    largest_spread: float
+    strides_to_trust: int
+
+
+class Event(NamedTuple):
+    """An event of the stride: its phase and that one's variance, and when this stride had it, s (0: not)."""
+
+    phase: float
+    variance: float
+    at_s: float
+
+
+class Stride(NamedTuple):
+    """`mean_s` is that of late strides, `expected_s` is this one, `variance` says how surely.
+
+    `since_s` counts from the phase's heel strike, `since_seen_s` from the last one seen;
+    `missed` are those in between. `spread` is that of strides about what was expected, as a share. `early` is
+    by how many deviations this stride's heel strike came early.
+    """
+
+    mean_s: float
+    expected_s: float
+    variance: float
+    spread: float
+    since_s: float
+    since_seen_s: float
+    known: int
+    missed: int
+    early: float
+
+
+class Events(NamedTuple):
+    """What comes between two heel strikes."""
+
+    toe_down: Event
+    heel_off: Event
+    toe_off: Event
+
+
+class Leg(NamedTuple):
+    """The sensors' last word, whether the leg has swung since its heel strike, and its time at rest."""
+
+    heel: bool
+    toe: bool
+    swung: bool
+    still_s: float
+
+
+class CycleState(NamedTuple):
+    """`phase` is in 0…1 from heel strike, `confidence` in 0…1."""
+
+    phase: float
+    confidence: float
+    doing: GaitState
+    stride: Stride
+    events: Events
+    leg: Leg
+
+
+FIRST_STRIDE_S = 1.2
+FIRST_SPREAD = 0.03
+_FIRST_VARIANCE = 0.0004
+MOST_MISSED = 3
+PACE = 1.15
+"""A heel strike alone may be early at a new pace: it must exceed the confirming threshold by this margin."""
+
+INITIAL = CycleState(
+    phase=0.0,
+    confidence=0.0,
+    doing=GaitState.STANDING,
+    stride=Stride(
+        mean_s=FIRST_STRIDE_S,
+        expected_s=FIRST_STRIDE_S,
+        variance=FIRST_SPREAD * FIRST_SPREAD,
+        spread=FIRST_SPREAD,
+        since_s=LONGEST_S,
+        since_seen_s=LONGEST_S,
+        known=0,
+        missed=0,
+        early=0.0,
+    ),
+    events=Events(
+        toe_down=Event(0.10, _FIRST_VARIANCE, 0.0),
+        heel_off=Event(0.38, _FIRST_VARIANCE, 0.0),
+        toe_off=Event(0.62, _FIRST_VARIANCE, 0.0),
+    ),
+    leg=Leg(heel=False, toe=False, swung=False, still_s=0.0),
+)
+
+
+def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Event:
+    """The event with what a whole stride shows of it, ready for the next one (Welford's mean, variance)."""
+    if event.at_s <= 0.0:
+        return event
+    if known == 1:
+        return Event(event.at_s / stride_s, event.variance, 0.0)
+    off = event.at_s / stride_s - event.phase
+    share = max(config.gain_learning, 1.0 / (known + 1))
+    variance = event.variance + share * ((1.0 - share) * off * off - event.variance)
+    return Event(event.phase + share * off, variance, 0.0)
+
+
+def _seen(event: Event, at_s: float) -> Event:
+    return Event(event.phase, event.variance, at_s)
+
+
+def _unseen(events: Events) -> Events:
+    """Ready for the next stride."""
+    return Events(_seen(events.toe_down, 0.0), _seen(events.heel_off, 0.0), _seen(events.toe_off, 0.0))
+
+
+def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
+    """How many strides lie between two heel strikes seen: more than one where a switch missed some."""
+    if stride.known < config.strides_to_trust:
+        return 1
+    return max(int(took_s / stride.mean_s + 0.5), 1)
+
+
+def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> bool:
+    """Whether an event comes further from its time than that varies; both in shares of the cycle.
+
+    Who trips puts the foot down early; `early` is the heel strike's part of that, as innovations are
+    independent. A late one may still come: only after the latest possible heel strike there is none.
+    """
+    far = off < -config.surprise or off > config.overdue
+    if off > 0.0:
+        early = 0.0
+    highest = config.surprise_spread * spread
+    return far and off * off + early * early * spread * spread > highest * highest
+
+
+def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
+    """A heel strike: a stride has ended, or several, and the next one begins."""
+    took_s = stride.since_seen_s - config.edge_age_s
+    whole = _whole_strides(config, stride, took_s)
+    one_s = took_s / whole
+    mean_s, spread, known = stride.mean_s, stride.spread, stride.known
+    off = one_s - mean_s
+    late_s = stride.since_s - config.edge_age_s - (1.0 + config.strike_phase) * stride.expected_s
+    off_share = late_s / stride.expected_s
+    off_spread = math.sqrt(stride.variance + config.timing_variance)
+    plain = stride.missed == 0 and known > config.strides_to_trust
+    stumbled = plain and _surprising(config, off_share, PACE * off_spread, 0.0)
+    early = -off_share / off_spread if plain and off_share < 0.0 else 0.0
+    if stumbled or not config.shortest_s < one_s < config.longest_s or whole > MOST_MISSED:
+        known = 0
+    elif known == 0 or abs(off) > config.irregular * mean_s:
+        # The first, or no walking that can be followed: begin from this stride.
+        mean_s, spread, known = one_s, FIRST_SPREAD, 1
+    else:
+        mean_s += config.gain_stride * off
+        known = min(known + 1, 1000)
+        if known > config.strides_to_trust:
+            # The mean of a normal distribution's magnitude is 0.8 σ.
+            spread += 0.2 * (1.25 * abs(off) / mean_s - spread)
+    since_s = config.edge_age_s + config.strike_phase * mean_s
+    return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0, early)
+
+
+def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
+    """The expected stride with what an event says of it that has just come."""
+    if stride.known <= config.strides_to_trust:
+        return stride
+    off_s = event.at_s / event.phase - stride.expected_s
+    noise = (event.variance + config.timing_variance) / (event.phase * event.phase)
+    gain = stride.variance / (stride.variance + noise)
+    surprising = stride.missed == 0 and _surprising(
+        config,
+        event.phase * off_s / stride.expected_s,
+        event.phase * math.sqrt(stride.variance + noise),
+        stride.early,
+    )
+    return Stride(
+        stride.mean_s,
+        stride.expected_s + gain * off_s,
+        (1.0 - gain) * stride.variance,
+        stride.spread,
+        stride.since_s,
+        stride.since_seen_s,
+        0 if surprising else stride.known,
+        stride.missed,
+        0.0,
+    )
+
+
+def _due(stride: Stride, event: Event, at_s: float) -> bool:
+    """Whether it may be this event: not seen in this stride yet, and no switch that bounces elsewhere."""
+    usual_s = event.phase * stride.expected_s
+    return event.at_s <= 0.0 and 0.4 * usual_s < at_s < 2.5 * usual_s
+
+
+def _heard(
+    config: GaitConfig, stride: Stride, events: Events, leg: Leg, sensors: GaitInput
+) -> tuple[Stride, Events, Leg]:
+    """What a fresh frame says."""
+    rate_rad_s, heel, toe = sensors.shank_rate_rad_s, sensors.heel, sensors.toe
+    swung = leg.swung or rate_rad_s < -config.swing_rad_s
+    still_s = leg.still_s + 2.0 * config.edge_age_s if abs(rate_rad_s) < config.still_rad_s else 0.0
+    toe_down, heel_off, toe_off = events.toe_down, events.heel_off, events.toe_off
+    at_s = stride.since_s - config.edge_age_s
+    if heel and not leg.heel and swung:
+        swung = False
+        took_s = stride.since_seen_s - config.edge_age_s
+        plain = stride.missed == 0 and _whole_strides(config, stride, took_s) == 1
+        stride = _heel_struck(config, stride)
+        if plain and stride.known > 0:
+            events = Events(
+                _learnt(config, toe_down, took_s, stride.known),
+                _learnt(config, heel_off, took_s, stride.known),
+                _learnt(config, toe_off, took_s, stride.known),
+            )
+        events = _unseen(events)
+    elif toe and not leg.toe and _due(stride, toe_down, at_s):
+        toe_down = _seen(toe_down, at_s)
+        stride = _told(config, stride, toe_down)
+        events = Events(toe_down, heel_off, toe_off)
+    elif leg.heel and not heel and _due(stride, heel_off, at_s):
+        heel_off = _seen(heel_off, at_s)
+        stride = _told(config, stride, heel_off)
+        events = Events(toe_down, heel_off, toe_off)
+    elif leg.toe and not toe and _due(stride, toe_off, at_s):
+        toe_off = _seen(toe_off, at_s)
+        stride = _told(config, stride, toe_off)
+        events = Events(toe_down, heel_off, toe_off)
+    return stride, events, Leg(heel, toe, swung, still_s)
+
+
+def _missed(stride: Stride) -> Stride:
+    """A heel strike that must have been: the cycle goes on from where it should have come."""
+    return Stride(
+        stride.mean_s,
+        stride.mean_s,
+        2.0 * stride.spread * stride.spread,
+        stride.spread,
+        stride.since_s - stride.expected_s,
+        stride.since_seen_s,
+        stride.known,
+        stride.missed + 1,
+        0.0,
+    )
+
+
+def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
+    """The stride a tick later; who does not walk has none."""
+    return Stride(
+        stride.mean_s,
+        stride.expected_s,
+        stride.variance,
+        stride.spread,
+        min(stride.since_s + dt_s, LONGEST_S),
+        min(stride.since_seen_s + dt_s, LONGEST_S),
+        stride.known if walking else 0,
+        stride.missed,
+        stride.early,
+    )
+
+
+def _doing(config: GaitConfig, confidence: float, leg: Leg, forgotten: bool) -> GaitState:
+    """What the leg does."""
+    if leg.still_s > config.standing_s or forgotten:
+        return GaitState.STANDING
+    if confidence <= 0.0:
+        return GaitState.UNCERTAIN
+    return GaitState.STANCE if leg.heel or leg.toe else GaitState.SWING
+
+
+def step(config: GaitConfig, state: CycleState, sensors: GaitInput, elapsed_ticks: int) -> CycleState:
+    """One tick: time goes on, and a fresh frame may bring an event of the stride."""
+    walking = (
+        state.stride.since_seen_s < (MOST_MISSED + 1) * state.stride.mean_s
+        and state.leg.still_s < config.still_s
+        and sensors.age_ticks <= config.stale_ticks
+    )
+    stride = _aged(state.stride, elapsed_ticks * config.tick_s, walking)
+    events, leg = state.events, state.leg
+    if sensors.age_ticks == 0:
+        stride, events, leg = _heard(config, stride, events, leg, sensors)
+    trusted = stride.known >= config.strides_to_trust
+    if (
+        trusted
+        and stride.missed < MOST_MISSED
+        and stride.since_s > (1.0 + config.overdue) * stride.expected_s
+    ):
+        stride, events = _missed(stride), _unseen(events)
+    confidence = 0.0
+    if trusted and stride.missed < MOST_MISSED:
+        confidence = max(1.0 - stride.spread / config.largest_spread, 0.0) / (1.0 + stride.missed)
+    phase = min(max(stride.since_s / stride.expected_s, 0.0), NEARLY_ONE)
+    doing = _doing(config, confidence, leg, stride.since_seen_s >= LONGEST_S)
+    return CycleState(phase, confidence, doing, stride, events, leg)

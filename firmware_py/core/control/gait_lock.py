@@ -1,0 +1,201 @@
+"""The crank locked to the gait: n turns a stride, and one of their impacts in the push-off window.
+
+    r = n f_stride 2π/ω,  n such that r lies nearest to the centre of the impact region
+
+and the crank's angle is led to where an impact falls on the middle p_c of the window,
+
+    θ* = 2π n (p − p_c) + θ_b,   ω_crank = n ω_stride + g (θ* − θ)
+
+with θ_b the angle at which impacts come, filtered from the regime's reports: a phase-locked loop (Gardner,
+Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n impacts may be in the
+window: the error is taken on the circle. Another n makes θ* leap by 2π (p − p_c): it is taken where that
+is what the change of speed costs. All of it is a slow change of the ratio in the hold, limited in size and
+rate, so that the striker's motion follows from the impact before to the next.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.control.gait import CycleState
+from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
+from firmware_py.interface.enums import Refusal
+
+MOST_TURNS = 15
+"""Crank turns a stride; what the report has room for."""
+
+COUNTS = 65536
+
+AIM_HYSTERESIS = 0.01
+"""As `hysteresis`, where an impulse is asked for: what the mean impact of some strides is uncertain by."""
+
+LARGEST_SHARE = 0.45
+"""After the heel strike, which gives the stride that turns are chosen for."""
+
+
+class LockConfig(NamedTuple):
+    """`hysteresis`: by how much of r another n has to lie nearer to the centre.
+
+    The crank may leave the region by `margin`, and an n that is taken already by twice that: strides vary.
+    Ratios refer to the nominal ω.
+    """
+
+    follow: bool
+    tick_s: float
+    natural_rad_s: float
+    lowest_ratio: float
+    centre_ratio: float
+    highest_ratio: float
+    hysteresis: float
+    margin: float
+    window_start: float
+    window_end: float
+    lowest_confidence: float
+    gain_1_s: float
+    largest_trim: float
+    rate_1_s: float
+
+
+class LockState(NamedTuple):
+    """`base_ratio` is where a start ends, `trim` what the ratio is off it now.
+
+    `phase` is that of the cycle, `error_rad` is θ* − θ, `impact_rad` is θ_b. Counts of pulses wrap at COUNTS.
+    """
+
+    harmonic: int
+    phase: float
+    base_ratio: float
+    trim: float
+    trim_rate_1_s: float
+    error_rad: float
+    impact_rad: float
+    in_window: int
+    outside: int
+    refusal: Refusal
+
+
+INITIAL = LockState(
+    harmonic=0,
+    phase=0.0,
+    base_ratio=1.0,
+    trim=0.0,
+    trim_rate_1_s=0.0,
+    error_rad=0.0,
+    impact_rad=0.5 * math.pi,
+    in_window=0,
+    outside=0,
+    refusal=Refusal.NOT_WALKING,
+)
+
+
+def chosen(config: LockConfig, stride_s: float, before: int, aim_ratio: float) -> int:
+    """How many turns a stride come next to `aim_ratio`, or to the centre where that is 0.
+
+    0 where none gives a ratio within the region.
+    """
+    one = TAU / (stride_s * config.natural_rad_s)
+    aim = aim_ratio if aim_ratio > 0.0 else config.centre_ratio
+    hysteresis = AIM_HYSTERESIS if aim_ratio > 0.0 else config.hysteresis
+    below = int(aim / one)
+    best = 0
+    for turns in (below, below + 1):
+        fits = 1 <= turns <= MOST_TURNS and config.lowest_ratio <= turns * one <= config.highest_ratio
+        if fits and (best == 0 or abs(turns * one - aim) < abs(best * one - aim)):
+            best = turns
+    most = 2.0 * config.margin
+    stays = config.lowest_ratio - most <= before * one <= config.highest_ratio + most
+    if stays and (best == 0 or abs(before * one - aim) <= abs(best * one - aim) + hysteresis):
+        return before
+    return best
+
+
+def refused(config: LockConfig, gait: CycleState, harmonic: int) -> Refusal:
+    """What keeps the crank from following, or NONE."""
+    if gait.confidence < config.lowest_confidence:
+        return Refusal.NOT_WALKING
+    return Refusal.NONE if harmonic > 0 else Refusal.NO_HARMONIC
+
+
+def turning_share(config: LockConfig, stride_s: float) -> float:
+    """By how much of the cycle before p_c another n is to be taken.
+
+    The ratio goes over by Δr, a turn a stride, at its rate ρ: meanwhile the crank gains ω Δr²/2ρ on the new
+    θ*, or loses it. That is what θ* leaps by where the change comes ω Δr²/4πρ of a cycle before p_c.
+    """
+    turn = TAU / (stride_s * config.natural_rad_s)
+    share = config.natural_rad_s * turn * turn / (2.0 * TAU * config.rate_1_s)
+    return min(share, LARGEST_SHARE)
+
+
+def within(config: LockConfig, phase: float) -> bool:
+    """Whether a phase of the cycle lies in the window."""
+    return config.window_start <= phase <= config.window_end
+
+
+def step(
+    config: LockConfig,
+    state: LockState,
+    gait: CycleState,
+    moving: bool,
+    holding: bool,
+    angle_rad: float,
+    regime: RegimeState,
+    touch_down: bool,
+    age_s: float,
+    elapsed_ticks: int,
+    aim_ratio: float,
+) -> LockState:
+    """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it.
+
+    `aim_ratio` is where an impulse asked for lies, or 0.
+    """
+    middle = 0.5 * (config.window_start + config.window_end)
+    harmonic = 0
+    if gait.confidence >= config.lowest_confidence:
+        harmonic = chosen(config, gait.stride.mean_s, state.harmonic, aim_ratio)
+        change_at = middle - turning_share(config, gait.stride.mean_s)
+        if holding and harmonic > 0 and state.harmonic > 0 and not state.phase < change_at <= gait.phase:
+            harmonic = state.harmonic
+    one = TAU / (gait.stride.expected_s * config.natural_rad_s)
+    base_ratio = state.base_ratio
+    if not moving and harmonic > 0:
+        base_ratio = harmonic * TAU / (gait.stride.mean_s * config.natural_rad_s)
+
+    impact_rad = state.impact_rad
+    if regime.ended and regime.last.impacts == 1:
+        impact_rad += 0.3 * wrap_pi(regime.last.phase_rad + 0.5 * math.pi - impact_rad)
+    trim, rate_1_s, error_rad = 0.0, 0.0, 0.0
+    if holding:
+        wanted = base_ratio + state.trim
+        if harmonic > 0:
+            error_rad = wrap_pi(TAU * harmonic * (gait.phase - middle) + impact_rad - angle_rad)
+            wanted = harmonic * one + clamp(
+                config.gain_1_s * error_rad / config.natural_rad_s, config.largest_trim
+            )
+            wanted = min(
+                max(wanted, config.lowest_ratio - config.margin), config.highest_ratio + config.margin
+            )
+        dt_s = elapsed_ticks * config.tick_s
+        change = clamp(wanted - base_ratio - state.trim, config.rate_1_s * dt_s)
+        trim = state.trim + change
+        rate_1_s = change / dt_s
+
+    in_window, outside = state.in_window, state.outside
+    if holding and touch_down and harmonic > 0:
+        phase = gait.phase - age_s / gait.stride.expected_s
+        if within(config, fraction(phase)):
+            in_window = (in_window + 1) % COUNTS
+        else:
+            outside = (outside + 1) % COUNTS
+    return LockState(
+        harmonic,
+        gait.phase,
+        base_ratio,
+        trim,
+        rate_1_s,
+        error_rad,
+        impact_rad,
+        in_window,
+        outside,
+        refused(config, gait, harmonic),
+    )

@@ -1,0 +1,188 @@
+"""Once captured: keep away from the fold, creep to a speed beyond it, give the impulse that was asked for.
+
+On the branch with one impact a period both the crank angle at impact and the impulse rise with the speed, and
+at the fold, 85° to 91° past the forward dead centre, the branch ends. So once a period, on a period with
+exactly one impact, an integral law moves the ratio r = Ω/ω by the smaller of two steps
+
+    Δ_want  = g_J (J* − J)/J'         an impulse asked for, else towards the ratio asked for
+    Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 64.5°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r;
+                                      g_φ is 0.15 below φ* and 0.5 beyond
+
+(an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). Below the first few degrees φ no longer
+shows r, but there Δ_guard is the larger one and has no say. Without exactly one impact nothing moves.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.core.numbers import clamp
+from firmware_py.interface.enums import NO_REFUSAL, Refusal
+
+PHASE_SLOPE_RAD = 1.4
+"""By unit of r at 0 deg: 0.8 deg per 0.01."""
+PHASE_SLOPE_GROWTH = 1.6
+"""By rad: 2.3 deg per 0.01 at 65 deg and more."""
+GAIN_RETREAT = 0.5
+"""Of the error a period, where φ exceeds φ*: the fold comes closer while a housing that swings at nearly the
+crank's frequency takes from its amplitude, and 0.3 is too slow for that."""
+GAIN_IMPULSE = 0.2
+"""Of the error a period; an impact settles in two."""
+IMPULSE_TOLERANCE = 0.03
+"""Further off than this it is not met."""
+
+
+class HoldConfig(NamedTuple):
+    """`phase_slope_rad` is φ' at 0°, per unit of r; it grows by `phase_slope_growth` with each rad of φ."""
+
+    tick_s: float
+    natural_rad_s: float
+    lowest_ratio: float
+    highest_ratio: float
+    highest_phase_rad: float
+    phase_slope_rad: float
+    phase_slope_growth: float
+    gain_phase: float
+    impulse_slope_n_s: float
+    gain_impulse: float
+    largest_step: float
+    rate_1_s: float
+    lowest_impulse_n_s: float
+    highest_impulse_n_s: float
+    impulse_tolerance: float
+    refusing_periods: int
+
+
+class HoldState(NamedTuple):
+    """`trim` is what the ratio is off the S-curve's end now, `wanted_trim` where it is going."""
+
+    trim: float
+    trim_rate_1_s: float
+    wanted_trim: float
+    guarded: bool
+    bound_periods: int
+    impulse_n_s: float
+    refusal: Refusal
+
+
+INITIAL = HoldState(
+    trim=0.0,
+    trim_rate_1_s=0.0,
+    wanted_trim=0.0,
+    guarded=False,
+    bound_periods=0,
+    impulse_n_s=0.0,
+    refusal=NO_REFUSAL,
+)
+
+
+def phase_step(config: HoldConfig, phase_rad: float) -> float:
+    """Δ_guard: by how much the ratio may rise at this phase; below 0 it has to fall."""
+    within_rad = clamp(phase_rad, 1.5)
+    slope_rad = config.phase_slope_rad * (
+        1.0 + config.phase_slope_growth * (within_rad if within_rad > 0.0 else 0.0)
+    )
+    error_rad = config.highest_phase_rad - within_rad
+    gain = config.gain_phase if error_rad >= 0.0 else max(config.gain_phase, GAIN_RETREAT)
+    return gain * error_rad / slope_rad
+
+
+def wanted_step(
+    config: HoldConfig, ratio: float, target_ratio: float, target_impulse_n_s: float, impulse_n_s: float
+) -> float:
+    """Δ_want, bounded."""
+    if target_impulse_n_s > 0.0:
+        step = config.gain_impulse * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
+    else:
+        step = target_ratio - ratio
+    return clamp(step, config.largest_step)
+
+
+def possible(config: HoldConfig, target_impulse_n_s: float) -> bool:
+    """Whether an impulse may be asked for at all; 0 asks for none, NaN is none."""
+    return target_impulse_n_s == 0.0 or (
+        config.lowest_impulse_n_s <= target_impulse_n_s <= config.highest_impulse_n_s
+    )
+
+
+def _bound(
+    config: HoldConfig,
+    ratio: float,
+    guarded: bool,
+    target_ratio: float,
+    target_impulse_n_s: float,
+    impulse_n_s: float,
+) -> Refusal:
+    """Which end of the impact region keeps the impulse, or else the ratio, from what was asked for."""
+    if target_impulse_n_s <= 0.0:
+        short = guarded and target_ratio - ratio > config.largest_step
+        return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL
+    if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
+        1.0 - config.impulse_tolerance
+    ):
+        return Refusal.IMPULSE_TOO_HIGH
+    if ratio <= config.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + config.impulse_tolerance):
+        return Refusal.IMPULSE_TOO_LOW
+    return NO_REFUSAL
+
+
+def step(
+    config: HoldConfig,
+    state: HoldState,
+    holding: bool,
+    base_ratio: float,
+    target_ratio: float,
+    target_impulse_n_s: float,
+    regime: RegimeState,
+    impact_n_s: float,
+    elapsed_ticks: int,
+) -> HoldState:
+    """One tick. `base_ratio` is the S-curve's end, `impact_n_s` the last impact's impulse."""
+    if not possible(config, target_impulse_n_s):
+        target_impulse_n_s = 0.0
+        unmet = Refusal.IMPULSE_OUT_OF_RANGE
+    else:
+        unmet = NO_REFUSAL
+    if not holding:
+        return HoldState(
+            trim=0.0,
+            trim_rate_1_s=0.0,
+            wanted_trim=0.0,
+            guarded=False,
+            bound_periods=0,
+            impulse_n_s=0.0,
+            refusal=unmet,
+        )
+    wanted_trim, guarded = state.wanted_trim, state.guarded
+    bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
+    of_ratio = refusal in (NO_REFUSAL, Refusal.RATIO_TOO_HIGH)
+    if (
+        unmet != NO_REFUSAL
+        or refusal == Refusal.IMPULSE_OUT_OF_RANGE
+        or of_ratio != (target_impulse_n_s <= 0.0)
+    ):
+        refusal = unmet
+    if regime.ended and regime.last.impacts == 1 and regime.second.impacts == 1:
+        impulse_n_s = impact_n_s if impulse_n_s <= 0.0 else impulse_n_s + 0.5 * (impact_n_s - impulse_n_s)
+        ratio = base_ratio + wanted_trim
+        wanted = wanted_step(config, ratio, target_ratio, target_impulse_n_s, impulse_n_s)
+        guard = phase_step(config, regime.last.phase_rad)
+        guarded = guard < wanted
+        moved = ratio + clamp(guard if guarded else wanted, config.largest_step)
+        moved = min(moved, config.highest_ratio)
+        moved = max(moved, min(config.lowest_ratio, base_ratio))
+        wanted_trim = moved - base_ratio
+        bound = _bound(config, moved, guarded, target_ratio, target_impulse_n_s, impulse_n_s)
+        bound_periods = bound_periods + 1 if bound != NO_REFUSAL else 0
+        if unmet == NO_REFUSAL and (bound == NO_REFUSAL or bound_periods >= config.refusing_periods):
+            refusal = bound
+    dt_s = elapsed_ticks * config.tick_s
+    change = clamp(wanted_trim - state.trim, config.rate_1_s * dt_s)
+    return HoldState(
+        state.trim + change,
+        change / dt_s,
+        wanted_trim,
+        guarded,
+        bound_periods,
+        impulse_n_s,
+        refusal,
+    )

@@ -1,0 +1,166 @@
+"""The speed loop: PI with the crank's load fed forward, and limits that fail safe.
+
+    T = J α* + B ω + T_dry sign ω* + T_crank + K_p e + K_i ∫e dt,   T_crank = c (A sin θ + l0 − x) A cos θ
+
+Positive torque turns the crank forward. The command acts one to two ticks after the sensors were read, so the
+load is taken for the middle of that time. The integral stops where a limit acts on the torque (conditional
+integration). What is no number becomes 0 N m, never a limit's worth.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.elementary import cos, sin
+from firmware_py.core.estimation.crank import CrankState
+from firmware_py.core.estimation.estimator_state import EstimatorState
+from firmware_py.core.numbers import clamp
+from firmware_py.interface.enums import NO_LIMIT, ActingLimit
+
+
+class NominalLoad(NamedTuple):
+    """What turns with the crank, and its spring, which no striker stretches beyond the longest stretch."""
+
+    inertia_kg_m2: float
+    viscous_n_m_s: float
+    dry_n_m: float
+    spring_n_m: float
+    amplitude_m: float
+    rest_length_m: float
+    longest_stretch_m: float
+
+
+class SpeedConfig(NamedTuple):
+    """Gains by tools.tuning.speed; `lead_s` from the sensors' time to the middle of the torque's."""
+
+    tick_s: float
+    gain_p_n_m_s: float
+    gain_i_n_m: float
+    lead_s: float
+    load: NominalLoad
+    load_share: float
+    torque_limit_n_m: float
+    torque_rate_n_m_s: float
+    speed_limit_rad_s: float
+
+
+class SpeedState(NamedTuple):
+    """`acting_n_m` is the torque that acts until the next sensor sample: the command of the tick before."""
+
+    integral_n_m: float
+    error_rad_s: float
+    feedforward_n_m: float
+    torque_n_m: float
+    acting_n_m: float
+    acting_limit: ActingLimit
+
+
+INITIAL = SpeedState(
+    integral_n_m=0.0,
+    error_rad_s=0.0,
+    feedforward_n_m=0.0,
+    torque_n_m=0.0,
+    acting_n_m=0.0,
+    acting_limit=ActingLimit.SAFE_STATE,
+)
+
+
+def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+    """The spring's stretch `ahead_s` from the estimate, m; NaN beyond the longest: the estimate is lost."""
+    angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
+    x_m = estimate.x_m + estimate.v_m_s * ahead_s
+    stretch_m = load.amplitude_m * sin(angle_rad) + load.rest_length_m - x_m
+    return stretch_m if abs(stretch_m) <= load.longest_stretch_m else math.nan
+
+
+def crank_load(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
+    """The torque by which the spring opposes the crank `ahead_s` from the estimate, N m."""
+    stretch_m = stretch_at(load, crank, estimate, ahead_s)
+    if math.isnan(stretch_m):
+        return 0.0  # the estimate is lost
+    angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
+    return load.spring_n_m * stretch_m * load.amplitude_m * cos(angle_rad)
+
+
+def known_acceleration(
+    config: SpeedConfig, acting_n_m: float, crank: CrankState, estimate: EstimatorState
+) -> float:
+    """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
+
+    `acting_n_m` is the torque that acted in it.
+    """
+    load = config.load
+    losses_n_m = load.viscous_n_m_s * crank.omega_rad_s
+    if crank.omega_rad_s > 0.2:
+        losses_n_m += load.dry_n_m
+    elif crank.omega_rad_s < -0.2:
+        losses_n_m -= load.dry_n_m
+    elif abs(acting_n_m) < 2.0 * load.dry_n_m:
+        return 0.0
+    crank_n_m = config.load_share * crank_load(load, crank, estimate, 0.5 * config.tick_s)
+    known = (acting_n_m - losses_n_m - crank_n_m) / load.inertia_kg_m2
+    return clamp(known, 2.0 * config.torque_limit_n_m / load.inertia_kg_m2)
+
+
+def safe(state: SpeedState) -> SpeedState:
+    """Torque zero at once, with the integral emptied."""
+    return SpeedState(
+        integral_n_m=0.0,
+        error_rad_s=0.0,
+        feedforward_n_m=0.0,
+        torque_n_m=0.0,
+        acting_n_m=state.torque_n_m,
+        acting_limit=ActingLimit.SAFE_STATE,
+    )
+
+
+def step(
+    config: SpeedConfig,
+    state: SpeedState,
+    crank: CrankState,
+    estimate: EstimatorState,
+    target_omega_rad_s: float,
+    target_acceleration_rad_s2: float,
+    elapsed_ticks: int,
+) -> SpeedState:
+    """One tick of the loop; the torque it gives is finite and within all limits whatever comes in."""
+    load = config.load
+    dry_n_m = load.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
+    feedforward_n_m = clamp(
+        load.inertia_kg_m2 * target_acceleration_rad_s2
+        + load.viscous_n_m_s * target_omega_rad_s
+        + dry_n_m
+        + config.load_share * crank_load(load, crank, estimate, config.lead_s),
+        config.torque_limit_n_m,
+    )
+    error_rad_s = target_omega_rad_s - crank.omega_rad_s
+    wanted_n_m = feedforward_n_m + config.gain_p_n_m_s * error_rad_s + state.integral_n_m
+
+    acting_limit = NO_LIMIT
+    torque_n_m = clamp(wanted_n_m, config.torque_limit_n_m)
+    if torque_n_m != wanted_n_m:
+        acting_limit = ActingLimit.TORQUE
+    if crank.omega_rad_s > config.speed_limit_rad_s and torque_n_m > 0.0:
+        torque_n_m = 0.0
+        acting_limit = ActingLimit.SPEED
+    change_n_m = clamp(
+        torque_n_m - state.torque_n_m, config.torque_rate_n_m_s * config.tick_s * elapsed_ticks
+    )
+    if state.torque_n_m + change_n_m != torque_n_m and abs(torque_n_m - state.torque_n_m) > abs(change_n_m):
+        acting_limit = ActingLimit.TORQUE_RATE
+        torque_n_m = state.torque_n_m + change_n_m
+
+    integral_n_m = state.integral_n_m
+    pushes_on = error_rad_s * (wanted_n_m - torque_n_m) > 0.0
+    if acting_limit == NO_LIMIT or not pushes_on:
+        integral_n_m = clamp(
+            integral_n_m + config.gain_i_n_m * error_rad_s * config.tick_s * elapsed_ticks,
+            config.torque_limit_n_m,
+        )
+    return SpeedState(
+        integral_n_m,
+        error_rad_s,
+        feedforward_n_m,
+        clamp(torque_n_m, config.torque_limit_n_m),
+        state.torque_n_m,
+        acting_limit,
+    )

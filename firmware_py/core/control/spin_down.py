@@ -1,0 +1,94 @@
+"""A stop that takes the striker's energy first, and then lets the crank rest where the gap is widest.
+
+A striker with little damping keeps meeting the stop after the crank has stopped. The piston's pull takes
+the power −c x_A v from it, most of it where x_A goes against v. With the striker's free motion as a phasor,
+
+    x − l₀ = R cos ψ,  v = −R ω sin ψ,  x_A = A sin θ        P = −c A R ω sin θ sin ψ
+
+that is a crank at θ = ψ: it turns on at the striker's own frequency, in step with it,
+
+    ω_crank = ω + g ω (ψ − θ)
+
+(a phase-locked loop, as in `lock`), until the swing no longer reaches the stop. Then it turns on to its
+backward dead centre, θ = −90°, where the gap is wider by A and the spring has no lever on a motor without
+torque. It lasts no longer than `longest_s`: a stop ends in a crank at rest.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+from firmware_py.core.elementary import atan2
+from firmware_py.core.estimation.crank import CrankState
+from firmware_py.core.estimation.estimator_state import EstimatorState
+from firmware_py.core.numbers import at_least, clamp, wrap_pi
+
+WAITS_RAD = 0.75 * math.pi
+"""Beyond π less this a crank behind the striker waits for its next swing: to wait takes no speed."""
+
+PARK_GAIN = 1.5
+"""Over ω: on the dead centre within half a swing, which hardly stirs the striker."""
+
+
+class CalmStage(IntEnum):
+    """Where a stop is."""
+
+    OFF = 0
+    BRAKE = 1
+    PARK = 2
+
+
+class CalmConfig(NamedTuple):
+    """`longest_s` of braking; 0: the S-curve to rest alone. `share` of the way to the stop a swing may take.
+
+    `gain` is g.
+    """
+
+    tick_s: float
+    longest_s: float
+    natural_rad_s: float
+    amplitude_m: float
+    rest_length_m: float
+    stop_m: float
+    share: float
+    gain: float
+    highest_rad_s: float
+
+
+class CalmState(NamedTuple):
+    """`swing_m` is the striker's amplitude about where it will rest.
+
+    `highest_rad_s` is the crank's speed when the stop began, which no target of the stop exceeds.
+    """
+
+    stage: CalmStage
+    highest_rad_s: float
+    since_s: float
+    swing_m: float
+    target_omega_rad_s: float
+
+
+INITIAL = CalmState(stage=CalmStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0)
+
+
+def step(
+    config: CalmConfig, state: CalmState, crank: CrankState, estimate: EstimatorState, elapsed_ticks: int
+) -> CalmState:
+    """One tick of a stop: the speed that the crank is to have."""
+    natural_rad_s = config.natural_rad_s
+    highest_rad_s = state.highest_rad_s
+    if state.stage == CalmStage.OFF:
+        highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), config.highest_rad_s)
+    away_m, lag_m = estimate.x_m - config.rest_length_m, estimate.v_m_s / natural_rad_s
+    swing_m = math.sqrt((away_m + config.amplitude_m) * (away_m + config.amplitude_m) + lag_m * lag_m)
+    since_s = state.since_s + elapsed_ticks * config.tick_s
+    reach_m = config.stop_m - config.rest_length_m + config.amplitude_m
+    swings = swing_m > config.share * reach_m and since_s < config.longest_s  # what is no number does not
+    stage = CalmStage.BRAKE if swings and state.stage != CalmStage.PARK else CalmStage.PARK
+    if stage == CalmStage.BRAKE:
+        error_rad = wrap_pi(atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
+        wanted_rad_s = at_least(natural_rad_s * (1.0 + config.gain * error_rad), 0.0)
+    else:
+        error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
+        wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)
+    return CalmState(stage, highest_rad_s, since_s, swing_m, clamp(wanted_rad_s, highest_rad_s))

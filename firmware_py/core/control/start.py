@@ -1,0 +1,426 @@
+"""How the crank is brought to speed, into the impact regime and back to rest.
+
+Near the fold the impact regime cannot be entered by switching on: from rest an instant start ends in
+non-impact motion for every crank phase. Followed from below it can, so the speed rises on an S-curve
+
+    ω(s) = ω₀ + (ω₁ − ω₀) (3 s² − 2 s³),  s = t / T
+
+with no jump in acceleration's integral anywhere and zero acceleration at both ends. A first one leads quickly
+to below resonance, where there are no impacts yet; the second is slow, so that what the striker
+still swings of its own does not add to what resonance gives it. Impacts in consecutive periods confirm the
+capture. Where it fails, or is lost later, the speed dips to where the impact regime alone exists and rises
+again; a bounded number of attempts, then it is said to have failed.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.core.numbers import at_least
+from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
+
+DIP_S = 1.0
+"""Down to the dip."""
+SHORTEST_CHANGE_S = 0.5
+"""For a small change of the target."""
+
+
+class Stage(IntEnum):
+    """Where a start or a stop is."""
+
+    REST = 0
+    RISE = 1
+    CONFIRM = 2
+    HOLD = 3
+    DIP = 4
+    DWELL = 5
+    STOP = 6
+    APPROACH = 7
+
+
+REST, RISE, CONFIRM, HOLD, DIP, DWELL, STOP, APPROACH = Stage
+
+
+class StartConfig(NamedTuple):
+    """Times of the S-curves; `natural_rad_s` is the nominal ω that ratios refer to."""
+
+    tick_s: float
+    natural_rad_s: float
+    lowest_ratio: float
+    highest_ratio: float
+    free_ratio: float
+    capture_ratio: float
+    dip_ratio: float
+    approach_ratio: float
+    approach_s: float
+    rise_s: float
+    dip_s: float
+    again_s: float
+    stop_s: float
+    shortest_change_s: float
+    confirm_periods: int
+    missing_periods: int
+    lost_periods: int
+    dwell_periods: int
+    attempts: int
+    retreat_ratio: float
+
+
+class StartState(NamedTuple):
+    """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
+
+    `ceiling_ratio` is the highest at which a curve may end since one was lost. `searching_s` is how long the
+    impacts that are wanted have not been there.
+    """
+
+    stage: Stage
+    from_rad_s: float
+    to_rad_s: float
+    duration_s: float
+    s: float
+    target_omega_rad_s: float
+    target_acceleration_rad_s2: float
+    hits: int
+    misses: int
+    attempts: int
+    captured: bool
+    failed: bool
+    ceiling_ratio: float
+    searching_s: float
+
+
+LONGEST_SEARCH_S = 29.0
+"""Of a start, and of a recovery in RUN: with the second that the drive may take to close its axis, 30 s."""
+
+SMALL_CHANGE = 1e-3
+"""Of the natural frequency: a target that changes by less begins no new curve; the hold takes it over."""
+
+NO_CEILING = 10.0
+"""Beyond every ratio that can be asked for."""
+
+
+INITIAL = StartState(
+    stage=REST,
+    from_rad_s=0.0,
+    to_rad_s=0.0,
+    duration_s=1.0,
+    s=1.0,
+    target_omega_rad_s=0.0,
+    target_acceleration_rad_s2=0.0,
+    hits=0,
+    misses=0,
+    attempts=0,
+    captured=False,
+    failed=False,
+    ceiling_ratio=NO_CEILING,
+    searching_s=0.0,
+)
+
+
+def s_curve(s: float) -> tuple[float, float]:
+    """Height and slope of the S-curve at progress `s` in 0…1."""
+    if s <= 0.0:
+        return 0.0, 0.0
+    if s >= 1.0:
+        return 1.0, 0.0
+    return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s)
+
+
+def valid_ratio(config: StartConfig, ratio: float) -> bool:
+    """Whether the operator's ratio can be run; NaN cannot."""
+    return config.lowest_ratio <= ratio <= config.highest_ratio
+
+
+def _curve(
+    state: StartState, stage: Stage, from_rad_s: float, to_rad_s: float, duration_s: float, attempts: int
+) -> StartState:
+    """A new S-curve."""
+    return StartState(
+        stage=stage,
+        from_rad_s=from_rad_s,
+        to_rad_s=to_rad_s,
+        duration_s=duration_s,
+        s=0.0,
+        target_omega_rad_s=from_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=attempts,
+        captured=state.captured,
+        failed=state.failed,
+        ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
+    )
+
+
+def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
+    """Further along the curve; in the hold, which has moved on from its end, the target stays."""
+    if state.stage == HOLD:
+        return state
+    s = state.s + elapsed_ticks * config.tick_s / state.duration_s
+    height, slope = s_curve(s)
+    span = state.to_rad_s - state.from_rad_s
+    return StartState(
+        state.stage,
+        state.from_rad_s,
+        state.to_rad_s,
+        state.duration_s,
+        min(s, 1.0),
+        state.from_rad_s + span * height,
+        span * slope / state.duration_s,
+        state.hits,
+        state.misses,
+        state.attempts,
+        state.captured,
+        state.failed,
+        state.ceiling_ratio,
+        state.searching_s,
+    )
+
+
+def _counted(state: StartState, regime: RegimeState) -> StartState:
+    """Count periods with an impact since the last two without one in a row, and periods without."""
+    if not regime.ended:
+        return state
+    # One period without an impact is an odd one, or half of an orbit that repeats after two.
+    hit = regime.last.impacts > 0
+    odd = not hit and state.misses == 0
+    hits = state.hits + 1 if hit else state.hits
+    return StartState(
+        stage=state.stage,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=state.s,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
+        hits=hits if hit or odd else 0,
+        misses=0 if hit else state.misses + 1,
+        attempts=state.attempts,
+        captured=state.captured,
+        failed=state.failed,
+        ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
+    )
+
+
+def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
+    """The same, at another stage, counting from `hits` impacts and no misses."""
+    return StartState(
+        stage=stage,
+        from_rad_s=state.from_rad_s,
+        to_rad_s=state.to_rad_s,
+        duration_s=state.duration_s,
+        s=state.s,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
+        hits=hits,
+        misses=0,
+        attempts=state.attempts,
+        captured=captured,
+        failed=failed,
+        ceiling_ratio=state.ceiling_ratio,
+        searching_s=state.searching_s,
+    )
+
+
+def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
+    """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed.
+
+    Each step is longer than the one before: where the fold lies far below, three have to reach it.
+    """
+    if state.attempts >= config.attempts:
+        return _at(state, state.stage, 0, captured=False, failed=True)
+    lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
+    if state.attempts > 0:
+        lost_ratio = min(lost_ratio, state.ceiling_ratio)
+    # What has held for long was not lost by its speed, the first time.
+    has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
+    step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
+    return StartState(
+        stage=DIP,
+        from_rad_s=state.target_omega_rad_s,
+        to_rad_s=config.dip_ratio * config.natural_rad_s,
+        duration_s=config.dip_s,
+        s=0.0,
+        target_omega_rad_s=state.target_omega_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=state.attempts + 1,
+        captured=False,
+        failed=False,
+        ceiling_ratio=at_least(lost_ratio - step_ratio, config.dip_ratio),
+        searching_s=state.searching_s,
+    )
+
+
+def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bool:
+    """Whether the speed is below the one asked for as that was lost there."""
+    highest_ratio = min(target_ratio, config.free_ratio)
+    return (
+        state.ceiling_ratio < highest_ratio
+        and state.target_omega_rad_s < highest_ratio * config.natural_rad_s * (1.0 - 1e-6)
+    )
+
+
+def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
+    """The first S-curve, from a crank that may still turn; a rise quicker than the approach needs none."""
+    turning = StartState(
+        stage=REST,
+        from_rad_s=omega_rad_s,
+        to_rad_s=omega_rad_s,
+        duration_s=1.0,
+        s=1.0,
+        target_omega_rad_s=omega_rad_s,
+        target_acceleration_rad_s2=0.0,
+        hits=0,
+        misses=0,
+        attempts=0,
+        captured=False,
+        failed=False,
+        ceiling_ratio=NO_CEILING,
+        searching_s=0.0,
+    )
+    approach_rad_s = config.approach_ratio * config.natural_rad_s
+    if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
+        return _curve(turning, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
+    return _curve(turning, RISE, omega_rad_s, goal_rad_s, config.rise_s, 0)
+
+
+def _moved(  # noqa: PLR0911 - stages, read top to bottom
+    config: StartConfig,
+    state: StartState,
+    goal_rad_s: float,
+    needs_impacts: bool,
+    regime: RegimeState,
+    trim: float,
+    trim_rate_1_s: float,
+    elapsed_ticks: int,
+) -> StartState:
+    """One tick of a start or of the hold that follows it."""
+    held_periods = state.hits  # before the misses that may end them
+    state = _advanced(config, _counted(state, regime), elapsed_ticks)
+    arrived, target_rad_s = state.s >= 1.0, state.target_omega_rad_s
+    if state.stage == APPROACH:
+        return _curve(state, RISE, target_rad_s, goal_rad_s, config.rise_s, 0) if arrived else state
+    if state.stage == DIP:
+        return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
+    if state.stage == DWELL:
+        settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
+        # Without an impact in the dip either there may be none to be had: that counts as two.
+        attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
+        return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
+    if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
+        share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
+        duration_s = at_least(config.rise_s * share, config.shortest_change_s)
+        # The impacts on the way go on counting, and so do the misses.
+        return StartState(
+            RISE,
+            target_rad_s,
+            goal_rad_s,
+            duration_s,
+            0.0,
+            target_rad_s,
+            0.0,
+            state.hits,
+            state.misses,
+            state.attempts,
+            state.captured,
+            state.failed,
+            state.ceiling_ratio,
+            state.searching_s,
+        )
+    if state.stage == RISE:
+        # Impacts on the way count, but for the last two: those have to come at the target.
+        hits = min(state.hits, max(config.confirm_periods - 2, 0))
+        return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
+    if state.stage == CONFIRM:
+        if not needs_impacts or state.hits >= config.confirm_periods:
+            return _at(state, HOLD, 0, captured=True, failed=False)
+        return _again(config, state, 0) if state.misses >= config.missing_periods else state
+    if needs_impacts and state.misses >= config.lost_periods:
+        return _again(config, state, held_periods)
+    again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
+    return StartState(
+        HOLD,
+        state.from_rad_s,
+        goal_rad_s,
+        state.duration_s,
+        state.s,
+        goal_rad_s + trim * config.natural_rad_s,
+        trim_rate_1_s * config.natural_rad_s,
+        state.hits,
+        state.misses,
+        0 if again else state.attempts,
+        state.captured,
+        state.failed,
+        state.ceiling_ratio,
+        state.searching_s,
+    )
+
+
+def _bounded(
+    config: StartConfig, state: StartState, mode: Mode, needs_impacts: bool, elapsed_ticks: int
+) -> StartState:
+    """Failed, if the impacts have not been found for too long, whatever happened meanwhile."""
+    found = state.stage == HOLD or state.hits >= config.confirm_periods or not needs_impacts
+    searching_s = state.searching_s + elapsed_ticks * config.tick_s
+    if mode == RUN and found:
+        searching_s = 0.0
+    overdue = searching_s > LONGEST_SEARCH_S
+    return StartState(
+        state.stage,
+        state.from_rad_s,
+        state.to_rad_s,
+        state.duration_s,
+        state.s,
+        state.target_omega_rad_s,
+        state.target_acceleration_rad_s2,
+        state.hits,
+        state.misses,
+        state.attempts,
+        state.captured and not overdue,
+        state.failed or overdue,
+        state.ceiling_ratio,
+        searching_s,
+    )
+
+
+def step(
+    config: StartConfig,
+    state: StartState,
+    mode: Mode,
+    target_ratio: float,
+    drive_ready: bool,
+    omega_rad_s: float,
+    regime: RegimeState,
+    trim: float,
+    trim_rate_1_s: float,
+    may_retreat: bool,
+    elapsed_ticks: int,
+) -> StartState:
+    """One tick: the speed to follow now, and whether the wanted regime is captured or has failed.
+
+    The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen or, if it
+    `may_retreat`, than it was lost at; in the hold `trim` moves the ratio on from there.
+    """
+    if mode == STOPPING:
+        if state.stage != STOP:
+            # From the crank's speed where it lags behind its target: a stop makes no crank faster.
+            from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
+            state = _curve(state, STOP, from_rad_s, 0.0, config.stop_s, 0)
+        return _advanced(config, state, elapsed_ticks)
+    if mode not in (SOFT_START, RUN):
+        return INITIAL
+    if not drive_ready or state.failed:
+        return state
+    goal_ratio = min(target_ratio, config.free_ratio)
+    if may_retreat:
+        goal_ratio = min(goal_ratio, state.ceiling_ratio)
+    goal_rad_s = goal_ratio * config.natural_rad_s
+    needs_impacts = target_ratio >= config.capture_ratio
+    if state.stage in (REST, STOP):
+        return _begin(config, omega_rad_s, goal_rad_s)
+    now = _moved(config, state, goal_rad_s, needs_impacts, regime, trim, trim_rate_1_s, elapsed_ticks)
+    return _bounded(config, now, mode, needs_impacts, elapsed_ticks)

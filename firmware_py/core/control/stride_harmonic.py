@@ -1,0 +1,136 @@
+"""An impulse asked for while a gait is followed: the turns a stride whose impacts come nearest to it.
+
+The cadence leaves a few ratios r = n f_stride 2π/ω, and impacts grow with r. From their mean J̄ at the mean r̄,
+
+    r* = r̄ + (J* − J̄)/J'
+
+is where impacts would be those asked for, and n is chosen next to it in place of the region's centre. The
+slope J' starts as a parameter. After two values of n have been tried, the secant through them replaces it, so
+that both values rank the candidates alike and the search does not oscillate. Whole turns seldom meet a
+request; the remainder is reported.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.interface.enums import NO_REFUSAL, Refusal
+
+SETTLING, MEAN, TELLING = 1, 4, 6
+"""Strides that go by until impacts count, that they are the mean of, and until a miss is reported."""
+
+LARGEST_ERROR = 2.0
+"""How wrong the parameter J' may be, as a factor; a secant beyond is that of a leg that changed its walk."""
+
+
+class TherapyConfig(NamedTuple):
+    """Ratios refer to the nominal ω; `impulse_slope_n_s` is J', per unit of r."""
+
+    lowest_ratio: float
+    highest_ratio: float
+    impulse_slope_n_s: float
+    impulse_tolerance: float
+
+
+class TherapyState(NamedTuple):
+    """`turns` of the crank since `harmonic` was taken, and the means since; `left_…`: those before."""
+
+    harmonic: int
+    turns: int
+    ratio: float
+    impulse_n_s: float
+    left_ratio: float
+    left_impulse_n_s: float
+    aim_ratio: float
+    refusal: Refusal
+
+
+INITIAL = TherapyState(
+    harmonic=0,
+    turns=0,
+    ratio=0.0,
+    impulse_n_s=0.0,
+    left_ratio=0.0,
+    left_impulse_n_s=0.0,
+    aim_ratio=0.0,
+    refusal=NO_REFUSAL,
+)
+"""An `aim_ratio` of 0: none, the region's centre."""
+
+
+def known(state: TherapyState) -> bool:
+    """Whether the means are whole."""
+    return state.harmonic > 0 and state.turns >= (SETTLING + MEAN) * state.harmonic
+
+
+def slope_n_s(config: TherapyConfig, state: TherapyState) -> float:
+    """J': the secant of two n, within the bounds of the parameter's error."""
+    nominal_n_s = config.impulse_slope_n_s
+    change = state.ratio - state.left_ratio
+    if state.left_ratio == 0.0 or change == 0.0:
+        return nominal_n_s
+    secant_n_s = (state.impulse_n_s - state.left_impulse_n_s) / change
+    return min(max(secant_n_s, nominal_n_s / LARGEST_ERROR), nominal_n_s * LARGEST_ERROR)
+
+
+def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> Refusal:
+    """Whether the impacts are others than asked for, once other n had their time."""
+    if state.turns < TELLING * state.harmonic:
+        return NO_REFUSAL
+    miss_n_s = state.impulse_n_s - target_impulse_n_s
+    if abs(miss_n_s) <= config.impulse_tolerance * target_impulse_n_s:
+        return NO_REFUSAL
+    return Refusal.IMPULSE_TOO_HIGH if miss_n_s < 0.0 else Refusal.IMPULSE_TOO_LOW
+
+
+def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> TherapyState:
+    """The same impacts with r* and what is left over."""
+    aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
+    return TherapyState(
+        state.harmonic,
+        state.turns,
+        state.ratio,
+        state.impulse_n_s,
+        state.left_ratio,
+        state.left_impulse_n_s,
+        min(max(aim_ratio, config.lowest_ratio), config.highest_ratio),
+        unmet(config, state, target_impulse_n_s),
+    )
+
+
+def step(
+    config: TherapyConfig,
+    state: TherapyState,
+    holding: bool,
+    harmonic: int,
+    ratio: float,
+    target_impulse_n_s: float,
+    regime: RegimeState,
+    impact_n_s: float,
+) -> TherapyState:
+    """One tick. `ratio` is the crank's, `impact_n_s` the last impact's impulse; target 0 asks for none."""
+    if not holding or harmonic == 0:
+        return INITIAL
+    turns, left_ratio, left_impulse_n_s = state.turns, state.left_ratio, state.left_impulse_n_s
+    if harmonic != state.harmonic:
+        if known(state):
+            left_ratio, left_impulse_n_s = state.ratio, state.impulse_n_s
+        turns = 0
+    mean_ratio, impulse_n_s = state.ratio, state.impulse_n_s
+    if regime.ended and regime.last.impacts == 1:
+        turns = min(turns + 1, TELLING * harmonic)
+        counted = min(turns - SETTLING * harmonic, MEAN * harmonic)
+        share = 1.0 / counted if counted > 0 else 1.0
+        mean_ratio += share * (ratio - mean_ratio)
+        impulse_n_s += share * (impact_n_s - impulse_n_s)
+    asks = target_impulse_n_s > 0.0
+    now = TherapyState(
+        harmonic,
+        turns,
+        mean_ratio,
+        impulse_n_s,
+        left_ratio,
+        left_impulse_n_s,
+        state.aim_ratio if asks else 0.0,
+        state.refusal if asks else NO_REFUSAL,
+    )
+    return aimed(config, now, target_impulse_n_s) if asks and known(now) else now

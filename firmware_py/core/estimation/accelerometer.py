@@ -1,0 +1,92 @@
+"""One reading of the striker from two ranges, and the housing's: which counts, and by how much it is off."""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.numbers import at_least
+
+CLIPPED_SHARE = 0.98
+"""Of the full scale: a reading beyond may be more."""
+FEWEST_HOUSING = 1000
+"""The housing's offset starts as 0, as certain as after this many readings: it may move at once."""
+
+
+class NominalSensors(NamedTuple):
+    """The accelerometers: full scales, delay of the low-pass, how fast the high one's offset is learnt."""
+
+    low_full_scale_m_s2: float
+    high_full_scale_m_s2: float
+    delay_s: float
+    high_offset_rate: float
+    housing_weight: float
+    housing_rate: float
+
+
+class SensorState(NamedTuple):
+    """The reading in use: low range, or the high one (its offset taken off) where the low one clips.
+
+    `before_m_s2` and `second_m_s2` are the readings before it. `housing_m_s2` is without its offset.
+    """
+
+    acceleration_m_s2: float
+    before_m_s2: float
+    second_m_s2: float
+    housing_m_s2: float
+    housing_offset_m_s2: float
+    housing_readings: int
+    high_offset_m_s2: float
+    clipped: bool
+    missed_ticks: int
+
+
+def sense(
+    config: NominalSensors, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
+) -> SensorState:
+    """Choose the range and learn the high one's offset from the low one where both can be read.
+
+    A housing at its rail, as one that is no number, leaves no reading of the striker either.
+    """
+    housing_used = config.housing_weight > 0.0
+    if not (
+        new.age_ticks == 0
+        and math.isfinite(new.low_m_s2)
+        and math.isfinite(new.high_m_s2)
+        and math.isfinite(new.housing_m_s2)
+        and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.low_full_scale_m_s2)
+    ):
+        return SensorState(
+            acceleration_m_s2=state.acceleration_m_s2,
+            before_m_s2=state.before_m_s2,
+            second_m_s2=state.second_m_s2,
+            housing_m_s2=state.housing_m_s2,
+            housing_offset_m_s2=state.housing_offset_m_s2,
+            housing_readings=state.housing_readings,
+            high_offset_m_s2=state.high_offset_m_s2,
+            clipped=state.clipped,
+            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS),
+        )
+    offset_m_s2 = state.high_offset_m_s2
+    if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
+        acceleration_m_s2 = new.low_m_s2
+        clipped = False
+        # Near zero only: there neither range is on the flank of an impact.
+        if abs(new.low_m_s2) < 0.2 * config.low_full_scale_m_s2:
+            offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
+    else:
+        acceleration_m_s2 = new.high_m_s2 - offset_m_s2
+        clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.high_full_scale_m_s2
+    # The mean of all readings at first, of the last ones later.
+    rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
+    housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
+    return SensorState(
+        acceleration_m_s2,
+        state.acceleration_m_s2,
+        state.before_m_s2,
+        new.housing_m_s2 - housing_offset_m_s2,
+        housing_offset_m_s2,
+        min(state.housing_readings + 1, NEVER_TICKS),
+        offset_m_s2,
+        clipped,
+        0,
+    )

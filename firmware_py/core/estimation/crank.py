@@ -1,0 +1,154 @@
+"""Where the crank is and how fast it turns: a critically damped g-h-k tracker on the encoder.
+
+Source: Zarchan & Musoff, Fundamentals of Kalman Filtering, ch. 1 (fading-memory filter of third order). The
+estimated torque of the motor and the crank's load enters as a known acceleration, so that the
+tracker lags only behind what is not known; that remainder is the third state. Angles are compared on the
+circle, so neither a circular nor a running encoder count can make it jump.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.elementary import exp
+from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
+from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
+
+FASTEST_RAD_S = 1000.0
+"""Larger speeds are implausible: 25 times what the motor can do."""
+
+LATEST_TICKS = 10
+"""A reading that lags by more is wrong, not late: samples that stay away for longer are a fault."""
+
+
+class CrankConfig(NamedTuple):
+    """`gain_…` are g, h and k of the tracker at one tick, `bandwidth_rad_s` is what they were made of."""
+
+    tick_s: float
+    zero_rad: float
+    bandwidth_rad_s: float
+    gain_angle: float
+    gain_speed: float
+    gain_acceleration: float
+    largest_disturbance_rad_s2: float
+
+
+class CrankState(NamedTuple):
+    """At the time of the newest sensor sample. θ in [0, 2π): the piston stands at A sin θ.
+
+    `late_ticks`: how old the newest reading was when it came.
+    """
+
+    angle_rad: float
+    omega_rad_s: float
+    disturbance_rad_s2: float
+    innovation_rad: float
+    missed_ticks: int
+    late_ticks: int
+
+
+INITIAL = CrankState(
+    angle_rad=0.0,
+    omega_rad_s=0.0,
+    disturbance_rad_s2=0.0,
+    innovation_rad=0.0,
+    missed_ticks=NEVER_TICKS,
+    late_ticks=0,
+)
+
+
+def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[float, float, float]:
+    """g, h, k of the third-order fading-memory filter with a triple pole (Zarchan & Musoff, table 1.5)."""
+    pole = exp(-bandwidth_rad_s * tick_s)
+    rest = 1.0 - pole
+    return 1.0 - pole * pole * pole, 1.5 * rest * rest * (1.0 + pole), 0.5 * rest * rest * rest
+
+
+def lateness(state: CrankState, elapsed_ticks: int, way_rad: float, innovation_rad: float) -> int:
+    """How many ticks old a reading is, which the encoder's frame does not say: as many as explain best how
+    far it lies behind, at `way_rad` a tick. None can be older than the ticks without one leave time for.
+    """
+    oldest = min(state.late_ticks + state.missed_ticks + elapsed_ticks - 1, LATEST_TICKS)
+    behind_rad = -innovation_rad if way_rad >= 0.0 else innovation_rad
+    if behind_rad <= 0.0 or oldest == 0:
+        return 0
+    return int(min(behind_rad / max(abs(way_rad), 1e-9), float(oldest)) + 0.5)
+
+
+def step(
+    config: CrankConfig,
+    state: CrankState,
+    encoder: EncoderInput,
+    elapsed_ticks: int,
+    known_acceleration_rad_s2: float,
+) -> CrankState:
+    """One tick: predict over the elapsed time, then correct by the encoder where it has a fresh reading."""
+    usable = (
+        encoder.age_ticks == 0
+        and math.isfinite(encoder.position_rev)
+        and abs(encoder.position_rev) < 1e6
+        and math.isfinite(encoder.velocity_rev_s)
+        and abs(encoder.velocity_rev_s) < 1e4
+    )
+    measured_rad = 0.0
+    if usable:
+        measured_rad = TAU * fraction(encoder.position_rev) - config.zero_rad
+        if state.missed_ticks >= NEVER_TICKS:
+            return CrankState(
+                angle_rad=wrap_two_pi(measured_rad),
+                omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
+                disturbance_rad_s2=0.0,
+                innovation_rad=0.0,
+                missed_ticks=0,
+                late_ticks=0,
+            )
+    elif state.missed_ticks >= NEVER_TICKS:
+        return state
+
+    T = config.tick_s
+    dt_s = elapsed_ticks * T
+    a = clamp(known_acceleration_rad_s2, 1e5) + state.disturbance_rad_s2
+    angle_rad = state.angle_rad + state.omega_rad_s * dt_s + 0.5 * a * dt_s * dt_s
+    omega_rad_s = state.omega_rad_s + a * dt_s
+    if not usable:
+        return CrankState(
+            angle_rad=wrap_two_pi(angle_rad),
+            omega_rad_s=clamp(omega_rad_s, FASTEST_RAD_S),
+            disturbance_rad_s2=state.disturbance_rad_s2,
+            innovation_rad=0.0,
+            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
+            late_ticks=state.late_ticks,
+        )
+    late_ticks = lateness(state, elapsed_ticks, omega_rad_s * T, wrap_pi(measured_rad - angle_rad))
+    measured_rad += late_ticks * omega_rad_s * T
+    innovation_rad = wrap_pi(measured_rad - angle_rad)
+    if elapsed_ticks > 1:
+        # How long a pause was is known to a tick or two only: the encoder says where the crank is, its drive
+        # how fast it turns; the way made in between says neither the speed nor the disturbance, in which
+        # misjudged pauses would add up.
+        return CrankState(
+            angle_rad=wrap_two_pi(measured_rad),
+            omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
+            disturbance_rad_s2=0.0,
+            innovation_rad=innovation_rad,
+            missed_ticks=0,
+            late_ticks=late_ticks,
+        )
+    g, h, k = config.gain_angle, config.gain_speed, config.gain_acceleration
+    if state.missed_ticks > 0 or late_ticks > 0:
+        # A reading after missed ones speaks for the whole time since: the same bandwidth at a longer T.
+        # Late ones, brought up to now by the estimated speed, feed that speed's error back: a slower tracker.
+        late_s = late_ticks * T
+        T = (state.missed_ticks + 1) * T
+        g, h, k = critically_damped_gains(config.bandwidth_rad_s / (1.0 + config.bandwidth_rad_s * late_s), T)
+    # θ += g e, ω += h e / T, a += 2 k e / T²
+    return CrankState(
+        wrap_two_pi(angle_rad + g * innovation_rad),
+        clamp(omega_rad_s + h * innovation_rad / T, FASTEST_RAD_S),
+        clamp(
+            state.disturbance_rad_s2 + 2.0 * k * innovation_rad / (T * T),
+            config.largest_disturbance_rad_s2,
+        ),
+        innovation_rad,
+        0,
+        late_ticks,
+    )

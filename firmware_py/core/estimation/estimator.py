@@ -1,0 +1,442 @@
+"""Where the striker is: a Kalman filter over position, velocity and accelerometer bias.
+
+    m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = F_stop
+
+The measured acceleration moves the state (strapdown), so that nothing has to be known about the stop's force
+or the wearer's; in free flight the same reading, compared with the acceleration that spring, crank and
+friction would give, corrects it. Both use the one reading: what the model does not know enters z and x''
+alike, which is the correlated case (Simon, Optimal State Estimation, 7.1) in its limit of a noiseless sensor.
+What the model does not know changes over a period, not from tick to tick: its size σ² is learnt from the
+innovations themselves (covariance matching, Mehra 1970), the innovation is held against that, and the
+correction counts N readings, as many as such an error lasts, as one: R = N σ².
+
+Where dry friction holds the striker, the model says no more than |x − l0 − x_A| ≤ μ m g/c. Then the
+correction stops once the estimate is narrower than that, and v = 0 is the measurement.
+
+In contact the model says nothing about the stop's force, so the state is only carried on, and the stop
+itself is the measurement: x = x_stop at touch-down and at separation. Where the reading is missing or
+clipped in a contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne,
+Council & Johnson, The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k
+is not known.
+
+A moving housing is taken off the striker's reading where that is integrated, x'' = z − a_b; the model's
+acceleration is what the accelerometer reads either way. The housing's own offset is its mean: since power-up
+at first, then over `housing_rate`.
+
+A low-pass of group delay τ delays the readings: its input is a = z + τ z', and ∫a over a tick
+is the trapezoid of z plus τ times its change.
+"""
+
+import math
+
+from firmware_py.core.elementary import cos, sin
+from firmware_py.core.estimation import kalman
+from firmware_py.core.estimation.accelerometer import SensorState, sense
+from firmware_py.core.estimation.estimator_state import (
+    INITIAL,
+    NO_FLIGHT,
+    AdaptiveNoise,
+    Contact,
+    EstimatorConfig,
+    EstimatorState,
+    Flight,
+    Prediction,
+    estimate_of,
+)
+from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
+from firmware_py.core.estimation.striker_model import model_acceleration
+from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
+from firmware_py.core.numbers import at_least
+from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
+
+LONGEST_GAP_TICKS = 100
+"""A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step.
+
+The filter's written-out form does that: as many of filterpy's calls would take a tick of their own.
+"""
+
+LONGEST_TRAPEZOID_TICKS = 5
+"""The readings before and after a longer gap say nothing of an impact in it: half of a soft one fits in."""
+
+STILL_VARIANCE = 1e-4
+"""Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
+
+LONGEST_FLIGHT_TICKS = 5000
+"""A flight that no impact ends begins anew."""
+
+DOUBT_VARIANCE = 1e-4
+"""(10 mm)²: a touch-down leaves the position known far better, unless the estimate has excluded it."""
+DOUBT_SIGMAS = 10.0
+"""An estimate this far from the stop, and 20 mm, excludes a touch-down."""
+
+LARGEST = 1e3
+"""An estimate beyond, in SI units, has diverged and starts anew."""
+
+
+def strapdown(dt_s: float) -> Transition:
+    """F of a tick that the accelerometer carries: its bias is what it reads too much."""
+    return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)
+
+
+def _strapdown_noise(
+    config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
+) -> ProcessNoise:
+    """Q of a tick; in a contact with the trapezoid's error, which the second difference of z measures."""
+    if phase == FREE:
+        return config.strapdown_noise
+    bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
+    error_m_s = config.bend_share * bend_m_s2 * dt_s
+    return ProcessNoise(
+        xx=config.contact_noise.xx,
+        vv=config.contact_noise.vv + error_m_s * error_m_s,
+        bb=config.contact_noise.bb,
+    )
+
+
+def _by_model(
+    config: EstimatorConfig, estimate: StateEstimate, angle_rad: float, omega_rad_s: float, ticks: int
+) -> StateEstimate:
+    """Carry the estimate over `ticks` without a reading; the crank turned to `angle_rad` meanwhile."""
+    bounded = min(ticks, LONGEST_GAP_TICKS)
+    for tick in range(bounded):
+        middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
+        # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
+        fixed_m = config.striker.rest_length_m + config.striker.amplitude_m * sin(middle_rad)
+        estimate = kalman.predict_written_out(
+            estimate,
+            config.model,
+            Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
+            config.model_noise,
+        )
+        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact longer than a gap is not over within it
+        if unseen and estimate.x_m > config.striker.stop_m and estimate.v_m_s > 0.0:
+            estimate = _thrown_back(config, estimate)
+    return estimate
+
+
+def _thrown_back(config: EstimatorConfig, estimate: StateEstimate) -> StateEstimate:
+    """Newton's law for an impact that nobody saw; when it was is known to a contact's length only."""
+    k = config.striker.restitution
+    jitter_m = (1.0 + k) * estimate.v_m_s * config.separation_jitter_s
+    return kalman.predict_written_out(
+        estimate,
+        Transition(-k, 0.0, 0.0, 0.0, -k, 0.0),
+        Push(x_m=(1.0 + k) * config.striker.stop_m, v_m_s=0.0),
+        ProcessNoise(
+            xx=config.stop_variance + jitter_m * jitter_m,
+            vv=estimate.v_m_s * estimate.v_m_s * config.restitution_variance,
+            bb=0.0,
+        ),
+    )
+
+
+def propagate(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    accelerometer: AccelerometerInput,
+    phase: ContactPhase,
+    angle_rad: float,
+    omega_rad_s: float,
+    elapsed_ticks: int,
+) -> Prediction:
+    """Carry the estimate to the newest reading and compare that with the model; nothing is corrected yet.
+
+    `angle_rad` and `omega_rad_s` are the crank's at the same time.
+    """
+    sensor = sense(config.sensor, state.sensor, accelerometer, elapsed_ticks)
+    fresh = sensor.missed_ticks == 0
+    carried = False
+    mean_m_s2 = 0.0
+    spread = config.spread
+    if not state.started:
+        estimate = StateEstimate(
+            x_m=config.striker.rest_length_m + config.striker.amplitude_m * sin(angle_rad),
+            v_m_s=0.0,
+            bias_m_s2=0.0,
+            p=Covariance(spread.initial_xx, 0.0, 0.0, spread.initial_vv, 0.0, spread.initial_bb),
+        )
+    elif fresh and state.sensor.missed_ticks == 0 and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
+        dt_s = elapsed_ticks * config.tick_s
+        carried = True
+        # ∫a dt = (z₀ + z₁) dt/2 + τ (z₁ − z₀)
+        mean_m_s2 = (
+            0.5 * (sensor.acceleration_m_s2 + state.sensor.acceleration_m_s2)
+            + (sensor.acceleration_m_s2 - state.sensor.acceleration_m_s2) * config.sensor.delay_s / dt_s
+            - 0.5 * config.sensor.housing_weight * (sensor.housing_m_s2 + state.sensor.housing_m_s2)
+        )
+        estimate = kalman.predict(
+            estimate_of(state),
+            config.strapdown if elapsed_ticks == 1 else strapdown(dt_s),
+            Push(x_m=0.5 * mean_m_s2 * dt_s * dt_s, v_m_s=mean_m_s2 * dt_s),
+            _strapdown_noise(config, sensor, phase, dt_s),
+        )
+    else:
+        estimate = estimate_of(state)
+        if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
+            # The impact that the gap began in is over by now, and nobody saw how it ended.
+            since_rad = omega_rad_s * elapsed_ticks * config.tick_s
+            estimate = _newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
+        estimate = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
+
+    innovation = of_state_m_s2 = 0.0
+    model_variance = state.model_variance if state.started else config.noise.start
+    variance = model_variance
+    own_variance = 0.0
+    if fresh:
+        of_state_m_s2 = sensor.acceleration_m_s2 - _known(config, state, estimate, angle_rad, omega_rad_s)
+        innovation = kalman.innovation(estimate, of_state_m_s2, config.row)
+        own_variance = at_least(kalman.innovation_variance(estimate.p, config.row, 0.0), 0.0)
+        variance = own_variance + model_variance + _dry_variance(config, estimate)
+    return Prediction(
+        estimate,
+        sensor,
+        innovation,
+        math.sqrt(variance),
+        math.sqrt(own_variance),
+        innovation * innovation / variance,
+        model_variance,
+        state.started or fresh,
+        carried,
+        mean_m_s2,
+        of_state_m_s2,
+    )
+
+
+def correct(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    predicted: Prediction,
+    contact: Contact,
+    coarse: CoarseInput,
+    angle_rad: float,
+    omega_rad_s: float,
+    elapsed_ticks: int,
+) -> EstimatorState:
+    """Correct what `propagate` made of `state`: by the model in free flight, by the stop at its touch.
+
+    A coarse position corrects it whenever one has come.
+    """
+    estimate = predicted.estimate
+    touch_down = state.touch_down
+    striker = config.striker
+    by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
+    model_variance = predicted.model_variance
+    still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
+    strange_ticks = _strange_ticks(config.noise, state.strange_ticks, predicted, elapsed_ticks)
+    sure = estimate.p.xx < DOUBT_VARIANCE
+    if contact.touch_down or (contact.separation and contact.measured and sure):
+        # Since then it has moved on by about v · age.
+        v_m_s, jitter_s = estimate.v_m_s, config.separation_jitter_s
+        if contact.touch_down:
+            v_m_s, jitter_s = contact.approach_speed_m_s, config.touch_down_jitter_s
+        z = striker.stop_m + v_m_s * contact.age_s
+        jitter_m = v_m_s * jitter_s
+        doubt = _doubt(z - estimate.x_m, estimate.p.xx) if contact.touch_down else 0.0
+        variance = config.stop_variance + jitter_m * jitter_m + doubt
+        estimate = kalman.update(_doubted(config, estimate, doubt), z, Row(1.0, 0.0, 0.0), variance)
+        if contact.touch_down:
+            touch_down = StateEstimate(striker.stop_m, v_m_s, estimate.bias_m_s2, estimate.p)
+        else:
+            # Newton's law beside the measured jump: it counts where the impact was too short to sample.
+            before_m_s = contact.approach_speed_m_s
+            estimate = kalman.update(
+                estimate,
+                -striker.restitution * before_m_s,
+                Row(0.0, 1.0, 0.0),
+                before_m_s * before_m_s * config.restitution_variance,
+            )
+    elif contact.separation:
+        # In a gap the first step was Newton's.
+        if sure and not contact.measured and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
+            estimate = _newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
+    elif by_model and not 0 < strange_ticks <= config.noise.strange_ticks:
+        of_state_m_s2 = predicted.of_state_m_s2
+        stuck = still_ticks > config.noise.still_ticks
+        if stuck:
+            estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
+            known = _known(config, state, estimate, angle_rad, omega_rad_s)
+            of_state_m_s2 = predicted.sensor.acceleration_m_s2 - known
+        hold_m = striker.dry_m_s2 / striker.stiffness_1_s2
+        if not stuck or estimate.p.xx > hold_m * hold_m:
+            learnt = config.noise.readings_as_one * (model_variance + _dry_variance(config, estimate))
+            estimate = kalman.update(estimate, of_state_m_s2, config.row, learnt)
+        own = predicted.spread_m_s2 * predicted.spread_m_s2
+        model_variance = _learnt(config.noise, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
+    if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
+        estimate = kalman.update(estimate, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
+    flight = NO_FLIGHT
+    if config.has_flights and contact.settled:
+        flight = _flight(config, state, predicted, elapsed_ticks)
+    spread = config.spread
+    p = estimate.p
+    if not (
+        abs(estimate.x_m) < LARGEST
+        and abs(estimate.v_m_s) < LARGEST
+        and abs(estimate.bias_m_s2) < LARGEST
+        and math.isfinite(p.xx + p.vv + p.bb + p.xv + p.xb + p.vb)
+    ):
+        return INITIAL
+    return EstimatorState(
+        estimate.x_m,
+        estimate.v_m_s,
+        estimate.bias_m_s2,
+        at_least(p.xx, spread.floor_xx),
+        p.xv,
+        p.xb,
+        at_least(p.vv, spread.floor_vv),
+        p.vb,
+        at_least(p.bb, spread.floor_bb),
+        predicted.innovation_m_s2,
+        predicted.innovation_std_m_s2,
+        predicted.spread_m_s2,
+        predicted.nis if by_model else 0.0,
+        model_variance,
+        still_ticks,
+        strange_ticks,
+        predicted.sensor,
+        touch_down,
+        predicted.started,
+        flight,
+        state.spring_share,
+        state.friction_share,
+    )
+
+
+def _doubt(away_m: float, variance: float) -> float:
+    """The variance that a touch-down adds where the estimate has excluded one, m²; 0 where it has not.
+
+    Then either the estimate is wrong or something else has pushed: both places are as likely.
+    """
+    if away_m * away_m <= 4.0 * DOUBT_VARIANCE + DOUBT_SIGMAS * DOUBT_SIGMAS * variance:
+        return 0.0
+    return away_m * away_m
+
+
+def _doubted(config: EstimatorConfig, estimate: StateEstimate, doubt: float) -> StateEstimate:
+    """An estimate whose position has this variance more, and whose velocity that of power-up where it has."""
+    p = estimate.p
+    faster = config.spread.initial_vv if doubt > 0.0 else 0.0
+    return StateEstimate(
+        estimate.x_m,
+        estimate.v_m_s,
+        estimate.bias_m_s2,
+        Covariance(p.xx + doubt, p.xv, p.xb, p.vv + faster, p.vb, p.bb),
+    )
+
+
+def _flight(
+    config: EstimatorConfig, state: EstimatorState, predicted: Prediction, elapsed_ticks: int
+) -> Flight:
+    """The flight a tick on; a gap in the readings ends it, and another begins."""
+    flight = state.flight
+    if not (0 <= flight.ticks < LONGEST_FLIGHT_TICKS and predicted.carried):
+        return Flight(predicted.estimate.x_m, predicted.estimate.v_m_s, 0)
+    dt_s = elapsed_ticks * config.tick_s
+    change_m_s = predicted.mean_m_s2 * dt_s
+    return Flight(
+        flight.x_m + (flight.v_m_s + 0.5 * change_m_s) * dt_s,
+        flight.v_m_s + change_m_s,
+        flight.ticks + elapsed_ticks,
+    )
+
+
+def _known(
+    config: EstimatorConfig,
+    state: EstimatorState,
+    estimate: StateEstimate,
+    angle_rad: float,
+    omega_rad_s: float,
+) -> float:
+    """The part of the model's delayed acceleration that does not depend linearly on the state, m/s².
+
+    a_d = a − τ a' with a' = −(c/m) (x' − x_A') − (b/m) a
+    """
+    striker = config.striker
+    delay_s = config.sensor.delay_s
+    crank_m = striker.amplitude_m * sin(angle_rad)
+    crank_m_s = striker.amplitude_m * cos(angle_rad) * omega_rad_s
+    known = striker.stiffness_1_s2 * (
+        (1.0 + delay_s * striker.damping_1_s) * (striker.rest_length_m + crank_m) - delay_s * crank_m_s
+    )
+    if estimate.v_m_s > 0.0:
+        known -= striker.dry_m_s2
+    elif estimate.v_m_s < 0.0:
+        known += striker.dry_m_s2
+    if state.spring_share != 0.0 or state.friction_share != 0.0:
+        # What was identified is added at the estimate; the row of H stays the nominal one.
+        pull = striker.stiffness_1_s2 * (estimate.x_m - striker.rest_length_m - crank_m)
+        friction = -model_acceleration(striker, angle_rad, estimate.x_m, estimate.v_m_s) - pull
+        known -= state.spring_share * pull + state.friction_share * friction
+    return known
+
+
+def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
+    """What the model's acceleration is not known to where dry friction may hold or turn: all of that."""
+    dry = config.striker.dry_m_s2
+    if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)):
+        return 0.0
+    return dry * dry
+
+
+def _learnt(
+    noise: AdaptiveNoise, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
+) -> float:
+    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; what lies beyond 3 σ is an impact badly seen."""
+    seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
+    rate = min(elapsed_ticks * noise.learning_rate, 1.0)
+    return min(at_least(variance + rate * (seen - variance), noise.floor), noise.ceiling)
+
+
+def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
+    """For how long a striker on a dry guide has neither moved nor been pulled: it sticks."""
+    if config.striker.dry_m_s2 <= 0.0:
+        return 0
+    estimate, sensor = predicted.estimate, predicted.sensor
+    pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
+    still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < 0.05
+    return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
+
+
+def _strange_ticks(
+    noise: AdaptiveNoise, strange_ticks: int, predicted: Prediction, elapsed_ticks: int
+) -> int:
+    """For how long the innovation has been beyond what the model may be off by.
+
+    Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
+    again where that lasts, as the estimate is lost then.
+    """
+    if abs(predicted.innovation_m_s2) <= noise.strange_sigmas * predicted.innovation_std_m_s2:
+        return 0
+    if elapsed_ticks > 1:
+        return NEVER_TICKS  # in what was skipped an impact may be missing: lost at once
+    return min(strange_ticks + elapsed_ticks, NEVER_TICKS)
+
+
+def _newton(
+    config: EstimatorConfig, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
+) -> StateEstimate:
+    """Reset by x'⁺ = −k x'⁻, `age_s` after the separation.
+
+    Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
+    """
+    striker = config.striker
+    k = striker.restitution
+    before_m_s = at_least(touch_down.v_m_s, 0.05)
+    after_m_s = -k * before_m_s
+    a_before = model_acceleration(striker, angle_rad, striker.stop_m, before_m_s)
+    a_after = model_acceleration(striker, angle_rad, striker.stop_m, after_m_s)
+    slope = (a_after + k * a_before) / before_m_s
+    spread = before_m_s * before_m_s * config.restitution_variance
+    jitter_m = after_m_s * config.separation_jitter_s
+    jumped = kalman.predict(
+        touch_down,
+        Transition(-k, 0.0, 0.0, slope, -k, 0.0),
+        Push(x_m=(1.0 + k) * striker.stop_m, v_m_s=-slope * striker.stop_m),
+        ProcessNoise(xx=config.stop_variance + jitter_m * jitter_m, vv=spread, bb=0.0),
+    )
+    return StateEstimate(
+        x_m=striker.stop_m + after_m_s * age_s,
+        v_m_s=after_m_s + a_after * age_s,
+        bias_m_s2=bias_m_s2,
+        p=jumped.p,
+    )

@@ -1,0 +1,337 @@
+"""What spring and friction really are, from the flights between impacts, and what the stop gives back.
+
+    z = −(1 + p) (c/m) (x − l0 − x_A) − (1 + f) R(x') + b,   R = (b/m) x' + μ g sign x'
+
+The accelerometer's own integrals give x over a flight but for x and x' at its start and the sensor's bias: a
+parabola in time, and so does an error of l0. So a parabola is taken out of all that is compared, by least
+squares, and what is left knows only p and f (partial regression: Frisch & Waugh, Econometrica 1:387, 1933).
+Nothing of it depends on what the estimator makes of x, so feeding p and f to that closes no loop.
+
+Flights add up and are forgotten over `memory` of them. Each new one first judges the values before it:
+only where that explains it better than the parameters do, p and f are handed on, slowly and within bounds.
+The restitution is the impacts' mean of −x'⁺/x'⁻; nothing uses it.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.core.elementary import sin
+from firmware_py.core.estimation.estimator_state import Contact, EstimatorState, fed
+from firmware_py.core.estimation.striker_model import NominalStriker
+from firmware_py.core.numbers import clamp
+
+SAMPLE_TICKS = 10
+"""One reading in this number counts; the integrals use them all."""
+
+FEWEST_SAMPLES = 15
+
+SLOWEST_M_S = 0.05
+"""Slower on a dry guide, the sign of x' is not sure."""
+
+FEWEST_FLIGHTS = 5
+"""Before anything is fed: each is good to 1 %."""
+LARGEST_SPRING = 0.1
+"""Of c: 5 % of the natural frequency."""
+LARGEST_FRICTION = 0.5
+"""Of b or mu, known to +-30 % and +-10 %."""
+LARGEST_RESTITUTION = 0.15
+"""An impact further off the mean is misjudged."""
+NOISE_M_S2 = 0.03
+"""Of a sample: the sensor's and its integral's."""
+SPRING_STD = 0.03
+"""What is known of c beforehand."""
+FRICTION_STD = 0.3
+"""What is known of b or mu beforehand."""
+LARGEST_RESIDUAL_M_S2 = 0.5
+"""A flight with a push is left out."""
+
+
+class IdentifyConfig(NamedTuple):
+    """`largest_…` bound p and f, `prior_…` are what is known of them beforehand, relative to the noise.
+
+    `feeds`: p and f go to the estimator's model, else they are only reported.
+    """
+
+    enabled: bool
+    feeds: bool
+    tick_s: float
+    delay_s: float
+    memory: float
+    fewest_flights: int
+    largest_spring: float
+    largest_friction: float
+    largest_restitution: float
+    spring_step: float
+    friction_step: float
+    prior_spring: float
+    prior_friction: float
+    largest_residual_m_s2: float
+
+
+class Sample(NamedTuple):
+    """One reading: −(c/m) (x − l0 − x_A), −R, and what z is off the model, all m/s², `t_s` in the flight."""
+
+    t_s: float
+    spring: float
+    friction: float
+    off: float
+
+
+class Sums(NamedTuple):
+    """Over a flight's samples: powers of t, and the products of spring a, friction f and off y."""
+
+    n: float
+    t: float
+    t2: float
+    t3: float
+    t4: float
+    a: float
+    f: float
+    y: float
+    ta: float
+    tf: float
+    ty: float
+    qa: float
+    qf: float
+    qy: float
+    aa: float
+    af: float
+    ff: float
+    ay: float
+    fy: float
+    yy: float
+
+
+class Normal(NamedTuple):
+    """The normal equations of p and f, a parabola taken out; of one flight or of many."""
+
+    aa: float
+    af: float
+    ff: float
+    ay: float
+    fy: float
+
+
+class IdentifyState(NamedTuple):
+    """`spring` and `friction` are p and f, `gain` by how much they have explained flights better, (m/s²)²."""
+
+    pending: Sample
+    has_pending: bool
+    sums: Sums
+    normal: Normal
+    flights: int
+    gain: float
+    spring: float
+    friction: float
+    impacts: int
+    restitution: float
+
+
+_NO_SAMPLE = Sample(0.0, 0.0, 0.0, 0.0)
+_NO_SUMS = Sums(
+    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+)
+
+INITIAL = IdentifyState(
+    pending=_NO_SAMPLE,
+    has_pending=False,
+    sums=_NO_SUMS,
+    normal=Normal(0.0, 0.0, 0.0, 0.0, 0.0),
+    flights=0,
+    gain=0.0,
+    spring=0.0,
+    friction=0.0,
+    impacts=0,
+    restitution=0.0,
+)
+
+
+def _added(s: Sums, sample: Sample) -> Sums:
+    t, a, f, y = sample.t_s, sample.spring, sample.friction, sample.off
+    q = t * t
+    return Sums(
+        s.n + 1.0,
+        s.t + t,
+        s.t2 + q,
+        s.t3 + q * t,
+        s.t4 + q * q,
+        s.a + a,
+        s.f + f,
+        s.y + y,
+        s.ta + t * a,
+        s.tf + t * f,
+        s.ty + t * y,
+        s.qa + q * a,
+        s.qf + q * f,
+        s.qy + q * y,
+        s.aa + a * a,
+        s.af + a * f,
+        s.ff + f * f,
+        s.ay + a * y,
+        s.fy + f * y,
+        s.yy + y * y,
+    )
+
+
+def without_parabola(s: Sums) -> tuple[Normal, float]:
+    """The normal equations with 1, t and t² eliminated one after another, and what then is left of Σ y²."""
+    # 1
+    tt, tq, qq = s.t2 - s.t * s.t / s.n, s.t3 - s.t * s.t2 / s.n, s.t4 - s.t2 * s.t2 / s.n
+    ta, tf, ty = s.ta - s.t * s.a / s.n, s.tf - s.t * s.f / s.n, s.ty - s.t * s.y / s.n
+    qa, qf, qy = s.qa - s.t2 * s.a / s.n, s.qf - s.t2 * s.f / s.n, s.qy - s.t2 * s.y / s.n
+    aa, af, ay = s.aa - s.a * s.a / s.n, s.af - s.a * s.f / s.n, s.ay - s.a * s.y / s.n
+    ff, fy, yy = s.ff - s.f * s.f / s.n, s.fy - s.f * s.y / s.n, s.yy - s.y * s.y / s.n
+    # t
+    qq -= tq * tq / tt
+    qa, qf, qy = qa - tq * ta / tt, qf - tq * tf / tt, qy - tq * ty / tt
+    aa, af, ay = aa - ta * ta / tt, af - ta * tf / tt, ay - ta * ty / tt
+    ff, fy, yy = ff - tf * tf / tt, fy - tf * ty / tt, yy - ty * ty / tt
+    # t²
+    left = Normal(
+        aa - qa * qa / qq, af - qa * qf / qq, ff - qf * qf / qq, ay - qa * qy / qq, fy - qf * qy / qq
+    )
+    return left, yy - qy * qy / qq
+
+
+def solved(config: IdentifyConfig, normal: Normal) -> tuple[float, float]:
+    """p and f, bounded; where the flights say little, what is known beforehand keeps them near 0."""
+    aa, ff = normal.aa + config.prior_spring, normal.ff + config.prior_friction
+    determinant = aa * ff - normal.af * normal.af
+    if not determinant > 0.0:
+        return 0.0, 0.0
+    spring = (normal.ay * ff - normal.fy * normal.af) / determinant
+    friction = (normal.fy * aa - normal.ay * normal.af) / determinant
+    return clamp(spring, config.largest_spring), clamp(friction, config.largest_friction)
+
+
+def sample_of(
+    config: IdentifyConfig,
+    striker: NominalStriker,
+    estimate: EstimatorState,
+    angle_rad: float,
+    omega_rad_s: float,
+) -> Sample:
+    """The newest reading against the nominal model at the flight's own x; both late by the low-pass."""
+    flight = estimate.flight
+    crank_m = striker.amplitude_m * sin(angle_rad - omega_rad_s * config.delay_s)
+    late_m = flight.x_m - flight.v_m_s * config.delay_s
+    spring = -striker.stiffness_1_s2 * (late_m - striker.rest_length_m - crank_m)
+    dry_m_s2 = striker.dry_m_s2 if estimate.v_m_s > 0.0 else -striker.dry_m_s2
+    friction = -(striker.damping_1_s * flight.v_m_s + dry_m_s2)
+    return Sample(
+        flight.ticks * config.tick_s,
+        spring,
+        friction,
+        estimate.sensor.acceleration_m_s2 - spring - friction,
+    )
+
+
+def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -> IdentifyState:
+    """The pending sample counts now that no impact has come after it, and the new one waits."""
+    sums = _NO_SUMS if begins else state.sums
+    if state.has_pending and not begins:
+        sums = _added(sums, state.pending)
+    return IdentifyState(
+        sample,
+        usable,
+        sums,
+        state.normal,
+        state.flights,
+        state.gain,
+        state.spring,
+        state.friction,
+        state.impacts,
+        state.restitution,
+    )
+
+
+def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
+    """At a touch-down: what the flight says, if it was one."""
+    normal, flights, gain = state.normal, state.flights, state.gain
+    spring, friction = state.spring, state.friction
+    if state.sums.n >= FEWEST_SAMPLES:
+        new, rest = without_parabola(state.sums)
+        if rest < state.sums.n * config.largest_residual_m_s2 * config.largest_residual_m_s2:
+            keep = 1.0 - 1.0 / config.memory
+            better = 2.0 * (spring * new.ay + friction * new.fy) - (
+                spring * spring * new.aa + 2.0 * spring * friction * new.af + friction * friction * new.ff
+            )
+            gain = keep * gain + better
+            normal = Normal(
+                keep * normal.aa + new.aa,
+                keep * normal.af + new.af,
+                keep * normal.ff + new.ff,
+                keep * normal.ay + new.ay,
+                keep * normal.fy + new.fy,
+            )
+            flights = min(flights + 1, 1_000_000)
+            spring, friction = solved(config, normal)
+    return IdentifyState(
+        _NO_SAMPLE,
+        False,
+        _NO_SUMS,
+        normal,
+        flights,
+        gain,
+        spring,
+        friction,
+        state.impacts,
+        state.restitution,
+    )
+
+
+def _after_impact(config: IdentifyConfig, state: IdentifyState, impact: float) -> IdentifyState:
+    """At a separation: `impact` is −x'⁺/x'⁻."""
+    if not abs(impact - state.restitution) <= (1.0 if state.impacts == 0 else config.largest_restitution):
+        return state
+    impacts = min(state.impacts + 1, 1_000_000)
+    return IdentifyState(
+        state.pending,
+        state.has_pending,
+        state.sums,
+        state.normal,
+        state.flights,
+        state.gain,
+        state.spring,
+        state.friction,
+        impacts,
+        state.restitution + (impact - state.restitution) / min(impacts, config.memory),
+    )
+
+
+def towards(
+    config: IdentifyConfig, state: IdentifyState, holding: bool, estimate: EstimatorState
+) -> EstimatorState:
+    """The estimate with its model a step nearer to what was identified; else to the nominal one."""
+    aims = holding and trusted(config, state)
+    to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
+    spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
+    friction = estimate.friction_share + clamp(to_friction - estimate.friction_share, config.friction_step)
+    return fed(estimate, spring, friction)
+
+
+def trusted(config: IdentifyConfig, state: IdentifyState) -> bool:
+    """Whether p and f have explained new flights better than the parameters do."""
+    return config.feeds and state.flights >= config.fewest_flights and state.gain > 0.0
+
+
+def step(
+    config: IdentifyConfig,
+    striker: NominalStriker,
+    state: IdentifyState,
+    estimate: EstimatorState,
+    holding: bool,
+    contact: Contact,
+    angle_rad: float,
+    omega_rad_s: float,
+) -> IdentifyState:
+    """One tick of those in which a sample is due or a contact begins or ends."""
+    if contact.touch_down:
+        return _flown(config, state)
+    if contact.separation and contact.measured and holding and contact.approach_speed_m_s > SLOWEST_M_S:
+        return _after_impact(config, state, -estimate.v_m_s / contact.approach_speed_m_s)
+    ticks = estimate.flight.ticks
+    if ticks < 0 or ticks % SAMPLE_TICKS != 0 or not holding:
+        return state
+    usable = striker.dry_m_s2 <= 0.0 or abs(estimate.v_m_s) > SLOWEST_M_S
+    sample = sample_of(config, striker, estimate, angle_rad, omega_rad_s)
+    return _sampled(state, sample, usable, ticks == 0)

@@ -1,0 +1,216 @@
+"""What the striker is doing, decided once a drive period.
+
+A period is one turn of the crank from θ = 0, a quarter turn before its forward dead centre: the impacts of a
+steady motion lie 0° to 91° past that centre, far from the cut. Impacts in the period, their mean approach
+speed, the crank angle of the last one and the peak acceleration describe it; four periods are remembered. A
+new regime is reported once two periods in a row agree on it, so that one odd period does not make the report
+flap. A crank that stands ends no period: below its slowest speed there is no regime, and all starts anew.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.core.numbers import at_least, wrap_pi
+from firmware_py.interface.enums import Regime
+
+NO_PHASE_RAD = 0.0
+
+EQUAL_SPEED = 0.15
+"""Approach speeds of like periods; a rise changes 5 %."""
+GRAZING_M_S = 0.05
+"""Slower impacts decide nothing."""
+CHATTERING_IMPACTS = 4
+"""In a period."""
+STILL_M_S2 = 0.6
+"""Peak of a striker that sticks: bias and noise."""
+LONGEST_PERIOD_S = 6.0
+"""Slower than 1 rad/s there is no regime."""
+AGREEING_PERIODS = 2
+"""Before a new regime is reported."""
+
+
+class RegimeConfig(NamedTuple):
+    """`equal_speed`: relative difference of approach speeds up to which two periods count as alike.
+
+    `slowest_rad_s`: a crank that turns forward more slowly, or backward, stands.
+    """
+
+    equal_speed: float
+    grazing_m_s: float
+    chattering_impacts: int
+    still_m_s2: float
+    slowest_rad_s: float
+    agreeing_periods: int
+
+
+class Period(NamedTuple):
+    """One drive period in short. `speed_m_s` is the mean approach speed, 0 without an impact."""
+
+    impacts: int
+    speed_m_s: float
+    phase_rad: float
+    peak_m_s2: float
+
+
+class RegimeState(NamedTuple):
+    """The running period, the last four (newest first), and the decision."""
+
+    angle_rad: float
+    running: Period
+    last: Period
+    second: Period
+    third: Period
+    fourth: Period
+    periods: int
+    candidate: Regime
+    agreed: int
+    regime: Regime
+    ended: bool
+
+
+_EMPTY = Period(0, 0.0, NO_PHASE_RAD, 0.0)
+
+INITIAL = RegimeState(
+    angle_rad=0.0,
+    running=_EMPTY,
+    last=_EMPTY,
+    second=_EMPTY,
+    third=_EMPTY,
+    fourth=_EMPTY,
+    periods=0,
+    candidate=Regime.UNCERTAIN,
+    agreed=0,
+    regime=Regime.UNCERTAIN,
+    ended=False,
+)
+
+
+def alike(config: RegimeConfig, one: Period, other: Period) -> bool:
+    """Whether two periods have the same number of impacts at about the same speed."""
+    larger_m_s = at_least(one.speed_m_s, other.speed_m_s)
+    return (
+        one.impacts == other.impacts
+        and abs(one.speed_m_s - other.speed_m_s) <= config.equal_speed * larger_m_s
+    )
+
+
+def decide(  # noqa: PLR0911 - a table, read top to bottom
+    config: RegimeConfig, last: Period, second: Period, third: Period, fourth: Period
+) -> Regime:
+    """The regime that the last four periods, newest first, speak for."""
+    impacts = last.impacts + second.impacts + third.impacts + fourth.impacts
+    if last.impacts + second.impacts == 0 and (third.impacts + fourth.impacts == 0 or impacts == 0):
+        still = last.peak_m_s2 < config.still_m_s2 and second.peak_m_s2 < config.still_m_s2
+        return Regime.STUCK if still else Regime.NON_IMPACT
+    if last.impacts >= config.chattering_impacts and second.impacts >= config.chattering_impacts:
+        return Regime.CHATTERING
+    if at_least(last.speed_m_s, second.speed_m_s) < config.grazing_m_s:
+        return Regime.UNCERTAIN
+    if last.impacts > 0 and alike(config, last, second):
+        return Regime.IMPACT
+    if last.impacts == 1 and second.impacts == 1 and third.impacts == 1:
+        # One impact a period whose strength alternates repeats after two.
+        alternating = alike(config, last, third) and alike(config, second, fourth)
+        return Regime.PERIOD_N if alternating else Regime.IMPACT
+    if alike(config, last, third) or alike(config, last, fourth):
+        return Regime.PERIOD_N
+    return Regime.UNCERTAIN
+
+
+def _touched(
+    running: Period, touch_down: bool, speed_m_s: float, phase_rad: float, peak_m_s2: float
+) -> Period:
+    if not touch_down:
+        return Period(
+            running.impacts,
+            running.speed_m_s,
+            running.phase_rad,
+            at_least(peak_m_s2, running.peak_m_s2),
+        )
+    impacts = running.impacts + 1
+    return Period(
+        impacts=impacts,
+        speed_m_s=running.speed_m_s + (speed_m_s - running.speed_m_s) / impacts,
+        phase_rad=phase_rad,
+        peak_m_s2=at_least(peak_m_s2, running.peak_m_s2),
+    )
+
+
+def _standing(angle_rad: float) -> RegimeState:
+    """Nothing is known of a crank that stands."""
+    return RegimeState(
+        angle_rad=angle_rad,
+        running=_EMPTY,
+        last=_EMPTY,
+        second=_EMPTY,
+        third=_EMPTY,
+        fourth=_EMPTY,
+        periods=0,
+        candidate=Regime.UNCERTAIN,
+        agreed=0,
+        regime=Regime.UNCERTAIN,
+        ended=False,
+    )
+
+
+def step(
+    config: RegimeConfig,
+    state: RegimeState,
+    angle_rad: float,
+    omega_rad_s: float,
+    touch_down: bool,
+    age_s: float,
+    speed_m_s: float,
+    acceleration_m_s2: float,
+    ended: bool,
+) -> RegimeState:
+    """One sample. `age_s` is the time from touch-down to the crank angle given.
+
+    `ended`: a period ended with a sample that has waited with this one.
+    """
+    if not omega_rad_s >= config.slowest_rad_s:
+        return _standing(angle_rad)
+    turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
+    phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
+    running = state.running
+    if not turned:
+        return RegimeState(
+            angle_rad,
+            _touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2)),
+            state.last,
+            state.second,
+            state.third,
+            state.fourth,
+            state.periods,
+            state.candidate,
+            state.agreed,
+            state.regime,
+            ended,
+        )
+    running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
+    fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
+    candidate = decide(config, running, state.last, state.second, state.third)
+    if state.periods < 2:
+        candidate = Regime.UNCERTAIN
+    agreed = state.agreed + 1 if candidate == state.candidate else 1
+    regime = state.regime
+    hit = regime in (Regime.IMPACT, Regime.PERIOD_N)
+    if hit and running.impacts + state.last.impacts == 0:
+        regime = Regime.LOST
+    elif agreed >= config.agreeing_periods and not (
+        regime == Regime.LOST and candidate == Regime.NON_IMPACT and agreed < 2 * config.agreeing_periods
+    ):
+        regime = candidate
+    return RegimeState(
+        angle_rad=angle_rad,
+        running=fresh,
+        last=running,
+        second=state.last,
+        third=state.second,
+        fourth=state.third,
+        periods=state.periods + 1,
+        candidate=candidate,
+        agreed=agreed,
+        regime=regime,
+        ended=True,
+    )

@@ -1,0 +1,120 @@
+"""`parameters.toml`, the only source of the firmware's parameters, and the file that is written out of it.
+
+    python -m firmware_py.interface.sources.parameter_table
+
+writes `core/parameter_values.py`, the parameters in the firmware's subset: a microcontroller reads no TOML
+and knows no names. A test holds the checked-in file against what this module writes; `ruff format` lays its
+lines out.
+"""
+
+import textwrap
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from firmware_py.interface.enums import ParameterTier
+
+SOURCE = Path(__file__).with_name("parameters.toml")
+TARGET = Path(__file__).parents[2] / "core" / "parameter_values.py"
+
+
+class Parameter(NamedTuple):
+    """One line of the table, as `parameters.toml` describes it."""
+
+    name: str
+    tier: ParameterTier
+    unit: str
+    low: float
+    high: float
+    default: float
+    meaning: str
+    whole: bool = False
+    at_most: str | None = None
+
+    @property
+    def field(self) -> str:
+        """Its name in `Parameters`: `stop.position_m` is `stop_position_m`."""
+        return self.name.replace(".", "_")
+
+
+def _parameter(
+    name: str,
+    *,
+    tier: str,
+    unit: str,
+    low: float,
+    high: float,
+    default: float,
+    meaning: str,
+    whole: bool = False,
+    at_most: str | None = None,
+) -> Parameter:
+    bounds = (float(low), float(high), float(default))
+    return Parameter(name, ParameterTier[tier.upper()], unit, *bounds, meaning, whole, at_most)
+
+
+TABLE: tuple[Parameter, ...] = tuple(
+    _parameter(f"{block}.{key}", **entry)
+    for block, entries in tomllib.loads(SOURCE.read_text(encoding="utf-8")).items()
+    for key, entry in entries.items()
+)
+"""All parameters, in the order of their indices."""
+
+INDEX: dict[str, int] = {parameter.name: index for index, parameter in enumerate(TABLE)}
+
+HEADER = '''"""The parameters in the firmware's subset: written by `parameter_table.py`; do not edit.
+
+Their source is `parameters.toml` of interface/sources, which says what each one is. All are
+floats, counts and switches too.
+"""
+
+from typing import NamedTuple
+
+
+'''
+
+WITH_VALUE = '''
+def _chosen(first: bool, one: float, other: float) -> float:
+    return one if first else other
+
+
+def with_value(parameters: Parameters, index: int, value: float) -> Parameters:
+    """`parameters`, with `value` in the place of `index`."""
+    return Parameters(
+'''
+
+
+def _column(head: str, values: Iterable[object]) -> str:
+    """`head(…)` over as few lines as it takes."""
+    lines = textwrap.wrap(", ".join(map(str, values)), width=104)
+    return "\n".join(("# fmt: off", f"{head}(", *(f"    {line}" for line in lines), ")", "# fmt: on\n"))
+
+
+def source() -> str:
+    """The text of `core/parameter_values.py`, not laid out yet."""
+    places = list(enumerate(TABLE))
+    pairs = [(index, INDEX[one.at_most]) for index, one in places if one.at_most]
+    return "\n".join(
+        (
+            HEADER,
+            "class Parameters(NamedTuple):",
+            '    """One value of each parameter, in the order of their indices."""\n',
+            *(f"    {one.field}: float" for one in TABLE),
+            "\n",
+            f"COUNT = {len(TABLE)}\n",
+            _column("DEFAULTS = Parameters", (one.default for one in TABLE)),
+            _column("LOW = ", (one.low for one in TABLE)),
+            _column("HIGH = ", (one.high for one in TABLE)),
+            _column("TIERS = ", (one.tier.value for one in TABLE)) + '"""`ParameterTier` of each."""\n',
+            _column("WHOLE = ", (int(one.whole) for one in TABLE)) + '"""1 for a count."""\n',
+            _column("ORDERED = ", pairs) + '"""Indices: the first may not exceed the second."""\n',
+            WITH_VALUE,
+            *(f"        _chosen(index == {at}, value, parameters.{one.field})," for at, one in places),
+            "    )\n",
+        )
+    )
+
+
+if __name__ == "__main__":
+    TARGET.write_text(source(), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The bench itself: runs in lockstep and in real time, suites, verdicts, comparisons."""

@@ -1,0 +1,37 @@
+"""How a run begins: its folder cleared, the scenario as run and a first `run.json` in it."""
+
+import hashlib
+import time
+from pathlib import Path
+
+import tomli_w
+
+from hil.record import provenance, run_folder
+from hil.scenario.scenario import Scenario
+from hil.timing.realtime import is_user_mode_linux
+
+
+def key_of(scenario: Scenario, clock: str, seed: int) -> str:
+    """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages."""
+    parts = (tomli_w.dumps(scenario.document), clock, str(seed), provenance.sources(), provenance.versions())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
+    """Clear a claimed folder, and write the scenario as run and `run.json` but for bus and start."""
+    run_folder.clear(run_dir)
+    run_folder.note(
+        run_dir,
+        scenario=scenario.name,
+        title=scenario.title,
+        clock=clock,
+        seed=seed,
+        period_s=scenario.period_s,
+        user_mode_linux=is_user_mode_linux(),
+        created=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        key=key_of(scenario, clock, seed),
+        changes=list(scenario.changes),
+        **provenance.commit(),
+        versions=provenance.versions(),
+    )
+    (run_dir / "scenario.toml").write_text(tomli_w.dumps(scenario.document))

@@ -1,0 +1,121 @@
+"""How a run ends. Whatever ends it, a verdict is left that says so; this is the one place that sees to it.
+
+A verdict that blames a kill is written before the run begins, so it stands where nothing else can be written.
+Signals that ask for an end are raised as `Interrupted` while the run goes on; once it is over they are only
+noted, so that they cannot cut the judgement short.
+"""
+
+import errno
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hil.bench.verdict import amend, finish, prejudge
+from hil.record import run_folder, trace
+from hil.timing.processes import ChildError, ChildRefusalError
+from hil.timing.signals import Interrupted, ending_signals, interruption
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+KILLED = "the run is still going on, or its process was killed before it could be judged"
+
+
+@dataclass
+class Outcome:
+    """How a run ended; outcome.json."""
+
+    wall_s: float = 0.0
+    """Elapsed from the start to the end of the loops."""
+    reasons: list[str] = field(default_factory=list)
+    """Why the run is no good whatever its checks say: one sentence each."""
+    baseline_overruns: int | None = None
+    memory_growth_mb: dict[str, float] = field(default_factory=dict)
+    """By process since it had settled, in runs that are long enough."""
+    memory_watched_s: float = 0.0
+    """The time from then on."""
+
+
+def was_cut_short(verdict: Mapping[str, Any]) -> bool:
+    """Whether a run was not judged, or interrupted: what it would have come to is not known."""
+    reasons = verdict.get("reasons", [KILLED])
+    return any(reason == KILLED or reason.startswith("interrupted by") for reason in reasons)
+
+
+def is_no_room(error: BaseException) -> bool:
+    """Whether it blames a full disk or a used-up quota."""
+    return isinstance(error, OSError) and error.errno in NO_ROOM
+
+
+def is_verdict(error: BaseException) -> bool:
+    """Whether it is a failed run like any other: the disk is full, or a process has died at its start."""
+    died = isinstance(error, ChildError) and not isinstance(error, ChildRefusalError)
+    return died or is_no_room(error)
+
+
+def reason_of(error: BaseException) -> str:
+    """Why a run ended that something was raised in, as a sentence of its verdict."""
+    if isinstance(error, Interrupted | KeyboardInterrupt):
+        return str(error) or interruption(signal.SIGINT)
+    if is_no_room(error):
+        return f"no room on the disk: {error}"
+    if isinstance(error, ChildError):
+        return str(error)
+    return f"broke off: {type(error).__name__}: {error}"
+
+
+@dataclass
+class Ending:
+    """A run's outcome while it goes on, and its verdict afterwards."""
+
+    outcome: Outcome = field(default_factory=Outcome)
+    verdict: dict[str, Any] = field(default_factory=dict)
+
+
+@contextmanager
+def ending_with_a_verdict(
+    run_dir: Path, only_if_failed: bool = False, of_a_suite: bool = False
+) -> Iterator[Ending]:
+    """Run in the block; after it, however it ended, the run in `run_dir` is judged.
+
+    What ended the block early, or broke off the judgement, is raised again once the verdict is written,
+    unless it is a verdict like any other (`is_verdict`). `only_if_failed`: a run that has
+    passed keeps its verdict alone. `of_a_suite`: an interrupted run is not judged, since its suite has to be
+    gone at once and runs it again.
+    """
+    ending = Ending()
+    reasons = ending.outcome.reasons
+    run_folder.reserve(run_dir)
+    prejudge(run_dir, KILLED)
+    with ending_signals() as signals:
+        raised: BaseException | None = None
+        try:
+            yield ending
+        except BaseException as error:
+            raised = error
+            if (reason := reason_of(error)) not in reasons:
+                reasons.append(reason)
+        signals.raises = False
+        if of_a_suite and isinstance(raised, Interrupted):
+            raise raised
+        try:
+            ending.verdict = close(run_dir, ending.outcome, only_if_failed)
+        except Exception as error:
+            reasons.append(f"while its log and report were written: {reason_of(error)}")
+            ending.verdict = amend(run_dir, reasons)
+            raised = raised or error
+        if signals.came and (raised is None or is_verdict(raised)):
+            reasons.append(f"{signals.came[0]} while its log and report were written")
+            ending.verdict = amend(run_dir, reasons)
+            raised = Interrupted(signals.came[0])
+    if raised is not None and not is_verdict(raised):
+        raise raised
+
+
+def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> dict[str, Any]:
+    """Bring together what a run has left that is over, and judge it."""
+    run_folder.free_reserve(run_dir)
+    trace.bring_home(run_dir)
+    run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    return finish(run_dir, only_if_failed)

@@ -1,0 +1,123 @@
+"""Lockstep: all nodes in one process, in exactly the order that real time gives them, as fast as it goes.
+
+At t_k the plant publishes and moves on under the frames that arrived before t_k; the operator sends. At
+t_k + T/2 the firmware ticks on what has arrived; its torque acts from t_{k+1}. The nodes, their frames and
+the codec between them are those of real time.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.node import MakeNode
+from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, BusAtOnce, LockstepBus
+from hil.bus.can_log import CanLog
+from hil.bus.in_process import InProcessNode
+from hil.faults.clocks import in_turns
+from hil.faults.line import with_faults
+from hil.faults.processes import ProcessFaults
+from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
+from hil.scenario.operator import OPERATOR_PERIOD_S
+from hil.scenario.scenario import Scenario
+from hil.timing.clock import NS_PER_S
+from hil.timing.loop import LoopTiming
+
+Progress = Callable[[float, str], None]
+"""Called with how much of the run is done, 0…1, and what is being done."""
+
+PROGRESS_S = 0.5
+"""Of simulated time, from one call to the next at most twice that."""
+TIME_RESOLUTION_S = 1e-9
+NS_PER_US = 1000
+UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
+"""The plant takes no time in lockstep."""
+
+
+def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
+    scenario: Scenario,
+    run_dir: Path,
+    seed: int,
+    progress: Progress,
+    build: Build = "python",
+    make: MakeNode | None = None,
+) -> int:
+    """Run the whole scenario; traces and can.log go to `run_dir`. Times in can.log are simulated ones.
+
+    `make` makes another firmware node than that of `build`, such as one that measures. Gives the number of
+    records for which the disk had no room.
+    """
+    bus: LockstepBus = BusAtOnce() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
+    pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
+    faults = scenario.faults
+    at_nodes = bus.break_by(faults)
+    to_plant = bus.join(PLANT)
+    plant_bus, tell_plant_bus = with_faults(to_plant, PLANT, at_nodes, seed)
+    firmware_bus, tell_firmware_bus = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
+    operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
+    plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
+    plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
+    walks = scenario.scene.gait is not None
+    firmware_node = FirmwareRunner(
+        scenario.parameters,
+        pace,
+        firmware_bus,
+        run_dir,
+        faults,
+        seed,
+        walks=walks,
+        make=make or node_of(build),
+    )
+    firmware = in_turns(firmware_node, FIRMWARE, faults, pace.period_s, seed)
+    operator = OperatorRunner(scenario.commands, pace, operator_bus, run_dir)
+    processes = ProcessFaults(faults)
+    plant_tick = firmware_tick = -1
+    period_ns = round(scenario.period_s * NS_PER_S)
+    operator_period = 0
+    progress_ticks = round(PROGRESS_S / scenario.period_s)
+    now_ns = time.perf_counter_ns
+    with CanLog(run_dir / "can.log") as can_log, ExitStack() as stack:
+        for node in (plant, firmware, operator, bus):
+            stack.callback(node.close)
+        stretches = None
+        if build == "compiled" and make is None and isinstance(to_plant, InProcessNode):
+            from hil.bench.stretches import stretches_of  # noqa: PLC0415 - imports the compiled firmware
+
+            stretches = stretches_of(scenario, plant_node, firmware_node, operator, can_log, to_plant)
+        tick = 0
+        while tick < scenario.ticks:
+            ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
+            if stretches is not None and ticks > 0:
+                progress(tick / scenario.ticks, "running in lockstep")
+                operator_period = stretches.run(tick, ticks, operator_period)
+                tick += ticks
+                plant_tick = firmware_tick = tick - 1
+                continue
+            t_ns = tick * period_ns
+            t_s = tick * scenario.period_s
+            if processes.runs(PLANT, t_s):
+                tell_plant_bus(t_s)
+                plant.step(tick, tick - plant_tick)
+                plant.record(tick, UNTIMED)
+                plant_tick = tick
+            while operator_period * OPERATOR_PERIOD_S <= t_s + TIME_RESOLUTION_S:
+                tell_operator_bus(operator_period * OPERATOR_PERIOD_S)
+                operator.step(operator_period)
+                operator_period += 1
+            for logged_ns, frames in bus.pass_time(t_ns, t_ns + period_ns // 2):
+                can_log.write(logged_ns // NS_PER_US, frames)
+
+            if processes.runs(FIRMWARE, t_s):
+                started_ns = now_ns()
+                tell_firmware_bus(t_s)
+                firmware.step(tick, tick - firmware_tick)
+                work_us = (now_ns() - started_ns) * 1e-3
+                firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))
+                firmware_tick = tick
+            for logged_ns, frames in bus.pass_time(t_ns + period_ns // 2, t_ns + period_ns):
+                can_log.write(logged_ns // NS_PER_US, frames)
+            if tick % progress_ticks == 0:
+                progress(tick / scenario.ticks, "running in lockstep")
+            tick += 1
+    return plant_node.lost_records + firmware_node.lost_records

@@ -1,0 +1,132 @@
+"""The bus of lockstep: at once, or as the bus model says where a scenario asks for it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol, get_args
+
+from firmware_py.interface.frame import Frame
+from hil.bus.base import NodeBus
+from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.can_model.error_trace import BusErrorRecord, NodeErrors, errors_of
+from hil.can_model.in_process import ModelledInProcessBus
+from hil.record.trace import TraceWriter
+from hil.scenario.fault_tables import Babbling, BusOff, Disturbed, Fault, ModelledFault
+from hil.timing.clock import NS_PER_S
+
+PLANT, FIRMWARE, OPERATOR = NODES = ("plant", "firmware", "operator")
+STRANGER = "stranger"
+EVERY = 1 << 62
+FOREVER_NS = 1 << 62
+
+Logged = tuple[int, list[Frame]]
+"""Frames and their common time in ns."""
+
+
+def in_ns(time_s: float) -> int:
+    """A time in whole nanoseconds."""
+    return round(time_s * NS_PER_S)
+
+
+class LockstepBus(Protocol):
+    """Nodes join it by name; between their turns time passes."""
+
+    def join(self, name: str) -> NodeBus:
+        """The connection of one of the nodes."""
+
+    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+        """Let the faults act that are the bus's own; gives the others, which act where frames leave nodes."""
+
+    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
+        """Let time pass; gives what was on the bus meanwhile, for the log."""
+
+    def close(self) -> None:
+        """The run is over."""
+
+
+class BusAtOnce:
+    """What a node sends has arrived."""
+
+    def __init__(self) -> None:
+        self._bus = InProcessBus()
+        self._log = self._bus.join()
+
+    def join(self, name: str) -> InProcessNode:
+        """The connection of one of the nodes; an operator only speaks."""
+        return self._bus.join(listening=name != OPERATOR)
+
+    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+        """Nothing is this bus's own."""
+        return list(faults)
+
+    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
+        """Frames are logged when they are sent."""
+        return [(from_ns, self._log.receive())]
+
+    def close(self) -> None:
+        """Nothing is kept."""
+
+
+class BusAsModelled:
+    """Frames take their time, the lowest identifier first; the bus's own faults act in the model.
+
+    `bus_errors.trace` in `out_dir` keeps the error counters.
+    """
+
+    def __init__(self, bitrate: int, out_dir: Path) -> None:
+        self._bus = ModelledInProcessBus((*NODES, STRANGER), bitrate)
+        self._faults: list[ModelledFault] = []
+        self._begun: list[ModelledFault] = []
+        self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
+        self._last_errors = BusErrorRecord(0.0, 0, NodeErrors(), NodeErrors(), NodeErrors())
+
+    def join(self, name: str) -> NodeBus:
+        """The connection of one of the nodes."""
+        return self._bus.join(name)
+
+    def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
+        """Bus-off, destroyed transmissions and babbling are the bus's own."""
+        self._faults = [fault for fault in faults if isinstance(fault, get_args(ModelledFault))]
+        for fault in faults:
+            if isinstance(fault, Babbling):
+                frame = Frame(fault.can_id, bytes.fromhex(fault.data_hex))
+                until_ns = FOREVER_NS if fault.duration_s is None else in_ns(fault.end_s)
+                self._bus.model.babble(STRANGER, frame, in_ns(fault.period_s), in_ns(fault.at_s), until_ns)
+        return [fault for fault in faults if not isinstance(fault, Babbling)]
+
+    def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
+        """Frames are logged when they have arrived."""
+        if self._faults:
+            self._break(from_ns / NS_PER_S)
+        logged = [(delivery.t_ns, [delivery.frame]) for delivery in self._bus.move_to(to_ns)]
+        for deaf in (OPERATOR, STRANGER):
+            self._bus.join(deaf).pending.clear()
+        self._note_errors(to_ns / NS_PER_S)
+        return logged
+
+    def close(self) -> None:
+        """End the trace."""
+        self._errors.close()
+
+    def _note_errors(self, t_s: float) -> None:
+        model = self._bus.model
+        nodes = [errors_of(model.counters(name)) for name in NODES]
+        errors = BusErrorRecord(t_s, model.figures.errors, *nodes)
+        if errors[1:] != self._last_errors[1:]:
+            self._last_errors = errors
+            self._errors.append(errors)
+
+    def _break(self, t_s: float) -> None:
+        model = self._bus.model
+        for fault in self._faults:
+            acts, begun = fault.acts(t_s), fault in self._begun
+            if acts and isinstance(fault, BusOff):
+                model.switch_off(fault.node)
+            if acts and not begun:
+                self._begun.append(fault)
+                if isinstance(fault, Disturbed):
+                    for can_id in fault.can_ids:
+                        model.corrupt(can_id, hits=EVERY)
+            elif begun and not acts:
+                self._begun.remove(fault)
+                if isinstance(fault, Disturbed):
+                    model.end_corruption()

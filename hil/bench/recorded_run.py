@@ -1,0 +1,210 @@
+"""A run read back from its log alone: figures, impacts, verdict, and every signal as an array or a table.
+
+>>> from pathlib import Path
+>>> open_run(Path("runs/nowhere.rrd"))
+Traceback (most recent call last):
+hil.bench.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folder or an .rrd file
+"""
+
+import difflib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from hil.bench.verdict import judge
+from hil.judge.figure_records import Figures, TrueImpact
+from hil.judge.figures import figures_from
+from hil.record import log_reader
+from hil.record.damage import reading
+from hil.record.frame_tables import contiguous
+from hil.record.log_reader import TIMELINES, read_traces, repair
+from hil.record.rerun_program import RerunError
+from hil.record.run_folder import RUNS
+from hil.record.run_traces import RunTraces
+from hil.show.rerun_log import LOG_NAME, rebuild
+
+if TYPE_CHECKING:
+    import pandas
+
+
+TABLES_ARE_LEFT = "its tables may still be read: vibrohil inspect RUN --table NAME"
+
+
+class RunError(ValueError):
+    """There is no such run, table or signal; the sentence says what there is."""
+
+
+def newest_run() -> Path:
+    """The run folder that was begun last."""
+    begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.stat().st_mtime)
+    if not begun:
+        raise RunError(f"no run in {RUNS}/; make one with `vibrohil run soft-start-multistable`, or name one")
+    return begun[-1].parent
+
+
+def log_of(run: Path | None) -> Path:
+    """The log to open: of a folder, a file, or the newest run; whole, whatever was killed.
+
+    A run that has not ended may still be written to; a copy of its log is opened.
+    """
+    place = newest_run() if run is None else run
+    if place.suffix == ".rrd":
+        if not place.exists():
+            raise RunError(f"{place} is not there; name a run folder or an .rrd file")
+        repair(place)
+        return place
+    if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
+        raise RunError(f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace")
+    log = place / LOG_NAME
+    if not log.exists():
+        return rebuilt(place)
+    if not (place / "outcome.json").exists():
+        copy = Path(tempfile.mkdtemp(prefix="vibrohil-view-")) / LOG_NAME
+        shutil.copyfile(log, copy)
+        log = copy
+    try:
+        repair(log)
+    except RerunError:
+        return rebuilt(place)
+    return log
+
+
+def rebuilt(run_dir: Path) -> Path:
+    """The log made anew from the traces of a run."""
+    with reading(run_dir, "its traces make no run; import its can.log to see the frames"):
+        return rebuild(run_dir)
+
+
+def named(name: str, among: list[str], what: str) -> str:
+    """`name` if it is there, else an error that says which ones come near."""
+    if name in among:
+        return name
+    near = ", ".join(difflib.get_close_matches(name, among, n=3, cutoff=0.4)) or ", ".join(among)
+    raise RunError(f"no {what} {name!r} in this log; it has {near}")
+
+
+def single(values: pa.Array) -> pa.Array:
+    """A component's column with its lists of one taken out; longer lists stay."""
+    if not pa.types.is_list(values.type) or values.null_count:
+        return values
+    lengths = np.diff(values.offsets.to_numpy())
+    return values.flatten() if bool(np.all(lengths == 1)) else values
+
+
+def columns_of(name: str, values: pa.Array) -> list[tuple[str, pa.Array]]:
+    """The columns within a struct, by dotted names; any other array is its own."""
+    if not pa.types.is_struct(values.type):
+        return [(name, values)]
+    found: list[tuple[str, pa.Array]] = []
+    for field, inner in zip(values.type, values.flatten(), strict=True):
+        found += columns_of(f"{name}.{field.name}" if name else field.name, inner)
+    return found
+
+
+def flat(table: pa.Table) -> pa.Table:
+    """One entity's rows with a plain column a signal; `t_s` is simulated time in seconds."""
+    seconds = contiguous(table["sim_time"]).cast(pa.int64()).to_numpy() / 1e9
+    columns: dict[str, pa.Array] = {"t_s": pa.array(seconds), "wall_time": contiguous(table["wall_time"])}
+    for component in table.column_names:
+        if component in TIMELINES:
+            continue
+        short = component.rpartition(":")[2]
+        for name, values in columns_of(
+            "" if short == "record" else short, single(contiguous(table[component]))
+        ):
+            columns[name] = values
+    return pa.table(columns)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recorded run; tables and figures are read from its log when they are asked for."""
+
+    log: Path
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The tables there are: `plant`, `firmware`, `impacts/truth`, `can/Accelerometer`, …"""
+        with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
+            return [name.removeprefix("/") for name in log_reader.names(self.log)]
+
+    def table(self, name: str) -> pa.Table:
+        """One table, a row a tick (an impact, a frame, an event), a column a signal."""
+        entity = f"/{named(name, self.names, 'table')}"
+        with reading(self.log, f"other tables may still be read; {name} may not"):
+            return flat(log_reader.table(self.log, entity))
+
+    def blocks(self, name: str) -> Iterator[pa.Table]:
+        """The rows of a table of the log's own in order of time, some at a time."""
+        entity = f"/{named(name, self.names, 'table')}"
+        with reading(self.log, f"other tables may still be read; {name} may not"):
+            yield from map(flat, log_reader.ordered_blocks(self.log, entity))
+
+    def frame(self, name: str) -> "pandas.DataFrame":
+        """One table as a pandas frame, its index the simulated time in seconds; needs pandas."""
+        table: pandas.DataFrame = self.table(name).to_pandas()
+        return table.set_index("t_s")
+
+    def signal(self, name: str) -> tuple[Any, Any]:
+        """Simulated seconds and values of `TABLE.COLUMN`, both of shape (n,)."""
+        prefixes = [entity for entity in self.names if name.startswith(f"{entity}.")]
+        if not prefixes:
+            raise RunError(
+                f"signal {name!r} names no table; wanted TABLE.COLUMN with one of {', '.join(self.names)}"
+            )
+        entity = max(prefixes, key=len)
+        table = self.table(entity)
+        column = named(name.removeprefix(f"{entity}."), table.column_names, f"column of {entity}")
+        return table["t_s"].to_numpy(), table[column].to_numpy()
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.log.parent
+
+    @property
+    def regime(self) -> str:
+        """What the striker truly did during the hold."""
+        return self.figures.regime
+
+    @property
+    def impacts(self) -> tuple[TrueImpact, ...]:
+        """The true touch-downs: time in s and approach speed in m/s of each."""
+        return self.figures.impacts
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check was met and nothing went wrong."""
+        return bool(self.verdict["passed"])
+
+    @cached_property
+    def traces(self) -> RunTraces:
+        """What the run folder's traces held."""
+        with reading(self.log, TABLES_ARE_LEFT):
+            return read_traces(self.log)
+
+    @cached_property
+    def figures(self) -> Figures:
+        """All figures, computed anew."""
+        traces = self.traces
+        with reading(self.log, TABLES_ARE_LEFT):
+            return figures_from(traces)
+
+    @cached_property
+    def verdict(self) -> dict[str, Any]:
+        """The verdict, computed anew: the keys of `verdict.json`."""
+        traces, figures = self.traces, self.figures
+        with reading(self.log, TABLES_ARE_LEFT):
+            return judge(traces, figures, self.log.parent)[0]
+
+
+def open_run(run: str | Path | None = None) -> Run:
+    """Open a run by its folder or .rrd file, the newest one without a name; a log cut by a kill is mended."""
+    return Run(log_of(None if run is None else Path(run)))

@@ -1,0 +1,340 @@
+"""Stretches of lockstep in one compiled call, with single ticks of lockstep between.
+
+A stretch ends before a fault begins, and the next one starts some time after the fault has ended. Faults that
+only change the module's parts or the drive's configuration begin and end between two stretches. Runs with a
+modelled bus, an encoder with a period of its own, a fault of a clock or a restart have no stretches. Frames,
+traces and can.log are those of lockstep tick by tick.
+
+`records_of` runs a whole scenario so, without a folder: what campaigns do.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.builds.entry import entry
+from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.flat_node import FirmwareFailedError
+from hil.bus.can_log import CanLog
+from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.nodes.closed_loop import (
+    FIRMWARE_FAILED,
+    LINE_BYTES,
+    MOST_FRAMES,
+    NO_FRAME,
+    Buffers,
+    Constants,
+    Firmware,
+    Held,
+    Loop,
+    run,
+)
+from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
+from hil.record.firmware_trace import moves_to
+from hil.record.plant_trace import ImpactRecord, PlantRecord
+from hil.scenario.fault_tables import (
+    ClockJitter,
+    ClockJumped,
+    Fault,
+    FrictionChanged,
+    Kick,
+    MotorStall,
+    ParametersDamaged,
+    Restarted,
+    StiffnessChanged,
+    StopMoved,
+    SupplySag,
+)
+from hil.scenario.operator import OPERATOR_PERIOD_S
+from hil.scenario.scenario import Scenario
+from hil.timing.clock import NS_PER_S
+from plant_sim.sensors.gait import GaitTruth
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
+
+STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
+"""Faults that do nothing from tick to tick between their begin and their end."""
+OF_A_CLOCK = (ClockJitter, ClockJumped, Restarted)
+"""Faults that give a node a clock of its own (`hil.faults.clocks.in_turns`)."""
+AHEAD_S = 0.005
+"""A stretch ends this long before any other fault begins."""
+BEHIND_S = 0.25
+"""A stretch begins this long after it has ended: by then nothing of it is under way."""
+SAME_INSTANT_S = 1e-9
+LONGEST_TICKS = 4096
+"""What the buffers hold."""
+LINES_A_TICK = 8
+
+
+def has_stretches(scenario: Scenario) -> bool:
+    """Whether any part of a run of the scenario may be compiled."""
+    has_clock_faults = any(isinstance(fault, OF_A_CLOCK) for fault in scenario.faults)
+    scene = scenario.scene
+    encoder_has_period = scene.axis is not None and scene.axis.encoder_s is not None
+    return scenario.bitrate is None and not has_clock_faults and not encoder_has_period
+
+
+def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
+    """Until when nothing of the faults happens, from `t_s` on; `t_s` itself where something does."""
+    until_s = math.inf
+    for fault in faults:
+        if isinstance(fault, STEADY):
+            edges_s = [edge_s for edge_s in (fault.at_s, fault.end_s) if edge_s > t_s + SAME_INSTANT_S]
+            until_s = min([until_s, *edges_s])
+        elif t_s < fault.at_s - AHEAD_S:
+            until_s = min(until_s, fault.at_s - AHEAD_S)
+        elif t_s < fault.end_s + BEHIND_S:
+            return t_s
+    return until_s
+
+
+def word_frame(frame: Frame) -> WordFrame:
+    """The frame as compiled code handles it."""
+    return WordFrame(frame.can_id, len(frame.data), word_of(frame.data))
+
+
+def byte_frame(frame: WordFrame) -> Frame:
+    """The frame as the bus handles it."""
+    return Frame(frame.can_id, bytes_of(frame.word, frame.length))
+
+
+class Records(NamedTuple):
+    """What a stretch leaves; views of buffers that the next stretch writes over.
+
+    plant: numbers in the order of `PlantRecord`, a row a tick. firmware: the columns that were asked for, a
+    record a tick. impacts: numbers in the order of `ImpactRecord`, a row for each that has ended, times from
+    when the plant was switched on. can_log: lines.
+    """
+
+    plant: NDArray[np.float64]
+    firmware: NDArray[np.void]
+    impacts: NDArray[np.float64]
+    can_log: NDArray[np.uint8]
+
+
+class Stretches:
+    """Runs stretches of one scenario on the nodes of lockstep."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: PlantRunner,
+        firmware: FirmwareRunner,
+        operator: OperatorRunner,
+        to_plant: InProcessNode,
+        columns: Any,
+        is_logged: bool,
+    ) -> None:
+        """`to_plant`: where the bus keeps the frames that the plant takes next.
+
+        `columns`: what is kept of the firmware, a packed structured type as in `hil.record.firmware_trace`.
+        """
+        self._scenario = scenario
+        self._plant = plant
+        self._firmware = firmware
+        self._operator = operator
+        self._to_plant = to_plant
+        self._period_ns = round(scenario.period_s * NS_PER_S)
+        self._firmware_rows = np.zeros(LONGEST_TICKS, columns)
+        self._buffers = Buffers(
+            plant=np.zeros((LONGEST_TICKS, len(PlantRecord._fields))),
+            firmware=self._firmware_rows.view(np.uint8),
+            moves=moves_to(columns),
+            impacts=np.zeros((LONGEST_TICKS, len(ImpactRecord._fields))),
+            can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
+            used=np.zeros(3, np.int64),
+        )
+
+    def ticks_from(self, tick: int) -> int:
+        """How many ticks from `tick` on may be compiled."""
+        scenario = self._scenario
+        quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s)
+        until = scenario.ticks
+        if quiet_s < math.inf:
+            until = min(until, math.ceil((quiet_s - SAME_INSTANT_S) / scenario.period_s))
+        is_asked = (
+            self._compiled_node().memory["received"]["request_count"][0] > 0 or self._plant.node.requests
+        )
+        is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= len(Held._fields)
+        return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
+
+    def _compiled_node(self) -> CompiledNode:
+        """The firmware's node, a new one after a restart."""
+        node = self._firmware.node
+        assert isinstance(node, CompiledNode)
+        return node
+
+    def run(self, tick: int, ticks: int, operator_period: int) -> tuple[Records, int]:
+        """Run `ticks` from `tick` on; what they leave, and the operator's next period."""
+        period_s, buffers = self._scenario.period_s, self._buffers
+        plant = self._plant.node
+        plant.act()
+        gait_frames = self._gait_frames(tick, ticks)
+        commands, operator_period = self._commands(tick + ticks, operator_period)
+        lent = plant.plant.lend()
+        constants = Constants(
+            period_s,
+            self._period_ns,
+            lent.readers,
+            plant.drive_config,
+            plant.report_periods,
+            lent.stored_before_j,
+            self._firmware_rows.itemsize,
+        )
+        frames, sent = np.zeros((MOST_FRAMES, 3), np.int64), np.zeros(7, np.int64)
+        node = self._compiled_node()
+        config, state = node.flat_config.ctypes.data, node.memory.ctypes.data
+        compiled = Firmware(entry.address, config, state, frames, sent, node.memory.view(np.uint8))
+        held = [word_frame(frame) for frame in self._to_plant.receive()]
+        held += [NO_FRAME] * (len(Held._fields) - len(held))
+        drive, reports, counter = plant.drive, plant.reports, plant.counter
+        loop = Loop(tick, lent.t_s, lent.t_rest_s, 0.0, drive, reports, counter, Held(*held))
+        buffers.used[:] = 0
+        loop, status = run(
+            lent.parts,
+            lent.probe,
+            lent.memory,
+            constants,
+            compiled,
+            loop,
+            gait_frames,
+            commands,
+            self._coarse(tick, ticks),
+            lent.noise.take(ticks),
+            buffers,
+            NO_GRID,
+            NO_SAMPLES,
+        )
+        if status == FIRMWARE_FAILED:
+            raise FirmwareFailedError(
+                f"a division by zero or a domain error in the compiled firmware's tick {loop.tick}"
+            )
+        plant.plant.take_back(loop.t_s, loop.t_rest_s, loop.torque_n_m, status)
+        plant.resume(loop.tick, loop.drive, loop.reports, loop.counter)
+        self._to_plant.pending += [byte_frame(frame) for frame in loop.held if frame.can_id != 0]
+        last = [byte_frame(WordFrame(*frame)) for frame in frames.tolist() if frame[0] != 0]
+        self._firmware.resume(tick + ticks - 1, last)
+        _, impacts, log_bytes = buffers.used.tolist()
+        records = Records(
+            buffers.plant[:ticks],
+            self._firmware_rows[:ticks],
+            buffers.impacts[:impacts],
+            buffers.can_log[:log_bytes],
+        )
+        return records, operator_period
+
+    def _gait_frames(self, tick: int, ticks: int) -> NDArray[np.int64]:
+        """What the gait sensors send in these ticks."""
+        node = self._plant.node
+        rows: list[tuple[int, int, int, int]] = []
+        if node.plant.has_gait_sensors:
+            for number in range(tick, tick + ticks):
+                rows += [(number, *word_frame(frame)) for frame in node.gait_frame(number)]
+        return np.array(rows, dtype=np.int64).reshape(-1, 4)
+
+    def _coarse(self, tick: int, ticks: int) -> NDArray[np.float64]:
+        """The coarse sensor's samples in these ticks: tick, counter, error in m."""
+        node = self._plant.node
+        rows: list[tuple[float, float, float]] = []
+        if node.plant.has_coarse_sensor:
+            for number in range(tick, tick + ticks):
+                error_m = node.coarse_error_m(number)
+                if error_m is not None:
+                    rows.append((number, number // node.ticks_a_coarse_frame, error_m))
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+    def _commands(self, until_tick: int, period: int) -> tuple[NDArray[np.int64], int]:
+        """What the operator sends before `until_tick`, and its next period."""
+        rows: list[tuple[int, int, int, int]] = []
+        period_s = self._scenario.period_s
+        while True:
+            tick = math.ceil(period * OPERATOR_PERIOD_S / period_s - 1e-6)
+            if tick >= until_tick:
+                return np.array(rows, dtype=np.int64).reshape(-1, 4), period
+            rows += [(tick, *word_frame(frame)) for frame in self._operator.frames(period)]
+            period += 1
+
+
+class RecordedStretches:
+    """Stretches whose records go into the traces and the log of lockstep."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: PlantRunner,
+        firmware: FirmwareRunner,
+        operator: OperatorRunner,
+        can_log: CanLog,
+        to_plant: InProcessNode,
+    ) -> None:
+        """`to_plant`: where the bus keeps the frames that the plant takes next."""
+        self._period_s = scenario.period_s
+        self._walks = scenario.scene.gait is not None
+        self._plant = plant
+        self._firmware = firmware
+        self._can_log = can_log
+        self._plant_rows = np.zeros(LONGEST_TICKS, plant.columns)
+        self._stretches = Stretches(scenario, plant, firmware, operator, to_plant, firmware.columns, True)
+        self.ticks_from = self._stretches.ticks_from
+
+    def run(self, tick: int, ticks: int, operator_period: int) -> int:
+        """Run `ticks` from `tick` on; the operator's next period."""
+        records, operator_period = self._stretches.run(tick, ticks, operator_period)
+        rows, node = self._plant_rows[:ticks], self._plant.node
+        for column, name in enumerate(PlantRecord._fields):
+            rows[name] = records.plant[:, column]
+        if self._walks:
+            gaits = [node.gait_in(number) for number in range(tick, tick + ticks)]
+            for name, values in zip(GaitTruth._fields, zip(*gaits, strict=True), strict=True):
+                rows[f"gait.{name}"] = values
+        self._plant.append(rows, records.impacts)
+        numbers = np.arange(tick, tick + ticks)
+        records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._period_s
+        self._firmware.append(records.firmware)
+        self._can_log.append(records.can_log.tobytes())
+        return operator_period
+
+
+def records_of(scenario: Scenario, seed: int, columns: Any) -> Iterator[Records]:
+    """A whole compiled run without a folder, stretch by stretch; of the firmware `columns` are kept.
+
+    Raise ValueError for faults that act from tick to tick, which need lockstep's nodes.
+    """
+    if not has_stretches(scenario) or not all(isinstance(fault, STEADY) for fault in scenario.faults):
+        kinds = ", ".join(fault.kind for fault in scenario.faults)
+        raise ValueError(
+            f"scenario {scenario.name!r} has a modelled bus, an encoder with a period of its own, or faults "
+            f"that act from tick to tick ({kinds}); run it in lockstep"
+        )
+    bus = InProcessBus()
+    to_plant = bus.join()
+    pace = Pace(scenario.period_s, scenario.duration_s)
+    plant = PlantRunner(scenario.scene, seed, pace, to_plant, None, scenario.faults)
+    firmware = FirmwareRunner(
+        scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=CompiledNode
+    )
+    operator = OperatorRunner(scenario.commands, pace, bus.join(listening=False), None)
+    stretches = Stretches(scenario, plant, firmware, operator, to_plant, columns, is_logged=False)
+    tick = operator_period = 0
+    while tick < scenario.ticks:
+        ticks = stretches.ticks_from(tick)
+        records, operator_period = stretches.run(tick, ticks, operator_period)
+        yield records
+        tick += ticks
+
+
+def stretches_of(
+    scenario: Scenario,
+    plant: PlantRunner,
+    firmware: FirmwareRunner,
+    operator: OperatorRunner,
+    can_log: CanLog,
+    to_plant: InProcessNode,
+) -> RecordedStretches | None:
+    """The stretches of a run on these nodes; None where it has none."""
+    if not has_stretches(scenario):
+        return None
+    return RecordedStretches(scenario, plant, firmware, operator, can_log, to_plant)

@@ -1,0 +1,119 @@
+"""The run folder, turned into a verdict.
+
+run.json       what was run: scenario, clock, bus, seed, versions, start
+scenario.toml  the scenario as run
+*.trace        what each process knew at each tick; can.log, what was on the bus
+losses.json    when the recorder lost frames, if it did
+outcome.json   how it ended: elapsed time, a bare loop's overruns, and reasons why it is no proper run
+run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, again and again if need be
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hil.judge import junit
+from hil.judge.checks import CheckResult, checks_of, evaluate
+from hil.judge.figure_records import Figures, incomplete
+from hil.judge.figures import LONGEST_HOLD_MS, figures_from
+from hil.judge.reasons import reasons_of
+from hil.record import provenance
+from hil.record.candump import NO_BUS
+from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
+from hil.record.run_traces import NO_RECORDS, RunTraces, read_json, read_run, read_scenario
+from hil.show.highlights import marks
+from hil.show.report import write_report
+from hil.show.rerun_log import LOG_NAME, write_log
+
+
+def verdict_of(
+    figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
+) -> dict[str, Any]:
+    """The verdict as it is written and printed: all figures, the checks, and whether all is well.
+
+    `passed` is None where nothing was checked and nothing else went wrong.
+    """
+    nothing_checked = not results and not reasons
+    passed = None if nothing_checked else not reasons and all(result.passed for result in results)
+    return {
+        **figures,
+        "checks": [asdict(result) for result in results],
+        "incomplete": incomplete(figures),
+        "reasons": list(reasons),
+        "passed": passed,
+        "out": str(out),
+    }
+
+
+def host_stall(traces: RunTraces, figures: Figures) -> str | None:
+    """The longest time for which the machine held up a loop, where that disturbed a run in real time.
+
+    A pause that the scenario itself asks for is none of the machine's.
+    """
+    faults = traces.scenario.get("script", {}).get("faults", [])
+    if figures.clock != "real" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
+        return None
+    loops = {"plant": figures.loops.plant, "firmware": figures.loops.firmware}
+    name = max(loops, key=lambda one: loops[one].longest_hold_ms or 0.0)
+    held_ms, at_s = loops[name].longest_hold_ms, loops[name].longest_hold_at_s
+    if held_ms is None or at_s is None or held_ms < LONGEST_HOLD_MS:
+        return None
+    return (
+        f"host stall: the machine held up the {name}'s loop for {held_ms:.0f} ms at {at_s:.2f} s; "
+        "the checks that failed may fail for that alone"
+    )
+
+
+def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
+    """The verdict on a run from what it left behind, and its checks' results."""
+    content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
+    results = evaluate(checks_of(traces.scenario), content, traces)
+    failed = not all(result.passed for result in results)
+    content["host_stall"] = host_stall(traces, figures) if failed else None
+    content["first_failure_s"] = min((mark.t_s for mark in marks(results, traces, figures)), default=None)
+    return verdict_of(content, results, reasons_of(traces), out), results
+
+
+def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
+    """Judge the run in `run_dir`, also one that was cut short, and write its verdict, log and report.
+
+    `only_if_failed`: a run that has passed keeps its verdict and `run.json`, and nothing else.
+    """
+    traces = read_run(run_dir)
+    figures = figures_from(traces)
+    verdict, results = judge(traces, figures, run_dir)
+    if only_if_failed and verdict["passed"]:
+        clear(run_dir, keep=(RUN_NOTE,))
+        write_json(run_dir / VERDICT, verdict)
+        return verdict
+    write(run_dir, verdict)
+    write_log(run_dir / LOG_NAME, traces, figures, results)
+    write_report(run_dir / "report.html", traces, figures, verdict)
+    return verdict
+
+
+def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
+    """Write verdict.json and junit.xml."""
+    write_json(run_dir / VERDICT, verdict)
+    (run_dir / "junit.xml").write_text(junit.document([verdict]), encoding="utf-8")
+
+
+def unjudged(run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, out: Path) -> dict[str, Any]:
+    """The failed verdict on a run that has left nothing; `run` is what its `run.json` says or would say."""
+    nothing = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS, run=run, scenario=scenario)
+    verdict, _ = judge(nothing, figures_from(nothing), out)
+    return {**verdict, "reasons": [reason], "passed": False}
+
+
+def prejudge(run_dir: Path, reason: str) -> None:
+    """Leave a failed verdict of a run that has not yet begun; it stands if nobody can write another."""
+    run = read_json(run_dir / RUN_NOTE)
+    write(run_dir, unjudged(run, read_scenario(run_dir), reason, run_dir))
+
+
+def amend(run_dir: Path, reasons: Sequence[str]) -> dict[str, Any]:
+    """Fail the run in `run_dir` for these reasons, with the figures that its verdict has."""
+    verdict = {**read_json(run_dir / VERDICT), "reasons": list(reasons), "passed": False}
+    write(run_dir, verdict)
+    return verdict

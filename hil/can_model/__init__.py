@@ -1,0 +1,17 @@
+"""A CAN bus in integer bit times: arbitration, exact lengths, errors and what they do to the nodes."""
+
+from hil.can_model.fault_confinement import ErrorCounters, ErrorState
+from hil.can_model.in_process import ModelledInProcessBus, ModelledNode
+from hil.can_model.modelled_bus import BusFigures, Delivery, ModelledBus
+from hil.can_model.state import Corruption
+
+__all__ = [
+    "BusFigures",
+    "Corruption",
+    "Delivery",
+    "ErrorCounters",
+    "ErrorState",
+    "ModelledBus",
+    "ModelledInProcessBus",
+    "ModelledNode",
+]

@@ -1,0 +1,143 @@
+"""The bus as a pure function of its state: queue a frame, let time pass. All times are whole bit times.
+
+A frame starts once the bus is idle, the lowest identifier among the nodes' first frames wins, and what has
+started is not interrupted: `advance` decides every start before the time it is given, `queue` adds frames at
+that time. Nodes are numbered.
+
+Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is cut
+off while its frame is on the wire finishes it; an error-passive node is done with an error when the others
+are, where a real one may need up to 6 bits more of silence.
+"""
+
+from bisect import bisect
+
+from firmware_py.interface.frame import Frame
+from hil.can_model.bits import INTERMISSION_BITS, frame_bits
+from hil.can_model.errors_on_the_wire import RECESSIVE_TAIL_BITS
+from hil.can_model.fault_confinement import RECOVERY_RUN_BITS
+from hil.can_model.state import UNTOUCHED, Arrival, BusState, NodeState, Pending, switched_off, with_node
+from hil.can_model.transmission import transmit
+
+ABOVE_ALL_IDS = 0x800
+
+
+def queue(state: BusState, node: int, frame: Frame, depth: int) -> BusState:
+    """Return the state with `frame` queued at `node` now; a node keeps `depth` frames at most."""
+    sender = state.nodes[node]
+    if sender.sequences_left or not sender.connected or len(sender.queue) >= depth:
+        return with_node(state, node, sender._replace(lost=sender.lost + 1))
+    pending = Pending(frame.can_id, state.queued, state.now_bit, frame, frame_bits(frame))
+    place = bisect(sender.queue, pending)
+    waiting = (*sender.queue[:place], pending, *sender.queue[place:])
+    nodes = (*state.nodes[:node], sender._replace(queue=waiting), *state.nodes[node + 1 :])
+    return state._replace(nodes=nodes, queued=state.queued + 1)
+
+
+def advance(state: BusState, until_bit: int) -> tuple[BusState, list[Arrival]]:
+    """Let time pass until `until_bit`; give the frames that started before it, even if they end later."""
+    arrivals: list[Arrival] = []
+    while True:
+        start_bit = _next_start(state)
+        if start_bit is None or start_bit >= until_bit:
+            break
+        state, arrival = _transmit(state, start_bit)
+        if arrival is not None:
+            arrivals.append(arrival)
+    if any(node.sequences_left for node in state.nodes):
+        state = state._replace(nodes=_recovered(state, until_bit))
+    return state._replace(now_bit=max(state.now_bit, until_bit)), arrivals
+
+
+def switch_off(state: BusState, node: int) -> BusState:
+    """Return the state with `node` bus-off from now on; it recovers as after errors of its own."""
+    return with_node(state, node, switched_off(state.nodes[node], state.now_bit))
+
+
+def connect(state: BusState, node: int, connected: bool) -> BusState:
+    """Return the state with `node` plugged in or out; what it had queued goes with the plug."""
+    before = state.nodes[node]
+    lost = before.lost if connected else before.lost + len(before.queue)
+    return with_node(state, node, before._replace(queue=(), connected=connected, lost=lost))
+
+
+# --- starting ------------------------------------------------------------------------------------------
+
+
+def _next_start(state: BusState) -> int | None:
+    """When the next frame starts if none is queued any more."""
+    earliest: int | None = None
+    for node in state.nodes:
+        if node.queue and (earliest is None or node.silent_until_bit < earliest):
+            earliest = node.silent_until_bit
+    if earliest is None:
+        return None
+    return max(earliest, state.idle_from_bit, state.now_bit)
+
+
+def _recovered(state: BusState, at_bit: int) -> tuple[NodeState, ...]:
+    """Nodes after the run of recessive bits up to `at_bit`; those that are off count its parts of 11."""
+    nodes = list(state.nodes)
+    for number, node in enumerate(nodes):
+        if not node.sequences_left:
+            continue
+        from_bit = max(state.recessive_from_bit, node.counting_from_bit)
+        sequences = max(at_bit - from_bit, 0) // RECOVERY_RUN_BITS
+        if sequences >= node.sequences_left:
+            back_bit = from_bit + node.sequences_left * RECOVERY_RUN_BITS
+            nodes[number] = NodeState(silent_until_bit=back_bit, connected=node.connected, lost=node.lost)
+    return tuple(nodes)
+
+
+def _counted(state: BusState, start_bit: int) -> tuple[NodeState, ...]:
+    """Nodes at the start bit that ends a run of recessive bits."""
+    nodes = list(_recovered(state, start_bit))
+    for number, node in enumerate(nodes):
+        if node.sequences_left:
+            from_bit = max(state.recessive_from_bit, node.counting_from_bit)
+            seen = max(start_bit - from_bit, 0) // RECOVERY_RUN_BITS
+            nodes[number] = node._replace(sequences_left=node.sequences_left - seen)
+    return tuple(nodes)
+
+
+def _transmit(state: BusState, start_bit: int) -> tuple[BusState, Arrival | None]:
+    """Return the state behind the frame that starts at `start_bit`, and the frame if anyone received it."""
+    nodes = state.nodes
+    can_id = ABOVE_ALL_IDS
+    senders: list[int] = []
+    plain = not state.corruptions
+    for number, node in enumerate(nodes):
+        if node.counters != UNTOUCHED or not node.connected:
+            plain = False
+        if node.queue and node.silent_until_bit <= start_bit:
+            first = node.queue[0].can_id
+            if first < can_id:
+                can_id, senders = first, [number]
+            elif first == can_id:
+                senders.append(number)
+    if plain and len(senders) == 1 and len(nodes) > 1:
+        return _undisturbed(state, start_bit, senders[0])
+    if any(node.sequences_left for node in nodes):
+        state = state._replace(nodes=_counted(state, start_bit))
+    return transmit(state, start_bit, senders)
+
+
+def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState, Arrival]:
+    """What nearly always happens: one sender, nothing wrong, all counters at rest."""
+    before = state.nodes[sender]
+    pending = before.queue[0]
+    after = NodeState(before.queue[1:], before.counters, before.silent_until_bit, 0, 0, True, before.lost)
+    nodes = (*state.nodes[:sender], after, *state.nodes[sender + 1 :])
+    idle_from_bit = start_bit + pending.bits
+    arrived = BusState(
+        nodes,
+        start_bit,
+        idle_from_bit,
+        idle_from_bit - RECESSIVE_TAIL_BITS,
+        state.corruptions,
+        state.queued,
+        state.frames + 1,
+        state.errors,
+        state.busy_bits + pending.bits,
+    )
+    receivers = tuple(number for number in range(len(nodes)) if number != sender)
+    return arrived, Arrival(idle_from_bit - INTERMISSION_BITS, (sender,), receivers, pending)

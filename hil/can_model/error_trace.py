@@ -1,0 +1,28 @@
+"""What the trace of bus errors holds: a record whenever an error counter has changed."""
+
+from typing import NamedTuple
+
+from hil.can_model.fault_confinement import ErrorCounters, ErrorState
+
+
+class NodeErrors(NamedTuple):
+    """One node's error counters, and what they allow it."""
+
+    transmit: int = 0
+    receive: int = 0
+    error_state: ErrorState = ErrorState.ERROR_ACTIVE
+
+
+class BusErrorRecord(NamedTuple):
+    """At `t_s`: transmissions destroyed so far, which their senders repeat, and the nodes' counters."""
+
+    t_s: float
+    destroyed: int
+    plant: NodeErrors
+    firmware: NodeErrors
+    operator: NodeErrors
+
+
+def errors_of(counters: ErrorCounters) -> NodeErrors:
+    """The record of one node."""
+    return NodeErrors(counters.transmit, counters.receive, counters.error_state)

@@ -1,0 +1,131 @@
+"""The bus's frames as streams for the response-time analysis: from `vibro.dbc` and what the senders promise.
+
+Period: `GenMsgCycleTime`, or for a frame sent on an event its smallest gap, `GenMsgDelayTime`. Deadline: the
+period, as a frame must be through before its successor is queued. Length: the bound of Davis et al. 2007,
+stuff bits and intermission included. A frame that two nodes send is two streams; one that no node of the
+bench sends is none.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
+
+from cantools.database.can import Message
+
+from firmware_py.interface.addresses import DEFAULT, Addresses, bus_id
+from firmware_py.interface.frame import worst_case_bits
+from firmware_py.interface.sources.dbc import database
+from hil.can_model.bits import bit_ns_of
+from hil.can_model.schedulability import (
+    ErrorModel,
+    Pacing,
+    Response,
+    Stream,
+    load,
+    response_times,
+)
+
+NS_PER_MS = 1_000_000
+
+TICK_NS = NS_PER_MS
+"""The nodes' tick on CAN; a frame with this period is sent in every tick."""
+
+QUEUING_JITTER_NS = 100_000
+"""How late a node queues its frames. Loops under real-time scheduling wake 20 to 70 µs late in 99.9 % of
+their ticks, microcontrollers far less; later ones are counted as late, and such a run is not real-time."""
+
+ALL_SENDERS = frozenset({"Drive", "Sensors", "Firmware", "Operator"})
+PACED_SENDERS = ALL_SENDERS
+"""Nodes that queue at most one frame a tick beside those of every tick."""
+
+ONE_ERROR = ErrorModel(burst=1, gap_ns=10 * NS_PER_MS)
+"""A disturbed line: one transmission destroyed at any time, then one every 10 ms."""
+
+NO_NODE = "Vector__XXX"
+"""The DBC's name for a sender that is no node of the bus."""
+
+
+class MessageSetError(ValueError):
+    """The DBC does not say what the analysis needs."""
+
+
+class Schedule(NamedTuple):
+    """The analysis at one bit rate."""
+
+    bitrate: int
+    load: float
+    """Part of the bus's time, with every event as often as it may come."""
+    responses: list[Response]
+
+    @property
+    def late(self) -> list[str]:
+        """Frames that may miss their deadline."""
+        return [response.stream.name for response in self.responses if not response.in_time]
+
+    @property
+    def schedulable(self) -> bool:
+        """Whether every frame is always through before its deadline."""
+        return not self.late
+
+
+def bus_streams(
+    bitrate: int, paced: Collection[str] = PACED_SENDERS, modules: Sequence[Addresses] = (DEFAULT,)
+) -> list[Stream]:
+    """Return all streams of `modules` at `bitrate`; senders in `paced` queue one slow frame a tick."""
+    streams = [
+        stream
+        for number, places in enumerate(modules)
+        for stream in _module_streams(bitrate, paced, places, "" if len(modules) == 1 else f" {number}")
+    ]
+    return sorted(streams, key=lambda stream: stream.can_id)
+
+
+def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suffix: str) -> Iterator[Stream]:
+    """Yield the streams of `vibro.dbc` for the module at `places`, its names ending in `suffix`."""
+    bit_ns = bit_ns_of(bitrate)
+    for stream in (
+        _stream(message, sender, bit_ns, paced)
+        for message in sorted(database().messages, key=lambda message: message.frame_id)
+        for sender in message.senders
+        if sender != NO_NODE
+    ):
+        name, sender = f"{stream.name}{suffix}", f"{stream.sender}{suffix}"
+        pacing = None if stream.pacing is None else stream.pacing._replace(sender=sender)
+        can_id = bus_id(places, stream.can_id)
+        yield stream._replace(can_id=can_id, name=name, sender=sender, pacing=pacing)
+
+
+def _stream(message: Message, sender: str, bit_ns: int, paced: Collection[str]) -> Stream:
+    period_ns = _period_ns(message)
+    slow = period_ns > TICK_NS
+    return Stream(
+        can_id=message.frame_id,
+        name=message.name,
+        sender=sender,
+        length=message.length,
+        period_ns=period_ns,
+        jitter_ns=QUEUING_JITTER_NS,
+        deadline_ns=period_ns,
+        transmission_ns=worst_case_bits(message.length) * bit_ns,
+        pacing=Pacing(sender, TICK_NS) if slow and sender in paced else None,
+    )
+
+
+def _period_ns(message: Message) -> int:
+    gap = None if message.dbc is None else message.dbc.attributes.get("GenMsgDelayTime")
+    period_ms = int(message.cycle_time or 0) or (0 if gap is None else int(gap.value))
+    if period_ms <= 0:
+        raise MessageSetError(
+            f"{message.name} has neither GenMsgCycleTime nor GenMsgDelayTime in vibro.dbc; give one in ms"
+        )
+    return period_ms * NS_PER_MS
+
+
+def bus_schedule(
+    bitrate: int,
+    paced: Collection[str] = PACED_SENDERS,
+    errors: ErrorModel | None = None,
+    modules: Sequence[Addresses] = (DEFAULT,),
+) -> Schedule:
+    """Analyse a bus of `bitrate` bit/s with the modules at these places."""
+    streams = bus_streams(bitrate, paced, modules)
+    return Schedule(bitrate, float(load(streams)), response_times(streams, bit_ns_of(bitrate), errors))

@@ -1,0 +1,193 @@
+"""The bus model for nodes with names and times in nanoseconds: submit frames, ask what has arrived."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from firmware_py.interface.frame import Frame
+from hil.can_model import core
+from hil.can_model.bits import bit_ns_of
+from hil.can_model.fault_confinement import ErrorCounters
+from hil.can_model.state import Arrival, BusState, Corruption, NodeState
+
+QUEUE_FRAMES = 64
+"""What a node's driver and controller hold together; the newest is lost beyond that."""
+
+
+class Delivery(NamedTuple):
+    """A frame at its end. `queued_ns` is when its sender queued it, in whole bits.
+
+    Another node that sent the very same bits at the same time is no receiver.
+    """
+
+    t_ns: int
+    sender: str
+    frame: Frame
+    receivers: tuple[str, ...]
+    queued_ns: int
+
+
+class BusFigures(NamedTuple):
+    """Counts since the start."""
+
+    frames: int
+    """Transmissions that went through."""
+    errors: int
+    """Transmissions that did not, or not for all."""
+    busy_ns: int
+    """Time taken by both, intermission included."""
+    lost: int
+    """Frames that their node refused or threw away."""
+
+
+class Babbler(NamedTuple):
+    """A frame queued again and again."""
+
+    node: int
+    frame: Frame
+    period_ns: int
+    next_ns: int
+    until_ns: int
+
+
+class ModelledBus:
+    """A CAN bus of named nodes. The same calls give the same frames at the same times.
+
+    Time only moves forward: what was submitted at a time takes part in every arbitration from then on.
+    """
+
+    def __init__(self, nodes: Sequence[str], bitrate: int = 1_000_000) -> None:
+        if len(set(nodes)) != len(nodes):
+            raise ValueError(f"node names {list(nodes)}; wanted each once")
+        self._names = tuple(nodes)
+        self._numbers = {name: number for number, name in enumerate(nodes)}
+        self._bit_ns = bit_ns_of(bitrate)
+        self._state = BusState(nodes=tuple(NodeState() for _ in nodes))
+        self._delivered_until_ns = 0
+        self._under_way: list[Delivery] = []
+        self._babblers: list[Babbler] = []
+        self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}
+
+    def submit(self, node: str, frame: Frame, t_ns: int) -> None:
+        """Queue `frame` at `node`. A node that is off, unplugged or full loses it."""
+        number = self._number(node)
+        self._advance(t_ns)
+        self._state = core.queue(self._state, number, frame, QUEUE_FRAMES)
+
+    def deliver(self, until_ns: int) -> list[Delivery]:
+        """Return what has arrived since the last call, up to and with `until_ns`, in order."""
+        self._advance(until_ns)
+        arrived = self._under_way
+        self._under_way = []
+        while arrived and arrived[-1].t_ns > until_ns:
+            self._under_way.insert(0, arrived.pop())
+        return arrived
+
+    # --- faults: each acts from the time of the last call on -----------------------------------------
+
+    def corrupt(
+        self,
+        can_id: int | None = None,
+        skip: int = 0,
+        hits: int = 1,
+        bit: int = 0,
+        seen_by: str | None = None,
+    ) -> None:
+        """Destroy transmissions, as `Corruption` says."""
+        deaf = None if seen_by is None else self._number(seen_by)
+        corruption = Corruption(can_id, skip, hits, bit, deaf)
+        if skip < 0 or hits < 1 or bit < 0:
+            raise ValueError(f"{corruption}: wanted skip and bit of 0 or more and hits of 1 or more")
+        self._state = self._state._replace(corruptions=(*self._state.corruptions, corruption))
+
+    def end_corruption(self) -> None:
+        """Let all frames pass again."""
+        self._state = self._state._replace(corruptions=())
+
+    def switch_off(self, node: str) -> None:
+        """Make `node` go bus-off; it comes back by itself after 128 runs of 11 recessive bits."""
+        self._state = core.switch_off(self._state, self._number(node))
+
+    def unplug(self, node: str) -> None:
+        """Cut `node` off: it neither sends nor receives, and what it queues is lost."""
+        self._state = core.connect(self._state, self._number(node), connected=False)
+
+    def plug(self, node: str) -> None:
+        """Connect `node` again."""
+        self._state = core.connect(self._state, self._number(node), connected=True)
+
+    def babble(self, node: str, frame: Frame, period_ns: int, from_ns: int, until_ns: int) -> None:
+        """Let `node` queue `frame` every `period_ns`, from `from_ns` on and before `until_ns`."""
+        if period_ns < 1 or from_ns < self._state.now_bit * self._bit_ns:
+            raise ValueError(
+                f"babbling every {period_ns} ns from {from_ns} ns; wanted a period of 1 ns or more and a "
+                f"start no earlier than {self._state.now_bit * self._bit_ns} ns"
+            )
+        self._babblers.append(Babbler(self._number(node), frame, period_ns, from_ns, until_ns))
+
+    # --- looking ---------------------------------------------------------------------------------------
+
+    def counters(self, node: str) -> ErrorCounters:
+        """The node's error counters, and with them its error state."""
+        return self._state.nodes[self._number(node)].counters
+
+    def lost(self, node: str) -> int:
+        """Frames that the node has refused or thrown away."""
+        return self._state.nodes[self._number(node)].lost
+
+    @property
+    def figures(self) -> BusFigures:
+        """What has happened so far; a frame under way counts from its start."""
+        state = self._state
+        lost = sum(node.lost for node in state.nodes)
+        return BusFigures(state.frames, state.errors, state.busy_bits * self._bit_ns, lost)
+
+    # --- time ------------------------------------------------------------------------------------------
+
+    def _number(self, node: str) -> int:
+        number = self._numbers.get(node)
+        if number is None:
+            raise ValueError(f"no node {node!r} on this bus; it has {', '.join(self._names)}")
+        return number
+
+    def _advance(self, until_ns: int) -> None:
+        until_bit = -(-until_ns // self._bit_ns)
+        if until_bit < self._state.now_bit:
+            raise ValueError(
+                f"time {until_ns} ns, but the bus has already reached "
+                f"{self._state.now_bit * self._bit_ns} ns; call it in the order of time"
+            )
+        if self._babblers:
+            self._let_babble(until_ns)
+        self._advance_core(until_bit)
+
+    def _advance_core(self, until_bit: int) -> None:
+        self._state, arrivals = core.advance(self._state, until_bit)
+        for arrival in arrivals:
+            self._under_way.append(self._delivery(arrival))
+
+    def _let_babble(self, until_ns: int) -> None:
+        """Queue what babblers queue before `until_ns`, in the order of time."""
+        while self._babblers:
+            index = min(range(len(self._babblers)), key=lambda i: self._babblers[i].next_ns)
+            babbler = self._babblers[index]
+            if babbler.next_ns >= until_ns:
+                return
+            if babbler.next_ns >= babbler.until_ns:
+                del self._babblers[index]
+                continue
+            self._advance_core(-(-babbler.next_ns // self._bit_ns))
+            self._state = core.queue(self._state, babbler.node, babbler.frame, QUEUE_FRAMES)
+            self._babblers[index] = babbler._replace(next_ns=babbler.next_ns + babbler.period_ns)
+
+    def _delivery(self, arrival: Arrival) -> Delivery:
+        receivers = self._receivers.get(arrival.receivers)
+        if receivers is None:
+            receivers = tuple(self._names[number] for number in arrival.receivers)
+            self._receivers[arrival.receivers] = receivers
+        return Delivery(
+            arrival.bit * self._bit_ns,
+            self._names[arrival.senders[0]],
+            arrival.pending.frame,
+            receivers,
+            arrival.pending.queued_bit * self._bit_ns,
+        )

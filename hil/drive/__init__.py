@@ -1,0 +1,1 @@
+"""The simulated drive of the motor: its axis, its commands, its reports; pure steps."""

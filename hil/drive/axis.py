@@ -1,0 +1,423 @@
+"""The motor drive: an ODrive axis, as pure steps that run interpreted and compiled.
+
+Positive torque and position turn the crank forward. Only what an ODrive does with its commands is modelled:
+torque mode and velocity mode with their limits, calibration, errors that disarm, and the command watchdog.
+What is not modelled ends in the protocol's own error. The plant turns torque into current. Frames become
+these calls in `hil.drive.node`.
+
+Velocity mode is ODrive's controller: a proportional and an integrating term on the speed's error, beside the
+feed-forward; it runs once a tick, where an ODrive runs it 8,000 times a second.
+"""
+
+import math
+from typing import NamedTuple
+
+from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, AxisError, AxisState
+from plant_sim.kernels import shared
+
+TORQUE_CONTROL, VELOCITY_CONTROL = 1, 2
+"""ODrive's ControlMode."""
+PASSTHROUGH, VELOCITY_RAMP = 1, 2
+"""ODrive's InputMode."""
+SUCCESS, BUSY, CANCELLED, DISARMED, ENCODER_MISMATCH, NO_END_STOP, INVALID_STATE = 0, 1, 2, 3, 5, 12, 13
+"""ODrive's ProcedureResult; ENCODER_MISMATCH is its POLE_PAIR_CPR_MISMATCH."""
+UNDEFINED, VOLTAGE_CONTROL, INACTIVE = 0, 0, 0
+"""ODrive's AxisState, ControlMode and InputMode that stand for one it has no number for."""
+FULL_CALIBRATION = AxisState.FULL_CALIBRATION_SEQUENCE
+MOTOR_CALIBRATION = AxisState.MOTOR_CALIBRATION
+ENCODER_CALIBRATION = AxisState.ENCODER_OFFSET_CALIBRATION
+HOMING = AxisState.HOMING
+TURN_RAD = 2.0 * math.pi
+TIME_RESOLUTION_S = 1e-9
+LARGEST_POSITION_REV = 1.0 - 2.0**-24
+"""The largest float32 below 1."""
+INVERTER_SHARE = 0.25
+"""The inverter, on its heat sink, warms a quarter as much as the winding."""
+
+NO_ERROR = AxisError.NONE.value
+ESTOP_REQUESTED = AxisError.ESTOP_REQUESTED.value
+BAD_CONFIG = AxisError.BAD_CONFIG.value
+"""The answer to a mode or a message that is not modelled."""
+_WATCHDOG_EXPIRED = AxisError.WATCHDOG_TIMER_EXPIRED.value
+_OVERSPEED = AxisError.VELOCITY_LIMIT_VIOLATION.value
+_OVER_TEMPERATURE = AxisError.MOTOR_OVER_TEMP.value
+_UNDER_VOLTAGE = AxisError.DC_BUS_UNDER_VOLTAGE.value
+_CALIBRATION_FAILED = AxisError.CALIBRATION_ERROR.value
+
+
+class DriveConfig(NamedTuple):
+    """The drive's configuration. Frames change nothing of it except, by `SetLimits`, the two limits."""
+
+    torque_constant_n_m_a: float
+    resistance_ohm: float
+    supply_v: float
+    current_limit_a: float
+    velocity_limit_rad_s: float
+    watchdog_s: float = 0.05
+    """Without a command for this long the axis disarms: half of the 100 ms to a safe state."""
+    velocity_tolerance: float = 1.2
+    """ODrive's vel_limit_tolerance: beyond limit × tolerance the axis disarms."""
+    velocity_gain_n_m_s: float = 0.167 / TURN_RAD
+    """ODrive's vel_gain, 0.167 N m/(rev/s); also how steeply torque mode gives way at the velocity limit."""
+    integrator_gain_n_m: float = 0.333 / TURN_RAD
+    """ODrive's vel_integrator_gain, 0.333 N m/rev: a torque for each radian that velocity mode is behind."""
+    integrator_leak_s: float = 0.0125
+    """At the current's limit the integral decays, as ODrive's: by 1 % in each of 8,000 steps a second."""
+    ramp_rad_s2: float = TURN_RAD
+    """ODrive's vel_ramp_rate, 1 rev/s²."""
+    control_mode: int = TORQUE_CONTROL
+    """ODrive's control_mode as the supply comes on."""
+    motor_calibration_s: float = 4.0
+    """About what an ODrive takes to measure resistance and inductance, with the rotor at rest."""
+    scan_s: float = 4.0
+    """What an ODrive's encoder calibration takes one way: eight electrical turns at two a second."""
+    scan_rad_s: float = 2.0 * TURN_RAD / 7.0
+    """Two electrical turns a second with seven pole pairs."""
+    idle_current_a: float = 0.05
+    """What the electronics draw."""
+    ambient_degc: float = 25.0
+    thermal_resistance_k_w: float = 3.0
+    """Winding to air, a gimbal motor of 80 mm: 10 A (40 W) end 120 K above ambient."""
+    thermal_time_s: float = 200.0
+    over_temperature_degc: float = 100.0
+    """ODrive's upper limit of the motor's thermistor."""
+    lowest_supply_v: float = 10.5
+    """ODrive's dc_bus_undervoltage_trip_level."""
+
+
+class Axis(NamedTuple):
+    """What the axis does, its errors (any combination of `AxisError`), and why it last disarmed."""
+
+    state: AxisState
+    errors: int
+    disarm_reason: int
+    procedure_result: int
+
+
+class Setpoint(NamedTuple):
+    """What the axis is to do. `age_s`: time since the last command.
+
+    In velocity mode `torque_n_m` is the feed-forward. Torque mode ignores `velocity_rad_s`.
+    """
+
+    control_mode: int
+    input_mode: int
+    torque_n_m: float
+    velocity_rad_s: float
+    age_s: float
+
+
+class Limits(NamedTuple):
+    """The limits that a client has set."""
+
+    velocity_rad_s: float
+    current_a: float
+
+
+class VelocityLoop(NamedTuple):
+    """The state of velocity mode and of the calibration, which turns the crank by the same loop.
+
+    `target_rad_s`: the speed it holds. `elapsed_s`, `turned_rad`: of a calibration, since it began, and how
+    far the crank has turned meanwhile.
+    """
+
+    target_rad_s: float
+    integral_n_m: float
+    elapsed_s: float
+    turned_rad: float
+
+
+class DriveState(NamedTuple):
+    """One axis. `position_offset_rev`: what is added to the encoder's position on the bus."""
+
+    axis: Axis
+    setpoint: Setpoint
+    limits: Limits
+    position_offset_rev: float
+    motor_degc: float
+    loop: VelocityLoop
+
+
+class Telemetry(NamedTuple):
+    """What the drive measures at one instant."""
+
+    current_a: float
+    torque_n_m: float
+    omega_rad_s: float
+
+
+@shared
+def power_up(config: DriveConfig) -> DriveState:
+    """The axis as its supply comes on: idle, cold, with the limits of its configuration."""
+    return DriveState(
+        Axis(AXIS_IDLE, NO_ERROR, NO_ERROR, SUCCESS),
+        Setpoint(config.control_mode, PASSTHROUGH, 0.0, 0.0, 0.0),
+        Limits(config.velocity_limit_rad_s, config.current_limit_a),
+        0.0,
+        config.ambient_degc,
+        VelocityLoop(0.0, 0.0, 0.0, 0.0),
+    )
+
+
+# --- commands --------------------------------------------------------------------------------------
+
+
+@shared
+def set_torque(drive: DriveState, torque_n_m: float) -> DriveState:
+    """A torque command, which feeds the watchdog; in velocity mode it is the feed-forward."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    control_mode, input_mode, _, velocity_rad_s, _ = setpoint
+    setpoint = Setpoint(control_mode, input_mode, torque_n_m, velocity_rad_s, 0.0)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+@shared
+def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) -> DriveState:
+    """A velocity command with its feed-forward, which alone acts in torque mode; it feeds the watchdog."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    velocity_rad_s = velocity_rev_s * TURN_RAD
+    setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, torque_n_m, velocity_rad_s, 0.0)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+@shared
+def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveState:
+    """What the axis controls and how its input acts; an armed axis disarms in a mode that is not modelled."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    if setpoint.control_mode != control_mode:
+        loop = VelocityLoop(setpoint.velocity_rad_s, 0.0, loop.elapsed_s, loop.turned_rad)
+    setpoint = Setpoint(
+        control_mode, input_mode, setpoint.torque_n_m, setpoint.velocity_rad_s, setpoint.age_s
+    )
+    drive = DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    if is_armed(drive) and not is_modelled(setpoint):
+        return disarm(drive, BAD_CONFIG)
+    return drive
+
+
+@shared
+def is_modelled(setpoint: Setpoint) -> bool:
+    """Whether the drive can do what its mode says: torque passed through, velocity also by a ramp."""
+    if setpoint.input_mode == PASSTHROUGH:
+        return setpoint.control_mode in (TORQUE_CONTROL, VELOCITY_CONTROL)
+    return setpoint.input_mode == VELOCITY_RAMP and setpoint.control_mode == VELOCITY_CONTROL
+
+
+@shared
+def set_limits(config: DriveConfig, drive: DriveState, velocity_rev_s: float, current_a: float) -> DriveState:
+    """New limits: at least 0, and no more current than the configuration allows."""
+    axis, setpoint, _, offset_rev, motor_degc, loop = drive
+    current_a = min(max(0.0, current_a), config.current_limit_a)
+    limits = Limits(max(0.0, velocity_rev_s) * TURN_RAD, current_a)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+@shared
+def set_position(drive: DriveState, position_rev: float, encoder_position_rev: float) -> DriveState:
+    """Call the encoder's present position `position_rev`."""
+    axis, setpoint, limits, _, motor_degc, loop = drive
+    return DriveState(axis, setpoint, limits, position_rev - encoder_position_rev, motor_degc, loop)
+
+
+@shared
+def request_state(drive: DriveState, requested: int) -> DriveState:
+    """Arm, calibrate, or let go. An axis that cannot says why in its procedure's result.
+
+    An axis with errors or in a mode that is not modelled does not arm. Homing finds no end stop. Other states
+    are not modelled: the procedure ends with INVALID_STATE.
+    """
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    _, errors, reason, _ = axis
+    if requested == AXIS_IDLE:
+        axis = Axis(AXIS_IDLE, errors, reason, CANCELLED if is_calibration(axis.state) else SUCCESS)
+    elif requested not in (CLOSED_LOOP, HOMING) and not is_calibration(requested):
+        axis = Axis(axis.state, errors, reason, INVALID_STATE)
+    elif errors != NO_ERROR:
+        axis = Axis(axis.state, errors, reason, DISARMED)
+    elif requested == HOMING:
+        axis = Axis(AXIS_IDLE, errors, reason, NO_END_STOP)
+    elif requested == CLOSED_LOOP and not is_modelled(setpoint):
+        axis = Axis(axis.state, BAD_CONFIG, reason, DISARMED)
+    elif axis.state != requested:
+        result = SUCCESS if requested == CLOSED_LOOP else BUSY
+        axis = Axis(armed_state(requested), errors, NO_ERROR, result)
+        setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, 0.0, 0.0, 0.0)
+        loop = VelocityLoop(0.0, 0.0, 0.0, 0.0)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+@shared
+def is_calibration(state: int) -> bool:
+    """Whether `state` is one of the calibrations that are modelled."""
+    return state in (FULL_CALIBRATION, MOTOR_CALIBRATION, ENCODER_CALIBRATION)
+
+
+@shared
+def armed_state(requested: int) -> AxisState:
+    """The state that a number asks for: one of the calibrations, or closed loop."""
+    if requested == FULL_CALIBRATION:
+        return FULL_CALIBRATION
+    if requested == MOTOR_CALIBRATION:
+        return MOTOR_CALIBRATION
+    return ENCODER_CALIBRATION if requested == ENCODER_CALIBRATION else CLOSED_LOOP
+
+
+@shared
+def clear_errors(drive: DriveState) -> DriveState:
+    """Forget the errors, so that the axis may arm again."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    axis = Axis(axis.state, NO_ERROR, axis.disarm_reason, axis.procedure_result)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+@shared
+def disarm(drive: DriveState, error: int) -> DriveState:
+    """Let go of the motor and say why; the error (one of `AxisError`) stays until it is cleared."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    if is_armed(drive):
+        axis = Axis(AXIS_IDLE, axis.errors | error, error, DISARMED)
+    else:
+        axis = Axis(AXIS_IDLE, axis.errors | error, axis.disarm_reason, axis.procedure_result)
+    setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, 0.0, 0.0, setpoint.age_s)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+# --- time ------------------------------------------------------------------------------------------
+
+
+@shared
+def is_armed(drive: DriveState) -> bool:
+    """Whether the motor carries current at all."""
+    return drive.axis.state != AXIS_IDLE
+
+
+@shared
+def watchdog_left_s(config: DriveConfig, drive: DriveState) -> float:
+    """Time until the watchdog disarms; infinite where no commands are wanted."""
+    return config.watchdog_s - drive.setpoint.age_s if drive.axis.state == CLOSED_LOOP else math.inf
+
+
+@shared
+def torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
+    """The torque asked of the motor, within the limits of current and velocity."""
+    if not is_armed(drive):
+        return 0.0
+    limits = drive.limits
+    limit_n_m = limits.current_a * config.torque_constant_n_m_a
+    if holds_velocity(drive):
+        return min(max(velocity_torque_n_m(config, drive, omega_rad_s), -limit_n_m), limit_n_m)
+    highest = min(limit_n_m, (limits.velocity_rad_s - omega_rad_s) * config.velocity_gain_n_m_s)
+    lowest = max(-limit_n_m, (-limits.velocity_rad_s - omega_rad_s) * config.velocity_gain_n_m_s)
+    return min(max(drive.setpoint.torque_n_m, lowest), highest)
+
+
+@shared
+def elapse(  # noqa: PLR0911 - one cause to disarm after the other
+    config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float, current_a: float
+) -> DriveState:
+    """Let `dt_s` pass: watchdog, temperature and overspeed, then velocity mode or a calibration."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    control_mode, input_mode, torque_n_m, velocity_rad_s, age_s = setpoint
+    age_s += dt_s
+    heating_k = config.thermal_resistance_k_w * config.resistance_ohm * current_a * current_a
+    excess_k = motor_degc - config.ambient_degc
+    motor_degc += (heating_k - excess_k) * dt_s / config.thermal_time_s
+    setpoint = Setpoint(control_mode, input_mode, torque_n_m, velocity_rad_s, age_s)
+    drive = DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    if not is_armed(drive):
+        return drive
+    if axis.state == CLOSED_LOOP and age_s >= config.watchdog_s - TIME_RESOLUTION_S:
+        return disarm(drive, _WATCHDOG_EXPIRED)
+    if abs(omega_rad_s) > limits.velocity_rad_s * config.velocity_tolerance:
+        return disarm(drive, _OVERSPEED)
+    if motor_degc > config.over_temperature_degc:
+        return disarm(drive, _OVER_TEMPERATURE)
+    if config.supply_v < config.lowest_supply_v:
+        return disarm(drive, _UNDER_VOLTAGE)
+    if not holds_velocity(drive):
+        return drive
+    drive = regulate(config, drive, dt_s, omega_rad_s)
+    return drive if axis.state == CLOSED_LOOP else calibrate(config, drive, dt_s, omega_rad_s)
+
+
+# --- velocity mode ---------------------------------------------------------------------------------
+
+
+@shared
+def holds_velocity(drive: DriveState) -> bool:
+    """Whether an armed axis holds a speed rather than a torque."""
+    return drive.axis.state != CLOSED_LOOP or drive.setpoint.control_mode == VELOCITY_CONTROL
+
+
+@shared
+def velocity_torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
+    """The torque that velocity mode asks for before the current limits it."""
+    error_rad_s = target_rad_s(config, drive, 0.0) - omega_rad_s
+    torque_n_m = config.velocity_gain_n_m_s * error_rad_s + drive.loop.integral_n_m
+    if drive.axis.state == CLOSED_LOOP and drive.setpoint.input_mode == PASSTHROUGH:
+        torque_n_m += drive.setpoint.torque_n_m
+    return torque_n_m
+
+
+@shared
+def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
+    """The speed to hold `dt_s` from now, within the velocity limit: the command, on its ramp, or the scan."""
+    _, setpoint, limits, _, _, loop = drive
+    wanted_rad_s = setpoint.velocity_rad_s
+    if drive.axis.state != CLOSED_LOOP:
+        wanted_rad_s = scan_rad_s(config, drive)
+    elif setpoint.input_mode == VELOCITY_RAMP:
+        step_rad_s = config.ramp_rad_s2 * dt_s
+        wanted_rad_s = loop.target_rad_s + min(max(wanted_rad_s - loop.target_rad_s, -step_rad_s), step_rad_s)
+    return min(max(wanted_rad_s, -limits.velocity_rad_s), limits.velocity_rad_s)
+
+
+@shared
+def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
+    """Let `dt_s` pass for the velocity loop: the ramp goes on, the integral grows, or decays at the limit."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    _, integral_n_m, elapsed_s, turned_rad = loop
+    limit_n_m = limits.current_a * config.torque_constant_n_m_a
+    reached_rad_s = target_rad_s(config, drive, dt_s)
+    if abs(velocity_torque_n_m(config, drive, omega_rad_s)) > limit_n_m:
+        integral_n_m -= integral_n_m * min(1.0, dt_s / config.integrator_leak_s)
+    else:
+        integral_n_m += config.integrator_gain_n_m * (reached_rad_s - omega_rad_s) * dt_s
+    loop = VelocityLoop(reached_rad_s, integral_n_m, elapsed_s, turned_rad)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+
+
+# --- calibration -----------------------------------------------------------------------------------
+
+
+@shared
+def scan_begins_s(config: DriveConfig, state: AxisState) -> float:
+    """When a calibration begins to turn the crank, since it began itself."""
+    return 0.0 if state == ENCODER_CALIBRATION else config.motor_calibration_s
+
+
+@shared
+def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
+    """The speed of a calibration: at rest for the motor's, forward and back for the encoder's."""
+    state, elapsed_s = drive.axis.state, drive.loop.elapsed_s - scan_begins_s(config, drive.axis.state)
+    if state == MOTOR_CALIBRATION or elapsed_s < 0.0:
+        return 0.0
+    return config.scan_rad_s if elapsed_s < config.scan_s else -config.scan_rad_s
+
+
+@shared
+def calibrate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
+    """Let `dt_s` of a calibration pass. A crank that does not follow the scan ends it with an error."""
+    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    target, integral_n_m, before_s, turned_rad = loop
+    elapsed_s, turned_rad = before_s + dt_s, turned_rad + omega_rad_s * dt_s
+    loop = VelocityLoop(target, integral_n_m, elapsed_s, turned_rad)
+    turns_s = scan_begins_s(config, axis.state) + config.scan_s
+    ends_s = config.motor_calibration_s if axis.state == MOTOR_CALIBRATION else turns_s + config.scan_s
+    if elapsed_s >= ends_s - TIME_RESOLUTION_S:
+        axis = Axis(AXIS_IDLE, axis.errors, axis.disarm_reason, SUCCESS)
+    elif before_s < turns_s <= elapsed_s and turned_rad < 0.5 * config.scan_rad_s * config.scan_s:
+        drive = disarm(drive, _CALIBRATION_FAILED)
+        axis, setpoint = drive.axis, drive.setpoint
+        axis = Axis(AXIS_IDLE, axis.errors, axis.disarm_reason, ENCODER_MISMATCH)
+    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)

@@ -1,0 +1,160 @@
+"""The drive as its bus sees it, CANSimple 0.6, node 0: frames to commands, reports to frames.
+
+Pure steps that run interpreted and compiled; what the commands do is in `hil.drive.axis`. CANSimple has no
+frame that refuses a command: one that is not modelled disarms the axis with BAD_CONFIG, and an axis state
+that is not modelled ends with the result INVALID_STATE. Both stand in the heartbeat.
+"""
+
+import struct
+
+from firmware_py.interface import packing
+from firmware_py.interface.addresses import NODE_IDS
+from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.frame import Frame, WordFrame
+from hil.drive import axis, messages
+from hil.drive.axis import (
+    BAD_CONFIG,
+    ESTOP_REQUESTED,
+    INACTIVE,
+    UNDEFINED,
+    VOLTAGE_CONTROL,
+    DriveConfig,
+    DriveState,
+    Telemetry,
+)
+from hil.drive.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
+from plant_sim.kernels import shared
+
+COMMAND_IDS = (
+    packing.DRIVE_ESTOP_ID,
+    packing.SET_AXIS_STATE_ID,
+    packing.SET_CONTROLLER_MODE_ID,
+    packing.SET_INPUT_VELOCITY_ID,
+    packing.SET_INPUT_TORQUE_ID,
+    packing.SET_LIMITS_ID,
+    packing.CLEAR_ERRORS_ID,
+    packing.SET_ABSOLUTE_POSITION_ID,
+)
+"""The identifiers of the drive's commands that are modelled."""
+NOT_MODELLED_IDS = (0x004, 0x00C, 0x011, 0x012, 0x013, 0x016, 0x01A, 0x01B, 0x01F)
+"""Those of the others: RxSdo, position and its trajectories, reboot, gains, Enter_DFU_Mode."""
+NOT_MODELLED = sum(1 << can_id for can_id in NOT_MODELLED_IDS)
+"""A bit an identifier."""
+HALF, WHOLE = 4, 8
+
+VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID = 0x000, 0x006, 0x7E6
+TORQUES_ID, POWERS_ID = 0x01C, 0x01D
+REPORT_OF_REQUEST = {
+    packing.DRIVE_CURRENT_ID: CURRENT,
+    packing.DRIVE_HEARTBEAT_ID: HEARTBEAT,
+    packing.DRIVE_ERRORS_ID: ERRORS,
+    packing.DRIVE_TEMPERATURE_ID: TEMPERATURE,
+    packing.DRIVE_SUPPLY_ID: SUPPLY,
+}
+REQUEST_IDS = (
+    *REPORT_OF_REQUEST,
+    *(packing.ENCODER_ESTIMATES_ID, VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID, TORQUES_ID, POWERS_ID),
+)
+"""What a client may ask for, by a remote frame or an empty one."""
+VERSION = Frame(VERSION_ID, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
+"""Get_Version: CANSimple 2 (0.6), hardware 4.4-58 (ODrive Pro), firmware 0.6.10, released."""
+SERIAL_NUMBER = 0x5649_4252_4F31
+"""Of the simulated drive: the letters VIBRO1."""
+
+
+def address(node_id: int) -> Frame:
+    """Address: which node has which serial number; a drive of 0.6.10 has no connections."""
+    return Frame(ADDRESS_ID, bytes((node_id,)) + SERIAL_NUMBER.to_bytes(6, "little") + b"\0")
+
+
+def is_new_address(node_id: int, frame: Frame) -> bool:
+    """Whether an Address frame gives this drive another node number than it has."""
+    own = frame.data[1:7] == SERIAL_NUMBER.to_bytes(6, "little")
+    return frame.can_id in (ADDRESS_ID, BROADCAST_ADDRESS_ID) and own and frame.data[0] != node_id
+
+
+def torques(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Frame:
+    """Get_Torques: what the axis is to give, and what its current says that it gives, in N m."""
+    target_n_m = axis.torque_n_m(config, drive, telemetry.omega_rad_s)
+    estimate_n_m = config.torque_constant_n_m_a * telemetry.current_a
+    return Frame(TORQUES_ID, struct.pack("<ff", target_n_m, estimate_n_m))
+
+
+def powers(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Frame:
+    """Get_Powers: the electrical and the mechanical power in W."""
+    electrical_w = messages.supply(config, telemetry).current_a * config.supply_v
+    mechanical_w = telemetry.torque_n_m * telemetry.omega_rad_s
+    return Frame(POWERS_ID, struct.pack("<ff", electrical_w, mechanical_w))
+
+
+@shared
+def meant_length(length: int) -> int:
+    """The length of a command whose second half means nothing: CANSimple's clients may leave it out."""
+    return WHOLE if length == HALF else length
+
+
+@shared
+def obey(  # noqa: PLR0912 - one command after the other
+    config: DriveConfig, drive: DriveState, frame: WordFrame, encoder_position_rev: float
+) -> tuple[DriveState, bool]:
+    """The drive after a frame, and whether a command could be read; other frames change nothing.
+
+    Data of E-stop and of clear-errors mean nothing to this drive: clients send none, or any. Of an axis state
+    they send as many bytes as they like; the others are 0.
+    """
+    can_id, length, word = frame
+    reason = FrameErrorReason.NONE
+    if can_id == packing.SET_INPUT_TORQUE_ID:
+        torque, reason = packing.unpack_set_input_torque(meant_length(length), word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_torque(drive, torque.torque_n_m)
+    elif can_id == packing.SET_AXIS_STATE_ID:
+        state, reason = packing.unpack_set_axis_state(WHOLE, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.request_state(drive, state.requested_state)
+        elif reason == FrameErrorReason.ENUMERATION:
+            drive, reason = axis.request_state(drive, UNDEFINED), FrameErrorReason.NONE
+    elif can_id == packing.SET_CONTROLLER_MODE_ID:
+        mode, reason = packing.unpack_set_controller_mode(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_mode(drive, mode.control_mode, mode.input_mode)
+        elif reason == FrameErrorReason.ENUMERATION:
+            drive, reason = axis.set_mode(drive, VOLTAGE_CONTROL, INACTIVE), FrameErrorReason.NONE
+    elif can_id == packing.SET_LIMITS_ID:
+        limits, reason = packing.unpack_set_limits(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_limits(config, drive, limits.velocity_limit_rev_s, limits.current_limit_a)
+    elif can_id == packing.CLEAR_ERRORS_ID:
+        drive = axis.clear_errors(drive)
+    elif can_id == packing.DRIVE_ESTOP_ID:
+        drive = axis.disarm(drive, ESTOP_REQUESTED)
+    elif can_id == packing.SET_INPUT_VELOCITY_ID:
+        velocity, reason = packing.unpack_set_input_velocity(length, word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_velocity(drive, velocity.velocity_rev_s, velocity.torque_feedforward_n_m)
+    elif can_id == packing.SET_ABSOLUTE_POSITION_ID:
+        position, reason = packing.unpack_set_absolute_position(meant_length(length), word)
+        if reason == FrameErrorReason.NONE:
+            drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
+    elif can_id < NODE_IDS and NOT_MODELLED >> can_id & 1:
+        drive = axis.disarm(drive, BAD_CONFIG)
+    return drive, reason == FrameErrorReason.NONE
+
+
+@shared
+def report_frame(config: DriveConfig, drive: DriveState, telemetry: Telemetry, report: int) -> WordFrame:
+    """The frame of one of the reports of `hil.drive.reports`."""
+    if report == CURRENT:
+        word, _ = packing.pack_drive_current(messages.current(config, drive, telemetry), 0)
+        return WordFrame(packing.DRIVE_CURRENT_ID, packing.DRIVE_CURRENT_LENGTH, word)
+    if report == HEARTBEAT:
+        word, _ = packing.pack_drive_heartbeat(messages.heartbeat(drive), 0)
+        return WordFrame(packing.DRIVE_HEARTBEAT_ID, packing.DRIVE_HEARTBEAT_LENGTH, word)
+    if report == ERRORS:
+        word, _ = packing.pack_drive_errors(messages.errors(drive), 0)
+        return WordFrame(packing.DRIVE_ERRORS_ID, packing.DRIVE_ERRORS_LENGTH, word)
+    if report == TEMPERATURE:
+        word, _ = packing.pack_drive_temperature(messages.temperature(config, drive), 0)
+        return WordFrame(packing.DRIVE_TEMPERATURE_ID, packing.DRIVE_TEMPERATURE_LENGTH, word)
+    word, _ = packing.pack_drive_supply(messages.supply(config, telemetry), 0)
+    return WordFrame(packing.DRIVE_SUPPLY_ID, packing.DRIVE_SUPPLY_LENGTH, word)

@@ -1,0 +1,1 @@
+"""What a run is worth: figures, checks, requirements, JUnit."""

@@ -1,0 +1,145 @@
+"""Checks: bounds on figures, and whether a run met them.
+
+A figure that is missing, NaN, or rests on a log that lacks frames never passes.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from hil.judge.figure_records import CATALOGUE, incomplete, value_of
+from hil.judge.requirements import requirements
+from hil.record.run_traces import NOTHING_LEFT, RunTraces
+
+LONGEST_S = 86_400.0
+"""No run lasts longer."""
+
+Value = bool | int | float | str
+
+
+class Check(BaseModel):
+    """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the value wanted.
+
+    With an `expression` it is a figure of one's own (`hil.judge.own_figures`), of any name and unit, taken
+    from `from_s` to `to_s`.
+
+    `unit`, where given, must be the figure's own: a bound in millimetres on a figure in metres is refused.
+
+    >>> Check(name="detector.recall", low=0.9).limit
+    '≥ 0.9'
+    >>> Check(name="regime", equals="impact").limit
+    '= impact'
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    name: str
+    low: float | None = None
+    high: float | None = None
+    equals: Value | None = None
+    unit: str | None = None
+    requirement: str | None = None
+    """The id of the requirement that it proves; see docs/requirements.md."""
+    expression: str | None = None
+    from_s: float = 0.0
+    to_s: float = LONGEST_S
+
+    @model_validator(mode="after")
+    def _an_expression_can_be_worked_out(self) -> Self:
+        if self.expression is None:
+            if {"from_s", "to_s"} & self.model_fields_set:
+                raise ValueError(f"check {self.name!r} has a window but no expression; give both or none")
+            return self
+        if self.name in CATALOGUE:
+            raise ValueError(f"check {self.name!r}: a run has such a figure already; give yours another name")
+        if not self.from_s < self.to_s:
+            raise ValueError(f"check {self.name!r}: from_s = {self.from_s} is not before to_s = {self.to_s}")
+        from hil.judge.own_figures import refuse_unknown  # noqa: PLC0415 - most scenarios have none
+
+        refuse_unknown(self.expression)
+        return self
+
+    @model_validator(mode="after")
+    def _names_a_figure_and_one_limit(self) -> Self:
+        spec = CATALOGUE.get(self.name)
+        if spec is None and self.expression is None:
+            near = difflib.get_close_matches(self.name, CATALOGUE, n=3, cutoff=0.4)
+            known = ", ".join(near) if near else ", ".join(CATALOGUE)
+            raise ValueError(f"check {self.name!r} names no figure of a run; did you mean {known}?")
+        if spec is not None and self.unit is not None and self.unit != spec.unit:
+            raise ValueError(f"check {self.name!r} has unit {self.unit!r}; the figure is in {spec.unit!r}")
+        if self.requirement is not None and self.requirement not in requirements():
+            known = ", ".join(requirements())
+            raise ValueError(
+                f"check {self.name!r} proves {self.requirement!r}, no requirement; wanted {known}"
+            )
+        bounded = self.low is not None or self.high is not None
+        if bounded == (self.equals is not None):
+            raise ValueError(f"check {self.name!r} wants either low and/or high, or equals")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"check {self.name!r} cannot pass: low {self.low} is above high {self.high}")
+        return self
+
+    @property
+    def limit(self) -> str:
+        """The limit as people read it."""
+        if self.equals is not None:
+            return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
+        if self.low is None:
+            return f"≤ {self.high:g}"
+        return f"≥ {self.low:g}" if self.high is None else f"{self.low:g} … {self.high:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """One check's outcome: what was measured, in which unit, against which limit."""
+
+    name: str
+    passed: bool
+    value: Value | None
+    unit: str
+    limit: str
+    requirement: str | None = None
+
+
+def within(check: Check, value: Any) -> bool:
+    """Whether `value` meets the check; what is missing or not finite does not."""
+    if check.equals is not None:
+        alike = isinstance(value, bool) == isinstance(check.equals, bool)
+        return alike and bool(value == check.equals)
+    if value is None or isinstance(value, bool | str) or not math.isfinite(value):
+        return False
+    return (check.low is None or value >= check.low) and (check.high is None or value <= check.high)
+
+
+def own_value(check: Check, traces: RunTraces) -> float | None:
+    """The value of a figure of one's own."""
+    from hil.judge.own_figures import Window, own_figure  # noqa: PLC0415 - most scenarios have none
+
+    assert check.expression is not None
+    return own_figure(check.expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)
+
+
+def evaluate(
+    checks: Iterable[Check], figures: Mapping[str, Any], traces: RunTraces = NOTHING_LEFT
+) -> list[CheckResult]:
+    """Each check against the figures, given as `Figures.as_json()`; figures of one's own are of `traces`."""
+    doubtful = incomplete(figures)
+    results = []
+    for check in checks:
+        if check.expression is None:
+            value, unit = value_of(figures, check.name), CATALOGUE[check.name].unit
+        else:
+            value, unit = own_value(check, traces), check.unit or ""
+        passed = within(check, value) and check.name not in doubtful
+        results.append(CheckResult(check.name, passed, value, unit, check.limit, check.requirement))
+    return results
+
+
+def checks_of(scenario: Mapping[str, Any]) -> list[Check]:
+    """The checks of a scenario as its file gives it."""
+    return [Check.model_validate(table) for table in scenario.get("checks", [])]

@@ -1,0 +1,40 @@
+"""What a firmware decided in a run, and by how much another run's firmware decided otherwise."""
+
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+TOLERANCE_TICKS = 1
+"""By how much a decision of two builds may differ in time."""
+
+
+class Decisions(NamedTuple):
+    """Changes of mode or fault, rows of (tick, mode, fault), and impacts' detections, rows of (tick,)."""
+
+    modes: NDArray[np.int64]
+    impacts: NDArray[np.int64]
+
+    @property
+    def total(self) -> int:
+        """How many there are."""
+        return len(self.modes) + len(self.impacts)
+
+
+def decisions_of(trace: NDArray[np.void]) -> Decisions:
+    """What a firmware's trace says of its decisions."""
+    now = np.column_stack([trace["tick"], trace["outputs.mode"], trace["outputs.fault"]]).astype(np.int64)
+    changes = np.flatnonzero(np.any(np.diff(now[:, 1:], axis=0) != 0, axis=1)) + 1
+    return Decisions(now[changes], now[trace["outputs.impact"], :1])
+
+
+def differences(python: Decisions, compiled: Decisions) -> list[str]:
+    """Each decision that the other has not made within its time's tolerance; the first of each kind first."""
+    found = []
+    for kind, ours, others in zip(Decisions._fields, python, compiled, strict=True):
+        for one, other in zip_longest(ours.tolist(), others.tolist()):
+            same = one is not None and other is not None and one[1:] == other[1:]
+            if not same or abs(one[0] - other[0]) > TOLERANCE_TICKS:
+                found.append(f"{kind}: python decides {one}, compiled {other}")
+    return found

@@ -1,0 +1,32 @@
+"""The error of the estimate: that of tick k less the truth that its sensors were sampled from, at t_k."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.record.run_traces import column
+from hil.record.stored_trace import Records
+
+FloatArray = NDArray[np.float64]
+
+
+class EstimateErrors(NamedTuple):
+    """At the ticks that both processes had, by the plant's time; shapes (n,)."""
+
+    t_s: FloatArray
+    x_m: FloatArray
+    v_m_s: FloatArray
+
+
+def estimate_errors(plant: Records, firmware: Records) -> EstimateErrors:
+    """Estimate less truth, of position and velocity."""
+    _, of_plant, of_firmware = np.intersect1d(
+        column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
+    )
+    truth, estimated = plant[of_plant], firmware[of_firmware]
+    return EstimateErrors(
+        column(truth, "t_s"),
+        column(estimated, "state.estimator.x_m") - column(truth, "x_m"),
+        column(estimated, "state.estimator.v_m_s") - column(truth, "v_m_s"),
+    )

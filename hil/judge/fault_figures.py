@@ -1,0 +1,168 @@
+"""Figures of faults and of the way to the safe state."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from firmware_py.interface.enums import MOVING, Fault, Mode
+from hil.judge import detection
+from hil.judge.figure_records import (
+    FaultFigures,
+    LatchedFigures,
+    SafeStateFigures,
+)
+from hil.judge.hold import FloatArray, Window, capture
+from hil.record.run_traces import RunTraces, column
+from hil.record.stored_trace import Records
+
+NO_TORQUE_N_M = 1e-3
+"""Below this the motor is off: 1/5 of its dry friction, which then holds it."""
+
+
+SETTLE_S = 0.1
+"""Time the motor has to become torque-free after a stop, a fault or a node's death."""
+
+
+BEFORE_FAULT_S = 0.2
+"""The time before a fault in which its cause is looked for: some of the watchdogs on sensors."""
+
+
+SILENT_S = 0.2
+"""A node whose trace ends this long before its partner's has died; ordinary ends lie closer together."""
+
+
+def zero_after(t_s: FloatArray, torque_n_m: FloatArray, since_s: float) -> float | None:
+    """Seconds after `since_s` until |torque| stays below what counts as none; None if it never does."""
+    later = t_s >= since_s
+    if not later.any():
+        return None
+    pushing = np.flatnonzero(~(np.abs(torque_n_m[later]) < NO_TORQUE_N_M))
+    if len(pushing) == 0:
+        return 0.0
+    if pushing[-1] == np.count_nonzero(later) - 1:
+        return None
+    return float(t_s[later][pushing[-1] + 1] - since_s)
+
+
+class DriveEnd(NamedTuple):
+    """Why and when the drive was to be off for good."""
+
+    cause: str
+    at_s: float
+
+
+def drive_end(plant: Records, firmware: Records) -> DriveEnd | None:
+    """The last end of driving: by a node's death, a fault, an E-stop or a stop; None while still driving."""
+    t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
+    driving = np.flatnonzero(np.isin(mode, MOVING))
+    if len(driving) == 0:
+        return None
+    plant_t_s = column(plant, "t_s")
+    plant_end_s = float(plant_t_s[-1]) if len(plant_t_s) else 0.0
+    last = driving[-1]
+    if len(plant) and plant_end_s < t_s[-1] - SILENT_S and plant_end_s <= t_s[last]:
+        return DriveEnd("plant-silent", plant_end_s)
+    if last < len(mode) - 1:
+        after = mode[last + 1]
+        cause = "fault" if after == Mode.FAULT else "e-stop" if after == Mode.E_STOP else "stop"
+        return DriveEnd(cause, float(t_s[last + 1]))
+    if t_s[-1] < plant_end_s - SILENT_S:
+        return DriveEnd("firmware-silent", float(t_s[-1]))
+    return None
+
+
+def safe_state_figures(
+    plant: Records, firmware: Records, impacts: Records, end: DriveEnd | None
+) -> SafeStateFigures:
+    """How the drive came to rest after `end`."""
+    if end is None:
+        return SafeStateFigures(None, None, None, None, None)
+    strong = column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S
+    return SafeStateFigures(
+        cause=end.cause,
+        at_s=end.at_s,
+        torque_zero_after_s=zero_after(column(plant, "t_s"), column(plant, "motor_torque_n_m"), end.at_s),
+        command_zero_after_s=zero_after(
+            column(firmware, "t_s"), column(firmware, "outputs.torque_n_m"), end.at_s
+        ),
+        impacts_after=int(np.count_nonzero(strong & (column(impacts, "t_s") > end.at_s)))
+        if len(plant)
+        else None,
+    )
+
+
+def first_of_the_script(scenario: Mapping[str, Any]) -> Window | None:
+    """The first fault's begin and end; None where the script has no fault."""
+    faults = scenario.get("script", {}).get("faults", [])
+    if not faults:
+        return None
+    first = min(faults, key=lambda fault: float(fault["at_s"]))
+    at_s = float(first["at_s"])
+    return Window(at_s, at_s + float(first.get("duration_s", 0.0)))
+
+
+def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
+    """What followed the first fault of the script."""
+    plant, impacts = traces.plant, traces.impacts
+    fault = first_of_the_script(traces.scenario)
+    if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
+        return FaultFigures(None, None, None, None, None, None, None)
+    t_s, torque_n_m = column(plant, "t_s"), column(plant, "motor_torque_n_m")
+    speed = column(plant, "omega_rad_s")
+    since = t_s >= fault.start_s
+    strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
+    strong_t_s, forces = column(strong, "t_s"), column(strong, "peak_force_n")
+    zero_s = zero_after(t_s, torque_n_m, fault.start_s)
+    forces_n = forces[strong_t_s >= fault.start_s]
+    hit = forces_n[np.isfinite(forces_n)]
+    again_s = None
+    if hold is not None and hold.end_s > fault.end_s:
+        turning = np.abs(speed[hold.holds(t_s)])
+        period_s = 2.0 * np.pi / float(turning.mean()) if len(turning) and turning.mean() > 0.0 else np.inf
+        late = strong_t_s[(strong_t_s >= fault.end_s) & (strong_t_s <= hold.end_s)]
+        again = capture(late, hold, period_s)
+        again_s = None if again is None else again - fault.end_s
+    return FaultFigures(
+        torque_zero_after_s=zero_s,
+        impacts_after_zero=None
+        if zero_s is None
+        else int(np.count_nonzero(strong_t_s > fault.start_s + zero_s)),
+        largest_torque_n_m=float(np.max(np.abs(torque_n_m[since]))),
+        largest_speed_rad_s=float(np.max(np.abs(speed[since]))),
+        peak_force_n=float(hit.max()) if len(hit) else 0.0 if len(forces_n) == 0 else None,
+        impacts_again_after_s=again_s,
+        turning_at_end_rad_s=float(speed[t_s > t_s[-1] - 0.5].mean()),
+    )
+
+
+def torque_after(plant: Records, end: DriveEnd | None) -> float | None:
+    """The largest |motor torque| from `SETTLE_S` after the end of driving."""
+    if end is None:
+        return None
+    settled = column(plant, "motor_torque_n_m")[column(plant, "t_s") >= end.at_s + SETTLE_S]
+    return float(np.max(np.abs(settled))) if len(settled) else None
+
+
+def first_fault(firmware: Records) -> Fault:
+    """The first fault the firmware latched."""
+    fault = column(firmware, "outputs.fault")
+    latched = fault[fault != Fault.NONE]
+    return Fault(int(latched[0])) if len(latched) else Fault.NONE
+
+
+def held_ms(records: Records, until_s: float, period_s: float) -> float | None:
+    """The longest a loop was held up in the time before `until_s`; None without two ticks there."""
+    t_s = column(records, "t_s")
+    near = (t_s > until_s - BEFORE_FAULT_S) & (t_s <= until_s + period_s)
+    ticks = column(records, "tick")[near]
+    return 1e3 * period_s * float(np.diff(ticks).max() - 1) if len(ticks) > 1 else None
+
+
+def latched_figures(plant: Records, firmware: Records, period_s: float) -> LatchedFigures:
+    """How the loops kept their pace before the first fault."""
+    latched = np.flatnonzero(column(firmware, "outputs.fault") != Fault.NONE)
+    if len(latched) == 0:
+        return LatchedFigures(None, None, None)
+    at_s = float(column(firmware, "t_s")[latched[0]])
+    return LatchedFigures(at_s, held_ms(firmware, at_s, period_s), held_ms(plant, at_s, period_s))

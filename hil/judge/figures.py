@@ -1,0 +1,315 @@
+"""Every figure of a run, from its traces alone; the same code for lockstep and real time.
+
+Truth is the plant's trace and its located impacts; the estimate is the firmware's trace. Nothing is taken
+from the firmware's word but when it says it holds (mode RUN), what it commands, and what it estimates.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_py.interface.enums import Mode, Regime
+from hil.judge import detection
+from hil.judge.bus_figures import mean_load
+from hil.judge.estimate_error import estimate_errors
+from hil.judge.fault_figures import (
+    drive_end,
+    fault_figures,
+    first_fault,
+    latched_figures,
+    safe_state_figures,
+    torque_after,
+)
+from hil.judge.figure_records import (
+    DetectorFigures,
+    EstimateFigures,
+    FeltFigures,
+    Figures,
+    Latency,
+    LogFigures,
+    Loops,
+    LoopTiming,
+    MemoryFigures,
+    SpeedFigures,
+    Spread,
+    TrueImpact,
+)
+from hil.judge.gait_figures import gait_figures
+from hil.judge.hold import FloatArray, Window, hold_motion, hold_window
+from hil.record.run_traces import RunTraces, column, read_run
+from hil.record.state_timeline import lower_name
+from hil.record.stored_trace import Records
+
+DEFAULT_PERIOD_S = 1e-3
+"""The bus's tick, where the run does not say otherwise."""
+LONGEST_WORK_P99_US = 500.0
+"""Half a tick: what a loop may need and still leave its partner the other half."""
+LONGEST_HOLD_MS = 3.0
+"""A loop that is held up for this long has disturbed what it controls, however rarely that happens: an impact
+lasts 10 ms, and its detection a few ticks."""
+OVERRUN_FRACTION = 1e-3
+"""Overruns granted beside twice those of a bare sleep loop, as a fraction of the ticks due."""
+OVERRUN_FRACTION_UML = 1e-2
+"""Overruns granted under user-mode Linux, where each system call costs some 12 µs and a bare loop slips."""
+
+
+# --- parts -------------------------------------------------------------------------------------------
+
+
+def spread(values: FloatArray) -> Spread:
+    """Quantiles of what is finite."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return Spread(None, None, None)
+    p50, p99 = np.percentile(finite, [50.0, 99.0])
+    return Spread(float(p50), float(p99), float(finite.max()))
+
+
+def rms(errors: FloatArray) -> float | None:
+    """Root mean square; None of nothing."""
+    return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
+
+
+def loop_timing(records: Records, period_s: float) -> LoopTiming:
+    """A loop's timing from its own trace; skipped ticks are what its tick numbers, from 0 on, leave out."""
+    tick = column(records, "tick")
+    work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
+    half_tick_us = 0.5e6 * period_s
+    held = np.diff(tick) - 1.0
+    longest = int(np.argmax(held)) if len(held) else None
+    return LoopTiming(
+        ticks=len(tick),
+        overruns=int(tick[-1]) + 1 - len(tick) if len(tick) else 0,
+        late_wakeups=int(np.count_nonzero(wake_us > half_tick_us)),
+        long_work=int(np.count_nonzero(work_us > half_tick_us)),
+        longest_hold_ms=None if longest is None else 1e3 * period_s * float(held[longest]),
+        longest_hold_at_s=None if longest is None else period_s * (float(tick[longest]) + 1.0),
+        work_us=spread(work_us),
+        wake_us=spread(wake_us),
+    )
+
+
+def met_its_timing(loops: Loops, baseline_overruns: int | None, under_uml: bool) -> bool:
+    """Whether both loops kept up, beside a bare sleep loop, and neither was held up for long at once."""
+    for loop in (loops.plant, loops.firmware):
+        due = loop.ticks + loop.overruns
+        granted = OVERRUN_FRACTION_UML * due if under_uml else OVERRUN_FRACTION * due
+        if loop.ticks == 0 or loop.overruns > 2 * (baseline_overruns or 0) + granted:
+            return False
+        if (loop.longest_hold_ms or 0.0) >= LONGEST_HOLD_MS:
+            return False
+        if loop.work_us.p99 is None or loop.work_us.p99 > LONGEST_WORK_P99_US:
+            return False
+    return True
+
+
+def peak_force(plant: Records, impacts: Records) -> float | None:
+    """The largest force on the stop, of the located impacts or between them; None at a rigid stop."""
+    located = column(impacts, "peak_force_n")
+    if len(located) and not np.isfinite(located).any():
+        return None
+    sampled = column(plant, "stop_force_n")
+    forces = np.concatenate([located[np.isfinite(located)], sampled[np.isfinite(sampled)]])
+    return float(forces.max()) if len(forces) else None
+
+
+def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
+    """Peaks of the force on the wearer: of the run, and from turn to turn of the crank once settled."""
+    plant = traces.plant
+    if not traces.is_worn or len(plant) == 0:
+        return FeltFigures(None, None, None)
+    force_n = np.abs(column(plant, "felt_force_n"))
+    peak_n = float(force_n.max())
+    if hold is None:
+        return FeltFigures(peak_n, None, None)
+    late = hold.second_half().holds(column(plant, "t_s"))
+    turns = np.floor(np.unwrap(column(plant, "crank_rad")[late]) / (2.0 * np.pi))
+    starts = np.flatnonzero(np.diff(turns) > 0.0) + 1
+    if len(starts) < 2:
+        return FeltFigures(peak_n, None, None)
+    whole = force_n[late][: starts[-1]]
+    peaks_n = np.maximum.reduceat(whole, starts[:-1])
+    return FeltFigures(peak_n, float(peaks_n.min()), float(peaks_n.max()))
+
+
+def energy_residual(plant: Records) -> float | None:
+    """What work of drive and housing − stored − all losses leaves, over the sum of their magnitudes."""
+    if len(plant) == 0:
+        return None
+    names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")
+    changes = [float(np.diff(column(plant, name)[[0, -1]])[0]) for name in names]
+    drive, stored, friction, loss, housing, ankle = changes
+    exchanged = sum(map(abs, changes))
+    left = drive - stored - friction - loss + housing - ankle
+    return abs(left) / exchanged if exchanged > 0.0 else 0.0
+
+
+def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> EstimateFigures:
+    """Errors of the estimate at tick k against the truth that its sensors were sampled from, at t_k."""
+    if hold is None or len(plant) == 0:
+        return EstimateFigures(None, None, None, None)
+    inside = firmware[hold.holds(column(firmware, "t_s"))]
+    errors = estimate_errors(plant, inside)
+    nis = column(inside, "state.estimator.nis")
+    return EstimateFigures(
+        x_rmse_m=rms(errors.x_m),
+        v_rmse_m_s=rms(errors.v_m_s),
+        x_worst_m=float(np.max(np.abs(errors.x_m))) if len(errors.x_m) else None,
+        nis_mean=float(np.mean(nis)) if len(nis) else None,
+    )
+
+
+def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
+    """Detections, timed by the tick that reports them, against touch-downs while the firmware was alive."""
+    nothing = DetectorFigures(None, None, Latency(None, None), None, 0)
+    if len(plant) == 0 or len(firmware) == 0:
+        return nothing
+    alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
+    touch_down_s = column(impacts, "t_s")
+    seen = firmware[column(firmware, "outputs.impact") != 0.0]
+    detected_s = column(seen, "t_s")
+    pairs = detection.match(touch_down_s, detected_s)
+    found = np.zeros(len(touch_down_s), bool)
+    found[pairs.truth] = True
+    due = detection.due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
+    due &= touch_down_s <= alive_until_s
+    slept_through = due & ~found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
+    due &= ~slept_through
+    judged = detected_s <= alive_until_s
+    true_alarms = np.zeros(len(detected_s), bool)
+    true_alarms[pairs.detection] = True
+    latency_ms = 1e3 * (detected_s[pairs.detection] - touch_down_s[pairs.truth])
+    speed_error = (
+        column(seen, "outputs.impact_speed_m_s")[pairs.detection] - column(impacts, "v_m_s")[pairs.truth]
+    )
+    quantiles = np.percentile(latency_ms, [50.0, 95.0]) if len(latency_ms) else None
+    return DetectorFigures(
+        precision=float(np.mean(true_alarms[judged])) if judged.any() else None,
+        recall=float(np.mean(found[due])) if due.any() else None,
+        latency_ms=Latency(None, None)
+        if quantiles is None
+        else Latency(float(quantiles[0]), float(quantiles[1])),
+        speed_rmse_m_s=rms(speed_error),
+        slept_through=int(slept_through.sum()),
+    )
+
+
+def speed_figures(plant: Records, firmware: Records, hold: Window | None) -> SpeedFigures:
+    """The true crank speed against the firmware's target."""
+    if hold is None or len(plant) == 0:
+        return SpeedFigures(None, None, None)
+    late = hold.second_half()
+    omega = column(plant, "omega_rad_s")[late.holds(column(plant, "t_s"))]
+    target = column(firmware, "outputs.target_omega_rad_s")[late.holds(column(firmware, "t_s"))]
+    if len(omega) == 0 or len(target) == 0 or target.mean() == 0.0 or omega.mean() == 0.0:
+        return SpeedFigures(None, None, None)
+    return SpeedFigures(
+        mean_rad_s=float(omega.mean()),
+        error=float(omega.mean() / target.mean() - 1.0),
+        ripple=float(0.5 * np.ptp(omega) / omega.mean()),
+    )
+
+
+# --- whole -------------------------------------------------------------------------------------------
+
+
+def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
+    """The growth of memory that the bench has noted, if the run was long enough."""
+    growth_mb = dict(outcome.get("memory_growth_mb", {}))
+    recorder_mb = growth_mb.pop("recorder", None)
+    return MemoryFigures(
+        nodes_growth_mb=max(growth_mb.values(), default=None),
+        recorder_growth_mb_min=None
+        if recorder_mb is None
+        else recorder_mb / (float(outcome["memory_watched_s"]) / 60.0),
+    )
+
+
+def log_figures(traces: RunTraces, clock: str) -> LogFigures:
+    """What the recorder lost."""
+    if not traces.run.get("counts_losses", clock == "lockstep"):
+        return LogFigures(None, None)
+    return LogFigures(
+        frames_lost=sum(loss.frames for loss in traces.losses),
+        lost_s=sum(loss.to_s - loss.from_s for loss in traces.losses),
+    )
+
+
+def figures_from(traces: RunTraces) -> Figures:
+    """All figures of one run."""
+    plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
+    run, outcome = traces.run, traces.outcome
+    period_s = float(run.get("period_s", DEFAULT_PERIOD_S))
+    clock = str(run.get("clock", "lockstep"))
+    loops = Loops(plant=loop_timing(plant, period_s), firmware=loop_timing(firmware, period_s))
+    baseline = outcome.get("baseline_overruns")
+    under_uml = bool(run.get("user_mode_linux", False))
+    hold = hold_window(firmware)
+    motion = hold_motion(plant, impacts, hold)
+    end = drive_end(plant, firmware)
+    impacts_t_s, impacts_v_m_s = column(impacts, "t_s"), column(impacts, "v_m_s")
+    before = impacts_v_m_s[impacts_t_s < hold.start_s] if hold is not None else impacts_v_m_s
+    reported = column(firmware, "outputs.regime")
+    if hold is not None:
+        reported = reported[hold.holds(column(firmware, "t_s"))]
+    mode = column(firmware, "outputs.mode")
+    last_tick = max(
+        (float(column(records, "tick")[-1]) for records in (plant, firmware) if len(records)), default=-1
+    )
+    duration_s = (last_tick + 1.0) * period_s
+    elapsed_s = outcome.get("wall_s")
+    return Figures(
+        scenario=str(run.get("scenario", "")),
+        clock=clock,
+        bus=str(run.get("bus", "")),
+        kernel_can=bool(run.get("kernel_can", False)),
+        real_time=met_its_timing(loops, baseline, under_uml) if clock == "real" else None,
+        duration_s=duration_s,
+        ticks=loops.firmware.ticks,
+        overruns=loops.plant.overruns + loops.firmware.overruns,
+        baseline_overruns=baseline,
+        late_wakeups=loops.plant.late_wakeups + loops.firmware.late_wakeups,
+        long_work=loops.plant.long_work + loops.firmware.long_work,
+        tick_us=loops.firmware.work_us,
+        wake_us=loops.firmware.wake_us,
+        loops=loops,
+        bus_load=mean_load(traces.bus.counts, duration_s),
+        realtime_factor=duration_s / float(elapsed_s) if elapsed_s else None,
+        memory=memory_figures(outcome),
+        log=log_figures(traces, clock),
+        losses=tuple(traces.losses),
+        impacts=tuple(
+            TrueImpact(float(t), float(v)) for t, v in zip(impacts_t_s, impacts_v_m_s, strict=True)
+        ),
+        impact_count=len(impacts_t_s),
+        regime=lower_name(motion.regime),
+        regime_estimated=lower_name(Regime(int(reported[-1])) if len(reported) else Regime.UNCERTAIN),
+        hold_start_s=hold.start_s if hold else None,
+        hold_end_s=hold.end_s if hold else None,
+        impacts_per_period=motion.impacts_per_period,
+        capture_s=motion.capture_s,
+        largest_v_m_s=float(impacts_v_m_s.max()) if len(impacts_v_m_s) else None,
+        largest_v_on_the_way_m_s=float(before.max()) if len(before) else None,
+        impact_v_m_s=motion.impact_v_m_s,
+        impact_impulse_n_s=motion.impact_impulse_n_s,
+        peak_force_n=peak_force(plant, impacts),
+        felt=felt_figures(traces, hold),
+        gait=gait_figures(traces, hold),
+        estimate=estimate_figures(plant, firmware, hold),
+        detector=detector_figures(plant, impacts, firmware),
+        speed=speed_figures(plant, firmware, hold),
+        fault=lower_name(first_fault(firmware)),
+        latched=latched_figures(plant, firmware, period_s),
+        final_mode=lower_name(Mode(int(mode[-1]))) if len(mode) else "none",
+        motor_torque_after_stop_n_m=torque_after(plant, end),
+        safe_state=safe_state_figures(plant, firmware, impacts, end),
+        after_fault=fault_figures(traces, hold),
+        energy_residual=energy_residual(plant),
+    )
+
+
+def figures_of(run_dir: Path) -> Figures:
+    """All figures of the run in `run_dir`."""
+    return figures_from(read_run(run_dir))

@@ -1,0 +1,174 @@
+"""What a walk's traces show: the phase estimate against the truth, pulses in and out of the window, the end.
+
+With the crank off the leg alone may shake the striker against the stop. Such pulses are counted separately,
+and are none of those that follow a stop: the last of these is followed by a pause.
+
+A pulse is a true impact of at least `detection.WEAKEST_V_M_S`; its phase is the true one at touch-down. The
+window is the firmware's own, from its parameters.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.enums import MOVING, Mode
+from firmware_py.shell.parameters import config_from
+from hil.judge import detection
+from hil.judge.figure_records import GaitFigures
+from hil.record.run_traces import RunTraces, column
+from hil.record.stored_trace import Records
+from plant_sim.sensors.gait import LegState
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+SETTLING_STRIDES = 4
+"""Strides of a hold that its crank may take to get into step."""
+
+
+PAUSE_S = 2.0
+"""Pulses after a pause of this length are no longer the drive's."""
+
+
+class PushOff(NamedTuple):
+    """The firmware's window, in shares of the gait cycle."""
+
+    start: float
+    end: float
+
+    def holds(self, phase: FloatArray) -> BoolArray:
+        """Which phases lie inside."""
+        return (phase >= self.start) & (phase <= self.end)
+
+
+class Pulses(NamedTuple):
+    """Impacts with the true phase at touch-down, nan where nobody walks; shapes (n,)."""
+
+    t_s: FloatArray
+    v_m_s: FloatArray
+    phase: FloatArray
+
+
+class GaitEnd(NamedTuple):
+    """What ended a steady walk, and when."""
+
+    cause: str
+    at_s: float
+
+
+def push_off(scenario: Mapping[str, Any]) -> PushOff:
+    """The window of a scenario's firmware."""
+    lock = config_from(scenario.get("firmware", {})).lock
+    return PushOff(lock.window_start, lock.window_end)
+
+
+def phase_at(plant: Records, t_s: FloatArray) -> FloatArray:
+    """The true phase at the ticks before `t_s`: a tick is a thousandth of a cycle."""
+    if len(plant) == 0:
+        return np.full(len(t_s), np.nan)
+    at = np.searchsorted(column(plant, "t_s"), t_s, side="right") - 1
+    return np.asarray(column(plant, "gait.phase")[np.maximum(at, 0)])
+
+
+def pulses_of(plant: Records, impacts: Records) -> Pulses:
+    """The pulses among `impacts`."""
+    strong = impacts[column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S]
+    t_s = column(strong, "t_s")
+    return Pulses(t_s, column(strong, "v_m_s"), phase_at(plant, t_s))
+
+
+def phase_error(plant: Records, firmware: Records) -> tuple[FloatArray, FloatArray]:
+    """Times and errors of the estimated phase on the circle, in cycles, where both have one."""
+    _, of_plant, of_firmware = np.intersect1d(
+        column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
+    )
+    truth = column(plant[of_plant], "gait.phase")
+    error = (column(firmware[of_firmware], "state.gait.phase") - truth + 0.5) % 1.0 - 0.5
+    known = np.isfinite(error)
+    return column(plant[of_plant], "t_s")[known], error[known]
+
+
+def heel_strikes(plant: Records) -> FloatArray:
+    """When the true phase begins anew."""
+    phase, t_s = column(plant, "gait.phase"), column(plant, "t_s")
+    return t_s[1:][np.diff(np.nan_to_num(phase, nan=1.0)) < -0.5]
+
+
+def gait_end(plant: Records, since_s: float) -> GaitEnd | None:
+    """The first stumble or standstill after `since_s`."""
+    later = plant[column(plant, "t_s") >= since_s]
+    ends = {
+        "stumble": column(later, "gait.tripping") != 0.0,
+        "stop": column(later, "gait.state") == LegState.STANDING,
+    }
+    found = [(float(column(later, "t_s")[where][0]), cause) for cause, where in ends.items() if where.any()]
+    return GaitEnd(min(found)[1], min(found)[0]) if found else None
+
+
+def restarted_s(firmware: Records, after_s: float) -> float:
+    """When the crank is started anew after `after_s`; inf where it is not."""
+    t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
+    begins = np.flatnonzero((mode[1:] == Mode.SOFT_START) & (mode[:-1] != Mode.SOFT_START)) + 1
+    later = t_s[begins][t_s[begins] > after_s]
+    return float(later[0]) if len(later) else float("inf")
+
+
+def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
+    """Which pulses follow `at_s` without a pause, up to `until_s`."""
+    later = np.flatnonzero((pulses_s > at_s) & (pulses_s < until_s))
+    gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) > PAUSE_S
+    end = int(np.argmax(gaps)) if gaps.any() else len(later)
+    found = np.zeros(len(pulses_s), bool)
+    found[later[:end]] = True
+    return found
+
+
+def undriven(firmware: Records, pulses_s: FloatArray) -> int:
+    """How many pulses came with the crank off for `PAUSE_S` or more."""
+    driven_s = column(firmware, "t_s")[np.isin(column(firmware, "outputs.mode"), MOVING)]
+    before = np.searchsorted(driven_s, pulses_s) - 1
+    last_s = driven_s[np.maximum(before, 0)] if len(driven_s) else np.zeros(len(pulses_s))
+    idle_s = np.where(before >= 0, pulses_s - last_s, pulses_s)
+    return int(np.count_nonzero(idle_s >= PAUSE_S))
+
+
+def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitFigures:
+    """All figures of a walk over the hold; none where nobody walks or nothing was held."""
+    plant, firmware = traces.plant, traces.firmware
+    if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold_s is None:
+        return GaitFigures(*[None] * len(fields(GaitFigures)))
+    start_s, end_s = hold_s
+    t_s, error = phase_error(plant, firmware)
+    error = error[(t_s >= start_s) & (t_s <= end_s)]
+    end = gait_end(plant, start_s)
+    strikes = heel_strikes(plant)
+    steady_end_s = end_s if end is None else min(end_s, end.at_s)
+    strikes = strikes[(strikes >= start_s) & (strikes <= steady_end_s)][SETTLING_STRIDES:]
+    pulses = pulses_of(plant, traces.impacts)
+    inside = push_off(traces.scenario).holds(pulses.phase)
+    hits = np.histogram(pulses.t_s[inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
+    misses = np.histogram(pulses.t_s[~inside], strikes)[0] if len(strikes) > 1 else np.zeros(0)
+    after = hardest = None
+    if end is not None:
+        follows = following(pulses.t_s, end.at_s, restarted_s(firmware, end.at_s))
+        before = (pulses.t_s >= 0.5 * (start_s + steady_end_s)) & (pulses.t_s <= end.at_s)
+        after = float(pulses.t_s[follows][-1] - end.at_s) if follows.any() else 0.0
+        if before.any():
+            largest = float(np.max(pulses.v_m_s[follows], initial=0.0))
+            hardest = largest / float(np.max(pulses.v_m_s[before]))
+    return GaitFigures(
+        phase_rmse_percent=100.0 * float(np.sqrt(np.mean(error**2))) if len(error) else None,
+        phase_worst_percent=100.0 * float(np.max(np.abs(error))) if len(error) else None,
+        strides=len(hits),
+        in_window=float(np.mean(hits > 0)) if len(hits) else None,
+        pulses_per_stride=float(np.mean(hits + misses)) if len(hits) else None,
+        outside_per_stride=float(np.mean(misses)) if len(hits) else None,
+        end=None if end is None else end.cause,
+        end_s=None if end is None else end.at_s,
+        last_pulse_after_s=after,
+        hardest_after=hardest,
+        undriven=undriven(firmware, pulses.t_s),
+    )

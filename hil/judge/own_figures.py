@@ -1,0 +1,165 @@
+"""Figures of one's own: an expression over the logged signals of a run, in a window of its time.
+
+Signals are named as in the log, `plant.omega_rad_s`, `firmware.outputs.torque_n_m`, and are arrays over the
+plant's instants; the firmware's are those of its newest tick by then. `FUNCTIONS` make numbers of them. The
+figures of a step response are python-control's, of the signal from its first value in the window on.
+"""
+
+import difflib
+import math
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from asteval import Interpreter
+from numpy.typing import NDArray
+
+from hil.record.firmware_trace import fields_of
+from hil.record.plant_trace import PlantRecord
+from hil.record.run_traces import column
+from hil.record.stored_trace import Records
+from hil.record.trace import flatten
+
+Signal = NDArray[np.float64]
+
+SETTLED_SHARE: Final = 0.1
+"""The last part of a window, whose median is where a step response ends up."""
+SAMPLES_TO_TRY: Final = 200
+
+FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
+    "min": lambda signal: float(np.min(signal)),
+    "max": lambda signal: float(np.max(signal)),
+    "mean": lambda signal: float(np.mean(signal)),
+    "median": lambda signal: float(np.median(signal)),
+    "std": lambda signal: float(np.std(signal)),
+    "rms": lambda signal: float(np.sqrt(np.mean(np.square(signal)))),
+    "first": lambda signal: float(signal[0]),
+    "last": lambda signal: float(signal[-1]),
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+}
+OF_A_STEP: Final = {"rise_s": "RiseTime", "settling_s": "SettlingTime", "overshoot": "Overshoot"}
+"""Our names of what python-control finds in a step response; the overshoot is in percent of the step."""
+
+
+class ExpressionError(ValueError):
+    """An expression that cannot be worked out, and why."""
+
+
+class Window(NamedTuple):
+    """From when to when a figure is taken, in simulated seconds; the end is not in it."""
+
+    from_s: float
+    to_s: float
+
+
+class Columns(Mapping[str, Signal]):
+    """Columns by name, each read when it is asked for: a long run's would not all fit into memory."""
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], Signal]) -> None:
+        self._names = tuple(names)
+        self._read = read
+
+    def __getitem__(self, name: str) -> Signal:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class Signals:
+    """The columns of a trace, or those under a dotted name of it, as attributes."""
+
+    def __init__(self, name: str, columns: Mapping[str, Signal]) -> None:
+        self._name = name
+        self._columns = columns
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self._columns:
+            return self._columns[name]
+        inner = [key.removeprefix(f"{name}.") for key in self._columns if key.startswith(f"{name}.")]
+        if inner:
+            return Signals(
+                f"{self._name}.{name}", Columns(inner, lambda rest: self._columns[f"{name}.{rest}"])
+            )
+        heads = list(dict.fromkeys(key.partition(".")[0] for key in self._columns))
+        near = difflib.get_close_matches(name, heads, n=3, cutoff=0.4) or heads
+        raise AttributeError(f"no signal {self._name}.{name}; it has {', '.join(near)}")
+
+
+def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
+    """A figure of a step response over the window `t_s`."""
+
+    def figure(signal: Signal) -> float:
+        from control import step_info  # noqa: PLC0415 - a second, which only such a figure costs
+
+        response = signal - signal[0]
+        final = float(np.median(response[-math.ceil(SETTLED_SHARE * response.size) :]))
+        return float(step_info(response, T=t_s - t_s[0], yfinal=final)[key])
+
+    return figure
+
+
+def worked_out(expression: str, t_s: Signal, signals: Mapping[str, Mapping[str, Signal]]) -> float:
+    """The expression's number on signals over `t_s`; raises ExpressionError."""
+    names = {name: Signals(name, columns) for name, columns in signals.items()}
+    steps = {name: step_figure(key, t_s) for name, key in OF_A_STEP.items()}
+    interpreter = Interpreter(symtable={**FUNCTIONS, **steps, **names, "pi": math.pi}, minimal=True)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        value = interpreter(expression, show_errors=False)
+    if interpreter.error:
+        _, message = interpreter.error[0].get_error()
+        raise ExpressionError(f"{expression!r} cannot be worked out: {message.splitlines()[-1]}")
+    if np.ndim(value) != 0:
+        known = ", ".join([*FUNCTIONS, *OF_A_STEP])
+        raise ExpressionError(f"{expression!r} is a signal; make a number of it, by {known}")
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise ExpressionError(f"{expression!r} gives {value!r}; wanted a number")
+    return float(value)
+
+
+def refuse_unknown(expression: str) -> None:
+    """Raise ExpressionError where no run could work it out: a name or a form that is not known."""
+    t_s = np.linspace(0.0, 1.0, SAMPLES_TO_TRY)
+    rising = 1.0 - np.exp(-10.0 * t_s)
+    columns = {
+        "plant": PlantRecord._fields,
+        "firmware": [one.name for name, kind in fields_of(walks=True) for one in flatten(name, kind)],
+    }
+    worked_out(expression, t_s, {trace: dict.fromkeys(names, rising) for trace, names in columns.items()})
+
+
+def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
+    """The columns at `instants_s`: each as it was last recorded by then, NaN before the first record."""
+    newest = np.searchsorted(column(records, "t_s"), instants_s, side="right") - 1
+    return Columns(
+        records.dtype.names or (),
+        lambda name: np.where(newest >= 0, column(records, name)[newest], np.nan),
+    )
+
+
+def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float | None:
+    """The figure of a run; None where it has nothing in the window, or cannot be worked out on it."""
+    t_s = column(plant, "t_s")
+    if len(firmware) == 0 or len(t_s) == 0:
+        return None
+    rows = (t_s >= window.from_s) & (t_s < window.to_s)
+    instants_s = t_s[rows]
+    if instants_s.size == 0:
+        return None
+    signals = {
+        "plant": Columns(plant.dtype.names or (), lambda name: column(plant, name)[rows]),
+        "firmware": held(firmware, instants_s),
+    }
+    try:
+        value = worked_out(expression, instants_s, signals)
+    except ExpressionError:
+        return None
+    return value if math.isfinite(value) else None

@@ -1,0 +1,427 @@
+"""The closed loop of plant, drive, sensors, operator and firmware in one compiled call, tick by tick.
+
+`run` does what `hil.bench.lockstep` does with its nodes, in the same order and to the same bits, for as long
+as nothing has to happen in Python: no fault begins or ends, the bus is the ideal one, and the frames of
+operator and gait sensors are known beforehand. It is made of the nodes' own pure steps (`hil.drive.node`,
+`hil.drive.reports`, `plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records go
+as bytes into buffers that the caller has made.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from firmware_py.builds.numba_subset import register
+from firmware_py.interface import packing
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.records import Accelerometer, CoarsePosition
+from hil.drive import axis, messages
+from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
+from hil.drive.node import obey, report_frame
+from hil.drive.reports import NOTHING, Reports, Ticks, look, take
+from hil.nodes.compiled import kernel
+from plant_sim.kernels import shared
+from plant_sim.parts.parts import Parts
+from plant_sim.sensors.readings import (
+    Readers,
+    SensorReading,
+    read_accelerometer,
+    read_position_rev,
+    read_velocity_rev_s,
+)
+from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Probe, Sensing
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
+from plant_sim.solvers.adaptive.state_layout import (
+    ANGLE_NOW,
+    CURRENT,
+    ELAPSED,
+    ELAPSED_LOW,
+    IMPACTS,
+    MOTOR_TORQUE,
+    PLACE_NOW,
+    SPEED_NOW,
+    STORED,
+    Memory,
+)
+
+register()
+
+Vector = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+
+FIRMWARE_FAILED = -1
+"""What `run` returns beside the solver's statuses: the firmware's arithmetic failed."""
+MOST_FRAMES = 6
+"""To the firmware in a tick: two samples, the frames of gait and coarse sensors, a report and a command."""
+NO_FRAME = WordFrame(0, 0, 0)
+LINE_BYTES = 48
+"""A line of can.log is shorter."""
+TORQUE_SENT, OTHER_SENT = 1, 4
+"""Places in `Firmware.sent`, behind the number of frames."""
+
+
+class Firmware(NamedTuple):
+    """The compiled firmware (`firmware_py.builds.entry`): its function's address and those of its memory.
+
+    `frames`: what it receives, shape (MOST_FRAMES, 3). `sent`: the number of frames it sends, and two frames.
+    """
+
+    tick: int
+    config: int
+    state: int
+    frames: Integers
+    sent: Integers
+    state_bytes: Bytes
+
+
+def _call_tick(
+    _: Any, tick: Any, config: Any, state: Any, elapsed_ticks: Any, count: Any, frames: Any, sent: Any
+) -> Any:
+    """Call the firmware's function at the address `tick`; pointers are addresses."""
+
+    def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
+        number, pointer = ir.IntType(64), ir.IntType(8).as_pointer()
+        kinds = [pointer, pointer, number, number, pointer, pointer]
+        function = builder.inttoptr(values[0], ir.FunctionType(number, kinds).as_pointer())
+        passed = [
+            builder.inttoptr(value, kind) if kind is pointer else value
+            for value, kind in zip(values[1:], kinds, strict=True)
+        ]
+        return builder.call(function, passed)
+
+    return types.int64(*[types.int64] * 7), generate
+
+
+call_tick: Any = intrinsic(_call_tick)
+
+
+class Constants(NamedTuple):
+    """What a call does not change. `period_ns` is a tick's length."""
+
+    period_s: float
+    period_ns: int
+    readers: Readers
+    drive: DriveConfig
+    report_ticks: Ticks
+    stored_before_j: float
+    firmware_record_bytes: int
+
+
+class Held(NamedTuple):
+    """Frames on their way to the plant, in this order; `NO_FRAME` where there is none."""
+
+    first: WordFrame
+    second: WordFrame
+    third: WordFrame
+
+
+class Loop(NamedTuple):
+    """What goes from tick to tick beside the memory of plant and firmware.
+
+    `t_rest_s` is what `t_s` has rounded off, `torque_n_m` the torque that the motor was last asked for.
+    """
+
+    tick: int
+    t_s: float
+    t_rest_s: float
+    torque_n_m: float
+    drive: DriveState
+    reports: Reports
+    counter: int
+    held: Held
+
+
+class Buffers(NamedTuple):
+    """Records of this call; `used` says how many. Without room in `can_log` no lines are made.
+
+    plant: rows of numbers in the order of `PlantRecord`. firmware: packed rows, filled by
+    `moves` (rows of source, destination and length in bytes) out of the firmware's memory. impacts: as the
+    plant has them. can_log: lines.
+    """
+
+    plant: Vector
+    firmware: Bytes
+    moves: Integers
+    impacts: Vector
+    can_log: Bytes
+    used: Integers
+
+
+TICKS, IMPACT_ROWS, LOG_BYTES = range(3)
+"""Places in `Buffers.used`."""
+
+
+@shared
+def record_plant(
+    row: Vector,
+    tick: int,
+    t_s: float,
+    observed: Vector,
+    stored_before_j: float,
+    torque_n_m: float,
+    drive: DriveState,
+    reading: SensorReading,
+) -> None:
+    """Record a tick of the plant."""
+    row[0], row[1] = tick, t_s
+    for which in range(observed.size):
+        row[2 + which] = observed[which]
+    row[2 + STORED] -= stored_before_j
+    place = 2 + observed.size
+    row[place], row[place + 1], row[place + 2] = torque_n_m, drive.axis.state.value, drive.axis.errors
+    row[place + 3], row[place + 4] = reading.striker_low_m_s2, reading.striker_high_m_s2
+    row[place + 5], row[place + 6] = reading.housing_m_s2, reading.encoder_position_rev
+    row[place + 7] = reading.encoder_velocity_rev_s
+
+
+@shared
+def record_firmware(rows: Bytes, start: int, state: Bytes, moves: Integers) -> None:
+    """Record a tick of the firmware in the row that begins at `start`."""
+    for move in range(moves.shape[0]):
+        source, destination, length = moves[move, 0], start + moves[move, 1], moves[move, 2]
+        for byte in range(length):
+            rows[destination + byte] = state[source + byte]
+
+
+@shared
+def hexadecimal(value: int) -> int:
+    """The character of a digit."""
+    return 48 + value if value < 10 else 55 + value
+
+
+@shared
+def log_line(buffer: Bytes, start: int, t_us: int, frame: WordFrame) -> int:
+    """A line of can.log, `(seconds.micros) can0 ID#DATA`; the place behind it."""
+    seconds, micros = t_us // 1_000_000, t_us % 1_000_000
+    buffer[start] = 40
+    digits, rest = 1, seconds
+    while rest >= 10:
+        digits, rest = digits + 1, rest // 10
+    for place in range(digits):
+        buffer[start + digits - place] = 48 + seconds % 10
+        seconds //= 10
+    start += digits + 1
+    buffer[start] = 46
+    for place in range(6):
+        buffer[start + 6 - place] = 48 + micros % 10
+        micros //= 10
+    start += 7
+    for character in (41, 32, 99, 97, 110, 48, 32):  # ") can0 "
+        buffer[start] = character
+        start += 1
+    for place in range(3):
+        buffer[start + place] = hexadecimal(frame.can_id >> (8 - 4 * place) & 15)
+    buffer[start + 3] = 35
+    start += 4
+    for place in range(frame.length):
+        byte = frame.word >> 8 * place & 255
+        buffer[start] = hexadecimal(byte >> 4)
+        buffer[start + 1] = hexadecimal(byte & 15)
+        start += 2
+    buffer[start] = 10
+    return start + 1
+
+
+@shared
+def accelerometer_frame(reading: SensorReading, counter: int) -> WordFrame:
+    """The accelerometers' sample."""
+    sample = Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2)
+    word, _ = packing.pack_accelerometer(sample, counter)
+    return WordFrame(packing.ACCELEROMETER_ID, packing.ACCELEROMETER_LENGTH, word)
+
+
+@shared
+def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
+    """The drive's sample of its encoder."""
+    estimates = messages.encoder_estimates(
+        drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
+    )
+    word, _ = packing.pack_encoder_estimates(estimates, 0)
+    return WordFrame(packing.ENCODER_ESTIMATES_ID, packing.ENCODER_ESTIMATES_LENGTH, word)
+
+
+@shared
+def coarse_frame(position_m: float, counter: int) -> WordFrame:
+    """The coarse sensor's sample."""
+    word, _ = packing.pack_coarse_position(CoarsePosition(position_m), counter)
+    return WordFrame(packing.COARSE_POSITION_ID, packing.COARSE_POSITION_LENGTH, word)
+
+
+@shared
+def later(t_s: float, t_rest_s: float, dt_s: float) -> tuple[float, float]:
+    """A time and what it has rounded off, later by `dt_s` (Neumaier's sum, as in `plant_sim.plant`)."""
+    sum_s = t_s + dt_s
+    return sum_s, t_rest_s + ((t_s - sum_s) + dt_s)
+
+
+@shared
+def move(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    buffers: Buffers,
+    torque_n_m: float,
+    t_s: float,
+    dt_s: float,
+    no_grid: Vector,
+    no_samples: Vector,
+) -> int:
+    """Move on by `dt_s` under a held torque; impacts that end go into the buffers. The solver's status."""
+    memory.held[ELAPSED] = memory.held[ELAPSED_LOW] = 0.0
+    while True:
+        status = advance(parts, probe, memory, torque_n_m, t_s, dt_s, no_grid, no_samples)
+        for row in range(memory.mode[IMPACTS]):
+            place = buffers.used[IMPACT_ROWS]
+            if place < buffers.impacts.shape[0]:
+                for column in range(memory.impacts.shape[1]):
+                    buffers.impacts[place, column] = memory.impacts[row, column]
+                buffers.used[IMPACT_ROWS] = place + 1
+        memory.mode[IMPACTS] = 0
+        if status != BUFFER_FULL:
+            return status
+
+
+@shared
+def log_frame(buffers: Buffers, t_us: int, frame: WordFrame) -> None:
+    """Write a line of can.log, if one is kept."""
+    if buffers.can_log.size == 0:
+        return
+    buffers.used[LOG_BYTES] = log_line(buffers.can_log, buffers.used[LOG_BYTES], t_us, frame)
+
+
+@shared
+def received(firmware: Firmware, buffers: Buffers, count: int, t_us: int, frame: WordFrame) -> int:
+    """Hand a frame to the firmware, after `count` others, and log it; how many there are now."""
+    row = firmware.frames[count]
+    row[0], row[1], row[2] = frame.can_id, frame.length, frame.word
+    log_frame(buffers, t_us, frame)
+    return count + 1
+
+
+@shared
+def frame_of(row: Integers) -> WordFrame:
+    """The frame in a row of tick, identifier, length and word."""
+    return WordFrame(row[1], row[2], row[3])
+
+
+@shared
+def sent(firmware: Firmware, place: int) -> WordFrame:
+    """A frame that the firmware sends."""
+    numbers = firmware.sent
+    return WordFrame(numbers[place], numbers[place + 1], numbers[place + 2])
+
+
+@kernel
+def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
+    parts: Parts,
+    probe: Sensing,
+    memory: Memory,
+    constants: Constants,
+    firmware: Firmware,
+    loop: Loop,
+    gait_frames: Integers,
+    commands: Integers,
+    coarse: Vector,
+    noise: Vector,
+    buffers: Buffers,
+    no_grid: Vector,
+    no_samples: Vector,
+) -> tuple[Loop, int]:
+    """Run a tick for each row of `noise` (four standard normals); the loop then, and how it ended.
+
+    `gait_frames`, `commands`: the gait sensors' and the operator's frames, rows of tick, identifier, length
+    and word, ascending. `coarse`: the coarse sensor's samples, rows of tick, counter and error in m. The end
+    is DONE, another of the solver's statuses, or FIRMWARE_FAILED; the loop then stands in the failed tick.
+    """
+    readers, period_s, drive_config = constants.readers, constants.period_s, constants.drive
+    readings, observed, used = probe.readings, memory.observed, buffers.used
+    next_gait_frame = next_coarse = next_command = 0
+    for row in range(noise.shape[0]):
+        number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held = loop
+        now_us = number * constants.period_ns // 1000
+
+        # The plant at t_k: sensors and drive report.
+        omega_rad_s = observed[SPEED_NOW]
+        reading = SensorReading(
+            read_accelerometer(readers.striker_low, readings[LOW], noise[row, 0]),
+            read_accelerometer(readers.striker_high, readings[HIGH], noise[row, 1]),
+            read_accelerometer(readers.housing, readings[HOUSING], noise[row, 2]),
+            read_position_rev(readers, observed[ANGLE_NOW]),
+            read_velocity_rev_s(readers, readings[SPEED_ESTIMATE], noise[row, 3]),
+        )
+        counter += 1
+        count = received(firmware, buffers, 0, now_us, accelerometer_frame(reading, counter))
+        count = received(firmware, buffers, count, now_us, encoder_frame(drive, reading))
+        if next_gait_frame < gait_frames.shape[0] and gait_frames[next_gait_frame, 0] == number:
+            count = received(firmware, buffers, count, now_us, frame_of(gait_frames[next_gait_frame]))
+            next_gait_frame += 1
+        if next_coarse < coarse.shape[0] and coarse[next_coarse, 0] == number:
+            frame = coarse_frame(observed[PLACE_NOW] + coarse[next_coarse, 2], int(coarse[next_coarse, 1]))
+            count = received(firmware, buffers, count, now_us, frame)
+            next_coarse += 1
+        reports, report = take(look(constants.report_ticks, reports, number))
+        if report != NOTHING:
+            telemetry = Telemetry(observed[CURRENT], observed[MOTOR_TORQUE], omega_rad_s)
+            frame = report_frame(drive_config, drive, telemetry, report)
+            count = received(firmware, buffers, count, now_us, frame)
+
+        # The plant obeys what has arrived, and moves on to t_{k+1}.
+        for frame in (held.first, held.second, held.third):
+            if frame.can_id != 0:
+                drive, _ = obey(drive_config, drive, frame, reading.encoder_position_rev)
+        torque_n_m = axis.torque_n_m(drive_config, drive, omega_rad_s)
+        stored_before_j = constants.stored_before_j
+        record_plant(
+            buffers.plant[row],
+            number,
+            number * period_s,
+            observed,
+            stored_before_j,
+            torque_n_m,
+            drive,
+            reading,
+        )
+        armed_s = min(period_s, axis.watchdog_left_s(drive_config, drive))
+        status = DONE
+        if armed_s > 0.0:
+            begin_s = t_s + t_rest_s
+            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, armed_s, no_grid, no_samples)
+            t_s, t_rest_s = later(t_s, t_rest_s, armed_s)
+        drive = axis.elapse(drive_config, drive, armed_s, observed[SPEED_NOW], observed[CURRENT])
+        if status == DONE and armed_s < period_s - TIME_RESOLUTION_S:
+            begin_s, rest_s, torque_n_m = t_s + t_rest_s, period_s - armed_s, 0.0
+            status = move(parts, probe, memory, buffers, torque_n_m, begin_s, rest_s, no_grid, no_samples)
+            t_s, t_rest_s = later(t_s, t_rest_s, rest_s)
+        if status != DONE:
+            return Loop(number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held), status
+
+        # The operator.
+        command = NO_FRAME
+        if next_command < commands.shape[0] and commands[next_command, 0] == number:
+            command = frame_of(commands[next_command])
+            count = received(firmware, buffers, count, now_us, command)
+            next_command += 1
+
+        # The firmware at t_k + T/2.
+        frames, sent_to = firmware.frames.ctypes.data, firmware.sent.ctypes.data
+        if call_tick(firmware.tick, firmware.config, firmware.state, 1, count, frames, sent_to) != 1:
+            loop = Loop(number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held)
+            return loop, FIRMWARE_FAILED
+        later_us = (number * constants.period_ns + constants.period_ns // 2) // 1000
+        torque, other = sent(firmware, TORQUE_SENT), NO_FRAME
+        log_frame(buffers, later_us, torque)
+        if firmware.sent[0] > 1:
+            other = sent(firmware, OTHER_SENT)
+            log_frame(buffers, later_us, other)
+        record_firmware(
+            buffers.firmware, row * constants.firmware_record_bytes, firmware.state_bytes, buffers.moves
+        )
+        held = Held(command, torque, other)
+        used[TICKS] = row + 1
+        loop = Loop(number + 1, t_s, t_rest_s, torque_n_m, drive, reports, counter, held)
+    return loop, DONE

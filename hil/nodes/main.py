@@ -1,0 +1,229 @@
+"""Firmware and plant as processes of their own: join a bus, warm up, start together, run to the end."""
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from firmware_py.interface import codec
+from firmware_py.interface.addresses import Addresses, bus_id
+from firmware_py.interface.records import DriveEstop
+from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.parameters import addresses_from, config_from
+from hil.bus import Bus, join, provide
+from hil.bus.addressed import addressed
+from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
+from hil.faults.clocks import ClockFaults, FaultyClock
+from hil.faults.line import with_faults
+from hil.faults.processes import FIRMWARE, PLANT
+from hil.nodes.plant import ACCEPTED_IDS
+from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, empty
+from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.trace import bring_home
+from hil.scenario.fault_tables import Fault
+from hil.scenario.operator import OPERATOR_PERIOD_S, OperatorNode
+from hil.scenario.scenario import load_scenario, refuse_other_periods
+from hil.scenario.settings import apply_settings
+from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
+from hil.timing.loop import FixedRateLoop
+from hil.timing.processes import READY, Start, read_start
+from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
+
+START_DELAY_S = 0.2
+"""A node alone starts this long after it is ready."""
+
+FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
+"""All that the firmware listens to."""
+
+
+def firmware_main(
+    scenario: str | None,
+    settings: Sequence[str],
+    bus: str,
+    out_dir: Path | None,
+    seed: int,
+    sync: bool,
+    until_s: float | None,
+    again: bool = False,
+    build: Build = "python",
+) -> None:
+    """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
+    if sync:
+        belong_to_parent()
+    faults: Sequence[Fault] = ()
+    walks = True
+    if scenario is None:
+        parameters = apply_settings({"firmware": {}}, settings)["firmware"]
+    else:
+        loaded = load_scenario(scenario, settings)
+        parameters, faults = loaded.parameters, loaded.faults
+        walks = loaded.scene.gait is not None
+    pace = Pace(config_from(parameters).tick_s, until_s)
+    refuse_other_periods(pace.period_s)
+    warm_firmware(parameters, build)
+    start = await_restart() if again else Start(0)
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
+    with joined(bus, FIRMWARE_IDS, addresses_from(parameters)) as node_bus:
+        faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
+        runner = FirmwareRunner(
+            parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks, node_of(build)
+        )
+        clock_faults = ClockFaults(faults, FIRMWARE, seed)
+        run_loop(
+            runner, pace, 0.5, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
+        )
+    if out_dir is not None and not sync:
+        bring_home(out_dir)
+
+
+def plant_main(
+    scenario: str,
+    settings: Sequence[str],
+    bus: str,
+    out_dir: Path | None,
+    seed: int,
+    sync: bool,
+    until_s: float | None,
+    again: bool = False,
+) -> None:
+    """`vibrohil plant`: the module of a scenario's scene on `bus`, with its drive and its sensors."""
+    if sync:
+        belong_to_parent()
+    loaded = load_scenario(scenario, settings)
+    pace = Pace(loaded.period_s, until_s)
+    refuse_other_periods(pace.period_s)
+    warm_plant(loaded.scene)
+    start = await_restart() if again else Start(0)
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
+    with joined(bus, ACCEPTED_IDS, addresses_from(loaded.parameters)) as node_bus:
+        faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
+        runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
+        runner.node.node_id = addresses_from(loaded.parameters).drive_node
+        clock_faults = ClockFaults(loaded.faults, PLANT, seed)
+        run_loop(
+            runner, pace, 0.0, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
+        )
+    if out_dir is not None and not sync:
+        bring_home(out_dir)
+
+
+def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
+    """`vibrohil operator`: a scenario's script on `bus`; whoever ends it early leaves an E-stop behind."""
+    loaded = load_scenario(scenario, settings)
+    node = OperatorNode(loaded.commands, loaded.period_s)
+    clock = MonotonicClock()
+    stopped = False
+    with joined(bus, (), addresses_from(loaded.parameters)) as node_bus:
+        t0_ns = clock.now_ns() + round(START_DELAY_S * NS_PER_S)
+        loop = FixedRateLoop(clock, t0_ns, round(OPERATOR_PERIOD_S * NS_PER_S))
+
+        def stop(*_: object) -> None:
+            nonlocal stopped
+            stopped = True
+            loop.stop()
+
+        def say(period: int, _: int) -> None:
+            node_bus.send_all(node.publish(period))
+
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, stop)
+        print(f"playing the script for {loaded.duration_s:g} s; Ctrl-C is an E-stop", file=sys.stderr)
+        loop.run(round(loaded.duration_s / OPERATOR_PERIOD_S), say, None)
+        if stopped:
+            node_bus.send(codec.DRIVE_ESTOP.encode(DriveEstop()))
+
+
+def belong_to_parent() -> None:
+    """A node that others start ends with them, and leaves Ctrl-C to them."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bus]:
+    """The bus `spec` names, made first where need be, as the module at `places` sees it.
+
+    Says on standard error how others join it.
+    """
+    with provide(spec) as provided:
+        if provided.address != spec:
+            print(
+                f"bus {provided.name} ({provided.reason}); join it with --bus {provided.address}",
+                file=sys.stderr,
+            )
+        on_bus = [bus_id(places, can_id & MAX_STANDARD_ID) | (can_id & REMOTE_FLAG) for can_id in accept]
+        node_bus = addressed(join(provided.address, on_bus), places)
+        try:
+            yield node_bus
+        finally:
+            node_bus.close()
+
+
+def await_start(sync: bool) -> Start:
+    """Take what the machine allows, say so, and wait for the time to begin."""
+    report = become_realtime(NODE)
+    if sync:
+        print(READY, json.dumps(report._asdict()), flush=True)
+        return read_start()
+    return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
+
+
+def await_restart() -> Start:
+    """As `await_start`, for a node that prepares itself while others' loops run: at ordinary priority."""
+    report = become_realtime(NODE)
+    leave_realtime()
+    print(READY, json.dumps(report._asdict()), flush=True)
+    return read_start()
+
+
+def run_loop(
+    runner: FirmwareRunner | PlantRunner,
+    pace: Pace,
+    offset: float,
+    node_bus: Bus,
+    start: Start,
+    tell_time: Callable[[float], None],
+    clock_faults: ClockFaults,
+    sync: bool,
+) -> None:
+    """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
+    if start.shared >= 0:
+        leave_realtime()  # nobody is late, and the recorder needs the CPU as well
+    elif start.first_tick > 0:
+        become_realtime(NODE)
+    own_clock = start.clock()
+    clock: Clock = own_clock
+    ticks = pace.ticks
+    if clock_faults.any:
+        clock = FaultyClock(clock, clock_faults, start.t0_ns)
+        if ticks is not None:
+            ticks += round(clock_faults.offset_s(ticks * pace.period_s) / pace.period_s)
+    period_ns = round(pace.period_s * NS_PER_S)
+    if not sync:
+        print(f"running at {1.0 / pace.period_s:g} Hz; Ctrl-C ends it", file=sys.stderr)
+    loop = FixedRateLoop(clock, start.t0_ns, period_ns, round(offset * period_ns))
+    for number in (signal.SIGTERM,) if sync else (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: loop.stop())
+    empty(node_bus)
+
+    def step(tick: int, elapsed_ticks: int) -> None:
+        tell_time(tick * pace.period_s)
+        runner.step(tick, elapsed_ticks)
+
+    try:
+        loop.run(ticks, step, runner.record, start.first_tick)
+    finally:
+        own_clock.leave()
+        leave_realtime()
+        runner.close()
+    summary = {
+        "overruns": loop.overruns,
+        "lost_records": runner.lost_records,
+        **asdict(node_bus.counters),
+    }
+    print(json.dumps(summary), file=sys.stdout if sync else sys.stderr, flush=True)

@@ -1,0 +1,276 @@
+"""The plant as one CAN node: the module, its sensors and its motor's drive.
+
+At t_k `publish` gives what the sensors see. `advance` then obeys the frames that have arrived and moves the
+module to t_{k+1}. Where the loop has skipped ticks, `sleep_through` lets their time pass: the world goes on.
+"""
+
+from collections.abc import Sequence
+
+from firmware_py.interface import codec
+from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.interface.records import Accelerometer, CoarsePosition, GaitSensors
+from hil.bus.wire import REMOTE_FLAG
+from hil.drive import axis, messages
+from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
+from hil.drive.node import (
+    COMMAND_IDS,
+    NOT_MODELLED_IDS,
+    POWERS_ID,
+    REPORT_OF_REQUEST,
+    REQUEST_IDS,
+    TORQUES_ID,
+    VERSION,
+    VERSION_ID,
+    address,
+    is_new_address,
+    obey,
+    powers,
+    report_frame,
+    torques,
+)
+from hil.drive.reports import NOTHING, Reports, first_reports, look, report_ticks, take, ticks_of
+from hil.faults.plant import PlantFaults
+from hil.record.plant_trace import PlantRecord
+from hil.scenario.fault_tables import Fault
+from plant_sim.parts.drive import MotorDrive
+from plant_sim.plant import Impact, Plant
+from plant_sim.scene import Scene
+from plant_sim.scene_tables import AxisTable, MotorTable
+from plant_sim.sensors.gait import GaitTruth
+from plant_sim.sensors.readings import SensorReading
+
+OBEYED_IDS = (*COMMAND_IDS, *NOT_MODELLED_IDS)
+ACCEPTED_IDS = (*OBEYED_IDS, *REQUEST_IDS, *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS))
+"""All that this node listens to, remote frames with their flag."""
+MOST_ANSWERS = 8
+"""Requests answered in a tick; others in the same tick are not."""
+CONTROL_MODES = {"torque": axis.TORQUE_CONTROL, "velocity": axis.VELOCITY_CONTROL}
+CAN_PERIOD_S = 1e-3
+"""The fastest frame's period on the real bus; a lockstep run may tick faster or slower."""
+
+
+def drive_config(scene: Scene) -> DriveConfig:
+    """The drive that fits the scene's motor; the default one where the scene's drive is ideal."""
+    drive = scene.parts().drive
+    motor: MotorDrive | MotorTable = drive if isinstance(drive, MotorDrive) else MotorTable()
+    axis_table = scene.axis or AxisTable()
+    return DriveConfig(
+        motor.torque_constant_n_m_a,
+        motor.resistance_ohm,
+        motor.supply_v,
+        motor.current_limit_a,
+        motor.speed_limit_rad_s,
+        watchdog_s=axis_table.watchdog_s,
+        control_mode=CONTROL_MODES[axis_table.control_mode],
+    )
+
+
+class PlantNode:
+    """Publishes the state at t_k, then moves to t_{k+1} under the drive's torque."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int,
+        period_s: float = CAN_PERIOD_S,
+        faults: Sequence[Fault] = (),
+        first_tick: int = 0,
+    ) -> None:
+        """`first_tick`: when it is switched on; the module is then as its scene begins."""
+        self.plant = Plant(scene, seed=seed)
+        self.drive_config = drive_config(scene)
+        self.drive: DriveState = axis.power_up(self.drive_config)
+        self.rejected = 0
+        """Frames with an identifier of the drive's commands that could not be read."""
+        self._faults = PlantFaults(faults, seed, self.plant, self.drive_config) if faults else None
+        self.period_s = period_s
+        self.tick = first_tick
+        self.record: PlantRecord
+        self.gait: GaitTruth | None = None
+        """The gait at t_k, where somebody walks."""
+        self.began_s = first_tick * period_s
+        self.counter = -1
+        axis_table = scene.axis or AxisTable()
+        self._ticks_an_encoder_frame = max(1, round((axis_table.encoder_s or period_s) / period_s))
+        heartbeat_s = None if scene.axis is None else scene.axis.heartbeat_s
+        self.report_periods = report_ticks(period_s, heartbeat_s)
+        self.reports = first_reports(first_tick)
+        self._reading: SensorReading
+        self.node_id = 0
+        """The drive's node number on its bus, for the clients that ask."""
+        self.requests: list[int] = []
+        self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
+        self._last_gait_frame = -1
+        self.ticks_a_coarse_frame = ticks_of(codec.COARSE_POSITION, period_s)
+        self._last_coarse_frame = -1
+
+    def publish(self) -> list[Frame]:
+        """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
+        self.act()
+        reading = self.plant.sense()
+        if self._faults is not None:
+            reading = self._faults.published(self.tick * self.period_s, reading)
+        self._reading = reading
+        estimates = messages.encoder_estimates(
+            self.drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
+        )
+        if self._faults is not None:
+            estimates = self._faults.counted(estimates)
+        self.counter += 1
+        frames = [
+            codec.ACCELEROMETER.encode(
+                Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2),
+                self.counter,
+            ),
+        ]
+        encoder_frame = codec.ENCODER_ESTIMATES.encode(estimates)
+        if self.tick % self._ticks_an_encoder_frame == 0:
+            frames.append(encoder_frame)
+        if self.plant.has_gait_sensors:
+            frames += self.gait_frame(self.tick)
+        if self.plant.has_coarse_sensor:
+            frames += self._coarse_frame()
+        self.reports, report = take(look(self.report_periods, self.reports, self.tick))
+        if report != NOTHING:
+            frames.append(self._report(report))
+        if self.requests:
+            frames += [self._answer(can_id, encoder_frame) for can_id in self.requests[:MOST_ANSWERS]]
+            self.requests.clear()
+        return frames if self._faults is None else self._faults.sent(frames)
+
+    def _coarse_frame(self) -> list[Frame]:
+        """The coarse sensor's frame, if a period of it has begun."""
+        error_m = self.coarse_error_m(self.tick)
+        if error_m is None:
+            return []
+        position = CoarsePosition(self.plant.now.x_m + error_m)
+        return [codec.COARSE_POSITION.encode(position, self.tick // self.ticks_a_coarse_frame)]
+
+    def coarse_error_m(self, tick: int) -> float | None:
+        """The error of the coarse sensor's sample in `tick`; None in ticks that have none."""
+        number = tick // self.ticks_a_coarse_frame
+        if number == self._last_coarse_frame:
+            return None
+        self._last_coarse_frame = number
+        return self.plant.sample_coarse_error_m()
+
+    def gait_frame(self, tick: int) -> list[Frame]:
+        """The gait sensors' frame in `tick`, if a period of theirs has begun, and it does not drop out."""
+        number = tick // self._ticks_a_gait_frame
+        if number == self._last_gait_frame:
+            return []
+        self._last_gait_frame = number
+        reading = self.plant.sense_gait(self._since_start_s(tick))
+        if reading is None:
+            return []
+        record = GaitSensors(
+            reading.shank_rate_rad_s, reading.along_m_s2, int(reading.heel_contact), int(reading.toe_contact)
+        )
+        return [codec.GAIT_SENSORS.encode(record, number)]
+
+    def _answer(self, can_id: int, estimates: Frame) -> Frame:
+        """What a client has asked for."""
+        if can_id in REPORT_OF_REQUEST:
+            return self._report(REPORT_OF_REQUEST[can_id])
+        if can_id == estimates.can_id:
+            return estimates
+        if can_id == TORQUES_ID:
+            return torques(self.drive_config, self.drive, self._telemetry())
+        if can_id == POWERS_ID:
+            return powers(self.drive_config, self.drive, self._telemetry())
+        return VERSION if can_id == VERSION_ID else address(self.node_id)
+
+    def _report(self, report: int) -> Frame:
+        can_id, length, word = report_frame(self.drive_config, self.drive, self._telemetry(), report)
+        return Frame(can_id, bytes_of(word, length))
+
+    def _telemetry(self) -> Telemetry:
+        now = self.plant.now
+        return Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
+
+    def advance(self, frames: Sequence[Frame]) -> None:
+        """Obey `frames`, note the record of this tick, and move on to the next."""
+        plant, config = self.plant, self.drive_config
+        omega_rad_s = plant.now.omega_rad_s
+        if self._faults is not None:
+            frames = self._faults.heard(frames)
+        self._obey(frames)
+        torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
+        self.record = self._record_of(torque_n_m)
+        self.gait = self.gait_in(self.tick)
+        armed_s = min(self.period_s, axis.watchdog_left_s(config, self.drive))
+        self._move(torque_n_m, armed_s)
+        now = plant.now
+        self.drive = axis.elapse(config, self.drive, armed_s, now.omega_rad_s, now.current_a)
+        if armed_s < self.period_s - TIME_RESOLUTION_S:
+            self._move(0.0, self.period_s - armed_s)
+        self.tick += 1
+
+    def _obey(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            can_id, data = frame
+            if can_id in OBEYED_IDS:
+                words = WordFrame(can_id, len(data), word_of(data))
+                position_rev = self._reading.encoder_position_rev
+                self.drive, was_read = obey(self.drive_config, self.drive, words, position_rev)
+                self.rejected += not was_read
+            elif not data and can_id in REQUEST_IDS:
+                self.requests.append(can_id)
+            elif is_new_address(self.node_id, frame):
+                self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # its number is a parameter
+
+    def gait_in(self, tick: int) -> GaitTruth | None:
+        """The gait in `tick`; None where nobody walks."""
+        return self.plant.gait_at(self._since_start_s(tick))
+
+    def _since_start_s(self, tick: int) -> float:
+        return tick * self.period_s - self.began_s
+
+    def act(self) -> None:
+        """Let the faults that begin or end in this tick do so."""
+        if self._faults is not None:
+            self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
+
+    def resume(self, tick: int, drive: DriveState, reports: Reports, counter: int) -> None:
+        """Go on from `tick`, to which compiled code has brought plant and drive."""
+        self.tick, self.drive, self.reports, self.counter = tick, drive, reports, counter
+
+    def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
+        """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.
+
+        The module moves on under the torque of the last command, for as long as a drive would hold it. The
+        drive's watchdog does not count the pause: who slept cannot call the others silent.
+        """
+        if self.counter < 0:  # not even the first sample was sent
+            self._reading = self.plant.sense()
+        self._obey(frames)
+        pause_s = ticks * self.period_s
+        held_s = min(pause_s, axis.watchdog_left_s(self.drive_config, self.drive))
+        self._move(axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s), held_s)
+        self._move(0.0, pause_s - held_s)
+        self.tick += ticks
+        self.counter += ticks  # the sensors went on sampling: what they count is time
+
+    def _move(self, torque_n_m: float, dt_s: float) -> None:
+        if dt_s > 0.0:
+            if self._faults is not None:
+                torque_n_m = self._faults.given_n_m(torque_n_m, self.plant.now.crank_rad)
+            self.plant.advance(torque_n_m, dt_s)
+
+    def _record_of(self, torque_n_m: float) -> PlantRecord:
+        return PlantRecord(
+            self.tick,
+            self.tick * self.period_s,
+            *self.plant.now,
+            torque_n_m,
+            self.drive.axis.state,
+            self.drive.axis.errors,
+            *self._reading,
+        )
+
+    def take_impacts(self) -> list[Impact]:
+        """The impacts that have ended since the last call."""
+        impacts = self.plant.take_impacts()
+        if self.began_s == 0.0:
+            return impacts
+        return [impact._replace(t_s=impact.t_s + self.began_s) for impact in impacts]

@@ -1,0 +1,257 @@
+"""The bench's nodes between bus and trace: what a loop calls each tick, in lockstep and real time alike."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.node import FirmwareNode, MakeNode, powered_up
+from firmware_py.shell.parameters import of_the_build
+from hil.bus.base import NodeBus
+from hil.faults.memory import ParameterMemory
+from hil.nodes.alignment import Alignment
+from hil.nodes.plant import PlantNode
+from hil.nodes.resync import Waking
+from hil.record.firmware_trace import FirmwareTrace
+from hil.record.plant_trace import ImpactRecord, PlantRecord
+from hil.record.trace import TraceWriter
+from hil.scenario.fault_tables import Fault
+from hil.scenario.operator import Command, OperatorNode, OperatorRecord
+from hil.timing.loop import LoopTiming
+from plant_sim.scene import Scene
+from plant_sim.sensors.gait import GaitTruth
+
+WAKING_SHARE = 0.4
+"""Share of a period that a tick after a pause waits for its sample; the next tick must not suffer."""
+
+
+class Pace(NamedTuple):
+    """How fast nodes tick and for how long; None: until they are stopped."""
+
+    period_s: float
+    duration_s: float | None
+    is_timed: bool = True
+    """Whether ticks have deadlines, so that a trace's pages must be in memory before the loop begins."""
+
+    @property
+    def ticks(self) -> int | None:
+        """Ticks of the whole run."""
+        return None if self.duration_s is None else round(self.duration_s / self.period_s)
+
+
+def empty(bus: NodeBus) -> None:
+    """Take away what was sent before a node began."""
+    while bus.receive():
+        """It is not for this node."""
+
+
+class PlantRunner:
+    """The plant's node at t_k: publish, obey what has arrived, move on."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int,
+        pace: Pace,
+        bus: NodeBus,
+        out_dir: Path | None,
+        faults: Sequence[Fault] = (),
+        first_tick: int = 0,
+    ) -> None:
+        """`first_tick`: of a process that takes the place of another, whose traces go on."""
+        self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
+        self.node = self._make_node(first_tick)
+        self.bus = bus
+        self._trace = self._impacts = None
+        if out_dir is not None:
+            gait = [("gait", GaitTruth)] if scene.gait is not None else []
+            fields = [("", PlantRecord), *gait, ("", LoopTiming)]
+            again = first_tick > 0
+            expected = 0 if again else pace.ticks or 0
+            self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed)
+            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)], resume=again)
+
+    def restart(self, tick: int) -> None:
+        """Throw the node away and make it anew, for `tick` to be its first one."""
+        self.node = self._make_node(tick)
+        empty(self.bus)
+
+    def step(self, _: int, elapsed_ticks: int) -> None:
+        """One tick. Time that the loop has skipped passes for the plant first."""
+        node, bus = self.node, self.bus
+        if elapsed_ticks > 1:
+            node.sleep_through(elapsed_ticks - 1, bus.receive())
+        bus.send_all(node.publish())
+        node.advance(bus.receive())
+
+    def record(self, _: int, timing: LoopTiming) -> None:
+        """Append the tick's records."""
+        impacts = self.node.take_impacts()
+        if self._trace is None or self._impacts is None:
+            return
+        if self.node.gait is None:
+            self._trace.append(self.node.record, timing)
+        else:
+            self._trace.append(self.node.record, self.node.gait, timing)
+        for impact in impacts:
+            self._impacts.append(impact)
+
+    @property
+    def columns(self) -> Any:
+        """A record of the trace as numpy has it."""
+        assert self._trace is not None
+        return self._trace.dtype
+
+    def append(self, records: NDArray[np.void], impacts: NDArray[np.float64]) -> None:
+        """Append records, and impacts as `plant_sim` has them, shape (n, 6)."""
+        if self._trace is not None and self._impacts is not None:
+            self._trace.append_all(records)
+            for t_s, *others in impacts.tolist():
+                self._impacts.append((self.node.began_s + t_s, *others))
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return sum(trace.lost for trace in (self._trace, self._impacts) if trace is not None)
+
+    def close(self) -> None:
+        """Close the traces."""
+        if self._trace is not None and self._impacts is not None:
+            self._trace.close()
+            self._impacts.close()
+
+
+class FirmwareRunner:
+    """The firmware's node at t_k + T/2: take what has arrived, tick, send."""
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any],
+        pace: Pace,
+        bus: NodeBus,
+        out_dir: Path | None,
+        faults: Sequence[Fault] = (),
+        seed: int = 1,
+        first_tick: int = 0,
+        walks: bool = True,
+        make: MakeNode = FirmwareNode,
+    ) -> None:
+        """`first_tick`: of a process that takes the place of another, whose trace goes on."""
+        self.bus = bus
+        self._file = ParameterMemory(parameters, faults, seed)
+        self._fixed = of_the_build(parameters)
+        self._make = make
+        self._period_s = pace.period_s
+        self._trace: FirmwareTrace | None = None
+        self._power_up(first_tick)
+        if out_dir is not None:
+            again = first_tick > 0
+            expected = 0 if again else pace.ticks or 0
+            self._trace = FirmwareTrace(out_dir / "firmware.trace", walks, expected, again, pace.is_timed)
+
+    def _power_up(self, tick: int) -> None:
+        self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
+        self._alignment = Alignment()
+        self._waking: Waking | None = None
+        self._last_frames: list[Frame] = []
+        self._last_tick = tick
+
+    def restart(self, tick: int) -> None:
+        """Throw the node away and make it anew, for `tick` to be its first one."""
+        self._power_up(tick)
+        empty(self.bus)
+
+    def step(self, tick: int, elapsed_ticks: int) -> None:
+        """One tick; after a pause, first find out what time it is for the sensors."""
+        bus = self.bus
+        frames = bus.receive()
+        if elapsed_ticks > 1 or self._waking is not None:
+            self._wake_up(tick, elapsed_ticks, self._alignment.take_all(frames))
+            return
+        frames = self._alignment.take(frames)
+        if self._alignment.had_sample:
+            self._last_frames, self._last_tick = frames, tick
+        bus.send_all(self.node.tick(frames, 1))
+
+    def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
+        """One of the first ticks after a pause: nothing is done until there is a sample of now."""
+        bus = self.bus
+        waking = self._waking or Waking(self._last_tick, self._last_frames)
+        waking.begin_tick(tick, elapsed_ticks, frames)
+        if not waking.is_fresh:
+            bus.wait(WAKING_SHARE * self._period_s)
+            waking.take(tick, bus.receive())
+        if not waking.is_over:
+            self._waking = waking
+            return
+        self._waking = None
+        self._alignment.hold(waking.early)
+        if waking.is_fresh:
+            self._last_frames, self._last_tick = waking.frames, tick
+        bus.send_all(self.node.tick(waking.frames, waking.elapsed_ticks))
+
+    def record(self, tick: int, timing: LoopTiming) -> None:
+        """Append the tick's record."""
+        if self._trace is not None and self._waking is None:
+            self._trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
+
+    @property
+    def is_in_step(self) -> bool:
+        """Whether the last tick has used its own sample, and none waits."""
+        return self._waking is None and self._alignment.had_sample and not self._alignment.waits
+
+    @property
+    def columns(self) -> Any:
+        """A record of the trace as numpy has it."""
+        assert self._trace is not None
+        return self._trace.writer.dtype
+
+    def resume(self, last_tick: int, last_frames: list[Frame]) -> None:
+        """Go on after `last_tick`, which had `last_frames`, to which compiled code has brought the node."""
+        self._last_frames, self._last_tick = last_frames, last_tick
+
+    def append(self, records: NDArray[np.void]) -> None:
+        """Append records."""
+        if self._trace is not None:
+            self._trace.writer.append_all(records)
+
+    @property
+    def lost_records(self) -> int:
+        """Records for which the disk had no room."""
+        return 0 if self._trace is None else self._trace.writer.lost
+
+    def close(self) -> None:
+        """Close the trace."""
+        if self._trace is not None:
+            self._trace.writer.close()
+
+
+class OperatorRunner:
+    """The operator's node, once an `OPERATOR_PERIOD_S`."""
+
+    def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
+        self.node = OperatorNode(commands, pace.period_s)
+        self.bus = bus
+        self._trace: TraceWriter | None = None
+        if out_dir is not None:
+            self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
+
+    def step(self, period: int, _: int = 1) -> None:
+        """One period."""
+        self.bus.send_all(self.frames(period))
+
+    def frames(self, period: int) -> list[Frame]:
+        """What the operator sends in this period, which goes into the trace."""
+        frames = self.node.publish(period)
+        if self._trace is not None:
+            self._trace.append(self.node.record)
+        return frames
+
+    def close(self) -> None:
+        """Close the trace."""
+        if self._trace is not None:
+            self._trace.close()

@@ -1,0 +1,1 @@
+"""What a run leaves: traces, run folder, log, state timelines."""

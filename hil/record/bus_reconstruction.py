@@ -1,0 +1,114 @@
+"""What the firmware said of itself on the bus, as the trace it would have left: for logs of a real bench.
+
+Truth and internals never travel on CAN, so the columns are few: modes and limits of the heartbeat, the
+estimate, the torque, and the reported impacts; each holds its last value until the next frame brings one.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface import codec
+from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
+from hil.record.candump import BusLog
+
+FloatArray = NDArray[np.float64]
+
+
+class Heard(NamedTuple):
+    """Frames of one kind: seconds, shape (n,), and their signals, shape (n, signals)."""
+
+    t_s: FloatArray
+    signals: FloatArray
+
+
+class SeenTick(NamedTuple):
+    """A record of such a trace; names are those of the firmware's own. What no frame carries is NaN."""
+
+    tick: int
+    t_s: float
+    mode: int
+    fault: int
+    acting_limit: int
+    regime: int
+    target_omega_rad_s: float
+    torque_n_m: float
+    x_m: float
+    v_m_s: float
+    omega_rad_s: float
+    p_xx: float
+    p_vv: float
+    impact: bool
+    impact_age_s: float
+    impact_speed_m_s: float
+    impact_impulse_n_s: float
+    wake_latency_us: float
+    work_us: float
+
+
+PREFIXES = {
+    **dict.fromkeys(("tick", "t_s", "wake_latency_us", "work_us"), ""),
+    **dict.fromkeys(("x_m", "v_m_s", "p_xx", "p_vv"), "state.estimator."),
+    "omega_rad_s": "state.crank.",
+}
+FIELDS = [
+    (f"{PREFIXES.get(name, 'outputs.')}{name}", kind) for name, kind in SeenTick.__annotations__.items()
+]
+"""The trace's columns, as `TraceWriter` takes them."""
+
+
+def heard(bus: BusLog, record: type[Any]) -> Heard:
+    """All frames of one kind that can be decoded."""
+    one = codec.CODECS[record]
+    times, signals = [], []
+    rows = np.flatnonzero(bus.can_id == one.can_id)
+    for row, payload in zip(rows.tolist(), bus.payloads_of(rows), strict=True):
+        try:
+            signals.append(tuple(one.decode(payload)))
+        except codec.FrameError:
+            continue  # named and counted where the frames are decoded for the log
+        times.append(float(bus.t_s[row]))
+    return Heard(np.array(times), np.array(signals, np.float64).reshape(len(times), len(record._fields)))
+
+
+def held(frames: Heard, t_s: FloatArray) -> FloatArray:
+    """The signals last received at each of `t_s`, shape (n, signals); NaN before the first frame."""
+    last = np.searchsorted(frames.t_s, t_s, side="right") - 1
+    padded = np.vstack([np.full((1, frames.signals.shape[1]), np.nan), frames.signals])
+    values: FloatArray = padded[last + 1]
+    return values
+
+
+def tick_numbers(t_s: FloatArray, period_s: float) -> NDArray[np.int64]:
+    """Which tick each of `t_s` belongs to; a tick's middle lies where the frames gather."""
+    phase = np.angle(np.mean(np.exp(2j * np.pi * t_s / period_s))) / (2.0 * np.pi)
+    numbers: NDArray[np.int64] = np.floor(t_s / period_s - phase + 0.5).astype(np.int64)
+    return np.maximum(numbers, 0)
+
+
+def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
+    """The firmware's ticks, from its first heartbeat on; one for each period in which it sent anything."""
+    heartbeat, estimate = heard(bus, FirmwareHeartbeat), heard(bus, StrikerEstimate)
+    torque, impact = heard(bus, SetInputTorque), heard(bus, ImpactEvent)
+    if len(heartbeat.t_s) == 0:
+        return []
+    sent_s = np.concatenate([frames.t_s for frames in (heartbeat, estimate, torque, impact)])
+    sent_s = np.unique(sent_s[sent_s >= heartbeat.t_s[0]])
+    numbers = tick_numbers(sent_s, period_s)
+    # A tick ends with the last of its frames, so that it holds all of them.
+    last_of_tick = np.flatnonzero(np.diff(numbers, append=numbers[-1] + 1) > 0)
+    tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
+    of_heartbeat, of_estimate, of_torque = (held(frames, t_s) for frames in (heartbeat, estimate, torque))
+    reported = held(impact, t_s)
+    strike = np.zeros(len(t_s), bool)
+    strike[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
+    unknown = np.full((len(t_s), 2), np.nan)
+    columns = np.column_stack(
+        [tick, t_s, of_heartbeat, of_torque, of_estimate, unknown, strike, reported, unknown]
+    )
+    kinds = SeenTick.__annotations__.values()
+    return [
+        SeenTick._make(kind(value) for kind, value in zip(kinds, row, strict=True))
+        for row in columns.tolist()
+    ]

@@ -1,0 +1,113 @@
+"""What the firmware knew at each tick, for its trace; of the compiled build its memory is copied as it is."""
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.builds.flat import layout
+from firmware_py.core.inputs import Inputs
+from firmware_py.core.step import Outputs, State
+from firmware_py.node.receiver import Counters
+from firmware_py.node.tick import NodeState
+from firmware_py.shell.node import Node
+from hil.record.trace import FieldType, TraceWriter
+from hil.timing.loop import LoopTiming
+
+OF_A_WALK = ("gait", "lock")
+"""Parts of the firmware's state that are recorded only where somebody may walk."""
+MEMORY_OF = {"inputs": "inputs", "state": "core", "outputs": "outputs", "counters": "counters"}
+"""Which member of the firmware's memory the trace's columns of a prefix are."""
+HEAD, TAIL = struct.Struct("<qd"), struct.Struct("<qddq")
+"""A record's tick and time, and its `LoopTiming`; between them lies what the firmware knew."""
+
+
+def place_in(memory: Any, path: Sequence[str]) -> int:
+    """Where a member of a structured type lies, in bytes."""
+    place = 0
+    for name in path:
+        memory, offset = memory.fields[name][:2]
+        place += offset
+    return place
+
+
+def columns_of(names: Sequence[str]) -> Any:
+    """A packed record of members of the firmware's memory, such as outputs.mode, for `moves_to`."""
+    kinds = []
+    for name in names:
+        first, *path = name.split(".")
+        kind = layout(NodeState)
+        for member in (MEMORY_OF[first], *path):
+            kind = kind.fields[member][0]
+        kinds.append((name, kind))
+    return np.dtype(kinds)
+
+
+def moves_to(columns: Any) -> NDArray[np.int64]:
+    """Which bytes of the firmware's memory make a packed record: rows of source, destination and length."""
+    memory = layout(NodeState)
+    moves: list[list[int]] = []
+    for name in columns.names:
+        first, *path = name.split(".")
+        if path:
+            kind, destination = columns.fields[name][:2]
+            source = place_in(memory, [MEMORY_OF[first], *path])
+            if moves and moves[-1][0] + moves[-1][2] == source and moves[-1][1] + moves[-1][2] == destination:
+                moves[-1][2] += kind.itemsize
+            else:
+                moves.append([source, destination, kind.itemsize])
+    return np.array(moves, dtype=np.int64)
+
+
+def blocks_of(walks: bool) -> list[str]:
+    """The parts of the firmware's state that are recorded."""
+    return [name for name in State._fields if walks or name not in OF_A_WALK]
+
+
+def fields_of(walks: bool) -> list[tuple[str, FieldType]]:
+    """What a record is made of, as `TraceWriter` takes it."""
+    kinds = get_type_hints(State)
+    return [
+        ("tick", int),
+        ("t_s", float),
+        ("inputs", Inputs),
+        *((f"state.{name}", kinds[name]) for name in blocks_of(walks)),
+        ("outputs", Outputs),
+        ("counters", Counters),
+        ("", LoopTiming),
+    ]
+
+
+class FirmwareTrace:
+    """The firmware's trace; of a run in which nobody walks without what concerns a gait."""
+
+    def __init__(
+        self,
+        path: Path,
+        walks: bool,
+        expected_records: int = 0,
+        resume: bool = False,
+        in_memory: bool = True,
+    ) -> None:
+        """As `TraceWriter`."""
+        self._blocks = blocks_of(walks)
+        self.writer = TraceWriter(path, fields_of(walks), expected_records, resume, in_memory)
+        self._moves = moves_to(self.writer.dtype).tolist()
+        self._node: Node | None = None
+        self._parts: list[memoryview] = []
+
+    def append(self, node: Node, tick: int, t_s: float, timing: LoopTiming) -> None:
+        """Record a tick of `node`."""
+        if node.memory is None:
+            state = node.state
+            known = (getattr(state, block) for block in self._blocks)
+            self.writer.append(tick, t_s, node.inputs, *known, node.outputs, node.counters, timing)
+            return
+        if node is not self._node:
+            self._node, memory = node, memoryview(node.memory.view("u1"))  # type: ignore[arg-type]  # no buffer in numpy's stubs
+            self._parts = [memory[start : start + length] for start, _, length in self._moves]
+        record = b"".join((HEAD.pack(tick, t_s), *self._parts, TAIL.pack(*timing)))
+        self.writer.append_bytes(memoryview(record))

@@ -1,0 +1,41 @@
+"""What is new in a run folder since the last look, while its processes write to it."""
+
+from pathlib import Path
+
+from hil.record import trace
+from hil.record.candump import BusLog, parse_candump
+from hil.record.precision import TICKED, kept
+from hil.record.run_traces import NO_RECORDS
+from hil.record.stored_trace import Records
+
+TRACES = ("plant", "firmware", "impacts", "operator")
+
+
+class Follower:
+    """Reads what is new in each trace, and in can.log, of a run that is going on."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self.run_dir = run_dir
+        self._read = dict.fromkeys(TRACES, 0)
+        self._can_log_bytes = 0
+
+    def new_records(self, name: str) -> Records:
+        """The records of one trace since the last call; none while nobody has begun it."""
+        path = self.run_dir / f"{name}.trace"
+        if not path.exists():
+            return NO_RECORDS
+        records = trace.read(path, self._read[name])
+        self._read[name] += len(records)
+        return kept(records) if name in TICKED else records
+
+    def new_frames(self) -> BusLog:
+        """The whole lines of can.log since the last call."""
+        path = self.run_dir / "can.log"
+        text = b""
+        if path.exists():
+            with path.open("rb") as file:
+                file.seek(self._can_log_bytes)
+                text = file.read()
+        whole = text[: text.rfind(b"\n") + 1]
+        self._can_log_bytes += len(whole)
+        return parse_candump(whole)

@@ -1,0 +1,381 @@
+"""A log read back: its columns, the traces it holds, hashes to compare by, and the repair of a cut one."""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
+from hil.record.candump import NO_BUS, BusCounts, BusLog, counted, joined_logs
+from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
+from hil.record.precision import NS_PER_S, TIME
+from hil.record.rerun_program import RerunError, rerun
+from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
+from hil.record.stored_trace import Records, Selected, StoredColumns
+
+TIMELINES = ("sim_time", "wall_time")
+MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
+"""What the machine took; no two runs agree in it."""
+ROW_ID = "rerun.controls.RowId"
+FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a log can be read from its first message to its footer."""
+    return rerun(["rrd", "verify", path]).returncode == 0
+
+
+def repair(path: Path) -> bool:
+    """Make a log whole that a kill cut short, in place; whether that was needed.
+
+    Such a log lacks its footer and may end within a message. Raises where nothing can be read of it.
+    """
+    if is_whole(path):
+        return False
+    mended = path.with_name(f"{path.name}.mended")
+    outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
+    if outcome.returncode != 0 or not mended.exists():
+        raise RerunError(f"{path} is cut and cannot be mended; rebuild it from the traces ({outcome.stderr})")
+    mended.rename(path)
+    return True
+
+
+RAW, FIRMWARE, SLOW = "/can/raw", "/firmware", "/firmware/slow"
+RECORD = "trace:record"
+
+
+def entities(path: Path) -> set[str]:
+    """The entities of a log that have rows."""
+    columns = RrdReader(path).store().schema().component_columns()
+    return {column.entity_path for column in columns if not column.is_static}
+
+
+def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
+    """The rows of an entity as they are in the file, some at a time."""
+    for chunk in RrdReader(path).store().stream().filter(content=entity):
+        if not chunk.is_static:
+            batch = chunk.to_record_batch().drop_columns([ROW_ID])
+            yield pa.table(batch.columns, names=batch.schema.names)
+
+
+def in_order(parts: Iterable[pa.Table]) -> pa.Table:
+    """Rows as one table, in order of simulated time."""
+    table = pa.concat_tables(parts, promote_options="default")
+    sim_ns = sim_ns_of(table)
+    return table if rises(sim_ns) else table.take(pa.array(np.argsort(sim_ns, kind="stable")))
+
+
+def rises(times: NDArray[Any]) -> bool:
+    """Whether times never fall."""
+    return bool(np.all(times[1:] >= times[:-1]))
+
+
+def sim_ns_of(table: pa.Table) -> NDArray[np.int64]:
+    """The simulated time of each row."""
+    sim_ns: NDArray[np.int64] = contiguous(table["sim_time"]).cast(pa.int64()).to_numpy()
+    return sim_ns
+
+
+def names(path: Path) -> list[str]:
+    """The tables that can be read of a log."""
+    known = entities(path)
+    frames = frames_of_bytes(path, known) if RAW in known else set()
+    return sorted(known - {SLOW} | frames)
+
+
+def table(path: Path, name: str) -> pa.Table:
+    """The rows of an entity in order of simulated time, one column a component; nothing static.
+
+    Frames have a row each, raw and decoded, and the firmware's slow columns stand with the others.
+    """
+    if name == RAW:
+        return in_order(a_row_a_frame(block) for block in blocks(path, RAW))
+    known = entities(path)
+    if name not in known:
+        return in_order(decoded_blocks(path, name))
+    rows = in_order(blocks(path, name))
+    return with_slow(rows, in_order(blocks(path, SLOW))) if name == FIRMWARE and SLOW in known else rows
+
+
+def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
+    """The rows of a table in order of time, some at a time; all at once where the file has no order."""
+    times = [sim_ns_of(block)[[0, -1]] for block in blocks(path, name)]
+    if not rises(np.concatenate(times)):
+        yield table(path, name)
+    elif name == RAW:
+        yield from map(a_row_a_frame, blocks(path, RAW))
+    elif name == FIRMWARE and SLOW in entities(path):
+        yield from firmware_blocks(path)
+    else:
+        yield from blocks(path, name)
+
+
+def firmware_blocks(path: Path) -> Iterator[pa.Table]:
+    """The firmware's records with the slow columns, some at a time."""
+    slow = blocks(path, SLOW)
+    held = next(slow)
+    for fast in blocks(path, FIRMWARE):
+        ticked = sim_ns_of(fast)
+        while sim_ns_of(held)[-1] < ticked[-1] and (more := next(slow, None)) is not None:
+            held = pa.concat_tables([held, more])
+        yield with_slow(fast, held)
+        held = held.slice(newest(ticked, sim_ns_of(held))[-1])
+
+
+def tables(path: Path) -> dict[str, pa.Table]:
+    """All tables of a log."""
+    return {name: table(path, name) for name in names(path)}
+
+
+def entity_of(codec: FrameCodec[Any]) -> str:
+    """Where a log has decoded frames."""
+    return f"/can/{codec.record.__name__}"
+
+
+def frames_of_bytes(path: Path, known: set[str]) -> set[str]:
+    """Where the frames belong that the log holds as bytes alone."""
+    found: set[str] = set()
+    for bus in LoggedBus(path).pieces():
+        for can_id in np.unique(bus.can_id).tolist():
+            codec = CODEC_BY_ID.get(can_id)
+            if codec is not None and codec.record._fields and entity_of(codec) not in known | found:
+                rows = np.flatnonzero(bus.can_id == can_id)
+                if any(is_decoded(codec, payload) for payload in bus.payloads_of(rows)):
+                    found.add(entity_of(codec))
+    return found
+
+
+def is_decoded(codec: FrameCodec[Any], payload: bytes) -> bool:
+    """Whether the codec takes a payload."""
+    try:
+        codec.decode(payload)
+    except ValueError:
+        return False
+    return True
+
+
+def decoded_blocks(path: Path, name: str) -> Iterator[pa.Table]:
+    """The frames of one name that the log holds as bytes alone, some at a time."""
+    (can_id,) = (number for number, codec in CODEC_BY_ID.items() if entity_of(codec) == name)
+    for block in blocks(path, RAW):
+        raw = a_row_a_frame(block)
+        raw = raw.take(pa.array(np.flatnonzero(leaf(raw, "frame:can_id").to_numpy() == can_id)))
+        for frames in decoded(bus_of(raw)).by_name.values():
+            rows = raw.select(list(TIMELINES)).take(pa.array(frames.rows))
+            yield rows.append_column("frame:record", one_each(frames.signals))
+
+
+def leaf(rows: pa.Table, component: str) -> pa.Array:
+    """A component of which each row has one value."""
+    return contiguous(rows[component]).flatten()
+
+
+def newest(ticked: NDArray[Any], held: NDArray[Any]) -> NDArray[np.int64]:
+    """Which row of those at the times `held` was the last one by each of `ticked`."""
+    return np.maximum(np.searchsorted(held, ticked, side="right") - 1, 0)
+
+
+def with_slow(fast: pa.Table, slow: pa.Table) -> pa.Table:
+    """The firmware's records, the slow columns as they were last logged by then."""
+    rows = newest(sim_ns_of(fast), sim_ns_of(slow))
+    both = joined(leaf(fast, RECORD), leaf(slow, RECORD).take(pa.array(rows)))
+    return fast.set_column(fast.column_names.index(RECORD), RECORD, one_each(both))
+
+
+def joined(one: pa.StructArray, other: pa.StructArray) -> pa.StructArray:
+    """The fields of two columns of structs, in depth; `one` has those that both have."""
+    fields = {field.name: values for field, values in zip(one.type, one.flatten(), strict=True)}
+    for field, values in zip(other.type, other.flatten(), strict=True):
+        if field.name not in fields:
+            fields[field.name] = values
+        elif pa.types.is_struct(field.type):
+            fields[field.name] = joined(fields[field.name], values)
+    return pa.StructArray.from_arrays(list(fields.values()), names=list(fields))
+
+
+def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The columns within a column, flat, by dotted names."""
+    if pa.types.is_list(values.type):
+        yield from leaves(name, values.flatten())
+    elif pa.types.is_struct(values.type):
+        for field, inner in zip(values.type, values.flatten(), strict=True):
+            yield from leaves(f"{name}.{field.name}" if name else field.name, inner)
+    else:
+        yield name, values.to_numpy(zero_copy_only=False)
+
+
+def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:
+    """The columns that the log holds of a trace, as the trace itself gives them."""
+    return {TIME: sim_ns_of(rows) / NS_PER_S, **dict(leaves("", contiguous(rows[RECORD])))}
+
+
+def records_of(path: Path, entity: str) -> Records:
+    """Records in memory."""
+    columns = columns_of(in_order(blocks(path, entity)))
+    kinds = [(name, values.dtype) for name, values in columns.items()]
+    records = np.zeros(len(columns[TIME]), dtype=kinds)
+    for name, values in columns.items():
+        records[name] = values
+    return records
+
+
+class LoggedTrace(StoredColumns):
+    """The records that a log holds of a trace."""
+
+    def __init__(self, path: Path, entity: str) -> None:
+        super().__init__()
+        self._path = path
+        self._entity = entity
+        times = []
+        for block in blocks(path, entity):
+            columns = columns_of(block)
+            times.append(columns[TIME])
+        self._kind = np.dtype([(name, values.dtype) for name, values in columns.items()])
+        t_s = np.concatenate(times)
+        self._rows = len(t_s)
+        self._order = None if rises(t_s) else np.argsort(t_s, kind="stable")
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The columns."""
+        return self._kind
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
+        for block in blocks(self._path, self._entity):
+            columns = columns_of(block)
+            yield [columns[name] for name in names]
+
+    def _column(self, name: str) -> NDArray[Any]:
+        values = super()._column(name)
+        return values if self._order is None else values[self._order]
+
+
+class WithSlow:
+    """The firmware's records, the slow columns as they were last logged by then."""
+
+    def __init__(self, fast: Records, slow: Records) -> None:
+        self._fast = fast
+        self._slow = slow
+        self._newest = newest(fast[TIME], slow[TIME])
+        kinds = {name: one.dtype[name] for one in (slow, fast) for name in one.dtype.names}
+        self.dtype = np.dtype([*kinds.items()])
+
+    def __len__(self) -> int:
+        return len(self._fast)
+
+    def __getitem__(self, key: Any) -> Any:
+        if not isinstance(key, str):
+            return Selected(self, np.arange(len(self))[key])
+        return self._fast[key] if key in self._fast.dtype.names else self._slow[key][self._newest]
+
+
+class LoggedBus:
+    """The frames that a log holds, read some at a time."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def pieces(self) -> Iterator[BusLog]:
+        """The frames in pieces."""
+        for block in blocks(self._path, RAW):
+            yield bus_of(a_row_a_frame(block))
+
+    @cached_property
+    def counts(self) -> BusCounts:
+        """Its frames, counted."""
+        return counted(self.pieces())
+
+    def whole(self) -> BusLog:
+        """All frames in memory."""
+        return joined_logs(self.pieces())
+
+
+def documents(path: Path) -> dict[str, str]:
+    """The texts under `about/`, without their fences."""
+    texts = {}
+    for chunk in RrdReader(path).store().stream().filter(content="/about/**"):
+        if chunk.is_static:
+            text = chunk.to_record_batch().column("TextDocument:text")[0].as_py()[0]
+            fenced = FENCE.match(text)
+            texts[chunk.entity_path.removeprefix("/about/")] = fenced.group(1) if fenced else text
+    return texts
+
+
+def bus_of(raw: pa.Table) -> BusLog:
+    """Frames of which each has a row."""
+    data = leaf(raw, "frame:data")
+    return BusLog(
+        t_s=sim_ns_of(raw) / NS_PER_S,
+        can_id=leaf(raw, "frame:can_id").to_numpy().astype(np.int64),
+        length=pa.compute.binary_length(data).to_numpy().astype(np.int64),
+        content=b"".join(data.to_pylist()),
+    )
+
+
+def losses_of(rows: pa.Table) -> list[LogLoss]:
+    """When the recorder lost frames."""
+    return [LogLoss(**loss) for (loss,) in rows["loss:record"].to_pylist()]
+
+
+def read_traces(path: Path) -> RunTraces:
+    """What `read_run` gives of a run folder, from its log alone; columns are read when they are looked at."""
+    known, texts = entities(path), documents(path)
+
+    def small(entity: str) -> Records:
+        return records_of(path, entity) if entity in known else NO_RECORDS
+
+    def long(entity: str) -> Records:
+        return LoggedTrace(path, entity) if entity in known else NO_RECORDS
+
+    firmware = long(FIRMWARE)
+    return RunTraces(
+        plant=long("/plant"),
+        firmware=WithSlow(firmware, long(SLOW)) if SLOW in known else firmware,
+        impacts=small("/impacts/truth"),
+        operator=small("/operator"),
+        bus=LoggedBus(path) if RAW in known else NO_BUS,
+        run=json.loads(texts.get("run", "{}")),
+        outcome=json.loads(texts.get("outcome", "{}")),
+        scenario=tomllib.loads(texts.get("scenario", "")),
+        bus_errors=small("/bus_errors"),
+        losses=losses_of(table(path, "/can/lost")) if "/can/lost" in known else [],
+    )
+
+
+def content_bytes(values: NDArray[Any]) -> bytes:
+    """What a hash is taken of: the numbers' bytes, or text and blobs with their lengths."""
+    if values.dtype != object:
+        return values.tobytes()
+    blobs = [value if isinstance(value, bytes) else str(value).encode() for value in values.tolist()]
+    return b"".join(len(blob).to_bytes(4, "little") + blob for blob in blobs)
+
+
+def column_hashes(path: Path) -> dict[str, str]:
+    """A hash of each column on the simulated timeline, by `entity:column`, however the rows were chunked.
+
+    Left out are the wall clock and what the machine took, so that two runs of one seed in lockstep agree.
+    """
+    hashes = {}
+    for entity in names(path):
+        rows = table(path, entity)
+        for name in rows.column_names:
+            if name in TIMELINES and name != "sim_time":
+                continue
+            for column, values in leaves(name, contiguous(rows[name])):
+                if column.rpartition(".")[2] in MEASURED:
+                    continue
+                hashes[f"{entity}:{column}"] = hashlib.sha256(content_bytes(values)).hexdigest()
+    return hashes

@@ -1,0 +1,51 @@
+"""The numbers of a run as its log keeps them; figures, report and log are all made of these.
+
+A tick's record is kept in single precision, 24 bits: sensors resolve 16 bits, and the bus carries no more
+than 24. Energies stay in double precision, since figures are made of small differences of large sums, and so
+does the target of the speed, which holds still so that its rounding would not average out. Times are whole
+nanoseconds, as the log's timelines have them. Located impacts are kept as they are. So figures that are
+recomputed from the log are those of the verdict, bit for bit.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+TICKED = ("plant", "firmware")
+"""The traces that are kept so."""
+TIME = "t_s"
+ENERGY = "_j"
+EXACT = frozenset({TIME, "outputs.target_omega_rad_s"})
+NS_PER_S = 1e9
+
+
+def kept_type(kind: np.dtype[Any]) -> np.dtype[Any]:
+    """A record as it is kept.
+
+    >>> kept_type(np.dtype([("t_s", "f8"), ("tick", "i8"), ("x_m", "f8"), ("stored_j", "f8")])).descr
+    [('t_s', '<f8'), ('tick', '<i8'), ('x_m', '<f4'), ('stored_j', '<f8')]
+    """
+    columns = [(name, kind[name]) for name in kind.names or ()]
+    return np.dtype([(name, np.float32 if is_single(name, own) else own) for name, own in columns])
+
+
+def is_single(name: str, kind: np.dtype[Any]) -> bool:
+    """Whether a column is kept in single precision."""
+    return kind == np.float64 and name not in EXACT and not name.endswith(ENERGY)
+
+
+def kept_column(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    """A column of a trace as it is kept; what is too large for single precision is infinite."""
+    if name == TIME:
+        return np.asarray(np.round(values * NS_PER_S) / NS_PER_S)
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(values, np.float32 if is_single(name, values.dtype) else None)
+
+
+def kept(records: NDArray[np.void]) -> NDArray[np.void]:
+    """Records of a trace as they are kept."""
+    narrow = np.empty(len(records), kept_type(records.dtype))
+    for name in records.dtype.names or ():
+        narrow[name] = kept_column(name, records[name])
+    return narrow

@@ -1,0 +1,150 @@
+"""The run folder before and during a run; hil.bench.verdict judges what is in it afterwards.
+
+A run owns its folder: `claimed` makes it exclusively or takes one that is empty or that a run has made, which
+`run.json` says, and holds it for itself. It removes only the files that a run writes.
+"""
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from hil.record import trace
+from hil.record.run_traces import CAN_LOG
+
+RUNS = Path("runs")
+RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
+VERDICT = "verdict.json"
+RESERVE = "reserve"
+RESERVE_BYTES = 2 << 20
+"""Room on the disk for verdict, JUnit and outcome, of a run that fills the disk."""
+MADE_BY = "made_by"
+"""The key of a folder's note that says that this program made the folder."""
+MAKER = "vibrohil"
+
+TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
+PROCESSES = ("firmware", "plant", "firmware-again", "plant-again", "baseline", "recorder", "live")
+WRITTEN_WHOLE = (
+    *(f"{name}.trace" for name in TRACES),
+    *("run.rrd", RUN_NOTE, "outcome.json", "processes.json", "losses.json", VERDICT),
+)
+MADE_BY_A_RUN = (
+    *WRITTEN_WHOLE,
+    *(f"{name}.new" for name in WRITTEN_WHOLE),
+    *(f"{name}.log" for name in PROCESSES),
+    *("scenario.toml", CAN_LOG, "junit.xml", "report.html", RESERVE),
+)
+"""Every file that a run may write; with `.new` while it is unfinished."""
+
+
+class RunFolderError(ValueError):
+    """A folder that a run may not have; says what to do."""
+
+
+def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
+    """Whether the folder's note says that this program made it."""
+    try:
+        content = json.loads((folder / note_name).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get(MADE_BY) == MAKER
+
+
+def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
+    """Raise RunFolderError where `folder` holds anything and was not made by this program."""
+    if folder.exists() and not folder.is_dir():
+        raise RunFolderError(f"--out: {folder} is no folder; name a new or an empty one")
+    if folder.is_dir() and any(folder.iterdir()) and not is_own(folder, note_name):
+        raise RunFolderError(
+            f"--out: {folder} is not empty, and no {note_name} in it says that vibrohil made it; "
+            "name a new or an empty folder"
+        )
+
+
+def new_folder(name: str) -> Path:
+    """Make a folder under `runs`, named by the time and the scenario, that nobody else has."""
+    RUNS.mkdir(exist_ok=True)
+    stamp, number = time.strftime("%Y%m%d-%H%M%S"), 1
+    while True:
+        folder = RUNS / (f"{stamp}-{name}" if number == 1 else f"{stamp}-{name}-{number}")
+        with suppress(FileExistsError):
+            folder.mkdir()
+            return folder
+        number += 1
+
+
+@contextmanager
+def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Iterator[Path]:
+    """A folder for this process alone until the end of the block: `out_dir`, or a new one under `runs`.
+
+    The lock ends with the process, however it ends. Raises RunFolderError where `out_dir` is in use or holds
+    what this program did not make.
+    """
+    folder = new_folder(name) if out_dir is None else out_dir
+    refuse_foreign(folder, note_name)
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise RunFolderError(f"--out: {folder} is in use by another run; name another folder") from error
+        refuse_foreign(folder, note_name)
+        yield folder
+    finally:
+        os.close(lock)
+
+
+def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
+    """Remove the files that a run writes, and no others."""
+    for name in set(MADE_BY_A_RUN) - set(keep):
+        path = run_dir / name
+        if path.is_symlink() and trace.is_elsewhere(path):
+            path.resolve().unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
+
+
+def keep_the_log(run_dir: Path) -> None:
+    """Remove the traces of a good run, whose log takes their place."""
+    for name in TRACES:
+        (run_dir / f"{name}.trace").unlink(missing_ok=True)
+
+
+def discard(run_dir: Path) -> None:
+    """Remove what a run has left, and its folder where nothing else is in it."""
+    clear(run_dir)
+    with suppress(OSError):  # it holds something else, or was never made
+        run_dir.rmdir()
+
+
+def reserve(run_dir: Path) -> None:
+    """Take the room that the run's verdict will need."""
+    (run_dir / RESERVE).write_bytes(bytes(RESERVE_BYTES))
+
+
+def free_reserve(run_dir: Path) -> None:
+    """Give it back, so that the verdict has room."""
+    (run_dir / RESERVE).unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file whole or not at all: others may be reading it."""
+    unfinished = path.with_name(f"{path.name}.new")
+    unfinished.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    unfinished.rename(path)
+
+
+def note(run_dir: Path, **values: Any) -> None:
+    """Add to `run.json`."""
+    path = run_dir / RUN_NOTE
+    known = json.loads(path.read_text()) if path.exists() else {}
+    write_note(path, {**known, **values})
+
+
+def write_note(path: Path, values: Mapping[str, Any]) -> None:
+    """Write the note of a run's or a suite's folder, which says that this program made it."""
+    write_json(path, {MADE_BY: MAKER, **values})

@@ -1,0 +1,206 @@
+"""A run folder read back: the traces that figures, log and report are made of, and nothing else."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.record.candump import NO_BUS, Bus, BusCounts, BusLog, StoredBus
+from hil.record.damage import DamagedFileError, reading
+from hil.record.precision import TICKED
+from hil.record.stored_trace import PIECE_RECORDS, Records, StoredTrace
+
+FloatArray = NDArray[np.float64]
+
+CAN_LOG = "can.log"
+"""The frames of a run, as candump writes them."""
+LOSSES = "losses.json"
+"""What the recorder lost, beside can.log; no file where it lost nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogLoss:
+    """Frames that were on the bus and are not in can.log, and the simulated time around them."""
+
+    from_s: float
+    to_s: float
+    frames: int
+
+
+NO_RECORDS: Records = np.zeros(0, dtype=[])
+
+
+@dataclass(frozen=True)
+class RunTraces:
+    """All a run left behind. A trace whose process never wrote is an empty array without columns."""
+
+    plant: Records
+    firmware: Records
+    impacts: Records
+    operator: Records
+    bus: Bus
+    run: Mapping[str, Any] = field(default_factory=dict)
+    outcome: Mapping[str, Any] = field(default_factory=dict)
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+    losses: Sequence[LogLoss] = ()
+    bus_errors: Records = field(default_factory=lambda: NO_RECORDS)
+    """Of a modelled bus, whenever an error counter has changed."""
+    damage: Sequence[str] = ()
+    """What of it cannot be read, a sentence a file."""
+
+    @property
+    def is_worn(self) -> bool:
+        """Whether somebody wears the module."""
+        return "wearer" in self.scenario.get("scene", {})
+
+    @property
+    def is_walked(self) -> bool:
+        """Whether somebody walks with it."""
+        return "gait" in self.scenario.get("scene", {})
+
+
+NOTHING_LEFT = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS)
+"""Of a run that left nothing behind."""
+
+
+def column(records: Records, name: str) -> FloatArray:
+    """One column as floats; an empty trace gives an empty column, an unknown name raises."""
+    names = records.dtype.names or ()
+    if name in names:
+        return np.asarray(records[name], dtype=np.float64)
+    if len(records) == 0:
+        return np.zeros(0)
+    near = ", ".join(difflib.get_close_matches(name, names, n=3)) or ", ".join(names)
+    raise KeyError(f"the trace has no column {name!r}; it has {near}")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object, or an empty one where the file is not there."""
+    if not path.exists():
+        return {}
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise DamagedFileError(f"{path} is damaged: it holds no JSON object")
+    return content
+
+
+def read_trace(path: Path) -> Records:
+    """A trace, or an empty one where its process never got to write it."""
+    return StoredTrace(path, exact=path.stem not in TICKED) if path.exists() else NO_RECORDS
+
+
+def pieces(traces: RunTraces) -> Iterator[RunTraces]:
+    """The same run a piece at a time: records in memory, cut at the same times, and then the frames."""
+    ticked = max((traces.plant, traces.firmware), key=len)
+    edges_s = rising(ticked)[PIECE_RECORDS::PIECE_RECORDS]
+    records = {
+        name: getattr(traces, name) for name in ("plant", "firmware", "impacts", "operator", "bus_errors")
+    }
+    cuts = {
+        name: [0, *np.searchsorted(rising(one), edges_s).tolist(), len(one)] for name, one in records.items()
+    }
+    losses = traces.losses
+    for number in range(len(edges_s) + 1):
+        piece: dict[str, Any] = {
+            name: one[slice(*cuts[name][number : number + 2])] for name, one in records.items()
+        }
+        yield replace(traces, **piece, bus=NO_BUS, losses=losses)
+        losses = ()
+    none: dict[str, Any] = dict.fromkeys(records, NO_RECORDS)
+    for bus in traces.bus.pieces():
+        yield replace(traces, **none, bus=bus, losses=())
+
+
+def rising(records: Records) -> FloatArray:
+    """The times of records; never falling, however damaged they are."""
+    times: FloatArray = np.fmax.accumulate(np.fmax(column(records, "t_s"), 0.0))
+    return times
+
+
+def read_bus(path: Path) -> BusLog:
+    """A candump log, or an empty one where nobody wrote it."""
+    return StoredBus(path).whole() if path.exists() else NO_BUS
+
+
+def read_scenario(run_dir: Path) -> dict[str, Any]:
+    """The scenario as run, in raw tables."""
+    path = run_dir / "scenario.toml"
+    if not path.exists():
+        return {}
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    if not document:
+        raise DamagedFileError(f"{path} is damaged: it is empty")
+    return document
+
+
+def counted(path: Path) -> Bus:
+    """A candump log whose frames have been counted."""
+    bus = StoredBus(path)
+    _ = bus.counts
+    return bus
+
+
+def note_unreadable_lines(path: Path, counts: BusCounts) -> None:
+    """Raise DamagedFileError where more than a last line that was cut is not of candump's format."""
+    odd = counts.lines - counts.total
+    if odd > 0 or (counts.read_bytes > 0 and counts.total == 0):
+        raise DamagedFileError(
+            f"{path} is damaged: {odd} of its {counts.lines} lines are no frames; others are read"
+        )
+
+
+Part = TypeVar("Part")
+
+
+def part(damage: list[str], path: Path, read: Callable[[Path], Part], empty: Part) -> Part:
+    """What `read` makes of a file; where it is damaged that is noted, and it counts as `empty`."""
+    try:
+        with reading(path, "the rest of the run is read without it"):
+            return read(path)
+    except DamagedFileError as error:
+        damage.append(str(error))
+        return empty
+
+
+def read_run(run_dir: Path) -> RunTraces:
+    """Everything in `run_dir`, also of a run that was killed or is still going."""
+    damage: list[str] = []
+
+    def records(name: str) -> Records:
+        return part(damage, run_dir / f"{name}.trace", read_trace, NO_RECORDS)
+
+    def note(name: str) -> dict[str, Any]:
+        nothing: dict[str, Any] = {}
+        return part(damage, run_dir / name, read_json, nothing)
+
+    can_log = run_dir / CAN_LOG
+    bus: Bus = NO_BUS
+    if can_log.exists():
+        bus = part(damage, can_log, counted, bus)
+        part(damage, can_log, lambda path: note_unreadable_lines(path, bus.counts), None)
+    nothing: dict[str, Any] = {}
+    no_losses: list[LogLoss] = []
+    return RunTraces(
+        plant=records("plant"),
+        firmware=records("firmware"),
+        impacts=records("impacts"),
+        operator=records("operator"),
+        bus=bus,
+        run=note("run.json"),
+        outcome=note("outcome.json"),
+        scenario=part(damage, run_dir / "scenario.toml", lambda path: read_scenario(path.parent), nothing),
+        bus_errors=records("bus_errors"),
+        losses=part(damage, run_dir / LOSSES, read_losses, no_losses),
+        damage=damage,
+    )
+
+
+def read_losses(path: Path) -> list[LogLoss]:
+    """What the recorder could not log."""
+    return [LogLoss(**loss) for loss in read_json(path).get("losses", [])]

@@ -1,0 +1,174 @@
+"""A trace on the disk as figures, report and log read it: some rows, or one column, at a time in memory.
+
+A record has hundreds of columns, and figures are made of some tens of them. The first look at one of these
+copies them all in one pass, column by column; of a long run into a file without a name beside the trace.
+From there a column is read whole. So the memory in which a run is judged is that of a few columns.
+"""
+
+import os
+import tempfile
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.record import trace
+from hil.record.precision import kept, kept_column, kept_type
+
+MOST_IN_MEMORY_BYTES = 32 << 20
+"""Of the copied columns; with more they go to the disk."""
+PIECE_RECORDS = 16384
+"""Some thirty megabytes of what the firmware knows; each piece of a log costs some kilobytes of its own."""
+OF_FIGURES = frozenset(
+    {"state.estimator.x_m", "state.estimator.v_m_s", "state.estimator.nis", "state.gait.phase"}
+)
+"""Columns of the firmware's internal state that figures are made of."""
+OF_THE_LAYOUT = frozenset({"state.estimator.innovation_std_m_s2"})
+SELDOM_READ = ("state.", "inputs.", "counters.")
+
+
+class Records(Protocol):
+    """Records of a trace, in memory or on the disk: columns by name, rows by slices, masks and numbers."""
+
+    @property
+    def dtype(self) -> Any:
+        """The columns, as numpy has them."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+
+    def __getitem__(self, key: Any, /) -> Any:
+        """A column by its name; some of the rows otherwise."""
+
+
+class Columns:
+    """Columns in memory, each by itself: records of which some columns are wanted are not copied twice."""
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]], rows: int) -> None:
+        self._columns = columns
+        self._rows = rows
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The columns' names and kinds."""
+        return np.dtype([(name, values.dtype) for name, values in self._columns.items()])
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        return self._columns[key]
+
+
+def is_read_often(name: str) -> bool:
+    """Whether figures, plots or the layout are made of a column."""
+    return not name.startswith(SELDOM_READ) or name in OF_FIGURES | OF_THE_LAYOUT
+
+
+class StoredColumns(ABC):
+    """Records in a file; the columns that are looked at are copied to the disk and read from there."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """`folder`: where the copies lie; by default where temporary files do."""
+        self._places: dict[str, list[tuple[int, int]]] = {}
+        self._store = tempfile.SpooledTemporaryFile(  # noqa: SIM115 - closed with the records
+            MOST_IN_MEMORY_BYTES, dir=None if folder is None else str(folder)
+        )
+        weakref.finalize(self, self._store.close)
+
+    @property
+    @abstractmethod
+    def dtype(self) -> np.dtype[np.void]:
+        """The columns."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many records there are."""
+
+    @abstractmethod
+    def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
+        """Some columns of all records, some records at a time."""
+
+    def __getitem__(self, key: Any) -> Any:
+        return self._column(key) if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
+
+    def _column(self, name: str) -> NDArray[Any]:
+        """One column."""
+        kind = self.dtype[name]
+        if name not in self._places:
+            names = [other for other in self.dtype.names or () if is_read_often(other)]
+            self._copy(names if is_read_often(name) else [name])
+        parts = []
+        for place, length in self._places[name]:
+            self._store.seek(place)
+            parts.append(self._store.read(length))
+        return np.frombuffer(b"".join(parts), kind)
+
+    def _copy(self, names: Sequence[str]) -> None:
+        """Copy columns into the store."""
+        self._places |= {name: [] for name in names}
+        self._store.seek(0, os.SEEK_END)
+        for piece in self._pieces(names):
+            for name, values in zip(names, piece, strict=True):
+                place = self._store.tell()
+                self._places[name].append((place, self._store.write(values.tobytes())))
+
+
+class StoredTrace(StoredColumns):
+    """The records of a trace as they are when it is opened.
+
+    `exact`: as the trace has them, not as the log keeps them (`hil.record.precision`).
+    """
+
+    def __init__(self, path: Path, exact: bool = False) -> None:
+        super().__init__(path.parent)
+        self._path = path
+        self._exact = exact
+        self._layout = trace.layout_of(path)
+        self._kind = self._layout.dtype if exact else kept_type(self._layout.dtype)
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The columns."""
+        return self._kind
+
+    def __len__(self) -> int:
+        return self._layout.records
+
+    def __getitem__(self, key: Any) -> Any:
+        if not isinstance(key, slice):
+            return super().__getitem__(key)
+        start, stop, step = key.indices(len(self))
+        records = trace.read(self._path, start, max(start, stop))[::step]
+        return records if self._exact else kept(records)
+
+    def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
+        for start in range(0, len(self), PIECE_RECORDS):
+            piece = trace.read(self._path, start, min(start + PIECE_RECORDS, len(self)))
+            yield [piece[name] if self._exact else kept_column(name, piece[name]) for name in names]
+
+
+class Selected:
+    """Some rows of records on the disk, by their numbers."""
+
+    def __init__(self, records: Records, rows: NDArray[np.int64]) -> None:
+        self._records = records
+        self._rows = rows
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The columns."""
+        kind: np.dtype[np.void] = self._records.dtype
+        return kind
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, str):
+            return self._records[key][self._rows]
+        return Selected(self._records, self._rows[key])

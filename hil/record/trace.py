@@ -1,0 +1,363 @@
+"""Traces: what a process knew at each of its ticks, as fixed records in a memory-mapped file.
+
+The kernel owns the pages from the moment a record is written, so a killed process loses nothing, and any
+other process may read along. Under user-mode Linux the run folder holds a link until the run is over, and
+the file is in the guest's memory: pages of a mapped file that go to hostfs meanwhile hold up their writer for
+20 to 50 ms each second. A file is
+
+    magic (8 bytes) | header bytes (u32) | record bytes (u32) | records (u64) | columns as JSON | records
+
+with the records starting on a page boundary, packed, little-endian. The count is written after its record.
+A disk that is full costs the records from then on, not the process that writes them: it may be a controller.
+"""
+
+import errno
+import json
+import mmap
+import os
+import shutil
+import struct
+import sys
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.timing.realtime import is_user_mode_linux
+
+MAGIC = b"VHTRACE1"
+PREAMBLE = struct.Struct("<8sIIQ")
+COUNT = struct.Struct("<Q")
+COUNT_OFFSET = 16
+WINDOW_BYTES = 8 << 20
+"""The file's growth in one step: some ten seconds of a hundred columns at 1 kHz."""
+LARGEST_FIRST_WINDOW_BYTES = 256 << 20
+"""The most that is in memory from the start: some two minutes of what the firmware knows."""
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
+"""A full disk, a used-up quota; no memory to map the file into, or none that may be locked."""
+
+MEMORY = Path("/dev/shm")
+"""Where traces lie during a run under user-mode Linux."""
+
+FieldType = type[Any]
+"""float, int, bool, an IntEnum, or a NamedTuple of these to any depth."""
+
+
+class TraceError(ValueError):
+    """A file that is no trace, or a record that no trace can hold."""
+
+
+class Column(NamedTuple):
+    """One number of a record: its dotted name and its struct format character."""
+
+    name: str
+    code: str
+
+
+NUMPY_CODES = {"d": "<f8", "q": "<i8", "?": "?"}
+
+
+def scalar_code(name: str, kind: FieldType) -> str:
+    """The struct format character of a scalar type."""
+    if kind is float:
+        return "d"
+    if kind is bool:
+        return "?"
+    if kind is int or (isinstance(kind, type) and issubclass(kind, IntEnum)):
+        return "q"
+    raise TraceError(
+        f"trace column {name} is of type {kind!r}; wanted float, int, bool, an IntEnum or a NamedTuple"
+    )
+
+
+def is_record(kind: FieldType) -> bool:
+    """Whether `kind` is a NamedTuple class."""
+    return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
+
+
+def flatten(name: str, kind: FieldType) -> list[Column]:
+    """The columns of one field; an empty `name` gives its members no prefix.
+
+    >>> class Point(NamedTuple):
+    ...     x_m: float
+    ...     hit: bool
+    >>> flatten("truth", Point)
+    [Column(name='truth.x_m', code='d'), Column(name='truth.hit', code='?')]
+    """
+    if not is_record(kind):
+        return [Column(name, scalar_code(name, kind))]
+    hints = get_type_hints(kind)
+    prefix = f"{name}." if name else ""
+    return [column for member in kind._fields for column in flatten(prefix + member, hints[member])]
+
+
+def unpacking_source(target: str, kind: FieldType) -> tuple[list[str], list[str]]:
+    """Statements that take the record in variable `target` apart, and the expressions of its numbers.
+
+    A record of scalars is spread with a star; only records of records need statements. That is three
+    times as fast as naming each number.
+    """
+    if not is_record(kind):
+        return [], [target]
+    hints = get_type_hints(kind)
+    members = [hints[member] for member in kind._fields]
+    if not any(is_record(member) for member in members):
+        return [], [f"*{target}"]
+    names = [f"{target}_{index}" for index in range(len(members))]
+    statements, expressions = [f"({', '.join(names)},) = {target}"], []
+    for name, member in zip(names, members, strict=True):
+        inner_statements, inner_expressions = unpacking_source(name, member)
+        statements += inner_statements
+        expressions += inner_expressions
+    return statements, expressions
+
+
+def compile_packer(fields: Sequence[tuple[str, FieldType]]) -> Callable[..., None]:
+    """`pack(buffer, offset, *values)` for values of the fields' types, written out as code once."""
+    columns = [column for name, kind in fields for column in flatten(name, kind)]
+    layout = struct.Struct("<" + "".join(column.code for column in columns))
+    names = [f"v{index}" for index in range(len(fields))]
+    statements, expressions = [], []
+    for name, (_, kind) in zip(names, fields, strict=True):
+        inner_statements, inner_expressions = unpacking_source(name, kind)
+        statements += inner_statements
+        expressions += inner_expressions
+    body = [*statements, f"pack_into(buffer, offset, {', '.join(expressions)})"]
+    source = f"def pack(buffer, offset, {', '.join(names)}):\n    " + "\n    ".join(body)
+    namespace: dict[str, Any] = {"pack_into": layout.pack_into}
+    exec(compile(source, "<trace packer>", "exec"), namespace)
+    packer: Callable[..., None] = namespace["pack"]
+    return packer
+
+
+class TraceWriter:
+    """Appends records of fixed `fields` to `path`.
+
+    `fields` are pairs of a name and a type; a NamedTuple is flattened to dotted names, without a prefix
+    where its name is empty. With `expected_records` the file has its full size from the start, all in
+    memory, and nothing grows and no page is missing while a loop runs; of a long run that holds for its
+    beginning. `lost` counts records that found no room on the disk.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        fields: Sequence[tuple[str, FieldType]],
+        expected_records: int = 0,
+        resume: bool = False,
+        in_memory: bool = True,
+    ) -> None:
+        """`resume`: go on after the last record of a trace whose writer was killed, where there is one.
+
+        `in_memory`: otherwise `expected_records` are only refused where the disk has no room for them.
+
+        Raises TraceError where the disk has no room for `expected_records`.
+        """
+        self._name = path.name
+        self.columns = [column for name, kind in fields for column in flatten(name, kind)]
+        names = [column.name for column in self.columns]
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise TraceError(f"trace {path.name} names columns twice: {', '.join(twice)}")
+        self.record_bytes = struct.calcsize("<" + "".join(column.code for column in self.columns))
+        self.count = self.lost = 0
+        self._pack = compile_packer(fields)
+        described = json.dumps([[column.name, column.code] for column in self.columns]).encode()
+        page = mmap.ALLOCATIONGRANULARITY
+        self._header_bytes = -(-(PREAMBLE.size + len(described)) // page) * page
+        expected_bytes = expected_records * self.record_bytes
+        if resume and path.exists():
+            self._resume(path.resolve(), described)
+        else:
+            home = MEMORY / f"vibrohil-{os.getpid()}-{path.name}" if is_user_mode_linux() else path
+            refuse_full_disk(home, expected_bytes)
+            self._create(path, home, described)
+        self._window: mmap.mmap | None = None
+        self._offset = 0
+        self._last_offset = -1
+        first_bytes = min(expected_bytes, LARGEST_FIRST_WINDOW_BYTES) if in_memory else 0
+        window = self._open_window(max(WINDOW_BYTES, first_bytes))
+        if first_bytes and self.count == 0:
+            # Fetches each page, writable. Not where the file grows: that is thousands at once, within a loop.
+            np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] = 0
+
+    def _create(self, path: Path, home: Path, described: bytes) -> None:
+        """Begin a file with its header, at `home`; `path` leads there."""
+        # The file takes its name once its header is whole: a reader never meets half of one.
+        unfinished = home.with_name(f"{home.name}.new")
+        self._file = unfinished.open("w+b")
+        self._file.truncate(self._header_bytes)
+        self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
+        self._header[PREAMBLE.size : PREAMBLE.size + len(described)] = described
+        PREAMBLE.pack_into(self._header, 0, MAGIC, self._header_bytes, self.record_bytes, 0)
+        unfinished.rename(home)
+        if home != path:
+            path.unlink(missing_ok=True)
+            path.symlink_to(home)
+
+    def _resume(self, home: Path, described: bytes) -> None:
+        """Open a file that another process has begun."""
+        self._file = home.open("r+b")
+        self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
+        _, header_bytes, record_bytes, self.count = PREAMBLE.unpack_from(self._header)
+        known = self._header[PREAMBLE.size : PREAMBLE.size + len(described)]
+        if (header_bytes, record_bytes, known) != (self._header_bytes, self.record_bytes, described):
+            self._header.close()
+            self._file.close()
+            raise TraceError(f"{home} has other columns; only a trace of the same ones can go on")
+
+    def _open_window(self, length: int) -> mmap.mmap:
+        """Map the next `length` bytes after the records written so far, with disk space behind them."""
+        start = self._header_bytes + self.count * self.record_bytes
+        aligned = start // mmap.ALLOCATIONGRANULARITY * mmap.ALLOCATIONGRANULARITY
+        length = max(length, start - aligned + self.record_bytes)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(self._file.fileno(), aligned, length)
+        else:
+            self._file.truncate(aligned + length)
+        if self._window is not None:
+            self._window.close()
+        self._window = mmap.mmap(self._file.fileno(), length, offset=aligned)
+        self._offset = start - aligned
+        self._last_offset = length - self.record_bytes
+        return self._window
+
+    def append(self, *values: Any) -> None:
+        """Write one record, one value a field; where the disk is full it is lost, and counted."""
+        offset = self._offset
+        if offset > self._last_offset:
+            if not self._has_grown():
+                self.lost += 1
+                return
+            offset = self._offset
+        self._pack(self._window, offset, *values)
+        self._offset = offset + self.record_bytes
+        self.count += 1
+        COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """A record as numpy has it, packed."""
+        return np.dtype([(column.name, NUMPY_CODES[column.code]) for column in self.columns])
+
+    def append_all(self, records: NDArray[np.void]) -> None:
+        """Write records of `dtype`."""
+        self.append_bytes(memoryview(records.view(np.uint8)))  # type: ignore[arg-type]  # no buffer in numpy's stubs
+
+    def append_bytes(self, left: memoryview) -> None:
+        """Write records that are packed already."""
+        while left:
+            room = (self._last_offset - self._offset) // self.record_bytes + 1
+            if room <= 0 and not self._has_grown():
+                self.lost += len(left) // self.record_bytes
+                return
+            if room > 0:
+                length = min(room * self.record_bytes, len(left))
+                assert self._window is not None
+                self._window[self._offset : self._offset + length] = left[:length]
+                self._offset += length
+                self.count += length // self.record_bytes
+                left = left[length:]
+        COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
+
+    def _has_grown(self) -> bool:
+        """Whether there is room for more; once there is none, nobody asks again: each time takes long."""
+        if self.lost == 0:
+            try:
+                self._open_window(WINDOW_BYTES)
+            except OSError as error:
+                if error.errno not in NO_ROOM:
+                    raise
+                print(f"{self._name}: {error.strerror}; nothing is recorded from now on", file=sys.stderr)
+        return self._offset <= self._last_offset
+
+    def close(self) -> None:
+        """Give back the space that no record took."""
+        if self._window is None:
+            return
+        self._window.close()
+        self._window = None
+        self._header.close()
+        self._file.truncate(self._header_bytes + self.count * self.record_bytes)
+        self._file.close()
+
+    def __enter__(self) -> "TraceWriter":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def refuse_full_disk(home: Path, needed_bytes: int) -> None:
+    """Raise TraceError where a file of this number of bytes has no room."""
+    free_bytes = shutil.disk_usage(home.parent).free
+    if needed_bytes > free_bytes:
+        memory = (
+            "; give the inner kernel more, as in vibrohil kernel --memory 12G"
+            if home.parent == MEMORY
+            else ""
+        )
+        raise TraceError(
+            f"{home} of the whole run takes {needed_bytes / 1e9:.2f} GB, and {free_bytes / 1e9:.2f} GB "
+            f"are free: shorten the run or make room{memory}"
+        )
+
+
+def is_elsewhere(path: Path) -> bool:
+    """Whether a trace of a run folder leads to a file that a writer has put into memory."""
+    home = path.resolve()
+    return path.is_symlink() and home.parent == MEMORY and home.name.startswith("vibrohil-")
+
+
+def bring_home(run_dir: Path) -> None:
+    """Put traces that lie elsewhere into the run folder; once nobody writes them any more."""
+    for link in run_dir.glob("*.trace"):
+        if is_elsewhere(link):
+            elsewhere = link.resolve()
+            copy = link.with_name(f"{link.name}.new")
+            shutil.copyfile(elsewhere, copy)
+            copy.replace(link)
+            elsewhere.unlink()
+
+
+class Layout(NamedTuple):
+    """What the header of a trace says: its columns, where its records begin, and how many are whole."""
+
+    dtype: np.dtype[np.void]
+    header_bytes: int
+    records: int
+
+
+def layout_of(path: Path) -> Layout:
+    """The layout of a trace, also while it is being written and after its writer was killed."""
+    with path.open("rb") as file:
+        preamble = file.read(PREAMBLE.size)
+        if len(preamble) < PREAMBLE.size or not preamble.startswith(MAGIC):
+            raise TraceError(f"{path} is no trace: it starts with {preamble[:8]!r}, wanted {MAGIC!r}")
+        _, header_bytes, record_bytes, count = PREAMBLE.unpack(preamble)
+        described = file.read(header_bytes - PREAMBLE.size).rstrip(b"\0")
+        held_bytes = max(0, os.fstat(file.fileno()).st_size - header_bytes)
+    dtype = np.dtype([(name, NUMPY_CODES[code]) for name, code in json.loads(described)])
+    if dtype.itemsize != record_bytes:
+        raise TraceError(
+            f"{path} is damaged: a record has {record_bytes} bytes, its columns {dtype.itemsize}"
+        )
+    return Layout(dtype, header_bytes, min(count, held_bytes // record_bytes))
+
+
+def read(path: Path, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
+    """The records from number `start` on, up to `stop`, as a structured array with columns by dotted names.
+
+    Works while the file is being written and after its writer was killed.
+    """
+    dtype, header_bytes, count = layout_of(path)
+    end = count if stop is None else min(stop, count)
+    with path.open("rb") as file:
+        file.seek(header_bytes + start * dtype.itemsize)
+        content = file.read(max(0, end - start) * dtype.itemsize)
+    whole = len(content) // dtype.itemsize * dtype.itemsize
+    return np.frombuffer(content[:whole], dtype)

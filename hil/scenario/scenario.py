@@ -1,0 +1,277 @@
+"""A scenario: a plant, the firmware's parameters, a script of commands, and the checks that judge the run.
+
+Files lie in hil/scenarios, in folders by what breaks, named as sentences. `read_scenario` gives the raw
+tables with a scene's name replaced by its tables, so that every value can be changed; `load_scenario` checks
+them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from firmware_py.core.step import Config
+from firmware_py.shell.parameters import config_from
+from hil.judge.checks import Check
+from hil.scenario.fault_tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
+from hil.scenario.operator import Command, Request
+from hil.scenario.parameter_file import merged, read_parameters
+from hil.scenario.settings import Settings, apply_settings, as_texts
+from plant_sim.scene import Scene, load_scene, read_scene
+from plant_sim.scene_tables import Table
+from plant_sim.text_input import TextInputError, read_toml
+from plant_sim.validation_messages import complaints, nearest
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+LARGEST_RATIO = 4.0
+"""The command frame carries no more."""
+LARGEST_IMPULSE_N_S = 6.5
+"""Neither of this."""
+
+
+REALTIME_PERIOD_S = 1e-3
+"""What classic CAN at 1 Mbit/s carries."""
+
+
+class ScenarioError(TextInputError):
+    """A scenario that cannot be run; the message has one sentence for each thing wrong with it."""
+
+
+class CommandTable(Table):
+    """One line of the script."""
+
+    at_s: float = Field(ge=0.0, description="when it is given, in s from the start")
+    request: Literal["idle", "run", "clear-faults", "e-stop", "silent"] = Field(
+        description="what is asked for: idle, run, clear-faults, e-stop or silent"
+    )
+    target_ratio: float | None = Field(
+        default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
+    )
+    target_impulse_n_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=LARGEST_IMPULSE_N_S,
+        description="the impulse of an impact to be held, in N s, once the drive has reached its ratio",
+    )
+
+    @model_validator(mode="after")
+    def _run_has_a_target(self) -> Self:
+        if (self.request == "run") == (self.target_ratio is None):
+            given = "no target_ratio" if self.target_ratio is None else f"target_ratio = {self.target_ratio}"
+            raise ValueError(
+                f"the command at {self.at_s} s asks for {self.request!r} with {given}; "
+                "'run' takes a target_ratio, e.g. 1.3, the others none"
+            )
+        if self.request != "run" and self.target_impulse_n_s is not None:
+            raise ValueError(
+                f"the command at {self.at_s} s asks for {self.request!r} with target_impulse_n_s = "
+                f"{self.target_impulse_n_s}; only 'run' takes one, leave it out"
+            )
+        return self
+
+
+class ScriptTable(Table):
+    """How long the run takes and what the operator does in it."""
+
+    duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
+    commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
+    faults: list[AnyFault] = Field(default=[], description="the tables [[script.faults]]")
+
+    @model_validator(mode="after")
+    def _commands_come_in_time(self) -> Self:
+        for command in self.commands:
+            if command.at_s >= self.duration_s:
+                raise ValueError(
+                    f"the command at {command.at_s} s comes after the end, script.duration_s = "
+                    f"{self.duration_s}; give it earlier, or let the run last longer"
+                )
+        for fault in self.faults:
+            if fault.at_s >= self.duration_s:
+                raise ValueError(
+                    f"the fault {fault.kind!r} at {fault.at_s} s comes after the end, script.duration_s = "
+                    f"{self.duration_s}; let it begin earlier, or let the run last longer"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _a_process_ends_once(self) -> Self:
+        ended: set[str] = set()
+        for fault in self.faults:
+            if isinstance(fault, Killed | Restarted):
+                if fault.process in ended:
+                    raise ValueError(f"the {fault.process} ends twice; kill or restart a process once a run")
+                ended.add(fault.process)
+        return self
+
+
+class BusTable(Table):
+    """The bus model, in lockstep; real time has a bus of its own."""
+
+    bitrate: int = Field(
+        default=1_000_000, ge=10_000, le=1_000_000, description="the modelled bus's bits per second"
+    )
+
+
+class ScenarioTable(Table):
+    """The file, its scene and its firmware's parameters not yet looked into."""
+
+    title: str = Field(min_length=1, description="what must hold, as a sentence")
+    scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
+    firmware: dict[str, Any] = Field(
+        default={}, description="parameters that differ from their defaults, or a file of `vibrohil tune`"
+    )
+    bus: BusTable | None = Field(default=None, description="the table [bus]: frames take their time")
+    script: ScriptTable = Field(description="the table [script] with duration_s and commands")
+    seed: int = Field(default=1, ge=0, description="the seed of a run that is given none")
+    checks: list[Check] = Field(default=[], description="the tables [[checks]]")
+
+    @model_validator(mode="after")
+    def _bus_faults_have_a_bus(self) -> Self:
+        for fault in self.script.faults:
+            if isinstance(fault, BusOff | Disturbed) and self.bus is None:
+                raise ValueError(
+                    f"the fault {fault.kind!r} acts in the bus model, and the scenario has none; "
+                    "add the table [bus]"
+                )
+        return self
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A checked scenario; `document` is what to write beside a run."""
+
+    name: str
+    title: str
+    scene: Scene
+    config: Config
+    parameters: dict[str, Any]
+    """The firmware's, where they differ from the defaults."""
+    bitrate: int | None
+    """The modelled bus's; None: frames arrive at once."""
+    duration_s: float
+    commands: tuple[Command, ...]
+    faults: tuple[Fault, ...]
+    seed: int
+    """Of a run that is given none."""
+    checks: tuple[Check, ...]
+    document: Mapping[str, Any]
+    changes: tuple[str, ...]
+    """What was changed over the file: parameter files by name, and settings as KEY=VALUE."""
+
+    @property
+    def period_s(self) -> float:
+        """The control period, which paces plant and firmware alike."""
+        return self.config.tick_s
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the whole run."""
+        return round(self.duration_s / self.period_s)
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with the package."""
+    return sorted(path.stem for path in SCENARIOS.rglob("*.toml"))
+
+
+def scenario_path(source: str | Path) -> Path:
+    """The file of a named scenario, or the path itself: a text with a slash or ending in .toml."""
+    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
+        if source not in scenario_names():
+            raise ScenarioError(
+                f"{source!r} is no named scenario; {nearest(source, scenario_names())} "
+                "(a file's path ends in .toml)"
+            )
+        return next(SCENARIOS.rglob(f"{source}.toml"))
+    return Path(source)
+
+
+def read_scenario(source: str | Path) -> dict[str, Any]:
+    """The raw tables of a named scenario or of a TOML file, its scene written out."""
+    path = scenario_path(source)
+    document = read_toml(path, "scenario file", "give a scenario's file, or the name of a scenario")
+    if isinstance(document.get("scene"), str):
+        document["scene"] = read_scene(document["scene"])
+    if isinstance(document.get("firmware"), str):
+        document["firmware"] = read_parameters(path.parent / document["firmware"])
+    return {"firmware": {}, **document}
+
+
+def load_scenario(
+    source: str | Path, settings: Settings = (), parameter_files: Sequence[Path] = ()
+) -> Scenario:
+    """A checked scenario from a name or a file, with tuned parameters and, over them, `KEY=VALUE` changes.
+
+    Raises `ScenarioError`, the scene's `SceneError`, a file's `TextInputError` or the firmware's
+    `ParameterError`.
+    """
+    document = read_scenario(source)
+    if parameter_files:
+        document["firmware"] = merged(document["firmware"], parameter_files)
+    changes = (*map(str, parameter_files), *as_texts(settings))
+    return check_scenario(apply_settings(document, settings), scenario_path(source).stem, changes)
+
+
+def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str] = ()) -> Scenario:
+    """A checked scenario from raw tables; `changes` says what was changed over its file."""
+    try:
+        table = ScenarioTable.model_validate(document)
+    except ValidationError as error:
+        raise ScenarioError("\n".join(complaints(error, ScenarioTable))) from error
+    scene = load_scene(table.scene)
+    _refuse_without_motor_or_sensors(scene)
+    return Scenario(
+        name=name,
+        title=table.title,
+        scene=scene,
+        config=config_from(table.firmware),
+        parameters=table.firmware,
+        bitrate=None if table.bus is None else table.bus.bitrate,
+        duration_s=table.script.duration_s,
+        commands=tuple(
+            Command(
+                command.at_s,
+                Request(command.request),
+                command.target_ratio or 0.0,
+                command.target_impulse_n_s or 0.0,
+            )
+            for command in table.script.commands
+        ),
+        faults=tuple(table.script.faults),
+        seed=table.seed,
+        checks=tuple(table.checks),
+        document=document,
+        changes=tuple(changes),
+    )
+
+
+def _refuse_without_motor_or_sensors(scene: Scene) -> None:
+    """The firmware needs a motor that takes its torque, and sensors to read."""
+    if scene.drive.model == "ideal":
+        raise ScenarioError(
+            "scene.drive.model = 'ideal' turns at its own speed whatever the firmware commands; set "
+            "'motor' or 'dq-motor' (without ratio, frequency_hz or speed_rad_s), or run the scene alone with "
+            "`vibrohil simulate`"
+        )
+    if scene.sensors is None:
+        raise ScenarioError("scene has no sensors for the firmware to read; add the table [scene.sensors]")
+
+
+def refuse_other_periods(period_s: float) -> None:
+    """Only lockstep may tick faster or slower than the bus carries."""
+    if period_s != REALTIME_PERIOD_S:
+        raise ScenarioError(
+            f"firmware.control.tick_s = {period_s}: in real time the bus carries one tick a "
+            f"{REALTIME_PERIOD_S} s; leave it out, or run with --clock lockstep"
+        )
+
+
+def refuse_modelled_bus(scenario: Scenario) -> None:
+    """A bus of its own behaves by itself: only lockstep has the model of one."""
+    if scenario.bitrate is not None:
+        raise ScenarioError(
+            f"scenario {scenario.name!r} has the table [bus], a modelled bus, which real time has not; "
+            "run it with --clock lockstep"
+        )

@@ -1,0 +1,113 @@
+"""One scenario in many seeds: noise and the moment of its fault sampled anew; one verdict of all of them.
+
+The verdict has the worst figure of each check.
+"""
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hil.judge.checks import Check
+from hil.scenario.scenario import Scenario, check_scenario
+
+BEYOND = -math.inf
+
+AS_WRITTEN = 1
+"""The seed in which faults come when the scenario says."""
+DRIVE_PERIOD_S = 0.61
+"""At r = 1.1, where faults are provoked: a fault that is this much later has the same phase."""
+SEED_OF_MOMENTS = 4000
+"""Independent of the seeds of all faults."""
+
+
+def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
+    """The scenario with all from its first fault on later, by up to a drive period, sampled by the seed.
+
+    What is wrong from the start stays so.
+    """
+    first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
+    if seed == AS_WRITTEN or first_s == 0.0:
+        return scenario
+    ticks = DRIVE_PERIOD_S / scenario.period_s
+    by_ticks = int(np.random.default_rng([seed, SEED_OF_MOMENTS]).integers(1, int(ticks)))
+    document = copy.deepcopy(dict(scenario.document))
+    script = document["script"]
+    for line in [script, *script.get("commands", []), *script["faults"]]:
+        key = "duration_s" if line is script else "at_s"
+        if line is script or line[key] >= first_s:
+            line[key] = round(line[key] + by_ticks * scenario.period_s, 6)
+    return check_scenario(document, scenario.name, scenario.changes)
+
+
+def margin(check: Check, value: Any) -> float:
+    """How far inside its limit a figure lies, in its own unit; below 0 it fails, and what is missing most.
+
+    >>> margin(Check(name="peak_force_n", low=90.0, high=180.0), 175.0)
+    5.0
+    >>> margin(Check(name="regime", equals="impact"), "lost")
+    -inf
+    """
+    if check.equals is not None:
+        alike = isinstance(value, bool) == isinstance(check.equals, bool)
+        return 0.0 if alike and value == check.equals else BEYOND
+    if value is None or isinstance(value, bool | str) or not math.isfinite(value):
+        return BEYOND
+    sides = [math.inf if check.high is None else check.high - value]
+    sides.append(math.inf if check.low is None else value - check.low)
+    return float(min(sides))
+
+
+def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """One check's results by seed as one: the value nearest to or furthest beyond its limit, and its seed;
+    the lowest and the highest value, where they are numbers; in how many seeds it passed; and of each seed
+    the value and the margin, None where the figure is missing.
+    """
+    seed = min(results, key=lambda one: (results[one]["passed"], margin(check, results[one]["value"])))
+    values = [results[one]["value"] for one in sorted(results)]
+    margins = [margin(check, value) for value in values]
+    numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
+    return {
+        **results[seed],
+        "seed": seed,
+        "passed_seeds": sum(bool(one["passed"]) for one in results.values()),
+        "lowest": min(numbers, default=None),
+        "highest": max(numbers, default=None),
+        "values": values,
+        "margins": [inside if math.isfinite(inside) else None for inside in margins],
+    }
+
+
+def merged(checks: Sequence[Check], verdicts: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
+    """The verdicts of one scenario by seed as one, on the first failed run or else the first run.
+
+    It has passed if all have. `checks` are the scenario's, in the order of the verdicts' results.
+    """
+    failed = [seed for seed, verdict in sorted(verdicts.items()) if not verdict["passed"]]
+    shown = verdicts[failed[0] if failed else min(verdicts)]
+    results = [
+        worst_of(check, {seed: verdict["checks"][number] for seed, verdict in verdicts.items()})
+        for number, check in enumerate(checks)
+    ]
+    reasons = [f"seed {seed}: {reason}" for seed in failed for reason in verdicts[seed]["reasons"]]
+    return {
+        **shown,
+        "checks": results,
+        "reasons": reasons,
+        "passed": not failed,
+        "real_time": None
+        if shown["real_time"] is None
+        else all(one["real_time"] for one in verdicts.values()),
+        "seeds": len(verdicts),
+        "passed_seeds": len(verdicts) - len(failed),
+        "failed_seeds": failed,
+        "work_ratios": [work_ratio(verdict) for _, verdict in sorted(verdicts.items())],
+    }
+
+
+def work_ratio(verdict: Mapping[str, Any]) -> float | None:
+    """The firmware's median work in a tick over the plant's; None where either was not timed."""
+    firmware, plant = (verdict["loops"][name]["work_us"]["p50"] for name in ("firmware", "plant"))
+    return float(firmware / plant) if firmware and plant else None

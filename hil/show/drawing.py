@@ -1,0 +1,139 @@
+"""A moving picture of the module: crank, yoke, spring, striker and stop, the estimated striker as a ghost.
+
+Shapes are drawn once and moved by transforms at 50 Hz. Lengths are in millimetres, seen from the side, with
+the striker's axis pointing right. The crank is drawn as the Scotch yoke that x_A = A sin θ describes exactly.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from hil.record.run_traces import column
+from hil.record.state_timeline import ALARM, CALM, ESTIMATE, TRUTH
+from hil.record.stored_trace import Records
+
+FloatArray = NDArray[np.float64]
+TimeColumns = Callable[[FloatArray], list[rr.TimeColumn]]
+
+EVERY_TICKS = 20
+CRANK_MM = -90.0
+"""Where the crank's axle stands, left of the piston's middle position at 0."""
+STRIKER_MM = 26.0
+COILS = 7
+FLASH_S = 0.08
+METAL, FLASH = 0xB8BCC4FF, 0xFFD60AFF
+
+
+def color(rgba: int) -> NDArray[np.uint32]:
+    """One colour, as the SDK takes it without guessing."""
+    return np.array([rgba], np.uint32)
+
+
+def box(left_mm: float, right_mm: float, half_height_mm: float) -> list[list[float]]:
+    """The closed outline of a rectangle about the axis."""
+    h = half_height_mm
+    return [[left_mm, -h], [right_mm, -h], [right_mm, h], [left_mm, h], [left_mm, -h]]
+
+
+def zigzag() -> list[list[float]]:
+    """A spring of length 1 along x, to be stretched."""
+    turns = np.linspace(0.08, 0.92, 2 * COILS)
+    heights = np.where(np.arange(2 * COILS) % 2 == 0, -8.0, 8.0)
+    inner = np.column_stack([turns, heights]).tolist()
+    return [[0.0, 0.0], *inner, [1.0, 0.0]]
+
+
+def moved(x_mm: FloatArray) -> FloatArray:
+    """Translations along the axis, shape (n, 3)."""
+    return np.column_stack([x_mm, np.zeros_like(x_mm), np.zeros_like(x_mm)])
+
+
+class Drawing:
+    """The module of one scenario, drawn into a recording."""
+
+    def __init__(self, recording: rr.RecordingStream, time: TimeColumns, scenario: Mapping[str, Any]) -> None:
+        scene = scenario.get("scene", {})
+        self.recording = recording
+        self.time = time
+        self.amplitude_mm = 1e3 * float(scene.get("drive", {}).get("amplitude_m", 0.02))
+        stop_m = scene.get("stop", {}).get("position_m")
+        self.stop_mm = None if stop_m is None else 1e3 * float(stop_m)
+        self._declared: set[str] = set()
+
+    def _strips(self, entity: str, lines: list[Any], rgba: int, width: float) -> None:
+        """Lines of `width` points on the screen, whatever they are stretched by."""
+        shape = rr.LineStrips2D(lines, colors=color(rgba), radii=rr.Radius.ui_points(0.5 * width))
+        self.recording.log(f"module/{entity}", shape, static=True)
+
+    def _declare_truth(self) -> None:
+        """The shapes, which do not change."""
+        a, slot = self.amplitude_mm, self.amplitude_mm + 6.0
+        angle = np.linspace(0.0, 2.0 * np.pi, 48)
+        circle = np.column_stack([CRANK_MM + a * np.cos(angle), a * np.sin(angle)])
+        self._strips("frame", [circle.tolist(), [[CRANK_MM - 40.0, 36.0], [215.0, 36.0]]], CALM, 1.0)
+        self._strips("crank", [[[0.0, 0.0], [0.0, -a]]], METAL, 4.0)
+        yoke = [[[CRANK_MM, -slot], [CRANK_MM, slot]], [[CRANK_MM, 0.0], [0.0, 0.0]]]
+        self._strips("yoke", [*yoke, [[0.0, -14.0], [0.0, 14.0]]], METAL, 3.0)
+        self._strips("spring", [zigzag()], METAL, 1.6)
+        self._strips("striker", [box(-STRIKER_MM, 0.0, 16.0)], TRUTH, 4.0)
+        if self.stop_mm is not None:
+            x = self.stop_mm
+            hatching = [[[x, y], [x + 7.0, y - 7.0]] for y in np.arange(-21.0, 29.0, 7.0).tolist()]
+            self._strips("wall", [[[x, -28.0], [x, 28.0]], *hatching], ALARM, 2.0)
+
+    def _declare_estimate(self) -> None:
+        """The ghost; alone in the picture where a log holds no truth."""
+        self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
+
+    def _once(self, declare: Callable[[], None]) -> None:
+        """Draw the shapes of a part before it first moves."""
+        if declare.__name__ not in self._declared:
+            self._declared.add(declare.__name__)
+            declare()
+
+    def _move(self, entity: str, t_s: FloatArray, **transform: Any) -> None:
+        columns = rr.Transform3D.columns(**transform)
+        self.recording.send_columns(f"module/{entity}", self.time(t_s), [*columns])
+
+    def truth(self, plant: Records) -> None:
+        """Crank, yoke, spring and striker where they truly are."""
+        shown = plant[column(plant, "tick") % EVERY_TICKS == 0]
+        if len(shown) == 0:
+            return
+        self._once(self._declare_truth)
+        t_s, half = column(shown, "t_s"), 0.5 * column(shown, "crank_rad")
+        piston_mm = self.amplitude_mm * np.sin(2.0 * half)
+        striker_mm = 1e3 * column(shown, "x_m")
+        zero, one = np.zeros_like(half), np.ones_like(half)
+        turn = np.column_stack([zero, zero, np.sin(half), np.cos(half)])
+        self._move("crank", t_s, translation=moved(zero + CRANK_MM), quaternion=turn)
+        self._move("yoke", t_s, translation=moved(piston_mm))
+        stretch = np.column_stack([striker_mm - STRIKER_MM - piston_mm, one, one])
+        self._move("spring", t_s, translation=moved(piston_mm), scale=stretch)
+        self._move("striker", t_s, translation=moved(striker_mm))
+
+    def estimate(self, firmware: Records) -> None:
+        """The striker at its estimated place."""
+        shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
+        if len(shown):
+            self._once(self._declare_estimate)
+            ghost_mm = 1e3 * column(shown, "state.estimator.x_m")
+            self._move("ghost", column(shown, "t_s"), translation=moved(ghost_mm))
+
+    def flashes(self, impacts: Records) -> None:
+        """A flash at the stop from each touch-down on."""
+        if len(impacts) == 0 or self.stop_mm is None:
+            return
+        lit_s = column(impacts, "t_s")
+        t_s = np.concatenate([lit_s, lit_s + FLASH_S])
+        radius_mm = np.concatenate([np.full(len(lit_s), 9.0), np.zeros(len(lit_s))])
+        order = np.argsort(t_s, kind="stable")
+        columns = rr.Points2D.columns(
+            positions=np.tile([self.stop_mm, 0.0], (len(t_s), 1)),
+            radii=radius_mm[order],
+            colors=np.full(len(t_s), FLASH, np.uint32),
+        )
+        self.recording.send_columns("module/flash", self.time(t_s[order]), [*columns])

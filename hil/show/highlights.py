@@ -1,0 +1,123 @@
+"""When in a run to look: the run-up, a close-up, and the moment of each failed check."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from hil.judge import detection
+from hil.judge.checks import CheckResult
+from hil.judge.figure_records import Figures
+from hil.record.run_traces import RunTraces, column
+from hil.record.stored_trace import Records
+from hil.show.layout import Mark, Moments
+from hil.show.verdict_text import measured
+
+CLOSE_UP_S = 3.0
+"""Some four to twelve drive periods."""
+
+
+def first(records: Records, name: str) -> float | None:
+    """When a column first differs from zero."""
+    at = np.flatnonzero(column(records, name) != 0.0)
+    return float(column(records, "t_s")[at[0]]) if len(at) else None
+
+
+def largest(records: Records, name: str) -> float | None:
+    """When a column is largest."""
+    values = column(records, name)
+    if not np.isfinite(values).any():
+        return None
+    return float(column(records, "t_s")[int(np.nanargmax(values))])
+
+
+def first_missed(traces: RunTraces) -> float | None:
+    """The first touch-down that was to be seen and was not."""
+    touch_down_s = column(traces.impacts, "t_s")
+    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
+    pairs = detection.match(touch_down_s, column(seen, "t_s"))
+    missed = detection.due(column(traces.impacts, "v_m_s"), column(traces.impacts, "peak_force_n"))
+    missed[pairs.truth] = False
+    return float(touch_down_s[missed][0]) if missed.any() else None
+
+
+def first_false_alarm(traces: RunTraces) -> float | None:
+    """The first detection that belongs to no touch-down."""
+    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
+    detected_s = column(seen, "t_s")
+    pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
+    false = np.ones(len(detected_s), bool)
+    false[pairs.detection] = False
+    return float(detected_s[false][0]) if false.any() else None
+
+
+def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
+    """Where a failed check on the figure `name` is best looked into; at worst the end of the run."""
+    group = name.split(".", maxsplit=1)[0]
+    looked_up: dict[str, Callable[[], float | None]] = {
+        "detector.recall": lambda: first_missed(traces),
+        "detector.precision": lambda: first_false_alarm(traces),
+        "fault": lambda: first(traces.firmware, "outputs.fault"),
+        "peak_force_n": lambda: largest(traces.impacts, "peak_force_n"),
+        "felt": lambda: largest(traces.plant, "felt_force_n") if traces.is_worn else None,
+        "largest_v_m_s": lambda: largest(traces.impacts, "v_m_s"),
+        "tick_us": lambda: largest(traces.firmware, "work_us"),
+        "wake_us": lambda: largest(traces.firmware, "wake_latency_us"),
+    }
+    known = {
+        "gait": figures.gait.end_s,
+        "safe_state": figures.safe_state.at_s,
+        "motor_torque_after_stop_n_m": figures.safe_state.at_s,
+        "regime": figures.hold_end_s,
+        "impacts_per_period": figures.hold_end_s,
+        "impact_v_m_s": figures.hold_end_s,
+        "speed": figures.hold_end_s,
+        "estimate": figures.hold_end_s,
+        "capture_s": figures.hold_start_s,
+        "largest_v_on_the_way_m_s": figures.hold_start_s,
+    }
+    look = looked_up.get(name, looked_up.get(group))
+    moment = known.get(name, known.get(group)) if look is None else look()
+    return figures.duration_s if moment is None else moment
+
+
+def usual_innovation(traces: RunTraces) -> float:
+    """The median σ of the innovation where the model corrects the estimate, m/s²; 1 without such a record."""
+    if "state.estimator.nis" not in (traces.firmware.dtype.names or ()):
+        return 1.0  # a real bench's log has what was on the bus, and no covariance is
+    corrected = traces.firmware[column(traces.firmware, "state.estimator.nis") > 0.0]
+    if len(corrected) == 0:
+        return 1.0
+    return float(np.median(column(corrected, "state.estimator.innovation_std_m_s2")))
+
+
+def marks(
+    results: Iterable[CheckResult], traces: RunTraces, figures: Figures, passed: bool = False
+) -> list[Mark]:
+    """A mark for each check that failed, or for each that `passed`."""
+    word = "passed" if passed else "failed"
+    return [
+        Mark(moment_of(result.name, traces, figures), f"check {word}: {in_words(result)}")
+        for result in results
+        if result.passed is passed
+    ]
+
+
+def in_words(result: CheckResult) -> str:
+    """What was measured and what was wanted."""
+    return f"{result.name} is {measured(result)}, wanted {result.limit} {result.unit}".rstrip()
+
+
+def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Moments:
+    """What the log opens on: the first failed check, else the end of the run-up, else the end of the run."""
+    end_s = figures.duration_s
+    at_s = min((mark.t_s for mark in failed), default=figures.hold_start_s)
+    start_s = first(traces.operator, "request")
+    run_up_end_s = figures.hold_start_s if figures.hold_start_s is not None else end_s
+    centre_s = end_s if at_s is None else at_s
+    left_s = min(max(centre_s - CLOSE_UP_S / 2.0, 0.0), max(end_s - CLOSE_UP_S, 0.0))
+    return Moments(
+        largest_v_m_s=figures.largest_v_m_s or 1.0,
+        innovation_std_m_s2=usual_innovation(traces),
+        run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),
+        detail_s=(left_s, left_s + CLOSE_UP_S),
+    )

@@ -1,0 +1,435 @@
+"""The layout that comes with a log: what one wants to see first, legible at 1280 × 800.
+
+Plots pick fields out of the traces' records, so names, units and colours of the series live here.
+"""
+
+from typing import Any, NamedTuple
+
+import rerun.blueprint as rrb
+
+from hil.record.state_timeline import ALARM, ESTIMATE, GOOD, OTHER, TARGET, TRUTH
+from hil.show.views import (
+    IMPACTS,
+    POSITION,
+    SPEED,
+    TORQUE,
+    VELOCITY,
+    Dots,
+    Line,
+    Whole,
+    lanes,
+    module,
+    plot,
+    shares,
+    texts,
+)
+
+LARGEST_NIS = 9.0
+"""Of an honest filter 0.3 % lie beyond; a contact not yet found goes into the thousands."""
+
+DARK_TRUTH, DARK_ESTIMATE = 0x2E6DA8FF, 0xA8691EFF
+
+
+class Moments(NamedTuple):
+    """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest impact,
+    and the innovation's usual σ in flight.
+    """
+
+    run_up_s: tuple[float, float]
+    detail_s: tuple[float, float]
+    largest_v_m_s: float
+    innovation_std_m_s2: float
+
+
+class Contents(NamedTuple):
+    """What a run's log holds that not every log does: a panel appears where it has something to show."""
+
+    worn: bool = False
+    walked: bool = False
+    impacts: bool = True
+    judged: bool = False
+    failed: bool = False
+    injected: bool = False
+    measured: bool = True
+    """What the loops took; nobody measures that in lockstep."""
+    bus_errors: bool = False
+    imported: bool = False
+    """From a real bench: of its sensors there are frames, and no inputs of the firmware."""
+    refused: bool = True
+    """Frames that could not be decoded."""
+
+
+class Mark(NamedTuple):
+    """A moment worth finding again: that of a failed check."""
+
+    t_s: float
+    text: str
+
+
+def overview(
+    detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
+) -> Any:
+    """What the run was, at one glance: the verdict, and what explains it."""
+    more = [*(["injected"] if contents.injected else []), *(["checks"] if contents.failed else [])]
+    verdict = [rrb.TextDocumentView(origin="/about/verdict", name="Verdict")] * contents.judged
+    return shares(
+        rrb.Vertical,
+        lanes("Modes and regimes", "mode", "regime", *more),
+        plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
+        rrb.Horizontal(
+            *(
+                [plot("Impacts", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom)]
+                if contents.impacts
+                else []
+            ),
+            plot("Crank speed [rad/s]", *SPEED, legend=None),
+            plot("Torque [N m]", *TORQUE, legend=None),
+        ),
+        rrb.Horizontal(module(), *verdict, texts("Events", "/events")),
+        by=(5 + len(more), 7, 5, 6),
+        name="Overview",
+    )
+
+
+def start_up(
+    run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
+) -> Any:
+    """How the striker got onto its orbit."""
+    impact_plots = [plot("Impacts", *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
+    return shares(
+        rrb.Vertical,
+        plot("Striker [m]", *POSITION, span_s=run_up_s, legend=rrb.Corner2D.LeftBottom),
+        *impact_plots,
+        plot("Crank speed [rad/s]", *SPEED, span_s=run_up_s),
+        plot("Torque [N m]", *TORQUE, span_s=run_up_s),
+        by=(4, *[2] * (2 + len(impact_plots))),
+        name="Start-up",
+    )
+
+
+def sensed(imported: bool) -> list[Line | Whole]:
+    """The accelerometer's signals as the firmware received them; of an imported log as they were sent."""
+    entity = "/can/Accelerometer" if imported else "/firmware"
+    high, low = ("striker_high", "striker_low") if imported else ("high", "low")
+    group = "" if imported else "inputs.accelerometer."
+    return [
+        Line(entity, f"{group}{high}_m_s2", "high range", "m/s²", OTHER),
+        Line(entity, f"{group}{low}_m_s2", "low range", "m/s²", ESTIMATE),
+        Line(entity, f"{group}housing_m_s2", "housing", "m/s²", TARGET),
+    ]
+
+
+def estimator(
+    detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None, imported: bool
+) -> Any:
+    """Whether the filter is right and honest about it."""
+    innovation = "state.estimator.innovation_m_s2"
+    deviation = "state.estimator.innovation_std_m_s2"
+    return rrb.Vertical(
+        plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
+        rrb.Horizontal(
+            plot(
+                "Error of the position, whole run [m]",
+                Line("/estimate_error", "x_m", "estimate − truth", "m", ESTIMATE),
+                Whole("/limits/x_error/**"),
+            ),
+            plot(
+                "Error of the velocity, whole run [m/s]",
+                Line("/estimate_error", "v_m_s", "estimate − truth", "m/s", ESTIMATE),
+            ),
+        ),
+        plot(
+            "Acceleration, close up [m/s²]",
+            *sensed(imported),
+            Line("/plant", "accel_m_s2", "true", "m/s²", TRUTH),
+            span_s=detail_s,
+            legend=rrb.Corner2D.LeftBottom,
+        ),
+        rrb.Horizontal(
+            plot(
+                "Innovation in flight, close up [m/s²]",
+                Line("/firmware", innovation, "innovation", "m/s²", ESTIMATE),
+                Line("/firmware", deviation, "its σ", "m/s²", TARGET),
+                span_s=detail_s,
+                range_y=innovations_m_s2,
+            ),
+            plot(
+                "NIS",
+                Line("/firmware", "state.estimator.nis", "NIS", "", OTHER),
+                range_y=(0.0, LARGEST_NIS),
+            ),
+            plot(
+                "Accelerometer bias [m/s²]",
+                Line(
+                    "/firmware",
+                    "state.estimator.bias_m_s2",
+                    "bias ± σ",
+                    "m/s²",
+                    ESTIMATE,
+                    "state.estimator.p_bb",
+                ),
+                legend=rrb.Corner2D.RightBottom,
+            ),
+        ),
+        name="Estimator",
+    )
+
+
+def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, worn: bool) -> Any:
+    """The impacts: how fast, how hard, what the wearer feels of them, and what they cost."""
+    forces: list[Line | Whole] = [Line("/plant", "stop_force_n", "on the stop", "N", TRUTH)]
+    if worn:
+        forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER), Whole("/limits/felt/**")]
+    return rrb.Vertical(
+        rrb.Horizontal(
+            plot("Approach speed", *IMPACTS, range_y=speeds_m_s, legend=rrb.Corner2D.LeftBottom),
+            plot(
+                "Impulse",
+                Dots("/impacts/truth", "impulse_n_s", "impulse [N s]", TRUTH, "diamond"),
+                Whole("/limits/impulse/**"),
+                legend=rrb.Corner2D.RightBottom,
+            ),
+            plot(
+                "Peak force",
+                Dots("/impacts/truth", "peak_force_n", "peak force [N]", TRUTH, "circle"),
+                Whole("/limits/peak_force/**"),
+                legend=rrb.Corner2D.RightBottom,
+            ),
+        ),
+        plot(
+            "Force, close up [N]",
+            *forces,
+            span_s=detail_s,
+        ),
+        plot(
+            "Energy [J]",
+            Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
+            Line("/plant", "friction_j", "friction", "J", TARGET),
+            Line("/plant", "impact_loss_j", "impacts", "J", GOOD),
+            Line("/plant", "stored_j", "stored", "J", OTHER),
+        ),
+        name="Impacts",
+    )
+
+
+OUTSIDE = "outside: the impact of another turn of the stride"
+"""A stride has two turns of the crank or more, each with its impact; one of them is for the window."""
+
+
+def gait(detail_s: tuple[float, float] | None) -> Any:
+    """The wearer's cycle, true and estimated, and where in it the pulses come."""
+    return shares(
+        rrb.Vertical,
+        lanes("The leg: true, estimated", "leg", "leg_estimated"),
+        plot(
+            "Gait cycle: phase and pulses",
+            Line("/plant", "gait.phase", "true", "", TRUTH),
+            Line("/firmware", "state.gait.phase", "estimate", "", ESTIMATE),
+            Whole("/gait/window/from"),
+            Whole("/gait/window/to"),
+            Dots("/gait/inside", None, "pulse in the window", GOOD, "circle"),
+            Dots("/gait/outside", None, OUTSIDE, ALARM, "cross"),
+            span_s=detail_s,
+            range_y=(0.0, 1.0),
+            legend=rrb.Corner2D.LeftBottom,
+        ),
+        rrb.Horizontal(
+            plot(
+                "Pulses over the cycle, whole run",
+                Whole("/gait/window/from"),
+                Whole("/gait/window/to"),
+                Dots("/gait/inside", None, "in the window", GOOD, "circle"),
+                Dots("/gait/outside", None, OUTSIDE, ALARM, "cross"),
+                range_y=(0.0, 1.0),
+            ),
+            plot(
+                "Strides a second, crank turns a stride, confidence",
+                Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
+                Line("/firmware", "state.lock.harmonic", "turns a stride", "", OTHER),
+                Line("/firmware", "state.gait.confidence", "confidence", "", ESTIMATE),
+            ),
+        ),
+        rrb.Horizontal(
+            plot(
+                "Felt by the wearer, close up [N]",
+                Line("/plant", "felt_force_n", "felt", "N", OTHER),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
+                "Push-off: the ankle's moment, close up [N m/kg]",
+                Line("/plant", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
+                "Shank's rate, close up [rad/s]",
+                Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
+                Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+            plot(
+                "Along the striker's axis, close up [m/s²]",
+                Line("/plant", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
+                span_s=detail_s,
+                legend=None,
+            ),
+        ),
+        by=(4, 7, 5, 5),
+        name="Gait",
+    )
+
+
+def bus_and_timing(contents: Contents) -> Any:
+    """Whether the clockwork ran."""
+    loops = (
+        rrb.Horizontal(
+            plot(
+                "Firmware loop [µs]",
+                Line("/firmware", "wake_latency_us", "wake-up latency", "µs", DARK_ESTIMATE),
+                Line("/firmware", "work_us", "work", "µs", ESTIMATE),
+                Whole("/limits/work/**"),
+            ),
+            plot(
+                "Plant loop [µs]",
+                Line("/plant", "wake_latency_us", "wake-up latency", "µs", DARK_TRUTH),
+                Line("/plant", "work_us", "work", "µs", TRUTH),
+            ),
+        ),
+    )
+    skipped = plot(
+        "Ticks skipped so far",
+        Line("/firmware", "overruns", "firmware", "", ESTIMATE),
+        Line("/plant", "overruns", "plant", "", TRUTH),
+    )
+    series = (Whole("/can/load"), Whole("/limits/load/**"))
+    load = plot("Bus load (of 1 Mbit/s)", *series, range_y=(0.0, 1.0), legend=None)
+    return rrb.Vertical(
+        *(loops if contents.measured else ()),
+        rrb.Horizontal(*([skipped] if contents.measured else []), load),
+        *([bus_errors()] if contents.bus_errors else []),
+        rrb.Horizontal(
+            lanes("Drive, faults, limits", "axis", "fault", "limit", "motion"),
+            *([texts("Frames refused", "/can/rejected")] if contents.refused else []),
+        ),
+        name="Bus and timing",
+    )
+
+
+def bus_errors() -> Any:
+    """What the bus destroyed, and what the nodes' controllers made of it."""
+    nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
+    return rrb.Horizontal(
+        plot("Transmissions destroyed so far", Line("/bus_errors", "destroyed", "destroyed", "", ALARM)),
+        plot(
+            "Error counters",
+            *(Line("/bus_errors", f"{node}.transmit", f"{node}, sent", "", color) for node, color in nodes),
+            *(Line("/bus_errors", f"{node}.receive", f"{node}, received", "", TARGET) for node, _ in nodes),
+        ),
+        lanes("Error states", *(f"bus_{node}" for node, _ in nodes)),
+    )
+
+
+def about() -> Any:
+    """The run in words: scenario, set-up and outcome."""
+    return rrb.Horizontal(
+        rrb.TextDocumentView(origin="/about/scenario", name="Scenario"),
+        rrb.TextDocumentView(origin="/about/run", name="Run"),
+        rrb.TextDocumentView(origin="/about/outcome", name="Outcome"),
+        name="About",
+    )
+
+
+def layout(moments: Moments | None, contents: Contents) -> rrb.Blueprint:
+    """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is.
+
+    After a failed check the cursor goes round and round in the close-up of it.
+    """
+    detail_s = moments.detail_s if moments else None
+    run_up_s = moments.run_up_s if moments else None
+    speeds_m_s = (0.0, 1.15 * moments.largest_v_m_s) if moments else None
+    widest_m_s2 = 5.0 * moments.innovation_std_m_s2 if moments else 0.0
+    return rrb.Blueprint(
+        rrb.Tabs(
+            overview(detail_s, speeds_m_s, contents),
+            start_up(run_up_s, speeds_m_s, contents),
+            estimator(detail_s, (-widest_m_s2, widest_m_s2) if moments else None, contents.imported),
+            *([impacts(detail_s, speeds_m_s, contents.worn)] if contents.impacts else []),
+            *([gait(detail_s)] if contents.walked else []),
+            bus_and_timing(contents),
+            about(),
+        ),
+        time_panel(detail_s, contents.failed),
+        collapse_panels=True,
+    )
+
+
+def time_panel(detail_s: tuple[float, float] | None, failed: bool) -> rrb.TimePanel:
+    """The cursor: with the newest data, through the whole run, or round and round where a check failed."""
+    if detail_s is None:
+        return rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following")
+    if not failed:
+        return rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="playing")
+    edges_ns = (round(1e9 * edge_s) for edge_s in detail_s)
+    return rrb.TimePanel(
+        timeline="sim_time",
+        state="collapsed",
+        play_state="playing",
+        loop_mode="selection",
+        time_selection=rrb.components.AbsoluteTimeRange(*edges_ns),
+    )
+
+
+def both(name: str, entity: str, field: str, unit: str, **options: Any) -> rrb.TimeSeriesView:
+    """One field of two runs in one plot."""
+    return plot(
+        name,
+        Line(f"/a{entity}", field, "a", unit, TRUTH),
+        Line(f"/b{entity}", field, "b", unit, ESTIMATE),
+        **options,
+    )
+
+
+def overlay(difference_s: float | None) -> rrb.Blueprint:
+    """The layout of two runs in one recording, close up on their first difference."""
+    close_up_s = None if difference_s is None else (max(difference_s - 0.5, 0.0), difference_s + 2.5)
+    sides = [
+        rrb.StateTimelineView(
+            origin=f"/{side}/states",
+            contents=[f"/{side}/states/mode", f"/{side}/states/regime"],
+            name=f"Run {side}",
+        )
+        for side in ("a", "b")
+    ]
+    mark = rrb.StateTimelineView(origin="/difference", contents=["/difference"], name="First difference")
+    position, estimate = "x_m", "state.estimator.x_m"
+    tabs = rrb.Tabs(
+        rrb.Vertical(
+            rrb.Horizontal(*sides, mark),
+            both("True position, close up [m]", "/plant", position, "m", span_s=close_up_s),
+            rrb.Horizontal(
+                both("True position [m]", "/plant", position, "m"),
+                both("Crank speed [rad/s]", "/plant", "omega_rad_s", "rad/s"),
+            ),
+            rrb.Horizontal(
+                plot(
+                    "Impacts, v⁻ [m/s]",
+                    Dots("/a/impacts/truth", "v_m_s", "a", TRUTH, "circle"),
+                    Dots("/b/impacts/truth", "v_m_s", "b", ESTIMATE, "cross"),
+                    legend=rrb.Corner2D.LeftBottom,
+                ),
+                both("Torque asked for [N m]", "/firmware", "outputs.torque_n_m", "N m"),
+            ),
+            name="Side by side",
+        ),
+        rrb.Vertical(
+            both("Estimated position, close up [m]", "/firmware", estimate, "m", span_s=close_up_s),
+            both("Accelerometer, close up [m/s²]", "/plant", "striker_high_m_s2", "m/s²", span_s=close_up_s),
+            both("NIS", "/firmware", "state.estimator.nis", ""),
+            name="Estimator",
+        ),
+    )
+    return rrb.Blueprint(
+        tabs, rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="paused"), collapse_panels=True
+    )

@@ -1,0 +1,76 @@
+"""Where the limits of a scenario's checks are drawn: which plot, from when to when.
+
+Only figures that are an extreme of what a plot shows have a place; a mean or a share has none.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from hil.judge.checks import Check
+from hil.judge.figure_records import Figures
+
+WHOLE, HOLD, AFTER_FAULT, AFTER_STOP = "whole run", "hold", "after the fault", "after the stop"
+
+
+class Place(NamedTuple):
+    """A plot by its name under `limits/`, and the stretch of the run.
+
+    `typical`: not the largest of what the plot shows, so that a lower bound has a meaning there too.
+    `signed`: the largest on both sides of 0.
+    """
+
+    plot: str
+    stretch: str
+    typical: bool = False
+    signed: bool = False
+
+
+PLACES = {
+    "impact_v_m_s": Place("impact_speed", HOLD, typical=True),
+    "largest_v_m_s": Place("impact_speed", WHOLE),
+    "impact_impulse_n_s": Place("impulse", HOLD, typical=True),
+    "peak_force_n": Place("peak_force", WHOLE),
+    "after_fault.peak_force_n": Place("peak_force", AFTER_FAULT),
+    "felt.peak_n": Place("felt", WHOLE),
+    "after_fault.largest_torque_n_m": Place("torque", AFTER_FAULT, signed=True),
+    "motor_torque_after_stop_n_m": Place("torque", AFTER_STOP, signed=True),
+    "after_fault.largest_speed_rad_s": Place("speed", AFTER_FAULT),
+    "speed.mean_rad_s": Place("speed", HOLD, typical=True),
+    "estimate.x_worst_m": Place("x_error", HOLD, signed=True),
+    "tick_us.max": Place("work", WHOLE),
+    "bus_load": Place("load", WHOLE),
+}
+
+
+class Limit(NamedTuple):
+    """One bound of a check: its plot, its check, its value, and from when to when it is drawn, in s."""
+
+    plot: str
+    name: str
+    value: float
+    from_s: float
+    to_s: float
+
+
+def limits(checks: Sequence[Check], figures: Figures, fault_s: float | None) -> list[Limit]:
+    """The bounds that have a place; `fault_s`: when the first injected fault began."""
+    stretches = {
+        WHOLE: (0.0, figures.duration_s),
+        HOLD: (figures.hold_start_s, figures.hold_end_s),
+        AFTER_FAULT: (fault_s, figures.duration_s),
+        AFTER_STOP: (figures.safe_state.at_s, figures.duration_s),
+    }
+    found = []
+    for check in checks:
+        place = PLACES.get(check.name)
+        if place is None:
+            continue
+        from_s, to_s = stretches[place.stretch]
+        if from_s is None or to_s is None or from_s >= to_s:
+            continue
+        for bound in (check.high, check.low if place.typical else None):
+            if bound is None:
+                continue
+            sides = (bound, -bound) if place.signed and bound else (bound,)
+            found += [Limit(place.plot, check.name, side, from_s, to_s) for side in sides]
+    return sorted(found)

@@ -1,0 +1,147 @@
+"""The recorder, a process of its own beside a run in real time: the bus to can.log, all traces to run.rrd.
+
+`python -m hil.show.recorder RUN_DIR --bus ADDRESS` waits for the start like the nodes. Once a second it
+appends what is new, so that a kill of any process, this one included, costs the log no more than that second;
+the traces lose nothing. It ends on SIGTERM, or when its parent is gone, with everything written.
+"""
+
+import argparse
+import json
+import os
+import select
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.shell.parameters import addresses_from
+from hil.bus import Bus, join
+from hil.bus.addressed import addressed
+from hil.bus.can_log import CanLog
+from hil.record.candump import bus_log
+from hil.record.follower import TRACES, Follower
+from hil.record.run_folder import write_json
+from hil.record.run_traces import LOSSES, LogLoss, RunTraces, read_json, read_scenario
+from hil.show.rerun_log import LOG_NAME, RunLog
+from hil.timing.patient_clock import RunTimes
+from hil.timing.processes import READY, read_start, stop_requests
+from hil.timing.realtime import settle_garbage
+
+APPEND_PERIOD_S = 1.0
+DRAIN_PERIOD_S = 0.02
+"""Some sixty frames wait in the bus's buffer until they are taken; they carry the time they came."""
+NICENESS = 10
+"""Below the loops, also where they run at ordinary priority."""
+
+
+class Recorder:
+    """Follows one run: drains the bus, appends to can.log and run.rrd."""
+
+    def __init__(self, run_dir: Path, bus: Bus | None, times: RunTimes | None = None) -> None:
+        """`times`: of a run on patient clocks."""
+        self.times = times
+        self.run_dir = run_dir
+        self.bus = bus
+        self.follower = Follower(run_dir)
+        run = read_json(run_dir / "run.json")
+        self.wall_start_ns = round(float(run["wall_start_s"]) * 1e9)
+        self.log = RunLog(run_dir / LOG_NAME, run, read_scenario(run_dir))
+        self.can_log = CanLog(run_dir / "can.log")
+        self.frames = 0
+        self.losses: list[LogLoss] = []
+        self._arrived_s: list[float] = []
+        self._can_ids: list[int] = []
+        self._payloads: list[bytes] = []
+
+    def drain(self) -> bool:
+        """Take the frames that have arrived; whether there were any."""
+        before = len(self._payloads)
+        while self.bus is not None and (arrived := self.bus.receive_stamped()):
+            stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
+            times_us = self.since_start_ns(stamps_ns) // 1000
+            for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
+                if t_us >= 0:  # what was sent before the start is not of this run
+                    self.can_log.write(t_us, (frame,))
+                    self._arrived_s.append(t_us * 1e-6)
+                    self._can_ids.append(frame.can_id)
+                    self._payloads.append(frame.data)
+        return len(self._payloads) > before
+
+    def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The run's times at those of the wall clock."""
+        return wall_ns - self.wall_start_ns if self.times is None else self.times.since_start_ns(wall_ns)
+
+    def append(self) -> None:
+        """Bring both logs up to date, and hand them to the operating system."""
+        self.frames += len(self._payloads)
+        bus = bus_log(np.array(self._arrived_s), np.array(self._can_ids, np.int64), self._payloads)
+        self._arrived_s, self._can_ids, self._payloads = [], [], []
+        lost = self.new_losses()
+        self.can_log.flush()
+        plant, firmware, impacts, operator = (self.follower.new_records(name) for name in TRACES)
+        self.log.append(RunTraces(plant, firmware, impacts, operator, bus, losses=lost))
+
+    def new_losses(self) -> list[LogLoss]:
+        """What the bus has lost since the last call; all of it is written to a file beside can.log."""
+        if self.bus is None or not self.bus.losses:
+            return []
+        new = [
+            LogLoss(max(from_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
+            for loss in self.bus.losses
+            for from_ns, to_ns in [self.since_start_ns(np.array([loss.from_ns, loss.to_ns])).tolist()]
+            if to_ns > 0  # of this run, not before its start
+        ]
+        self.bus.losses.clear()
+        self.losses += new
+        write_json(self.run_dir / LOSSES, {"losses": [asdict(loss) for loss in self.losses]})
+        return new
+
+    def close(self) -> None:
+        """Write what is left and both files' ends; what the hub still holds is waited for."""
+        while self.bus is not None and self.drain():
+            self.bus.wait(DRAIN_PERIOD_S)
+        self.append()
+        self.can_log.close()
+        self.log.close()
+
+
+def record(recorder: Recorder, wakers: list[int]) -> None:
+    """Follow the run until one of the descriptors `wakers` becomes readable."""
+    due_s = time.monotonic() + APPEND_PERIOD_S
+    while not select.select(wakers, [], [], DRAIN_PERIOD_S)[0]:
+        recorder.drain()
+        if recorder.times is not None:
+            recorder.times.has_caught_up()
+        if time.monotonic() >= due_s:
+            recorder.append()
+            due_s += APPEND_PERIOD_S
+    recorder.close()
+
+
+def main() -> None:
+    """Record the run in a folder until asked to stop."""
+    parser = argparse.ArgumentParser(description="Record a run that is going on.")
+    parser.add_argument("run_dir", type=Path)
+    parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")
+    arguments = parser.parse_args()
+    os.nice(NICENESS)
+    stopping = stop_requests()
+    places = addresses_from(read_scenario(arguments.run_dir).get("firmware", {}))
+    bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
+    settle_garbage()
+    print(READY, flush=True)
+    start = read_start()
+    times = None if start.shared < 0 else RunTimes(start.shared, start.t0_ns)
+    recorder = Recorder(arguments.run_dir, bus, times)
+    record(recorder, [stopping.fileno(), sys.stdin.fileno()])
+    lost = None if bus is None else bus.counters.lost
+    if bus is not None:
+        bus.close()
+    print(json.dumps({"frames": recorder.frames, "lost": lost}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""The views that the layout is made of: plots, state timelines, texts, the moving picture."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, TimelineColumn, VisualizerComponentMapping
+
+from hil.record.state_timeline import ESTIMATE, GOOD, TARGET, TRUTH
+
+
+class Line(NamedTuple):
+    """A field of a trace's or a frame's records drawn as a line; `variance` is that of its σ², a band."""
+
+    entity: str
+    field: str
+    name: str
+    unit: str
+    color: int
+    variance: str | None = None
+
+
+class Dots(NamedTuple):
+    """Points without a line: a field of the records in `entity`, or its scalars where no field is named."""
+
+    entity: str
+    field: str | None
+    name: str
+    color: int
+    marker: Literal["circle", "cross", "diamond"]
+
+
+class Whole(NamedTuple):
+    """An entity that says itself how it is drawn."""
+
+    entity: str
+
+
+def mapped(entity: str, target: str, field: str | None) -> list[VisualizerComponentMapping]:
+    """Where a visualizer's slot takes its numbers from."""
+    if field is None:
+        return []
+    source = ComponentSourceKind.SourceComponent
+    component = "frame:record" if entity.startswith("/can/") else "trace:record"
+    return [VisualizerComponentMapping(target, source, source_component=component, selector=f".{field}")]
+
+
+def visualizer(series: Line | Dots) -> Any:
+    """How one series is drawn."""
+    color = np.array([series.color], np.uint32)
+    if isinstance(series, Line):
+        line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)
+        values = mapped(series.entity, "Measurements:values", series.field)
+        variances = mapped(series.entity, "Measurements:variances", series.variance)
+        return line.visualizer(mappings=values + variances)
+    dots = rr.SeriesPoints.from_fields(
+        names=[series.name], colors=color, markers=[series.marker], marker_sizes=[3.5]
+    )
+    return dots.visualizer(mappings=mapped(series.entity, "Scalars:scalars", series.field))
+
+
+def plot(
+    name: str,
+    *series: Line | Dots | Whole,
+    span_s: tuple[float, float] | None = None,
+    range_y: tuple[float, float] | None = None,
+    legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
+) -> rrb.TimeSeriesView:
+    """A plot of `series`, opened on `span_s` or on all there is, and on `range_y` or what is drawn."""
+    drawn: dict[str | rr.datatypes.EntityPath, list[Any]] = {}
+    for item in series:
+        if not isinstance(item, Whole):
+            drawn.setdefault(item.entity, []).append(visualizer(item))
+    return rrb.TimeSeriesView(
+        name=name,
+        contents=sorted({item.entity for item in series}),
+        overrides=drawn,
+        plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
+        axis_y=None if range_y is None else rrb.ScalarAxis(range=range_y),
+        axis_x=None if span_s is None else rrb.archetypes.TimeAxis(view_range=span(span_s)),
+    )
+
+
+def span(span_s: tuple[float, float]) -> rr.TimeRange:
+    """A fixed stretch of simulated time."""
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=edge_s) for edge_s in span_s)
+    return rr.TimeRange(start=start, end=end)
+
+
+POSITION = (
+    Line("/plant", "x_m", "true position", "m", TRUTH),
+    Line("/firmware", "state.estimator.x_m", "estimate ± σ", "m", ESTIMATE, "state.estimator.p_xx"),
+    Whole("/stop"),
+    Dots("/impacts/touch_down", None, "touch-down", GOOD, "circle"),
+)
+
+
+VELOCITY = (
+    Line("/plant", "v_m_s", "true velocity", "m/s", TRUTH),
+    Line("/firmware", "state.estimator.v_m_s", "estimate ± σ", "m/s", ESTIMATE, "state.estimator.p_vv"),
+)
+
+
+SPEED = (
+    Line("/plant", "omega_rad_s", "true", "rad/s", TRUTH),
+    Line("/firmware", "outputs.target_omega_rad_s", "target", "rad/s", TARGET),
+    Line("/firmware", "state.crank.omega_rad_s", "estimate", "rad/s", ESTIMATE),
+    Whole("/limits/speed/**"),
+)
+
+
+TORQUE = (
+    Line("/plant", "motor_torque_n_m", "motor", "N m", TRUTH),
+    Line("/firmware", "outputs.torque_n_m", "asked for", "N m", ESTIMATE),
+    Whole("/limits/torque/**"),
+)
+
+
+IMPACTS = (
+    Dots("/impacts/truth", "v_m_s", "true v⁻ [m/s]", TRUTH, "circle"),
+    Dots("/impacts/detected", None, "reported v⁻ [m/s]", ESTIMATE, "cross"),
+    Whole("/limits/impact_speed/**"),
+)
+
+
+def lanes(name: str, *states: str) -> rrb.StateTimelineView:
+    """State lanes, over the whole run."""
+    return rrb.StateTimelineView(
+        origin="/states", contents=[f"/states/{state}" for state in states], name=name
+    )
+
+
+def texts(name: str, entity: str) -> rrb.TextLogView:
+    """What happened, as text that begins with its time, which the viewer would cut short in a column."""
+    hidden = [TimelineColumn(name, visible=False) for name in ("sim_time", "wall_time")]
+    columns = rrb.TextLogColumns(timeline_columns=hidden, text_log_columns=["body", "loglevel"])
+    return rrb.TextLogView(origin=entity, name=name, columns=columns)
+
+
+def module() -> rrb.Spatial2DView:
+    """The moving picture at the time cursor."""
+    bounds = rrb.VisualBounds2D(x_range=[-140.0, 225.0], y_range=[-50.0, 50.0])
+    return rrb.Spatial2DView(origin="/module", name="Module (ghost: estimate)", visual_bounds=bounds)
+
+
+def shares(kind: Any, *parts: Any, by: Sequence[float], name: str | None = None) -> Any:
+    """A row or a column whose parts take the given shares."""
+    key = "row_shares" if kind is rrb.Vertical else "column_shares"
+    return kind(*parts, name=name, **{key: list(by)})

@@ -1,0 +1,1 @@
+"""Clocks, loops, processes and their real-time scheduling."""

@@ -1,0 +1,122 @@
+"""The tables of a scene in which somebody walks, as users write them."""
+
+from itertools import pairwise
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from plant_sim.parts.walking import TOE_OFF
+from plant_sim.scene_tables import Table
+from plant_sim.strides import Pace, Trip, Walk
+
+
+class PaceTable(Table):
+    """[[gait.pace]]: how fast somebody walks from then on."""
+
+    at_s: float = Field(
+        ge=0.0, le=1e6, description="from when in s; between two paces that walk it changes evenly"
+    )
+    # The slowest is rehabilitation's 0.3 m/s at 0.44 Hz, the fastest a brisk 1.8 m/s at 1.1 Hz.
+    stride_hz: float = Field(
+        ge=0.0, le=1.5, description="the strides a second, up to 1.5 and not between 0 and 0.2; 0: standing"
+    )
+
+    @model_validator(mode="after")
+    def _walks_or_stands(self) -> Self:
+        if 0.0 < self.stride_hz < _SLOWEST_HZ:
+            raise ValueError(
+                f"gait.pace.stride_hz = {self.stride_hz} is slower than anybody walks; give at least "
+                f"{_SLOWEST_HZ}, or 0 for standing"
+            )
+        return self
+
+
+_SLOWEST_HZ = 0.2
+
+
+class StumbleTable(Table):
+    """[[gait.stumble]]: the foot trips in the next mid-swing, and the walk finds back in three strides."""
+
+    at_s: float = Field(ge=0.0, le=1e6, description="after when in s")
+    # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
+    knock_m_s2: float = Field(
+        default=15.0, ge=0.0, description="the largest deceleration of the foot in m/s²"
+    )
+
+
+class GaitTable(Table):
+    """[gait]: the module is on a walker's shank. The strides are sampled with the run's seed."""
+
+    axis: Literal["up", "down", "forward", "backward", "outward", "inward"] = Field(
+        description="where the striker's axis points, towards the stop: up or down along the shank, forward "
+        "or backward across it, outward or inward"
+    )
+    pace: list[PaceTable] = Field(min_length=1, description="the tables [[gait.pace]], in the order of time")
+    stumble: list[StumbleTable] = Field(default=[], description="the tables [[gait.stumble]]")
+    # The lower third of the shank, above an ankle exoskeleton's joint.
+    mount_m: float = Field(default=0.1, description="the module's height over the ankle in m")
+    # Healthy walkers; 3 to 6 % after a stroke.
+    variability: float = Field(
+        default=0.02,
+        ge=0.0,
+        le=0.2,
+        description="the deviation of each stride's frequency, size and length, as a share of itself",
+    )
+    # 0.62 is what the curves have; a paretic leg stands shorter, the other one longer.
+    stance_share: float = Field(
+        default=TOE_OFF, ge=0.5, le=0.75, description="where in the cycle the foot leaves the ground"
+    )
+    range_share: float = Field(
+        default=1.0, ge=0.0, le=1.5, description="the leg's range of motion over a healthy one's"
+    )
+    # Step length over cadence is nearly the same at all speeds: 0.0065 m min (Sekiya & Nagasaki 1998), so
+    # that a stride is 1.4 m long at 0.9 Hz.
+    walk_ratio_m_s: float = Field(
+        default=1.56, ge=0.0, le=3.0, description="the stride's length over its frequency in m s"
+    )
+    # 1 g at the shank at natural cadence: the lower end of what bone-mounted accelerometers read.
+    heel_strike_m_s2: float = Field(
+        default=10.0,
+        ge=0.0,
+        description="a heel strike's peak at the shank in m/s² at 0.9 Hz, growing as the cadence's square",
+    )
+
+    @model_validator(mode="after")
+    def _paces_in_order(self) -> Self:
+        times = [pace.at_s for pace in self.pace]
+        if times[0] != 0.0:
+            raise ValueError(
+                f"gait.pace begins at at_s = {times[0]}; the first pace is that of t = 0, set its at_s to 0"
+            )
+        for before, after in pairwise(times):
+            if after <= before:
+                raise ValueError(
+                    f"gait.pace has at_s = {after} after at_s = {before}; put the paces in the order of time"
+                )
+        return self
+
+    def walk(self) -> Walk:
+        """Plain record for the drawing of strides."""
+        return Walk(
+            tuple(Pace(pace.at_s, pace.stride_hz) for pace in self.pace),
+            tuple(Trip(stumble.at_s, stumble.knock_m_s2) for stumble in self.stumble),
+            self.variability,
+            self.range_share,
+            self.walk_ratio_m_s,
+            self.heel_strike_m_s2,
+        )
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """The axis in the shank's directions: up, forward, outward."""
+        return _DIRECTIONS[self.axis]
+
+
+_DIRECTIONS = {
+    "up": (1.0, 0.0, 0.0),
+    "down": (-1.0, 0.0, 0.0),
+    "forward": (0.0, 1.0, 0.0),
+    "backward": (0.0, -1.0, 0.0),
+    "outward": (0.0, 0.0, 1.0),
+    "inward": (0.0, 0.0, -1.0),
+}

@@ -1,0 +1,1 @@
+"""Long motions turn by turn, at a Poincaré section, with bounded memory."""

@@ -1,0 +1,201 @@
+"""Orbits by the adaptive solver: an ideal drive with any friction and any stop."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import jit, law, subroutine
+from plant_sim.orbits.sections import (
+    DRIVE,
+    FRICTION,
+    IMPACT_COUNT,
+    LOSS,
+    MOVED,
+    RESTED,
+    STUCK_M,
+    V_END,
+    Y_END,
+    Y_HIGH,
+    Y_LOW,
+    Outcome,
+    Protocol,
+    Size,
+    carry,
+    classify_starts,
+    clear,
+    count_impact,
+    ends_clear,
+    follow_orbit,
+    new_rows,
+    section,
+    set_out,
+    size_of,
+)
+from plant_sim.parts.friction import static_limit_n
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import is_rigid, is_soft, origin_m
+from plant_sim.sensors.sensing import NoSensing
+from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
+from plant_sim.solvers.adaptive.motion import CONTACT, FLIGHT, REST, work_place
+from plant_sim.solvers.adaptive.state_layout import (
+    APPROACH,
+    CRANK_ANGLE,
+    IMPACT_ANGLE,
+    IMPACTS,
+    PEAK_FORCE,
+    SAMPLES,
+    SEEN,
+    Memory,
+    restart,
+)
+from plant_sim.solvers.adaptive.state_layout import IMPULSE as IMPACT_IMPULSE
+from plant_sim.solvers.adaptive.transitions import crank_speed
+
+LOOKS = 64
+"""Times per drive period at which the motion is looked at for its extremes."""
+
+
+class Stepwise(NamedTuple):
+    """What carries any other scene on; scratch of shapes (LOOKS + 1,) and (LOOKS + 1, 3)."""
+
+    parts: Parts
+    memory: Memory
+    grid: NDArray[np.float64]
+    samples: NDArray[np.float64]
+
+
+@jit
+def follow_stepwise(
+    parts: Parts, memory: Memory, y_m: float, v_m_s: float, crank_rad: float, protocol: Protocol
+) -> Outcome:
+    """`orbits.follow_orbit` in `memory`, which was allocated for these parts."""
+    carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
+    rows = new_rows(protocol, crank_speed(parts.drive, memory))
+    return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
+
+
+@jit
+def classify_stepwise(
+    parts: Parts,
+    memory: Memory,
+    starts: NDArray[np.float64],
+    protocol: Protocol,
+    regimes: NDArray[np.int8],
+    impact_counts: NDArray[np.float32],
+) -> None:
+    """`orbits.classify_starts` in `memory`, which was allocated for these parts."""
+    carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
+    classify_starts(carrier, starts, protocol, regimes, impact_counts)
+
+
+@law(size_of, Stepwise)
+def _(carrier: Stepwise) -> Size:
+    parts = carrier.parts
+    striker = parts.striker
+    length_m = abs(_shift_m(parts)) + abs(parts.drive.amplitude_m)
+    natural_rad_s = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    drive_rad_s = crank_speed(parts.drive, carrier.memory)
+    return Size(drive_rad_s, striker.rest_length_m, length_m, natural_rad_s * length_m)
+
+
+@subroutine
+def _shift_m(parts: Parts) -> float:
+    """y = x − l0 where depth is 0, m."""
+    return origin_m(parts.stop, parts.striker) - parts.striker.rest_length_m
+
+
+@law(set_out, Stepwise)
+def _(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: float) -> float:
+    parts, memory = carrier.parts, carrier.memory
+    restart(parts, memory, y_m - _shift_m(parts), v_m_s, crank_rad, crank_speed(parts.drive, memory))
+    return 0.0
+
+
+@law(section, Stepwise)
+def _(carrier: Stepwise, motion: float) -> tuple[float, float, float, float]:
+    memory = carrier.memory
+    return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[CRANK_ANGLE], motion
+
+
+@law(ends_clear, Stepwise)
+def _(carrier: Stepwise, motion: float, row: NDArray[np.float64]) -> bool:
+    return False
+
+
+@law(carry, Stepwise)
+def _(
+    carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[float, bool]:
+    return until_s, _period(carrier, motion, until_s, looked_at, row)
+
+
+@subroutine
+def _period(
+    carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> bool:
+    """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
+    parts, memory, grid, samples = carrier
+    clear(row)
+    y, mode, shift_m = memory.y, memory.mode, _shift_m(parts)
+    work = work_place(parts)
+    has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
+    drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop else 0.0
+    looks = LOOKS + 1 if looked_at else 0
+    for look in range(looks):
+        grid[look] = begin_s + (end_s - begin_s) * look / LOOKS
+    mode[SAMPLES] = mode[SEEN] = 0
+    status = BUFFER_FULL
+    while status == BUFFER_FULL:
+        status = advance(parts, NoSensing(), memory, 0.0, 0.0, end_s, grid[:looks], samples)
+        for index in range(mode[IMPACTS]):
+            one = memory.impacts[index]
+            peak = one[PEAK_FORCE] if is_soft(parts.stop) else math.nan
+            count_impact(row, one[APPROACH], one[IMPACT_IMPULSE], one[IMPACT_ANGLE], peak)
+        mode[IMPACTS] = 0
+    row[Y_END], row[V_END] = y[0], y[1]
+    row[DRIVE], row[FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
+    row[LOSS] = y[work + 2] - loss_j if has_stop else 0.0
+    row[RESTED] = 1.0 if mode[SEEN] & 1 << REST else 0.0
+    row[MOVED] = 1.0 if _slid_m(parts, row[FRICTION], mode[SEEN]) > STUCK_M else 0.0
+    if looked_at and status == DONE:
+        low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
+        if is_rigid(parts.stop):
+            high = 0.0 if row[IMPACT_COUNT] > 0.0 else min(high, 0.0)
+        row[Y_LOW], row[Y_HIGH] = low + shift_m, high + shift_m
+    return status != DONE
+
+
+@subroutine
+def _slid_m(parts: Parts, friction_j: float, seen: int) -> float:
+    """How far dry friction was overcome, m; without any, ∞ if the striker was free at all."""
+    limit_n = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
+    if limit_n > 0.0:
+        return friction_j / limit_n
+    return math.inf if seen & (1 << FLIGHT | 1 << CONTACT) else 0.0
+
+
+@subroutine
+def _extremes(samples: NDArray[np.float64], step_s: float) -> tuple[float, float]:
+    """Lowest and highest depth, by cubic Hermite interpolation where the velocity changes sign."""
+    low, high = math.inf, -math.inf
+    for look in range(len(samples)):
+        low, high = min(low, samples[look, 0]), max(high, samples[look, 0])
+        if look == 0:
+            continue
+        v0, v1 = samples[look - 1, 1], samples[look, 1]
+        if v0 * v1 < 0.0:
+            y0, y1 = samples[look - 1, 0], samples[look, 0]
+            s = v0 / (v0 - v1)
+            y = (
+                y0 * (1.0 + 2.0 * s) * (1.0 - s) ** 2
+                + step_s * v0 * s * (1.0 - s) ** 2
+                + y1 * s * s * (3.0 - 2.0 * s)
+                + step_s * v1 * s * s * (s - 1.0)
+            )
+            if v0 < 0.0:
+                low = min(low, y)
+            else:
+                high = max(high, y)
+    return low, high

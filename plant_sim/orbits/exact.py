@@ -1,0 +1,255 @@
+"""Orbits in closed form: an ideal drive, viscous or Coulomb friction and a rigid stop.
+
+Callable from kernels.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import jit, law, subroutine
+from plant_sim.orbits.sections import (
+    DRIVE,
+    FRICTION,
+    LOSS,
+    MOVED,
+    RESTED,
+    ROW,
+    STUCK_M,
+    V_END,
+    Y_END,
+    Y_HIGH,
+    Y_LOW,
+    Outcome,
+    Protocol,
+    Size,
+    carry,
+    classify_starts,
+    clear,
+    count_impact,
+    ends_clear,
+    follow_orbit,
+    new_rows,
+    section,
+    set_out,
+    size_of,
+)
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Coulomb, Viscous
+from plant_sim.parts.stop import RigidStop
+from plant_sim.parts.striker import Striker
+from plant_sim.result import Phase
+from plant_sim.solvers.double_double import TURN_RAD
+from plant_sim.solvers.exact.laws import is_dry
+from plant_sim.solvers.exact.ledger import booked, empty_ledger
+from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_event
+from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch, oscillator
+
+REST_SPEED_M_S = 1e-9
+"""Chatter that is certain to end is ended below this speed; later motion does not depend on it."""
+
+MOST_EVENTS = 10_000
+"""In one drive period; beyond it the period is not followed to its end, and the orbit is uncertain."""
+
+LOOKS = 16
+"""Times per drive period at which a flight is looked at for its turning points."""
+
+MOST_CUTS = 40
+
+
+class Closed(NamedTuple):
+    """What carries a scene of the closed form on."""
+
+    oscillator: Oscillator
+    rest_length_m: float
+
+
+@jit
+def follow(
+    striker: Striker,
+    drive: IdealDrive,
+    friction: Viscous | Coulomb,
+    stop: RigidStop,
+    y_m: float,
+    v_m_s: float,
+    crank_rad: float,
+    protocol: Protocol,
+) -> Outcome:
+    """`orbits.follow_orbit` by the closed form."""
+    carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
+    rows = new_rows(protocol, drive.omega_rad_s)
+    return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
+
+
+@jit
+def classify(
+    striker: Striker,
+    drive: IdealDrive,
+    friction: Viscous | Coulomb,
+    stop: RigidStop,
+    starts: NDArray[np.float64],
+    protocol: Protocol,
+    regimes: NDArray[np.int8],
+    impacts: NDArray[np.float32],
+) -> None:
+    """`orbits.classify_starts` by the closed form."""
+    carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
+    classify_starts(carrier, starts, protocol, regimes, impacts)
+
+
+@jit
+def ramp(
+    striker: Striker,
+    drive: IdealDrive,
+    friction: Viscous | Coulomb,
+    stop: RigidStop,
+    crank_rad: float,
+    duration_s: float,
+    steps: int,
+) -> tuple[float, float, float]:
+    """y, v and crank angle after a run-up from rest at a relaxed spring to the drive's speed.
+
+    The speed rises as an S, 3 u² − 2 u³, in steps short enough for the crank to turn little in one.
+    """
+    y, v, crank = 0.0, 0.0, crank_rad
+    step_s = duration_s / steps
+    for step in range(steps):
+        u = (step + 0.5) / steps
+        speed = drive.omega_rad_s * u * u * (3.0 - 2.0 * u)
+        o = oscillator(striker, IdealDrive(drive.amplitude_m, speed, drive.phase_rad), friction, stop)
+        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, np.zeros(ROW))
+        y, v, crank = motion.y_m, motion.v_m_s, motion.crank_rad
+    return y, v, crank
+
+
+@law(size_of, Closed)
+def _(carrier: Closed) -> Size:
+    o = carrier.oscillator
+    length_m = abs(o.gap_m) + abs(o.amplitude_m)
+    return Size(o.drive_rad_s, carrier.rest_length_m, length_m, o.natural_rad_s * length_m)
+
+
+@law(set_out, Closed)
+def _(carrier: Closed, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
+    return begin(carrier.oscillator, 0.0, y_m, v_m_s, crank_rad)
+
+
+@law(section, Closed)
+def _(carrier: Closed, motion: Motion) -> tuple[float, float, float, float]:
+    return motion.y_m, motion.v_m_s, motion.crank_rad, motion.t_s
+
+
+@law(ends_clear, Closed)
+def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
+    o = carrier.oscillator
+    if is_dry(o.friction) or not _stays_clear(o, motion):
+        return False
+    _steady_period(o, row)
+    return True
+
+
+@law(carry, Closed)
+def _(
+    carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[Motion, bool]:
+    return _period(carrier.oscillator, motion, until_s, looked_at, row)
+
+
+@subroutine
+def _period(
+    o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[Motion, bool]:
+    """Carry the motion on to `until_s` and fill the row; also whether there were too many events."""
+    clear(row)
+    ledger = empty_ledger()
+    low, high, slid_m = motion.y_m, motion.y_m, 0.0
+    event, events = Event.IMPACT, 0
+    while event != Event.HORIZON and events < MOST_EVENTS:
+        arrival, event = next_event(o, motion, until_s)
+        departure = after(o, arrival, event, REST_SPEED_M_S)
+        low, high = min(low, arrival.y_m), max(high, arrival.y_m)
+        if motion.phase != Phase.FLIGHT:
+            if motion.y_m >= o.gap_m and arrival.t_s > motion.t_s:
+                row[RESTED] = 1.0
+        else:
+            slid_m += abs(arrival.y_m - motion.y_m)
+            row[MOVED] = 1.0 if slid_m > STUCK_M or not is_dry(o.friction) else 0.0
+        if looked_at:
+            ledger = booked(o, ledger, motion, arrival, departure)
+            if not is_dry(o.friction) and motion.phase == Phase.FLIGHT:
+                turns_low, turns_high = _turning_points(o, motion, arrival)
+                low, high = min(low, turns_low), max(high, turns_high)
+        if event == Event.IMPACT:
+            impulse = o.mass_kg * (arrival.v_m_s - departure.v_m_s)
+            count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
+        motion = departure
+        events += 1
+    row[Y_END], row[V_END] = motion.y_m, motion.v_m_s
+    row[Y_LOW], row[Y_HIGH] = low, high
+    row[DRIVE] = ledger.drive_j + ledger.drive_low_j
+    row[FRICTION] = ledger.friction_j + ledger.friction_low_j
+    row[LOSS] = ledger.impact_j + ledger.impact_low_j
+    return motion, event != Event.HORIZON
+
+
+@subroutine
+def _steady_period(o: Oscillator, row: NDArray[np.float64]) -> None:
+    """The row of a period of steady motion without impacts; drive and viscous friction exchange π b Ω Y²."""
+    clear(row)
+    row[MOVED] = 1.0
+    row[Y_LOW], row[Y_HIGH] = -o.steady_m, o.steady_m
+    work = math.pi * 2.0 * o.decay_1_s * o.mass_kg * o.drive_rad_s * o.steady_m * o.steady_m
+    row[DRIVE], row[FRICTION] = work, work
+
+
+@subroutine
+def _stays_clear(o: Oscillator, motion: Motion) -> bool:
+    """Whether a striker without dry friction can be seen never to reach the stop again.
+
+    The free part's envelope only shrinks, so steady amplitude and envelope together bound all that follows.
+    """
+    room = o.gap_m - o.steady_m
+    if o.resonant or room <= 0.0 or not o.ringing_rad_s > 0.1 * o.natural_rad_s:
+        return False
+    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
+    rate = (flight.free_m_s + o.decay_1_s * flight.free_m) / o.ringing_rad_s
+    return math.hypot(flight.free_m, rate) < room * (1.0 - 1e-9)
+
+
+@subroutine
+def _turning_points(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[float, float]:
+    """Lowest and highest y at which the speed of a flight passes through zero; ∞, −∞ if it does not."""
+    low, high = math.inf, -math.inf
+    h = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
+    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
+    looks = math.ceil(h * max(o.drive_rad_s, o.natural_rad_s) * LOOKS / TURN_RAD)
+    left, v_left = 0.0, motion.v_m_s
+    for look in range(1, looks + 1):
+        right = h * look / looks
+        _, v_right, _, _ = flow(o, flight, right)
+        if v_left * v_right < 0.0:
+            y = _at_zero_speed(o, flight, left, v_left, right, v_right)
+            low, high = min(low, y), max(high, y)
+        left, v_left = right, v_right
+    return low, min(high, o.gap_m)
+
+
+@subroutine
+def _at_zero_speed(
+    o: Oscillator, flight: Flight, left: float, v_left: float, right: float, v_right: float
+) -> float:
+    """y where the speed passes through zero between two times of a flight (regula falsi, Illinois)."""
+    y = 0.0
+    for _ in range(MOST_CUTS):
+        cut = right - v_right * (right - left) / (v_right - v_left)
+        y, v, _, _ = flow(o, flight, cut)
+        if abs(v) < 1e-9 * (abs(v_left) + abs(v_right)):
+            break
+        if v * v_right < 0.0:
+            left, v_left = right, v_right
+        else:
+            v_left *= 0.5
+        right, v_right = cut, v
+    return y

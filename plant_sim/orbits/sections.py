@@ -1,0 +1,382 @@
+"""Whole orbits of an ideal drive, followed from drive period to drive period and summed up, not stored.
+
+Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
+is then far from the stop, so that an impact never falls on the border between two of them. A row per period
+holds what studies want to know. What carries the motion on is a solver's `Carrier` (`streaming`: the closed
+form; `streaming_adaptive`: any scene with an ideal drive). All of it runs without the interpreter's lock.
+"""
+
+import math
+from enum import IntEnum
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import by_part, subroutine
+from plant_sim.solvers.double_double import TURN_RAD
+
+SECTION_RAD = -0.5 * math.pi
+
+LONGEST_CYCLE = 8
+"""Cycles of up to this many drive periods are recognised."""
+
+DOUBT = 100.0
+"""A longer cycle is in doubt while a shorter one is kept within this number of tolerances."""
+
+CHATTER_IMPACTS = 16
+"""As many impacts in a drive period are chatter, even if the striker does not come to rest on the stop."""
+
+STUCK_M = 1e-9
+"""A striker whose slides are all shorter than this is stuck."""
+
+(
+    Y_END,
+    V_END,
+    IMPACT_COUNT,
+    IMPULSE,
+    IMPULSE_SQUARES,
+    FASTEST,
+    SLOWEST,
+    APPROACHES,
+    CRANK_AT_IMPACT,
+    PEAK,
+    RESTED,
+    MOVED,
+    Y_LOW,
+    Y_HIGH,
+    DRIVE,
+    FRICTION,
+    LOSS,
+) = range(17)
+"""Columns of a period's row: section state, impacts and their sums, rest and motion, measured values."""
+
+ROW = 17
+
+
+class Regime(IntEnum):
+    """What an orbit ends as."""
+
+    NON_IMPACT = 0
+    IMPACT = 1
+    PERIOD_N = 2
+    LOST = 3
+    CHATTERING = 4
+    STUCK = 5
+    UNCERTAIN = 6
+
+
+class Protocol(NamedTuple):
+    """How long an orbit runs and what is looked at.
+
+    With `stop_early` it ends once it has repeated itself within `tolerance` (of gap and amplitude together,
+    in position and in velocity over ω) for longer than its own cycle, or provably never meets the stop again.
+    """
+
+    settle_s: float
+    record_s: float
+    tolerance: float
+    stop_early: bool
+    measure: bool
+    """Extremes and energies of what is recorded; they take longer than the motion itself."""
+
+
+PAPER = Protocol(settle_s=30.0, record_s=20.0, tolerance=1e-4, stop_early=False, measure=True)
+"""50 s, the first 30 s discarded."""
+
+CLASSIFY = Protocol(settle_s=50.0, record_s=0.0, tolerance=1e-7, stop_early=True, measure=False)
+"""The attractor alone."""
+
+
+class Outcome(NamedTuple):
+    """An orbit's end, and means over the last cycle (if certain) or over what was recorded."""
+
+    regime: Regime
+    certain: bool
+    cycle: int
+    """Drive periods after which it repeats; 0 if it does not."""
+    periods: int
+    """Whole drive periods that the figures below are taken over."""
+    impacts: float
+    """Per drive period."""
+    v_mean_m_s: float
+    v_max_m_s: float
+    v_min_m_s: float
+    impulse_n_s: float
+    repeatability: float
+    """Standard deviation over mean of the impulses."""
+    crank_rad: float
+    """Crank angle at the impact, meaningful with one impact per period."""
+    peak_n: float
+    """nan at a rigid stop."""
+    x_low_m: float
+    x_high_m: float
+    drive_j: float
+    """Work of the drive per period."""
+    friction_j: float
+    loss_j: float
+    """In the stop."""
+    end_y_m: float
+    """Position less rest length."""
+    end_v_m_s: float
+    end_crank_rad: float
+    duration_s: float
+
+
+Carrier: TypeAlias = Any
+"""What carries one scene's motion on: a solver's own record, with a law for each of the functions below."""
+
+
+class Size(NamedTuple):
+    """A scene as orbits see it: crank speed, rest length, and the scales that a cycle is judged by."""
+
+    drive_rad_s: float
+    rest_length_m: float
+    length_m: float
+    speed_m_s: float
+
+
+@by_part
+def size_of(carrier: Carrier) -> Size:
+    """The scene's size."""
+    raise NotImplementedError
+
+
+@by_part
+def set_out(carrier: Carrier, y_m: float, v_m_s: float, crank_rad: float) -> Any:
+    """The motion at t = 0 from y = x − l0, v and a crank angle: whatever the carrier keeps between calls."""
+    raise NotImplementedError
+
+
+@by_part
+def carry(
+    carrier: Carrier, motion: Any, until_s: float, looked_at: bool, row: NDArray[np.float64]
+) -> tuple[Any, bool]:
+    """The motion at `until_s`, its row filled, and whether the solver could not get there.
+
+    `looked_at` asks for extremes and energies. RESTED: the striker rested on the stop for some time, held
+    there by the spring or by friction. MOVED: it moved; where friction is dry, slides added up to more than
+    `STUCK_M`.
+    """
+    raise NotImplementedError
+
+
+@by_part
+def ends_clear(carrier: Carrier, motion: Any, row: NDArray[np.float64]) -> bool:
+    """Whether the striker provably never reaches the stop again; `row` is then the steady period's."""
+    raise NotImplementedError
+
+
+@by_part
+def section(carrier: Carrier, motion: Any) -> tuple[float, float, float, float]:
+    """y, v, crank angle and time of a motion."""
+    raise NotImplementedError
+
+
+@subroutine
+def follow_orbit(
+    carrier: Carrier,
+    y_m: float,
+    v_m_s: float,
+    crank_rad: float,
+    protocol: Protocol,
+    rows: NDArray[np.float64],
+) -> Outcome:
+    """Run an orbit from y = x − l0, v and a crank angle, and say what became of it."""
+    size = size_of(carrier)
+    streaks = np.zeros(64, dtype=np.int64)
+    turn_s = TURN_RAD / size.drive_rad_s
+    first_s = ((SECTION_RAD - crank_rad) % TURN_RAD) / size.drive_rad_s
+    total_s = protocol.settle_s + protocol.record_s
+    motion, endless = carry(carrier, set_out(carrier, y_m, v_m_s, crank_rad), first_s, False, rows[0])
+    period, recorded, cycle, now_s = 0, 0, 0, first_s
+    certain = False
+    while True:
+        cycle, clear_cut = follow_cycles(
+            rows, streaks, period, size.length_m, size.speed_m_s, protocol.tolerance
+        )
+        if protocol.stop_early:
+            if ends_clear(carrier, motion, rows[(period + 1) % len(rows)]):
+                certain, cycle = True, 1
+                period += 1
+                break
+            if clear_cut and recorded >= cycle:
+                certain = True
+                break
+        end_s = first_s + (period + 1) * turn_s
+        if end_s > total_s or endless:
+            break
+        settled = protocol.stop_early or now_s >= protocol.settle_s
+        period += 1
+        row = rows[period % len(rows)]
+        motion, endless = carry(carrier, motion, end_s, protocol.measure and settled, row)
+        recorded = recorded + 1 if settled else 0
+        now_s = end_s
+    whole = recorded - recorded % max(cycle, 1)
+    window = min(cycle if certain else whole, period, len(rows) - 1)
+    return summary(
+        rows,
+        period,
+        max(window, 1),
+        0 if endless else cycle,
+        certain,
+        size.rest_length_m,
+        section(carrier, motion),
+    )
+
+
+@subroutine
+def classify_starts(
+    carrier: Carrier,
+    starts: NDArray[np.float64],
+    protocol: Protocol,
+    regimes: NDArray[np.int8],
+    impacts: NDArray[np.float32],
+) -> None:
+    """Regime, and impacts per period, of each start (y, v, crank), shape (n, 3); negative if not certain."""
+    rows = new_rows(protocol, size_of(carrier).drive_rad_s)
+    for index in range(len(starts)):
+        outcome = follow_orbit(carrier, starts[index, 0], starts[index, 1], starts[index, 2], protocol, rows)
+        regimes[index] = outcome.regime.value if outcome.certain else -1 - outcome.regime.value
+        impacts[index] = outcome.impacts
+
+
+@subroutine
+def new_rows(protocol: Protocol, drive_rad_s: float) -> NDArray[np.float64]:
+    """A ring of rows that holds what the protocol records, and enough to recognise a cycle."""
+    recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2
+    return np.zeros((max(recorded, 2 * LONGEST_CYCLE + 2), ROW))
+
+
+@subroutine
+def clear(row: NDArray[np.float64]) -> None:
+    """Start a period."""
+    for column in range(ROW):
+        row[column] = 0.0
+    row[SLOWEST] = math.inf
+    row[Y_LOW] = math.inf
+    row[Y_HIGH] = -math.inf
+    row[PEAK] = math.nan
+
+
+@subroutine
+def count_impact(
+    row: NDArray[np.float64], v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float
+) -> None:
+    """Add an impact to its period."""
+    row[IMPACT_COUNT] += 1.0
+    row[IMPULSE] += impulse_n_s
+    row[IMPULSE_SQUARES] += impulse_n_s * impulse_n_s
+    row[APPROACHES] += v_m_s
+    row[FASTEST] = max(row[FASTEST], v_m_s)
+    row[SLOWEST] = min(row[SLOWEST], v_m_s)
+    row[CRANK_AT_IMPACT] = crank_rad
+    if not row[PEAK] >= peak_n:
+        row[PEAK] = peak_n
+
+
+@subroutine
+def follow_cycles(
+    rows: NDArray[np.float64],
+    streaks: NDArray[np.int64],
+    period: int,
+    length_m: float,
+    speed_m_s: float,
+    tolerance: float,
+) -> tuple[int, bool]:
+    """The shortest cycle kept for longer than itself, 0 if none, and whether it is beyond doubt.
+
+    `streaks[n]` counts the latest periods that ended where the n-th before them did, with as many impacts. An
+    orbit that closes in on a short cycle from alternating sides repeats every other time before it repeats
+    every time: a cycle is in doubt while one of its divisors is nearly kept as well.
+    """
+    size = len(rows)
+    now = rows[period % size]
+    found, nearly, doubted = 0, 0, False
+    for n in range(1, LONGEST_CYCLE + 1):
+        if period < n:
+            break
+        before = rows[(period - n) % size]
+        distance = max(
+            abs(now[Y_END] - before[Y_END]) / length_m, abs(now[V_END] - before[V_END]) / speed_m_s
+        )
+        repeated = distance <= tolerance and now[IMPACT_COUNT] == before[IMPACT_COUNT]
+        streaks[n] = streaks[n] + 1 if repeated else 0
+        if found == 0 and streaks[n] > max(n, 2):
+            found, doubted = n, nearly > 0 and n % nearly == 0
+        if nearly == 0 and distance <= DOUBT * tolerance:
+            nearly = n
+    return found, found > 0 and not doubted
+
+
+@subroutine
+def summary(
+    rows: NDArray[np.float64],
+    last: int,
+    window: int,
+    cycle: int,
+    certain: bool,
+    rest_length_m: float,
+    end: tuple[float, float, float, float],
+) -> Outcome:
+    """The outcome of an orbit from its last `window` rows; `end` is y, v, crank and the time run."""
+    size = len(rows)
+    impacts, impulse, squares, approaches, crank = 0.0, 0.0, 0.0, 0.0, 0.0
+    fastest, slowest, peak, low, high = 0.0, math.inf, math.nan, math.inf, -math.inf
+    drive, friction, loss = 0.0, 0.0, 0.0
+    rested, moved, most = False, False, 0.0
+    for index in range(window):
+        row = rows[(last - index) % size]
+        impacts += row[IMPACT_COUNT]
+        impulse += row[IMPULSE]
+        squares += row[IMPULSE_SQUARES]
+        approaches += row[APPROACHES]
+        if row[IMPACT_COUNT] > 0.0:
+            crank = row[CRANK_AT_IMPACT]
+        fastest, slowest = max(fastest, row[FASTEST]), min(slowest, row[SLOWEST])
+        if not peak >= row[PEAK]:
+            peak = row[PEAK]
+        low, high = min(low, row[Y_LOW]), max(high, row[Y_HIGH])
+        moved = moved or row[MOVED] > 0.0
+        drive += row[DRIVE]
+        friction += row[FRICTION]
+        loss += row[LOSS]
+        rested = rested or row[RESTED] > 0.0
+        most = max(most, row[IMPACT_COUNT])
+    count = max(window, 1)
+    regime = Regime.UNCERTAIN
+    mean, spread = math.nan, math.nan
+    if impacts == 0.0:
+        regime = Regime.NON_IMPACT if moved else Regime.STUCK
+    else:
+        mean = impulse / impacts
+        spread = math.sqrt(max(squares / impacts - mean * mean, 0.0)) / mean
+        if rested or most >= CHATTER_IMPACTS:
+            regime = Regime.CHATTERING
+        elif cycle == 1:
+            regime = Regime.IMPACT
+        elif cycle > 1:
+            regime = Regime.PERIOD_N
+    return Outcome(
+        regime,
+        certain,
+        cycle,
+        window,
+        impacts / count,
+        approaches / impacts if impacts > 0.0 else math.nan,
+        fastest if impacts > 0.0 else math.nan,
+        slowest if impacts > 0.0 else math.nan,
+        mean,
+        spread,
+        crank,
+        peak,
+        rest_length_m + low,
+        rest_length_m + high,
+        drive / count,
+        friction / count,
+        loss / count,
+        end[0],
+        end[1],
+        end[2],
+        end[3],
+    )

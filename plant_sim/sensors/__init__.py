@@ -1,0 +1,1 @@
+"""What the module's sensors see: physics, sampling, errors."""

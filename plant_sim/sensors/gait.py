@@ -1,0 +1,199 @@
+"""What somebody who walks shows of it: the truth of the gait, and what an IMU and two switches make of it."""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import jit
+from plant_sim.parts.walking import (
+    BEGIN_S,
+    FROM_HZ,
+    FROM_SIZE,
+    KNOCK_M_S2,
+    KNOCK_S,
+    LENGTH_S,
+    TO_HZ,
+    TO_SIZE,
+    TOE_OFF,
+    Leg,
+    Walking,
+    along_axis,
+    ankle_n_m_kg,
+    cycles_at,
+    leg_at,
+    row_at,
+)
+from plant_sim.sensors.models import GaitSensorModel
+
+FloatArray = NDArray[np.float64]
+
+FULL_SHARE = 0.3
+"""Of its full size: a motion that is larger loads the foot as walking does, a smaller one as standing."""
+STANDING_LOAD = 0.5
+"""Heel's and toe's share of the leg's load in standing."""
+
+
+class LegState(IntEnum):
+    """What the leg does."""
+
+    STANDING = 0
+    STANCE = 1
+    SWING = 2
+
+
+class GaitTruth(NamedTuple):
+    """The gait now. `phase` is 0 at heel strike, nan in standing; loads are shares of the leg's largest.
+    `tripping` is true while a stumble's knock acts.
+
+    The specific force at the module's place: along the shank upward, across it, along the striker's axis.
+    `ankle_n_m_kg` is the calf's moment about the ankle over the body's mass, 0 in standing; it pushes off.
+    """
+
+    state: LegState
+    tripping: bool
+    phase: float
+    stride_hz: float
+    shank_rad: float
+    shank_rad_s: float
+    up_m_s2: float
+    forward_m_s2: float
+    axis_m_s2: float
+    heel_load: float
+    toe_load: float
+    ankle_n_m_kg: float
+
+
+class GaitReading(NamedTuple):
+    """One sample of the IMU on the shank and of the switches under the foot."""
+
+    shank_rate_rad_s: float
+    along_m_s2: float
+    heel_contact: bool
+    toe_contact: bool
+
+
+def gait_at(walking: Walking, t_s: float) -> GaitTruth:
+    """The truth at `t_s`."""
+    return gait_of(walking, leg_at(walking, t_s), t_s)
+
+
+def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
+    """The truth at `t_s`, when the leg does this."""
+    row = walking.rows[row_at(walking.rows, t_s)]
+    axis_m_s2 = along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
+    felt = float(leg.up_m_s2), float(leg.forward_m_s2), float(axis_m_s2)
+    motion = float(leg.lean_rad), float(leg.lean_rad_s), *felt
+    full = max(row[FROM_SIZE], row[TO_SIZE])
+    if full == 0.0:
+        return GaitTruth(LegState.STANDING, False, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD, 0.0)
+    phase = cycles_at(row, t_s) % 1.0
+    in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
+    s = min((t_s - row[BEGIN_S]) / row[LENGTH_S], 1.0)
+    gone_over = s * s * s * (10.0 - s * (15.0 - 6.0 * s))
+    size = row[FROM_SIZE] + (row[TO_SIZE] - row[FROM_SIZE]) * gone_over
+    walks = min(size / (FULL_SHARE * full), 1.0)
+    rest = (1.0 - walks) * STANDING_LOAD
+    return GaitTruth(
+        LegState.STANCE if in_curves < TOE_OFF else LegState.SWING,
+        bool(row[KNOCK_M_S2] > 0.0 and t_s - row[BEGIN_S] < KNOCK_S),
+        float(phase),
+        float(row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * gone_over),
+        *motion,
+        float(walks * heel_load(in_curves) + rest),
+        float(walks * toe_load(in_curves) + rest),
+        float(size * ankle_n_m_kg(in_curves)),
+    )
+
+
+@jit
+def _cycles(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
+    for place in range(times_s.size):
+        row = walking.rows[row_at(walking.rows, times_s[place])]
+        out[place] = cycles_at(row, times_s[place])
+
+
+def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:
+    """Where in the cycle a leg that walks is, shape (n,) as the times."""
+    cycles = np.empty(len(times_s))
+    _cycles(walking, np.ascontiguousarray(times_s, dtype=np.float64), cycles)
+    return cycles % 1.0
+
+
+def heel_load(phase: float) -> float:
+    """Of the curves' cycle: from heel strike on, gone by heel-off at 42 %."""
+    return _rise(phase, 0.0, 0.06) * (1.0 - _rise(phase, 0.15, 0.42))
+
+
+def toe_load(phase: float) -> float:
+    """From foot-flat on, largest in push-off, gone at toe-off."""
+    return _rise(phase, 0.08, 0.45) * (1.0 - _rise(phase, 0.5, TOE_OFF))
+
+
+def _rise(phase: float, begin: float, end: float) -> float:
+    s = min(max((phase - begin) / (end - begin), 0.0), 1.0)
+    return s * s * (3.0 - 2.0 * s)
+
+
+class _Switch:
+    """Closes above a load; bounces for a while after each change."""
+
+    def __init__(self, threshold: float, bounce_s: float) -> None:
+        self._threshold = threshold
+        self._bounce_s = bounce_s
+        self._was: bool | None = None
+        self._changed_s = -math.inf
+
+    def read(self, t_s: float, load: float, dice: np.random.Generator) -> bool:
+        closed = load > self._threshold
+        if self._was is not None and closed != self._was:
+            self._changed_s = t_s
+        self._was = closed
+        tossed = bool(dice.random() < 0.5)
+        return tossed if t_s - self._changed_s < self._bounce_s else closed
+
+
+class GaitSensors:
+    """IMU and switches, read together each `period_s`; a frame that drops out is None."""
+
+    def __init__(self, model: GaitSensorModel, walking: Walking, seed: int, period_s: float) -> None:
+        self._model = model
+        self._walking = walking
+        self._dice = np.random.default_rng((seed, GAIT_STREAM))
+        self._heel = _Switch(model.heel_threshold, model.bounce_s)
+        self._toe = _Switch(model.toe_threshold, model.bounce_s)
+        frames = max(model.dropout_s / period_s, 1.0)
+        self._ends = 1.0 / frames
+        self._begins = model.dropout_share / (1.0 - model.dropout_share) / frames
+        self._is_out = False
+
+    def read(self, t_s: float) -> GaitReading | None:
+        """One sample, with new noise."""
+        return self.read_of(t_s, gait_at(self._walking, t_s))
+
+    def read_of(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
+        """The sample at `t_s`, whose truth is known."""
+        model, dice = self._model, self._dice
+        rate_noise, force_noise = dice.standard_normal(2).tolist()
+        heel = self._heel.read(t_s, truth.heel_load, dice)
+        toe = self._toe.read(t_s, truth.toe_load, dice)
+        self._is_out = dice.random() < (1.0 - self._ends if self._is_out else self._begins)
+        if self._is_out:
+            return None
+        # An IMU that leans forward by τ within the sagittal plane, and is twisted about the shank.
+        tilt_rad = model.tilt_rad
+        along_m_s2 = truth.up_m_s2 * math.cos(tilt_rad) + truth.forward_m_s2 * math.sin(tilt_rad)
+        return GaitReading(
+            truth.shank_rad_s * math.cos(model.twist_rad)
+            + model.rate_bias_rad_s
+            + model.rate_noise_rad_s * rate_noise,
+            along_m_s2 + model.along_bias_m_s2 + model.along_noise_m_s2 * force_noise,
+            heel,
+            toe,
+        )
+
+
+GAIT_STREAM = 10
+"""The gait sensors' noise is sampled separately from the others', which is the same without them."""

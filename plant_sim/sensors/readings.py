@@ -1,0 +1,133 @@
+"""Readings: the low-passes' outputs with noise and bias, clipped and quantised.
+
+The readers are pure and run interpreted and compiled; the noise is passed in.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import shared
+from plant_sim.sensors.models import AccelerometerModel, SensorModels
+from plant_sim.sensors.sensing import Sensing
+
+TURN_RAD = 2.0 * math.pi
+NOISE_AT_ONCE = 256
+"""Samples whose noise is made together; the stream is that of single samples."""
+
+
+class SensorReading(NamedTuple):
+    """One sample of everything. A housing that is level and at rest reads its bias and noise."""
+
+    striker_low_m_s2: float
+    striker_high_m_s2: float
+    housing_m_s2: float
+    encoder_position_rev: float
+    encoder_velocity_rev_s: float
+
+
+class AccelerometerReader(NamedTuple):
+    """An accelerometer behind its low-pass, in its own counts. `most`: the largest count either way."""
+
+    count_m_s2: float
+    bias: float
+    noise: float
+    most: int
+
+
+class Readers(NamedTuple):
+    """All sensors behind their low-passes. The encoder has `encoder_counts` a turn."""
+
+    striker_low: AccelerometerReader
+    striker_high: AccelerometerReader
+    housing: AccelerometerReader
+    encoder_counts: int
+    encoder_noise_rad_s: float
+
+
+def accelerometer_reader(model: AccelerometerModel) -> AccelerometerReader:
+    """The reader of an accelerometer of these numbers."""
+    # A Butterworth of second order passes the noise of π/(2√2) f_c.
+    bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * model.bandwidth_hz
+    return AccelerometerReader(
+        count_m_s2=model.count_m_s2,
+        bias=model.bias_m_s2 / model.count_m_s2,
+        noise=model.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / model.count_m_s2,
+        # The positive full scale of two's complement is one count short of the range.
+        most=math.ceil(model.range_m_s2 / model.count_m_s2) - 1,
+    )
+
+
+def readers(models: SensorModels) -> Readers:
+    """The readers of a scene's sensors."""
+    return Readers(
+        striker_low=accelerometer_reader(models.striker_low),
+        striker_high=accelerometer_reader(models.striker_high),
+        housing=accelerometer_reader(models.housing),
+        encoder_counts=models.encoder.counts,
+        encoder_noise_rad_s=models.encoder.noise_rad_s,
+    )
+
+
+@shared
+def read_accelerometer(reader: AccelerometerReader, filtered_m_s2: float, noise: float) -> float:
+    """One reading, m/s², of the low-passed truth and a standard normal; it saturates in counts."""
+    count = round(filtered_m_s2 / reader.count_m_s2 + reader.bias + reader.noise * noise)
+    return min(max(count, -reader.most), reader.most) * reader.count_m_s2
+
+
+@shared
+def read_position_rev(readers: Readers, crank_rad: float) -> float:
+    """The encoder's position, circular in [0, 1) revolutions."""
+    counts = readers.encoder_counts
+    return math.floor(crank_rad / TURN_RAD * counts) % counts / counts
+
+
+@shared
+def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -> float:
+    """The encoder's speed estimate of the low-passed truth and a standard normal."""
+    return (filtered_rad_s + readers.encoder_noise_rad_s * noise) / TURN_RAD
+
+
+class Sensors:
+    """All sensors of a module, read together."""
+
+    def __init__(self, models: SensorModels, sensing: Sensing, noise: np.random.Generator) -> None:
+        self.readers = readers(models)
+        self._readings = sensing.readings
+        self.noise = Noise(noise)
+
+    def read(self, crank_rad: float) -> SensorReading:
+        """Read every sensor once, with new noise."""
+        low, high, speed_rad_s, housing = self._readings.tolist()
+        low_noise, high_noise, housing_noise, speed_noise = self.noise.next()
+        readers = self.readers
+        return SensorReading(
+            read_accelerometer(readers.striker_low, low, low_noise),
+            read_accelerometer(readers.striker_high, high, high_noise),
+            read_accelerometer(readers.housing, housing, housing_noise),
+            read_position_rev(readers, crank_rad),
+            read_velocity_rev_s(readers, speed_rad_s, speed_noise),
+        )
+
+
+class Noise:
+    """Four standard normals a sample, for ever."""
+
+    def __init__(self, noise: np.random.Generator) -> None:
+        self._noise = noise
+        self._waiting: list[list[float]] = []
+
+    def next(self) -> list[float]:
+        """A sample's."""
+        if not self._waiting:
+            self._waiting = self._noise.standard_normal((NOISE_AT_ONCE, 4)).tolist()[::-1]
+        return self._waiting.pop()
+
+    def take(self, samples: int) -> NDArray[np.float64]:
+        """Those of the next samples, shape (samples, 4)."""
+        first = [self._waiting.pop() for _ in range(min(samples, len(self._waiting)))]
+        rest = self._noise.standard_normal((samples - len(first), 4))
+        return np.concatenate([np.array(first).reshape(-1, 4), rest])

@@ -1,0 +1,274 @@
+"""The sensors' low-passes between two readings, driven exactly by the polynomials of the solver's steps.
+
+An accelerometer's is a second-order Butterworth, ω²/(s² + √2 ω s + ω²): one complex state z' = λ z + a with
+λ = ω (−1 + j)/√2 and reading 2 Re(r z), r = −j ω/√2. The encoder's speed estimate is of first order.
+
+At a rigid stop the velocity jumps by (1 + k) v⁻. An accelerometer is given a half-sine of that area over the
+contact time T instead: −(π/2T)(1 + k) v⁻ sin(π τ/T).
+
+On a tilted or moving housing an accelerometer reads x'' + a_b, one on the housing a_b alone. The filters are
+linear: a_b, a polynomial over the step, drives them on top of what the motion does.
+"""
+
+import cmath
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.walking import Walking
+from plant_sim.sensors.models import AccelerometerModel, SensorModels
+from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.adaptive.motion import SPEED, VELOCITY, Vector
+
+Complex = NDArray[np.complex128]
+
+LOW, HIGH, SPEED_ESTIMATE, HOUSING = range(4)
+"""Filters: the striker's two accelerometers, the encoder's speed, and the housing's, if it feels anything."""
+
+PULSES = 32
+"""Half-sines at work at once; a chatter's further ones join the last, of which they are a small part."""
+
+AGE, JUMP = range(2)
+"""Columns of Sensing.pulses: time since the impact, s, and change of velocity, m/s; 0 where there is none."""
+
+
+class NoSensing(NamedTuple):
+    """A scene without sensors."""
+
+
+class Sensing(NamedTuple):
+    """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2).
+
+    `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, DEGREE + 2).
+    A tilted or moving housing has its own, the fourth, and `shaken` of shape (2, DEGREE + 1), else (0, …).
+    `readings` are what the filters give: accelerations, m/s², and the speed, rad/s; 0 where there is none.
+    """
+
+    poles: Complex
+    states: Complex
+    moments: Complex
+    step_s: Vector
+    power: Vector
+    pulses: Vector
+    pulse_s: float
+    shaken: Vector
+    readings: Vector
+
+
+Probe: TypeAlias = NoSensing | Sensing
+
+
+def allocate_sensing(
+    models: SensorModels, crank_speed_rad_s: float, housing: Housing | None = None
+) -> Sensing:
+    """Filters that have seen a striker at rest, what the housing always does, and a steady crank."""
+    poles = [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
+    states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
+    is_felt = isinstance(housing, Tilted | Moving | Walking)
+    if isinstance(housing, Tilted | Moving | Walking):
+        poles.append(_pole(models.housing))
+        states.append(0.0j)
+        along_m_s2 = housing_m_s2(housing, 0.0) if isinstance(housing, Walking) else housing.along_m_s2
+        for which in (LOW, HIGH, HOUSING):
+            states[which] = -along_m_s2 / poles[which]  # where z' = λ z + a stays
+    sensing = Sensing(
+        poles=np.array(poles),
+        states=np.array(states),
+        moments=np.zeros((len(poles), DEGREE + 2), dtype=np.complex128),
+        step_s=np.zeros(1),
+        power=np.zeros(DEGREE + 1),
+        pulses=np.zeros((PULSES, 2)),
+        pulse_s=models.rigid_contact_s,
+        shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
+        readings=np.zeros(HOUSING + 1),
+    )
+    note_readings(sensing)
+    return sensing
+
+
+def _pole(model: AccelerometerModel) -> complex:
+    return 2.0 * math.pi * model.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
+
+
+@by_part
+def note_readings(probe: Probe) -> None:
+    """Read the filters: an accelerometer's is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
+    return
+
+
+@law(note_readings, Sensing)
+def _(probe: Sensing) -> None:
+    poles, states, readings = probe.poles, probe.states, probe.readings
+    for which in range(poles.size):
+        readings[which] = 2.0 * poles[which].imag * states[which].imag
+    readings[SPEED_ESTIMATE] = states[SPEED_ESTIMATE].real
+
+
+@by_part
+def is_sensing(probe: Probe) -> bool:
+    """Whether anything wants to know the motion within steps."""
+    return False
+
+
+@law(is_sensing, Sensing)
+def _(probe: Sensing) -> bool:
+    return True
+
+
+@by_part
+def sense_jump(probe: Probe, jump_m_s: float) -> None:
+    """A rigid stop has taken this much velocity off the striker."""
+    return
+
+
+@law(sense_jump, Sensing)
+def _(probe: Sensing, jump_m_s: float) -> None:
+    pulses = probe.pulses
+    for i in range(PULSES):
+        if pulses[i, JUMP] == 0.0:
+            pulses[i, AGE] = 0.0
+            pulses[i, JUMP] = jump_m_s
+            return
+    pulses[np.argmin(pulses[:, AGE]), JUMP] += jump_m_s
+
+
+@by_part
+def sense_step(probe: Probe, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
+    """Drive the filters over the first `used_s` of a step of `h_s` of Bernstein coefficients `dense`."""
+    return
+
+
+@law(sense_step, Sensing)
+def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, begin_s: float) -> None:
+    if used_s == 0.0:
+        return
+    power, moments, states = probe.power, probe.moments, probe.states
+    _note_moments(probe, used_s)
+    _crank_speed_power(parts.drive, dense, used_s / h_s, power)
+    for j in range(DEGREE + 1):
+        power[j] *= -probe.poles[SPEED_ESTIMATE].real
+    states[SPEED_ESTIMATE] = _driven(moments[SPEED_ESTIMATE], states[SPEED_ESTIMATE], power, DEGREE)
+    to_power(dense[VELOCITY], used_s / h_s, power)
+    for j in range(DEGREE):  # a = v'
+        power[j] = (j + 1) * power[j + 1] / used_s
+    for which in (LOW, HIGH):
+        states[which] = _driven(moments[which], states[which], power, DEGREE - 1)
+    for i in range(PULSES):
+        if probe.pulses[i, JUMP] != 0.0:
+            _sense_pulse(probe, probe.pulses[i], used_s)
+    _sense_housing(parts.housing, probe, used_s, begin_s)
+
+
+@by_part
+def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
+    """Drive the accelerometers by a_b over a step, on top of what they hold already."""
+    return
+
+
+@law(_sense_housing, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s: float) -> None:
+    power, moments, states = probe.power, probe.moments, probe.states
+    values, through = probe.shaken[0], probe.shaken[1]
+    for i in range(DEGREE + 1):
+        values[i] = housing_m_s2(housing, begin_s + NODES[i] * used_s)
+    interpolate(values, through)
+    to_power(through, 1.0, power)
+    for which in (LOW, HIGH):
+        states[which] += _driven(moments[which], 0.0j, power, DEGREE)
+    states[HOUSING] = _driven(moments[HOUSING], states[HOUSING], power, DEGREE)
+
+
+@by_part
+def _crank_speed_power(drive: Drive, dense: Vector, share: float, power: Vector) -> None:
+    """Power coefficients of the crank's speed over the used share of the step."""
+    raise NotImplementedError
+
+
+@law(_crank_speed_power, IdealDrive)
+def _(drive: IdealDrive, dense: Vector, share: float, power: Vector) -> None:
+    power[:] = 0.0
+    power[0] = drive.omega_rad_s
+
+
+@law(_crank_speed_power, MotorDrive)
+def _(drive: MotorDrive, dense: Vector, share: float, power: Vector) -> None:
+    to_power(dense[SPEED], share, power)
+
+
+@subroutine
+def to_power(b: Vector, share: float, power: Vector) -> None:
+    """Coefficients in s/share of p: c_j = shareʲ C(n, j) Δʲb_0, with Δ the forward difference."""
+    for i in range(DEGREE + 1):
+        power[i] = b[i]
+    for j in range(1, DEGREE + 1):
+        for i in range(DEGREE, j - 1, -1):
+            power[i] -= power[i - 1]
+    binomial = 1.0
+    for j in range(1, DEGREE + 1):
+        binomial *= share * (DEGREE - j + 1) / j
+        power[j] *= binomial
+
+
+@subroutine
+def _note_moments(probe: Sensing, h_s: float) -> None:
+    """Have every filter's moments over h at hand; most steps are as long as the one before."""
+    if probe.step_s[0] == h_s:
+        return
+    for which in range(probe.poles.size):
+        _moments(probe.poles[which], h_s, probe.moments[which])
+    probe.step_s[0] = h_s
+
+
+@subroutine
+def _moments(pole: complex, h_s: float, row: Complex) -> None:
+    """e^(λh), and I_j = ∫ e^(λ(h−t)) (t/h)ʲ dt from j = 0 on.
+
+    By parts λh I_j + h = j I_(j−1): downwards this forgets a wrong start as (λh)ᵐ/m!, upwards it is stable
+    for large λh.
+    """
+    x = pole * h_s
+    row[0] = cmath.exp(x)
+    moment = 0.0j
+    if abs(x) < 20.0:
+        for j in range(int(30.0 + 4.0 * abs(x)), 0, -1):
+            moment = (h_s + x * moment) / j
+            if j < row.size:
+                row[j] = moment
+        return
+    row[1] = (row[0] - 1.0) / pole
+    for j in range(2, row.size):
+        row[j] = ((j - 1) * row[j - 1] - h_s) / x
+
+
+@subroutine
+def _driven(moments: Complex, state: complex, power: Vector, degree: int) -> complex:
+    """State after h of z' = λ z + u with u = Σ c_j (t/h)ʲ: e^(λh) z + Σ c_j I_j."""
+    total: complex = moments[0] * state
+    for j in range(degree, -1, -1):
+        total += power[j] * moments[1 + j]
+    return total
+
+
+@subroutine
+def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
+    """Drive the accelerometers' filters by one half-sine, and let it age."""
+    age, jump, whole = pulse[AGE], pulse[JUMP], probe.pulse_s
+    rate = math.pi / whole
+    on_s = min(used_s, whole - age)
+    for which in (LOW, HIGH):
+        pole = probe.poles[which]
+        # ∫ e^(λ(on−s)) e^(iβ(age+s)) ds = e^(iβ age) (e^(iβ on) − e^(λ on)) / (iβ − λ), and its conjugate's
+        decay = cmath.exp(pole * on_s)
+        ahead = cmath.exp(1j * rate * age) * (cmath.exp(1j * rate * on_s) - decay) / (1j * rate - pole)
+        behind = cmath.exp(-1j * rate * age) * (cmath.exp(-1j * rate * on_s) - decay) / (-1j * rate - pole)
+        response = (ahead - behind) / 2.0j
+        probe.states[which] -= 0.5 * rate * jump * response * cmath.exp(pole * (used_s - on_s))
+    pulse[AGE] = age + used_s
+    if pulse[AGE] >= whole:
+        pulse[JUMP] = 0.0

@@ -1,0 +1,212 @@
+"""What an advancing module carries from step to step, in arrays that kernels change in place."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import by_part, law, shared
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
+from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import is_soft, origin_m
+from plant_sim.parts.wearer import is_worn
+from plant_sim.parts.winding import DqWinding
+from plant_sim.result import MotionState
+from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE
+from plant_sim.solvers.adaptive.dop853 import STAGES
+from plant_sim.solvers.adaptive.events import TURN, Scratch
+from plant_sim.solvers.adaptive.motion import Vector, housing_place, integrals, state_size, work_place
+
+# Places in Memory.mode.
+(
+    PHASE,
+    DIRECTION,
+    CRANK_DIRECTION,
+    CRANK_STUCK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    ZERO_CRANK,
+    TURNS,
+    IN_IMPACT,
+    IMPACTS,
+    SAMPLES,
+    SEEN,
+    VOLTAGE_LIMITED,
+    ZERO_VOLTAGE,
+) = range(14)
+"""`SEEN` has bit p set if phase p has taken time since it was cleared; the last two with windings only."""
+
+UNSETTLED = -1
+"""Phase of a module whose first phase the solver has yet to find."""
+
+# Places in Memory.held; the crank's angle is there with an ideal drive only.
+(
+    ELAPSED,
+    ELAPSED_LOW,
+    STEP_FREE,
+    STEP_CONTACT,
+    REST_SPEED,
+    LAST_STEP,
+    LAST_MARGIN,
+    DEBT,
+    CRANK_ANGLE,
+) = range(9)
+"""`ELAPSED_LOW` is what rounding leaves out of `ELAPSED`: over 1e6 s of steps it would add up to 0.1 ms.
+
+`DEBT` is the cost (`plant_sim.solvers.cost`) that simulated time has not paid for.
+"""
+
+NO_IMPACT, IN_CONTACT, LET_GO = range(3)
+"""Values of IN_IMPACT; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
+
+# Places in Memory.contact, which soft stops have; the last with a wearer only.
+TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, LEAVE_SPEED, PEAK_FELT = range(8)
+
+# Columns of Memory.impacts.
+IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
+
+(
+    PLACE_NOW,
+    VELOCITY_NOW,
+    ACCELERATION,
+    ANGLE_NOW,
+    SPEED_NOW,
+    MOTOR_TORQUE,
+    CURRENT,
+    STOP_FORCE,
+    FELT_FORCE,
+    DRIVE_WORK,
+    STORED,
+    FRICTION_LOSS,
+    IMPACT_LOSS,
+    HOUSING_WORK,
+    ANKLE_LOSS,
+    PHASE_NOW,
+) = range(16)
+"""Places in Memory.observed: the fields of `Observation`, in its order."""
+
+SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
+"""A forcing period takes some twenty steps, those of a contact included; each may err by this share of it.
+
+Errors of a motor's speed add up in its angle, so that they are kept smaller.
+"""
+
+SHARE_OF_A_CONTACT = 0.1
+"""A contact takes few steps, and what it errs by the orbit may grow: each may err by this share of others."""
+
+
+SHARE_OF_STRIBECK_SPEED = 1e-3
+"""However loose the accuracy: a larger error of velocity would undo the bend of friction near rest."""
+
+
+class Memory(NamedTuple):
+    """State and mode, bookkeeping, results, tolerances, and scratch from `k` on."""
+
+    y: Vector
+    mode: NDArray[np.int64]
+    held: Vector
+    contact: Vector
+    impacts: Vector
+    observed: Vector
+    scale: Vector
+    contact_scale: Vector
+    k: Vector
+    trial: Vector
+    new: Vector
+    dense: Vector
+    scratch: Scratch
+
+
+def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
+    """Memory of a module at `initial`: only what these parts need, and room for some impacts."""
+    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    motion, size = work_place(parts), state_size(parts)
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    has_motor = isinstance(drive, MotorDrive)
+    has_winding = isinstance(parts.winding, DqWinding)
+    held = np.zeros(8 if has_motor else 9)
+    held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
+    memory = Memory(
+        y=np.zeros(size),
+        mode=np.zeros(14 if has_winding else 12, dtype=np.int64),
+        held=held,
+        contact=np.zeros((8 if is_worn(parts.wearer) else 7) if is_soft(stop) else 0),
+        impacts=np.zeros((impacts, 6)),
+        observed=np.zeros(PHASE_NOW + 1),
+        scale=_scale(parts, accuracy),
+        contact_scale=SHARE_OF_A_CONTACT * _scale(parts, accuracy)[: None if is_soft(stop) else 0],
+        k=np.zeros((STAGES, size)),
+        trial=np.zeros(size),
+        new=np.zeros(size),
+        dense=np.zeros((motion, DEGREE + 1)),
+        scratch=Scratch(
+            poly=np.zeros(DEGREE + 1),
+            press=np.zeros(DEGREE + 1),
+            stack=np.zeros((DEEPEST_HALVING + 2, DEGREE + 3)),
+            inner=np.zeros(motion if has_winding else 0),
+        ),
+    )
+    depth_m = initial.x_m - origin_m(stop, striker)
+    restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
+    return memory
+
+
+@shared
+def restart(
+    parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
+) -> None:
+    """Set a module to a start whose phase is to be found; nothing of an earlier run is left."""
+    memory.y[:] = 0.0
+    memory.mode[:] = 0
+    memory.contact[:] = 0.0
+    memory.y[0], memory.y[1] = depth_m, v_m_s
+    memory.mode[PHASE] = UNSETTLED
+    held, striker = memory.held, parts.striker
+    held[ELAPSED] = held[ELAPSED_LOW] = 0.0
+    held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
+    held[LAST_STEP] = held[LAST_MARGIN] = held[DEBT] = 0.0
+    _set_crank(parts.drive, memory, crank_rad % TURN, omega_rad_s)
+
+
+@by_part
+def _set_crank(drive: Drive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    raise NotImplementedError
+
+
+@law(_set_crank, IdealDrive)
+def _(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    memory.held[CRANK_ANGLE] = angle_rad
+
+
+@law(_set_crank, MotorDrive)
+def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
+    memory.y[2], memory.y[3] = angle_rad, omega_rad_s
+
+
+def _scale(parts: Parts, accuracy: float) -> Vector:
+    """Error of one step in each quantity that weighs as much as a step's share of `accuracy` in position."""
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    length = max(drive.amplitude_m, 1e-3)
+    motion = [1.0, natural]
+    share = SHARE_OF_A_STEP
+    if isinstance(drive, MotorDrive):
+        share = SHARE_OF_A_MOTOR_STEP
+        motion += [1.0 / length, natural / length]
+    if is_worn(parts.wearer):
+        motion += [1.0, natural]
+    if isinstance(drive, MotorDrive) and isinstance(parts.winding, DqWinding):
+        # An error of current dies out within 1/α; until then it turns the crank: δω = K_t δi / (J α).
+        winding, alpha = parts.winding, parts.winding.bandwidth_rad_s
+        current = drive.inertia_kg_m2 * alpha / drive.torque_constant_n_m_a * natural / length
+        motion += [current, current, alpha * winding.d_inductance_h * current]
+        motion += [alpha * winding.q_inductance_h * current]
+    force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
+    ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
+    ledger += [force] * (state_size(parts) - housing_place(parts))
+    scale: Vector = share * accuracy * np.array(motion + ledger)
+    if isinstance(friction, Stribeck):
+        scale[1] = min(scale[1], SHARE_OF_STRIBECK_SPEED * friction.v_s_m_s)
+    return scale

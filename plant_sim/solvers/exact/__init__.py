@@ -1,0 +1,1 @@
+"""Motion between events in closed form; the events located by proved bounds."""

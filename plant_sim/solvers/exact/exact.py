@@ -1,0 +1,251 @@
+"""The exact solver: ideal drive, piecewise-linear friction, rigid stop or none; closed form between events.
+
+Impact times and states are those of the equations to rounding, whatever the grid of samples and however a
+run is cut.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels import entry_point, jit
+from plant_sim.parts.drive import IdealDrive
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
+from plant_sim.parts.housing import Level
+from plant_sim.parts.linkage import Sine
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.striker import Striker
+from plant_sim.parts.wearer import NoWearer
+from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
+from plant_sim.solvers.cost import ALLOWANCE, debt, too_costly
+from plant_sim.solvers.double_double import TURN_RAD, turned
+from plant_sim.solvers.exact.ledger import booked, empty_ledger, stored_j
+from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_event
+from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator
+
+REST_SPEED_M_S = 1e-9
+"""Chatter that is certain to end is ended below this speed; later motion does not depend on it."""
+
+
+class UnsupportedSceneError(ValueError):
+    """The scene has no closed form, or the start makes no sense."""
+
+
+@jit
+def _run(
+    striker: Striker,
+    drive: IdealDrive,
+    friction: Friction,
+    stop: Stop,
+    start: tuple[float, float, float, float],
+    until_s: float,
+    rest_speed_m_s: float,
+    samples_t_s: NDArray[np.float64],
+    samples: NDArray[np.float64],
+) -> tuple[
+    NDArray[np.float64], tuple[float, float, float, float], tuple[float, float, float, float], int, bool
+]:
+    """A whole run: impacts, final (t, y, v, crank), energies, phase, and whether it was too costly.
+
+    `start` is (t, y, v, crank). Shapes: impacts (6, n) in the order of `Impacts`; samples
+    (len(samples_t_s), 3) as y, v, crank.
+    """
+    o = oscillator(striker, drive, friction, stop)
+    motion = begin(o, start[0], start[1], start[2], start[3])
+    before_j = stored_j(o, motion)
+    ledger = empty_ledger()
+    fastest_rad_s, behind = max(o.drive_rad_s, o.natural_rad_s), 0.0
+    rows, found, next_sample = np.empty((64, 4)), 0, 0
+    event = Event.IMPACT
+    while event != Event.HORIZON and behind <= ALLOWANCE:
+        arrival, event = next_event(o, motion, until_s)
+        departure = after(o, arrival, event, rest_speed_m_s)
+        ledger = booked(o, ledger, motion, arrival, departure)
+        next_sample = _sample(o, motion, arrival, event, samples_t_s, samples, next_sample)
+        if event == Event.IMPACT:
+            if found == len(rows):
+                rows = np.concatenate((rows, np.empty_like(rows)))
+            rows[found, 0] = arrival.t_s
+            rows[found, 1] = arrival.v_m_s
+            rows[found, 2] = departure.v_m_s
+            rows[found, 3] = arrival.crank_rad
+            found += 1
+        behind = debt(behind, 1.0, (arrival.t_s - motion.t_s) * fastest_rad_s)
+        motion = departure
+    impacts = np.empty((6, found))
+    for index in range(found):
+        v, v_after = rows[index, 1], rows[index, 2]
+        impacts[0, index] = rows[index, 0]
+        impacts[1, index] = v
+        impacts[2, index] = v_after
+        impacts[3, index] = o.mass_kg * (v - v_after)
+        impacts[4, index] = np.nan  # a rigid stop has no peak force
+        impacts[5, index] = rows[index, 3] % TURN_RAD
+    return (
+        impacts,
+        (motion.t_s, motion.y_m, motion.v_m_s, motion.crank_rad),
+        (
+            ledger.drive_j + ledger.drive_low_j,
+            stored_j(o, motion) - before_j,
+            ledger.friction_j + ledger.friction_low_j,
+            ledger.impact_j + ledger.impact_low_j,
+        ),
+        motion.phase.value,
+        event != Event.HORIZON,
+    )
+
+
+_compiled_runs: dict[tuple[type, type], Callable[..., Any]] = {}
+"""`_run` by kinds of friction and stop, the only ones of its arguments' types that differ."""
+
+
+@jit
+def _sample(
+    o: Oscillator,
+    motion: Motion,
+    arrival: Motion,
+    event: Event,
+    samples_t_s: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    index: int,
+) -> int:
+    """Fill the samples of one flow; one at the very instant of an event sees what comes after it."""
+    if index >= len(samples_t_s):
+        return index
+    flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
+    end = (arrival.t_s - motion.t_s) + (arrival.t_low_s - motion.t_low_s)
+    while index < len(samples_t_s):
+        if samples_t_s[index] >= arrival.t_s and event != Event.HORIZON:
+            break
+        h = min(max((samples_t_s[index] - motion.t_s) - motion.t_low_s, 0.0), end)
+        y, v = motion.y_m, 0.0
+        if motion.phase == Phase.FLIGHT:
+            y, v, _, _ = flow(o, flight, h)
+        crank, _ = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, h)
+        samples[index, 0] = min(y, o.gap_m)
+        samples[index, 1] = v
+        samples[index, 2] = crank
+        index += 1
+    return index
+
+
+def simulate(
+    parts: Parts,
+    initial: MotionState,
+    until_s: float,
+    samples_t_s: NDArray[np.float64] | None = None,
+    rest_speed_m_s: float = REST_SPEED_M_S,
+) -> SimulationResult:
+    """Run the module from `initial` to the absolute time `until_s`.
+
+    The crank starts at `initial.crank_rad` and turns at the drive's speed; the mode follows from the state.
+    `samples_t_s`, shape (n,), ascending within the run, asks for the motion at those times; a sample at the
+    very instant of an event sees what comes after it. The bounces of chatter below `rest_speed_m_s` that are
+    certain to end at rest are one plastic impact.
+    """
+    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
+    require_plain(parts)
+    if (
+        not isinstance(drive, IdealDrive)
+        or not isinstance(friction, NoFriction | Viscous | Coulomb)
+        or not isinstance(stop, NoStop | RigidStop)
+    ):
+        raise UnsupportedSceneError(
+            "the exact solver has closed forms for an ideal drive, no, viscous or Coulomb friction and no or "
+            f"a rigid stop; this scene has {drive!r}, {friction!r} and {stop!r}: use the adaptive solver"
+        )
+    grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
+    require_run(initial, until_s, grid)
+
+    until_s = float(until_s)
+    start = (
+        float(initial.t_s),
+        float(start_m(striker, stop, initial)),
+        float(initial.v_m_s),
+        float(initial.crank_rad),
+    )
+    samples = np.empty((len(grid), 3))
+    arguments = (striker, drive, friction, stop, start, until_s, float(rest_speed_m_s), grid, samples)
+    kinds = type(friction), type(stop)
+    if kinds not in _compiled_runs:
+        _compiled_runs[kinds] = entry_point(_run, *arguments)
+    impacts, final, energies, phase, too_many = _compiled_runs[kinds](*arguments)
+    if too_many:
+        t_s, y_m, v_m_s, _ = final
+        place = f"at t = {t_s:.9g} s, x = {striker.rest_length_m + y_m:.9g} m, v = {v_m_s:.6g} m/s"
+        raise too_costly(place, "the bounces do not die out: lower stop.restitution, or end the run earlier")
+    t_s, y_m, v_m_s, crank_rad = final
+    return SimulationResult(
+        impacts=Impacts(*impacts),
+        final=MotionState(
+            t_s, _position_m(striker, stop, y_m), v_m_s, crank_rad % TURN_RAD, drive.omega_rad_s, Phase(phase)
+        ),
+        energy=EnergyLedger(*energies),
+        method="exact",
+        samples=None if samples_t_s is None else _samples(striker, stop, grid, samples),
+    )
+
+
+def require_plain(parts: Parts) -> None:
+    """Refuse what these solvers have no form for; a tilt is taken off beforehand (`plant_sim.tilt`)."""
+    linkage, housing, wearer = parts.linkage, parts.housing, parts.wearer
+    if not (isinstance(linkage, Sine) and isinstance(housing, Level) and isinstance(wearer, NoWearer)):
+        raise UnsupportedSceneError(
+            "this solver has a sine, a level housing and no wearer alone; this scene has "
+            f"{linkage!r}, {housing!r} and {wearer!r}: use the adaptive solver"
+        )
+
+
+def require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.float64]) -> None:
+    """Refuse numbers that make no run."""
+    numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
+    if not all(map(math.isfinite, numbers)):
+        raise UnsupportedSceneError(
+            f"start t, x, v, crank angle and end are {numbers}; all of them must be finite"
+        )
+    if until_s < initial.t_s:
+        raise UnsupportedSceneError(
+            f"the run ends at {until_s} s, before its start at {initial.t_s} s; set a later end"
+        )
+    if len(samples_t_s) and not (
+        samples_t_s[0] >= initial.t_s and samples_t_s[-1] <= until_s and np.all(np.diff(samples_t_s) >= 0.0)
+    ):
+        raise UnsupportedSceneError(
+            f"the sample times must ascend within [{initial.t_s}, {until_s}] s and go from "
+            f"{samples_t_s[0]} to {samples_t_s[-1]} s; sort and clip them"
+        )
+
+
+def start_m(striker: Striker, stop: NoStop | RigidStop, initial: MotionState) -> float:
+    """y at the start; refuses one beyond the stop."""
+    y_m = initial.x_m - striker.rest_length_m
+    if isinstance(stop, NoStop):
+        return y_m
+    if initial.x_m > stop.position_m:
+        raise UnsupportedSceneError(
+            f"the striker starts at x = {initial.x_m} m, beyond the rigid stop at {stop.position_m} m; "
+            "start at or before the stop, or use a soft one"
+        )
+    return min(y_m, stop.position_m - striker.rest_length_m)
+
+
+def _position_m(striker: Striker, stop: NoStop | RigidStop, y_m: float) -> float:
+    x_m = striker.rest_length_m + y_m
+    if isinstance(stop, NoStop):
+        return x_m
+    return stop.position_m if y_m >= stop.position_m - striker.rest_length_m else min(x_m, stop.position_m)
+
+
+def _samples(
+    striker: Striker, stop: NoStop | RigidStop, t_s: NDArray[np.float64], samples: NDArray[np.float64]
+) -> Samples:
+    y_m, v_m_s, crank_rad = samples.T
+    x_m = striker.rest_length_m + y_m
+    if isinstance(stop, RigidStop):
+        x_m = np.where(y_m >= stop.position_m - striker.rest_length_m, stop.position_m, x_m)
+        x_m = np.minimum(x_m, stop.position_m)
+    return Samples(t_s=t_s, x_m=x_m, v_m_s=v_m_s, crank_rad=crank_rad % TURN_RAD)

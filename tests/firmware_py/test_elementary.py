@@ -1,0 +1,322 @@
+"""sin, cos, atan2, exp and cube root: true to the last bit or two, and the same bits in every build."""
+
+import ctypes
+import itertools
+import math
+import os
+import random
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from code_here import INTEGER, POINTER, function
+from compiled_calls import as_compiled
+from numpy.typing import NDArray
+
+from firmware_py.builds import board
+from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retargeted
+from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cos, cube_root, exp, sin
+from firmware_py.core.numbers import wrap_pi
+
+TRIALS = 20_000
+dice = random.Random(4)
+ANGLES = [
+    *(dice.uniform(-LARGEST_EXACT_RAD, LARGEST_EXACT_RAD) for _ in range(TRIALS)),
+    *(dice.uniform(-7.0, 7.0) for _ in range(TRIALS)),
+    *(sign * 10.0**-k for k in range(300) for sign in (-1, 1)),
+    *(math.nextafter(0.25 * k * math.pi, side) for k in range(-127, 128) for side in (-1e9, 1e9)),
+    *(0.25 * k * math.pi for k in range(-127, 128)),
+    *(LARGEST_EXACT_RAD, -LARGEST_EXACT_RAD),
+]
+EXPONENTS = [
+    *(dice.uniform(-708.0, 709.0) for _ in range(TRIALS)),
+    *(dice.gauss(0.0, 1.0) for _ in range(TRIALS)),
+]
+RATIOS = [
+    *(2.0 ** dice.uniform(-1022.0, 1023.0) for _ in range(TRIALS)),
+    *(2.0 ** dice.uniform(-9.0, 9.0) for _ in range(TRIALS)),
+    *(float(k) for k in range(1, 1001)),
+    *(5e-324, sys.float_info.min, sys.float_info.max),
+]
+PAIRS = [
+    *((dice.gauss(0.0, 1.0), dice.gauss(0.0, 1.0)) for _ in range(TRIALS)),
+    *((dice.gauss(0.0, 1.0) * 10.0 ** dice.uniform(-9.0, 9.0), dice.gauss(0.0, 1.0)) for _ in range(TRIALS)),
+]
+EDGES = (0.0, -0.0, 1.0, -1.0, 1e-320, -1e300, 1e300, math.inf, -math.inf, math.nan)
+
+
+def ulps(value: float, truth: mpmath.mpf) -> float:
+    """By how many units in the last place `value` is off."""
+    return abs(float((mpmath.mpf(value) - truth) / math.ulp(float(truth))))
+
+
+@pytest.mark.parametrize(
+    ("function", "reference", "arguments", "most_ulps"),
+    [
+        (sin, mpmath.sin, [(x,) for x in ANGLES], 1.0),
+        (cos, mpmath.cos, [(x,) for x in ANGLES], 1.0),
+        (exp, mpmath.exp, [(x,) for x in EXPONENTS], 1.0),
+        (cube_root, mpmath.cbrt, [(x,) for x in RATIOS], 0.7),
+        (atan2, mpmath.atan2, PAIRS, 1.5),
+    ],
+)
+def test_it_is_true_to_the_last_place(
+    function: Callable[..., float],
+    reference: Callable[..., mpmath.mpf],
+    arguments: list[tuple[float, ...]],
+    most_ulps: float,
+) -> None:
+    with mpmath.workprec(240):
+        worst = max((ulps(function(*one), reference(*map(mpmath.mpf, one))), one) for one in arguments)
+    assert worst < (most_ulps,)
+
+
+def test_beyond_its_range_each_gives_what_it_says() -> None:
+    for value in (100.1, -3e5, 9.9e8):
+        assert sin(value) == sin(wrap_pi(value)) == pytest.approx(math.sin(value), abs=3e-7)
+        assert cos(value) == cos(wrap_pi(value)) == pytest.approx(math.cos(value), abs=3e-7)
+    for value in (1.1e9, -1e300, math.inf, -math.inf):
+        assert (sin(value), cos(value)) == (0.0, 1.0)
+    assert (exp(-708.1), exp(-math.inf), exp(709.1), exp(math.inf)) == (0.0, 0.0, math.inf, math.inf)
+    assert exp(0.0) == 1.0
+    assert [cube_root(x) for x in (0.0, -8.0, math.inf, -math.inf)] == [0.0, -2.0, math.inf, -math.inf]
+    assert [f(math.nan) for f in (sin, cos, exp, cube_root)] == pytest.approx([math.nan] * 4, nan_ok=True)
+
+
+def test_the_angle_of_every_kind_of_point() -> None:
+    for y, x in itertools.product(EDGES, EDGES):
+        if math.isnan(x) or math.isnan(y):
+            assert math.isnan(atan2(y, x))
+        else:
+            # 0.0 + takes a zero's sign away
+            assert atan2(y, x) == pytest.approx(math.atan2(0.0 + y, 0.0 + x), rel=4e-16)
+
+
+def bits(value: float) -> str:
+    """One NaN is as good as another."""
+    return "nan" if math.isnan(value) else struct.pack("<d", value).hex()
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        *((f, [(x,) for x in (*ANGLES, *EDGES, 101.0, -5e8)]) for f in (sin, cos)),
+        (exp, [(x,) for x in (*EXPONENTS, *EDGES)]),
+        (cube_root, [(x,) for x in (*RATIOS, *EDGES)]),
+        (atan2, [*PAIRS, *itertools.product(EDGES, EDGES)]),
+    ],
+)
+def test_interpreted_and_compiled_give_the_same_bits(
+    function: Callable[..., float], arguments: list[tuple[float, ...]]
+) -> None:
+    compiled = as_compiled(function)
+    for one in arguments:
+        assert bits(compiled(*one)) == bits(function(*one)), one
+
+
+ASSEMBLY = """
+import sys, numba
+from numba.core import types
+from firmware_py.builds.numba_subset import register
+from firmware_py.core.elementary import atan2, cos, cube_root, exp, sin
+
+register(inlined=False)
+
+def apply(count, x, y, results):
+    for k in range(count):
+        results[5 * k] = sin(x[k])
+        results[5 * k + 1] = cos(x[k])
+        results[5 * k + 2] = exp(x[k])
+        results[5 * k + 3] = cube_root(x[k])
+        results[5 * k + 4] = atan2(y[k], x[k])
+    return 0
+
+numbers = types.CPointer(types.float64)
+dispatcher = numba.njit(types.int64(types.int64, numbers, numbers, numbers))(apply)
+(result,) = dispatcher.overloads.values()
+text = result.library.get_llvm_str()
+text += f'''
+define i32 @apply(i64 %count, ptr %x, ptr %y, ptr %results) {{
+  %returned = alloca i64
+  %raised = alloca ptr
+  %status = call i32 @{result.fndesc.mangled_name}(
+    ptr %returned, ptr %raised, i64 %count, ptr %x, ptr %y, ptr %results)
+  ret i32 %status
+}}
+'''
+open(sys.argv[1], "w").write(text)
+"""
+IMAGE = """
+#include <stdint.h>
+static REAL x[COUNT], y[COUNT], results[5 * COUNT];
+int32_t apply(int64_t, const REAL *, const REAL *, REAL *);
+static int semihosting(int operation, const void *arguments) {
+    register int r0 __asm__("r0") = operation;
+    register const void *r1 __asm__("r1") = arguments;
+    __asm__ volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory", "cc");
+    return r0;
+}
+static uint32_t open_file(const char *name, uint32_t length, uint32_t mode) {
+    const uint32_t arguments[3] = {(uint32_t)name, mode, length};
+    return (uint32_t)semihosting(0x01, arguments);
+}
+static void take(uint32_t file, void *place, uint32_t size) {
+    while (size > 0) {
+        const uint32_t arguments[3] = {file, (uint32_t)place, size};
+        const uint32_t left = (uint32_t)semihosting(0x06, arguments);
+        place = (uint8_t *)place + (size - left);
+        size = left;
+    }
+}
+void reset(void) {
+    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the floating-point unit on */
+    __asm__ volatile("dsb\\n isb");
+    const uint32_t input = open_file("/dev/stdin", 10, 1), output = open_file("/dev/stdout", 11, 5);
+    take(input, x, sizeof x);
+    take(input, y, sizeof y);
+    const uint32_t status = (uint32_t)apply(COUNT, x, y, results);
+    const uint32_t written[3] = {output, (uint32_t)results, sizeof results};
+    semihosting(0x05, written);
+    const uint32_t ended[2] = {0x20026, status};
+    semihosting(0x20, ended);
+}
+extern uint32_t _stack;
+__attribute__((section(".vectors"), used)) static const void *const vectors[2] = {&_stack, reset};
+"""
+
+
+@pytest.fixture(scope="module")
+def assembly(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("apply") / "apply.ll"
+    environment = os.environ | {"NUMBA_OPT": "0"}
+    subprocess.run([sys.executable, "-c", ASSEMBLY, str(path)], check=True, env=environment)
+    return path.read_text()
+
+
+def on_a_board(name: board.BoardName, assembly: str, x: NDArray[Any], y: NDArray[Any], folder: Path) -> bytes:
+    """The five functions' results for each pair, computed on the emulated board."""
+    (folder / "apply.o").write_bytes(retargeted(assembly, TARGETS[name], ["apply"]))
+    (folder / "main.c").write_text(IMAGE)
+    parts = [str(folder / "main.c"), str(folder / "apply.o"), "-T", str(board.SOURCES / "mps2.ld")]
+    defined = [f"-DCOUNT={len(x)}", f"-DREAL={'double' if x.itemsize == 8 else 'float'}"]
+    linked = folder / "image.elf"
+    command = [*board.compiler(name), *defined, *parts, *board.LIBRARIES, "-o", str(linked)]
+    subprocess.run(command, check=True)
+    command = board.emulator(name, linked)
+    return subprocess.run(command, input=x.tobytes() + y.tobytes(), capture_output=True, check=True).stdout
+
+
+NO_BOARD = pytest.mark.skipif(bool(board.missing_tools()), reason=f"no emulated board: {board.REMEDY}")
+
+
+@NO_BOARD
+def test_a_cortex_m7_gives_the_same_bits(assembly: str, tmp_path: Path) -> None:
+    x = [*ANGLES[::2], *EXPONENTS[::2], *(pair[1] for pair in PAIRS[::2]), *EDGES, 101.0, -5e8]
+    y = [dice.gauss(0.0, 1.0) for _ in x]
+    wanted = [
+        f for a, b in zip(x, y, strict=True) for f in (sin(a), cos(a), exp(a), cube_root(a), atan2(b, a))
+    ]
+    given = np.frombuffer(on_a_board("cortex-m7", assembly, np.array(x), np.array(y), tmp_path))
+    assert [bits(value) for value in given] == [bits(value) for value in wanted]
+
+
+def in_single_precision(assembly: str, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The five functions' results for each pair, shape (n, 5)."""
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, INTEGER, POINTER, POINTER, POINTER)
+    apply = function(retargeted(assembly, TARGETS["host-single"], ["apply"]), "apply", prototype)
+    results = np.zeros((len(x), 5), np.float32)
+    assert apply(len(x), x.ctypes.data, y.ctypes.data, results.ctypes.data) == 0
+    return results
+
+
+def floats(values: Iterable[float]) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):
+        return np.array(list(values), np.float64).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("column", "reference", "arguments", "most_ulps"),
+    [
+        (0, mpmath.sin, ANGLES, 0.8),
+        (1, mpmath.cos, ANGLES, 0.8),
+        (2, mpmath.exp, [x for x in EXPONENTS if -87.0 < x < 88.3], 1.0),
+        (3, mpmath.cbrt, [x for x in RATIOS if 2.0**-126 < x < 2.0**128], 2.5),
+        (4, mpmath.atan2, PAIRS, 1.5),
+    ],
+)
+def test_in_single_precision_it_is_true_to_the_last_places(
+    assembly: str,
+    column: int,
+    reference: Callable[..., mpmath.mpf],
+    arguments: Sequence[Any],
+    most_ulps: float,
+) -> None:
+    y = floats(one[0] if column == 4 else 0.0 for one in arguments)
+    x = floats(one[1] if column == 4 else one for one in arguments)
+    results = in_single_precision(assembly, x, y)[:, column]
+    worst = 0.0
+    for a, b, result in zip(x.tolist(), y.tolist(), results.tolist(), strict=True):
+        truth = reference(b, a) if column == 4 else reference(a)
+        if abs(truth) > np.finfo(np.float32).tiny:
+            worst = max(worst, abs(float((result - truth) / np.spacing(np.float32(abs(truth))))))
+    assert 0.4 < worst < most_ulps
+
+
+def test_in_single_precision_edges_are_what_they_are_in_double(assembly: str) -> None:
+    edges = [0.0, -0.0, 1.0, -1.0, 1e38, -1e38, math.inf, -math.inf, math.nan, 710.0, -710.0]
+    pairs = list(itertools.product(edges, edges))
+    x, y = floats(pair[0] for pair in pairs), floats(pair[1] for pair in pairs)
+    given = in_single_precision(assembly, x, y)
+    wanted = [
+        [sin(a), cos(a), exp(a), cube_root(a), atan2(b, a)]
+        for a, b in zip(x.tolist(), y.tolist(), strict=True)
+    ]
+    assert given == pytest.approx(floats(np.ravel(wanted)).reshape(-1, 5), rel=3e-7, abs=1e-4, nan_ok=True)
+
+
+@NO_BOARD
+def test_a_cortex_m4f_gives_the_bits_of_single_precision_here(assembly: str, tmp_path: Path) -> None:
+    x = floats([*ANGLES[::2], *EXPONENTS[::2], *RATIOS[::2], *(pair[1] for pair in PAIRS[::2]), *EDGES])
+    y = floats(dice.gauss(0.0, 1.0) for _ in x)
+    given = np.frombuffer(on_a_board("cortex-m4f", assembly, x, y, tmp_path), np.float32)
+    wanted = in_single_precision(assembly, x, y).ravel()
+    assert [bits(value) for value in given.tolist()] == [bits(value) for value in wanted.tolist()]
+
+
+@pytest.mark.parametrize(
+    ("target", "tools"), [("host", ""), ("cortex-m7", "arm-none-eabi-"), ("cortex-m4f", "arm-none-eabi-")]
+)
+def test_the_firmware_takes_nothing_inexact_from_outside(
+    target: TargetName, tools: str, tmp_path: Path
+) -> None:
+    """No mathematics of a C library, and no multiply-add that rounds once instead of twice."""
+    if shutil.which(f"{tools}objdump") is None:
+        pytest.skip(f"no {tools}objdump on this machine")
+    path = tmp_path / "firmware.o"
+    path.write_bytes(object_code(target))
+    symbols = printed(f"{tools}nm", "-u", str(path)).split()[1::2]
+    assert symbols
+    exact = {"memcpy", "memset", "memmove", "floor", "rint"}
+    if target == "cortex-m4f":
+        exact = {"floorf", "rintf"}
+    assert {symbol for symbol in symbols if not symbol.startswith("__aeabi_")} <= exact
+    instructions = printed(f"{tools}objdump", "-d", str(path))
+    multiplication = {"host": "mulsd", "cortex-m7": "vmul.f64", "cortex-m4f": "vmul.f32"}[target]
+    assert multiplication in instructions
+    assert not re.findall(r"\tvfn?m[as]\w*", instructions)
+    if target == "cortex-m4f":
+        assert not [symbol for symbol in symbols if re.match(r"__aeabi_c?d|__aeabi_\w*2d", symbol)]
+        assert ".f64" not in instructions
+
+
+def printed(*command: str) -> str:
+    """What a program prints."""
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout

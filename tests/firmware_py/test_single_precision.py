@@ -1,0 +1,186 @@
+"""The firmware in single precision: every float narrowed, every integer kept, the same decisions."""
+
+import random
+import re
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+from closed_loop import Bench
+from code_here import SingleNode
+
+from firmware_py.builds.flat import copier, in_precision, loaded, stored
+from firmware_py.builds.machine_code import raw_assembly
+from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrowed, single
+from firmware_py.core.step import Config
+from firmware_py.interface import codec, packing
+from firmware_py.interface.frame import Frame
+from firmware_py.node.tick import INITIAL, NodeState
+from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.flat_node import FlatNode
+from firmware_py.shell.parameters import config_from
+
+DOUBLE = """
+@"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8
+declare double @llvm.fabs.f64(double)
+declare double @floor(double)
+define i64 @f({ double, i64 } %arg.a, ptr %"p double") {
+  %.1 = extractvalue { double, i64 } %arg.a, 0
+  %.2 = fmul double %.1, 1.000000e-01
+  %.3 = call double @llvm.fabs.f64(double %.2)
+  %.4 = call double @floor(double 0x3FF8000000000000)
+  store double %.3, ptr %"p double", align 8
+  %.5 = load [2 x double], ptr %"p double", align 8
+  %.6 = fptrunc double %.4 to float
+  %.7 = fpext float %.6 to double
+  %.8 = fptosi double %.7 to i64
+  ret i64 %.8
+}
+"""
+SINGLE = """
+@"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8
+declare float @llvm.fabs.f32(float)
+declare float @floorf(float)
+define i64 @f({ float, i64 } %arg.a, ptr %"p double") {
+  %.1 = extractvalue { float, i64 } %arg.a, 0
+  %.2 = fmul float %.1, 0x3FB99999A0000000
+  %.3 = call float @llvm.fabs.f32(float %.2)
+  %.4 = call float @floorf(float 0x3FF8000000000000)
+  store float %.3, ptr %"p double"
+  %.5 = load [2 x float], ptr %"p double"
+  %.6 = bitcast float %.4 to float
+  %.7 = bitcast float %.6 to float
+  %.8 = fptosi float %.7 to i64
+  ret i64 %.8
+}
+"""
+
+
+def test_every_double_becomes_a_float_and_nothing_else_changes() -> None:
+    assert narrowed(DOUBLE) == SINGLE
+    llvm.parse_assembly(narrowed(DOUBLE)).verify()
+
+
+def test_of_the_whole_firmware_no_double_is_left() -> None:
+    assembly = narrowed(raw_assembly())
+    unquoted = re.sub(r'"[^"]*"', "", assembly)
+    assert not re.search(r"\bdouble\b|\.f64\b", unquoted)
+    assert unquoted.count("sitofp i64") == raw_assembly().count("sitofp i64") > 50
+    llvm.parse_assembly(assembly).verify()
+
+
+def test_each_constant_of_the_number_format_is_met_in_the_firmware() -> None:
+    """Of an elementary function that is rewritten, what is replaced has to be thought over."""
+    literals = {
+        struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
+        for text in re.findall(_NUMBER, raw_assembly())
+    }
+    assert set(REPLACED) <= literals
+    assert {value for value in literals if abs(value) > 2.0**24} - set(REPLACED) == {
+        1e9,  # the largest to wrap
+        np.inf,
+        3.4028235677973366e38,  # rounds to infinity, and every finite float is below it
+    }
+
+
+def test_memory_goes_to_single_precision_and_back() -> None:
+    memory = stored(INITIAL)
+    small, back = in_precision(memory, NodeState, "single"), stored(INITIAL)
+    back["core"]["estimator"]["x_m"] = 1.0
+    back["ticks"] = 7
+    copier(small, back)()
+    assert back.tobytes() == stored(loaded(NodeState, small[0].item())).tobytes()
+    assert np.allclose(reals(back), reals(memory), rtol=1e-7, atol=0.0, equal_nan=True)
+    assert integers(back) == integers(memory)
+    assert small["ticks"].dtype == np.int64
+    assert 0.5 * memory.nbytes < small.nbytes < memory.nbytes
+    config = in_precision(stored(config_from({})), Config, "single")
+    assert config["tick_s"][0] == np.float32(0.001)
+    assert single(1e39) == np.inf
+    with_large = stored(INITIAL)
+    with_large["core"]["estimator"]["x_m"] = -1e39
+    assert in_precision(with_large, NodeState, "single")["core"]["estimator"]["x_m"][0] == -np.inf
+
+
+PARAMETERS = {"start.rise_s": 2.0, "start.confirm_periods": 2}
+A_DAY_TICKS = 86_400_000
+
+
+def driven(nodes: Sequence[FlatNode], each_tick: Callable[[list[list[Frame]]], None]) -> None:
+    """Start and hold, driven by a compiled node; the others get the same frames, of which a few are lost."""
+    dice = random.Random(1)
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        kept = [frame for frame in frames if dice.random() < 0.99]
+        each_tick([node.tick(kept, 1) for node in nodes])
+        return kept
+
+    bench = Bench(PARAMETERS, change=change, build="compiled")
+    bench.started()
+    bench.run(4.5, keep=False)
+    assert bench.node.outputs.torque_n_m != 0.0
+
+
+def test_open_loop_it_estimates_as_in_double_precision() -> None:
+    config = config_from(PARAMETERS)
+    ours, double = SingleNode(config, PARAMETERS), CompiledNode(config, PARAMETERS)
+    errors, modes = [], []
+
+    def look(_: list[list[Frame]]) -> None:
+        estimates = [node.memory["core"]["estimator"][0] for node in (ours, double)]
+        errors.append([abs(estimates[0][name] - estimates[1][name]) for name in ("x_m", "v_m_s")])
+        modes.append([int(node.memory["outputs"]["mode"][0]) for node in (ours, double)])
+        for name in ("ticks", "received", "counters"):
+            assert integers(ours.memory[name]) == integers(double.memory[name])
+
+    driven([ours, double], look)
+    x_m, v_m_s = np.max(errors, axis=0)
+    assert 1e-9 < x_m < 50e-6
+    assert 1e-9 < v_m_s < 0.2e-3
+    changes = [np.flatnonzero(np.diff(one)) for one in np.array(modes).T]
+    assert len(changes[0]) == len(changes[1]) >= 2
+    assert np.max(np.abs(changes[0] - changes[1])) <= 2
+
+
+def numbers(memory: Any, kind: str) -> list[Any]:
+    """The numbers of a kind in memory of a record."""
+    if memory.dtype.names is None:
+        return memory.ravel().tolist() if memory.dtype.kind == kind else []
+    return [found for name in memory.dtype.names for found in numbers(memory[name], kind)]
+
+
+def integers(memory: Any) -> list[int]:
+    return numbers(memory, "i")
+
+
+def reals(memory: Any) -> list[float]:
+    return numbers(memory, "f")
+
+
+def test_after_a_day_only_the_age_of_an_impact_is_coarser() -> None:
+    """Clocks are integers, but the transmitter keeps an impact's touch-down as a real number of ticks."""
+    config = config_from(PARAMETERS)
+    first, later = SingleNode(config, PARAMETERS), SingleNode(config, PARAMETERS)
+    later.memory["ticks"] = A_DAY_TICKS
+    later.changed()
+    sent: list[Frame] = []
+    coarser_s: list[float] = []
+
+    def look(frames: list[list[Frame]]) -> None:
+        for one, other in zip(*frames, strict=True):
+            if one.can_id == packing.IMPACT_EVENT_ID:
+                events = codec.decode(one), codec.decode(other)
+                coarser_s.append(abs(events[0].age_s - events[1].age_s))
+                assert events[0]._replace(age_s=0.0) == events[1]._replace(age_s=0.0)
+            else:
+                assert one == other
+                sent.append(one)
+
+    driven([first, later], look)
+    assert later.memory["ticks"][0] == first.memory["ticks"][0] + A_DAY_TICKS
+    assert len(sent) > 5_000
+    assert len(coarser_s) > 3
+    resolution_s = float(np.spacing(np.float32(A_DAY_TICKS))) * 1e-3
+    assert 0.1 * resolution_s < max(coarser_s) <= resolution_s

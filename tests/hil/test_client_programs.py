@@ -1,0 +1,250 @@
+"""ODrive clients that nobody here wrote, unmodified, against `vibrohil plant` on the kernel's own CAN.
+
+odrive-can and pyodrivecan come from PyPI. ODrive Robotics' own examples are in no package, and no licence was
+found under which a copy could lie here: those tests run where $ODRIVE_RESOURCES names a checkout of
+github.com/odriverobotics/ODriveResources, and another test exchanges the same frames.
+
+Where the machine's kernel has no CAN, the last test runs the others under user-mode Linux, all in one guest.
+"""
+
+import math
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import pytest
+from pyroute2 import IPRoute
+
+from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
+from hil.bench.bench import program
+from hil.bus.can_socket import has_kernel_can
+
+CHANNEL = "can0"
+"""The interface that ODrive's examples join, and no other."""
+AXIS = "{watchdog_s=1.0,encoder_s=0.01,control_mode='velocity'}"
+"""ODrive's own periods, and a watchdog for clients that wait for state 8 in a heartbeat every 100 ms."""
+HEARTBEAT, ADDRESS, ENCODER = 0x01, 0x06, 0x09
+PATIENCE_S = 30.0
+PRINTED = "printed.txt"
+RESOURCES = "ODRIVE_RESOURCES"
+
+needs_kernel_can = pytest.mark.skipif(
+    not has_kernel_can(), reason="this kernel has no CAN; runs under user-mode Linux below"
+)
+needs_odrives_examples = pytest.mark.skipif(
+    RESOURCES not in os.environ,
+    reason=f"${RESOURCES} names no checkout of ODriveResources, whose examples are in no package",
+)
+
+
+@pytest.fixture(scope="module")
+def bus() -> Iterator[can.BusABC]:
+    """What a bystander sees of the plant's bus, which is called as ODrive's examples want it."""
+    if not Path("/sys/class/net", CHANNEL).exists():
+        with IPRoute() as route:
+            route.link("add", ifname=CHANNEL, kind="vcan")
+            route.link("set", index=route.link_lookup(ifname=CHANNEL)[0], state="up")
+    else:
+        pytest.fail(f"{CHANNEL} exists: a drive may hang on it; run this in a network namespace of its own")
+    plant = [
+        program(),
+        "plant",
+        "soft-start-multistable",
+        "--set",
+        f"scene.axis={AXIS}",
+        "--bus",
+        f"socketcan:{CHANNEL}",
+    ]
+    with subprocess.Popen(plant, stderr=subprocess.PIPE) as process:
+        try:
+            assert process.stderr is not None
+            assert process.stderr.readline().startswith(b"running")
+            filters = [{"can_id": can_id, "can_mask": 0x7FF} for can_id in (HEARTBEAT, ADDRESS, ENCODER)]
+            with can.Bus(CHANNEL, "socketcan", can_filters=filters) as listener:
+                yield listener
+        finally:
+            process.terminate()
+
+
+def seen(bus: can.BusABC, can_id: int, wanted: Callable[[bytes], bool], from_now: bool = True) -> bytes:
+    """The first such message from now on; with `from_now` false, that of what nobody has taken yet."""
+    while from_now and bus.recv(0.0) is not None:
+        """What came before does not count."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        message = bus.recv(1.0)
+        if message is not None and message.arbitration_id == can_id and wanted(bytes(message.data)):
+            return bytes(message.data)
+    raise AssertionError(f"no message {can_id:#x} as wanted within {PATIENCE_S} s")
+
+
+def turns_faster(rev_s: float) -> Callable[[bytes], bool]:
+    return lambda data: bool(struct.unpack("<ff", data)[1] > rev_s)
+
+
+def is_idle(data: bytes) -> bool:
+    return data[4] == AxisState.IDLE
+
+
+@contextmanager
+def client(command: Sequence[str | Path], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that writes what it prints into `PRINTED`."""
+    # In CI=true odrive-can leaves the kernel's CAN alone.
+    environment = {name: value for name, value in os.environ.items() if name != "CI"}
+    with (folder / PRINTED).open("wb") as output:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=environment | {"CAN_CHANNEL": CHANNEL, "PYTHONUNBUFFERED": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+            print((folder / PRINTED).read_text())
+
+
+def printed_by(command: Sequence[str | Path], folder: Path) -> str:
+    """What a program prints that comes to its end by itself."""
+    with client(command, folder) as process:
+        assert process.wait(PATIENCE_S) == 0
+    return (folder / PRINTED).read_text()
+
+
+def odrive_can_demo(name: str) -> list[str | Path]:
+    return [sys.executable, "-m", "odrive_can.cli", "demo", name, "--axis-id", "0", "--amplitude", "2"]
+
+
+@needs_kernel_can
+def test_odrive_can_turns_the_crank_in_velocity_mode(bus: can.BusABC, tmp_path: Path) -> None:
+    with client(odrive_can_demo("velocity"), tmp_path) as process:
+        seen(bus, ENCODER, turns_faster(1.0))
+        process.send_signal(signal.SIGINT)
+        seen(bus, HEARTBEAT, is_idle)
+        assert process.wait(PATIENCE_S) == 0
+    printed = (tmp_path / PRINTED).read_text()
+    assert "Running velocity control" in printed
+    assert "Error" not in printed
+
+
+@needs_kernel_can
+def test_odrive_can_sees_the_watchdog_expire(bus: can.BusABC, tmp_path: Path) -> None:
+    printed = printed_by(odrive_can_demo("watchdog"), tmp_path)
+    assert "Axis Error: WATCHDOG_TIMER_EXPIRED" in printed
+    seen(bus, HEARTBEAT, is_idle)
+
+
+PYODRIVECAN = """
+import asyncio, pyodrivecan
+
+async def controller(odrive):
+    odrive.clear_errors()
+    odrive.setAxisState("closed_loop_control")
+    odrive.set_controller_mode("velocity_control")
+    for _ in range(30):
+        odrive.set_velocity(1.0)
+        await asyncio.sleep(0.1)
+    print("velocity", await odrive.get_velocity(), "voltage", odrive.bus_voltage)
+    odrive.setAxisState("idle")
+    odrive.running = False
+
+odrive = pyodrivecan.ODriveCAN(0)
+odrive.run(controller(odrive))
+odrive.bus_shutdown()
+"""
+"""As its documentation uses it."""
+
+
+@needs_kernel_can
+@pytest.mark.skipif(shutil.which("candump") is None, reason="pyodrivecan wants candump: install can-utils")
+def test_pyodrivecan_turns_the_crank_and_keeps_its_records(bus: can.BusABC, tmp_path: Path) -> None:
+    with client([sys.executable, "-c", PYODRIVECAN], tmp_path) as process:
+        seen(bus, ENCODER, turns_faster(0.7))
+        assert process.wait(PATIENCE_S) == 0
+    printed = (tmp_path / PRINTED).read_text()
+    assert "already operational" in printed
+    assert "ODrive 0 is now in state closed_loop_control" in printed
+    assert "ODrive 0 is now in state idle" in printed
+    assert "voltage 24.0" in printed
+    assert (tmp_path / "odrive_data.db").stat().st_size > 0
+
+
+@needs_kernel_can
+def test_the_frames_of_odrives_examples(bus: can.BusABC) -> None:
+    """Discovery as by can_enumerate, calibration as by can_calibrate, swinging as by can_simple."""
+
+    def send(command: int, data: bytes) -> None:
+        bus.send(can.Message(arbitration_id=command, data=data, is_extended_id=False))
+
+    bus.send(can.Message(arbitration_id=0x7E6, is_remote_frame=True, is_extended_id=False))
+    assert seen(bus, ADDRESS, lambda data: len(data) == 8, from_now=False)[0] == 0
+    send(0x18, b"\0")
+    send(0x07, struct.pack("<I", 3))
+    calibrating = seen(bus, HEARTBEAT, lambda data: not is_idle(data))
+    assert struct.unpack("<IBB", calibrating[:6]) == (0, 3, ProcedureResult.BUSY)
+    assert struct.unpack("<IBB", seen(bus, HEARTBEAT, is_idle)[:6]) == (0, AxisState.IDLE, 0)
+    send(0x07, struct.pack("<I", 8))
+    assert seen(bus, HEARTBEAT, lambda data: data[4] == 8)[:4] == bytes(4)
+    began_s, slowest, fastest = time.monotonic(), 0.0, 0.0
+    while (t_s := time.monotonic() - began_s) < 4.0:
+        send(0x0D, struct.pack("<ff", math.sin(math.pi * t_s), 0.0))
+        time.sleep(0.1)
+        _, velocity_rev_s = struct.unpack("<ff", seen(bus, ENCODER, lambda _: True))
+        slowest, fastest = min(slowest, velocity_rev_s), max(fastest, velocity_rev_s)
+    assert slowest < -0.5
+    assert fastest > 0.5
+    watchdog = AxisError.WATCHDOG_TIMER_EXPIRED
+    assert struct.unpack("<I", seen(bus, HEARTBEAT, is_idle)[:4]) == (watchdog,)
+    send(0x18, b"\0")
+
+
+def odrives(name: str) -> list[str | Path]:
+    return [sys.executable, Path(os.environ[RESOURCES], "examples", name)]
+
+
+@needs_kernel_can
+@needs_odrives_examples
+def test_can_simple_swings_the_crank(bus: can.BusABC, tmp_path: Path) -> None:
+    with client(odrives("can_simple.py"), tmp_path):
+        seen(bus, ENCODER, turns_faster(0.5))
+        seen(bus, ENCODER, lambda data: not turns_faster(-0.5)(data))
+    assert "[turns/s]" in (tmp_path / PRINTED).read_text()
+    seen(bus, HEARTBEAT, is_idle)  # its watchdog lets go
+
+
+@needs_kernel_can
+@needs_odrives_examples
+def test_can_enumerate_finds_the_drive(bus: can.BusABC, tmp_path: Path) -> None:
+    printed = printed_by([*odrives("can_enumerate.py"), "-c", CHANNEL], tmp_path)
+    assert "(node ID 0)" in printed
+    assert "Discovered 1 ODrives." in printed
+
+
+@needs_kernel_can
+@needs_odrives_examples
+def test_can_calibrate_waits_for_the_calibration(bus: can.BusABC, tmp_path: Path) -> None:
+    printed = printed_by([*odrives("can_calibrate.py"), "-c", CHANNEL, "--node-id", "0"], tmp_path)
+    assert "Calibration successful!" in printed
+
+
+@pytest.mark.uml
+@pytest.mark.skipif(has_kernel_can(), reason="this kernel has CAN: the tests above ran on it")
+def test_the_programs_above_under_user_mode_linux() -> None:
+    tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not uml", __file__]
+    inside = subprocess.run(
+        [program(), "kernel", "--", *tests], capture_output=True, text=True, check=False, timeout=400
+    )
+    assert inside.returncode == 0, inside.stdout + inside.stderr
+    assert "runs under user-mode Linux below" not in inside.stdout

@@ -1,0 +1,196 @@
+"""The log explains its verdict: words, injected faults, limits, errors, and no empty panel."""
+
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import rerun.blueprint as rrb
+from rerun.experimental import ViewerClient
+from run_folder import END_S, make_run, write_run
+
+from hil.bench.verdict import finish
+from hil.can_model.error_trace import BusErrorRecord, NodeErrors
+from hil.can_model.fault_confinement import ErrorState
+from hil.judge.checks import Check
+from hil.judge.figures import figures_from
+from hil.record.log_reader import documents, read_traces, tables
+from hil.record.rerun_program import RerunError
+from hil.record.run_traces import read_run
+from hil.record.trace import TraceWriter
+from hil.show import layout, rerun_log
+from hil.show.limits import Limit, limits
+from hil.show.rerun_log import ERROR_TICKS, rebuild
+from tools.logs import view
+
+FAULT = {"kind": "sensor-stuck", "sensor": "striker", "at_s": 4.0, "duration_s": 0.5}
+FAILING = {"name": "detector.recall", "low": 1.5}
+PASSING = {"name": "impact_v_m_s", "low": 0.01, "high": 9.0}
+
+
+def broken(**more):
+    made_up = make_run()
+    made_up.scenario["checks"] = [PASSING, FAILING]
+    made_up.scenario["script"] = {**made_up.scenario.get("script", {}), "faults": [FAULT]}
+    made_up.scenario.update(more)
+    return made_up
+
+
+def events(log):
+    return [text[0] for text in log["/events"]["TextLog:text"].to_pylist()]
+
+
+def states(log, name):
+    table = log[f"/states/{name}"]
+    return [state[0] for state in table["StateChange:state"].to_pylist()]
+
+
+def test_the_verdict_comes_in_words_with_failed_checks_first(tmp_path):
+    path = rebuild(write_run(broken(title="Stuck for half a second"), tmp_path))
+    text = documents(path)["verdict"]
+    assert text.startswith("### FAILED: Stuck for half a second")
+    assert text.index("**FAILED** | detector.recall") < text.index("passed | impact_v_m_s")
+
+
+def test_injected_faults_are_a_state_timeline_and_events(tmp_path):
+    log = tables(rebuild(write_run(broken(), tmp_path)))
+    assert states(log, "injected") == ["none", "sensor-stuck (sensor striker)", "none"]
+    assert "4.000 s  injected: sensor-stuck (sensor striker)" in events(log)
+    assert "4.500 s  injected fault over: sensor-stuck (sensor striker)" in events(log)
+
+
+def test_every_check_is_an_event(tmp_path):
+    log = tables(rebuild(write_run(broken(), tmp_path)))
+    assert any("check passed: impact_v_m_s" in text for text in events(log))
+    assert any("check failed: detector.recall" in text for text in events(log))
+
+
+def test_the_error_is_estimate_less_truth(tmp_path):
+    made_up = broken()
+    made_up.firmware["state.estimator.x_m"] = made_up.plant["x_m"] + 1e-3
+    log = tables(rebuild(write_run(made_up, tmp_path)))
+    errors = [record[0]["x_m"] for record in log["/estimate_error"]["trace:record"].to_pylist()]
+    assert errors == pytest.approx([1e-3] * (len(made_up.plant["x_m"]) // ERROR_TICKS), abs=2e-8)
+
+
+def test_bus_errors_reach_the_log_and_come_back_from_it(tmp_path):
+    run_dir = write_run(broken(), tmp_path)
+    well, passive = NodeErrors(), NodeErrors(136, 0, ErrorState.ERROR_PASSIVE)
+    writer = TraceWriter(run_dir / "bus_errors.trace", [("", BusErrorRecord)])
+    writer.append(BusErrorRecord(1.0, 17, passive, well, well))
+    writer.append(BusErrorRecord(2.0, 17, well, well, well))
+    writer.close()
+    path = rebuild(run_dir)
+    log = tables(path)
+    assert states(log, "bus_plant") == ["error-passive", "error-active"]
+    assert "1.000 s  bus: plant is error-passive" in events(log)
+    assert np.array_equal(read_traces(path).bus_errors, read_run(run_dir).bus_errors[:])
+
+
+def test_limits_stand_where_the_plot_shows_what_they_bound(tmp_path):
+    figures = figures_from(read_run(write_run(broken(), tmp_path)))
+    checks = [
+        Check(name="impact_v_m_s", low=0.5, high=0.7),
+        Check(name="after_fault.largest_torque_n_m", low=0.02, high=0.15),
+        Check(name="detector.recall", low=0.9),
+    ]
+    found = limits(checks, figures, fault_s=4.0)
+    hold = (figures.hold_start_s, figures.hold_end_s)
+    assert [(one.plot, one.value, one.from_s, one.to_s) for one in found] == [
+        ("impact_speed", 0.5, *hold),
+        ("impact_speed", 0.7, *hold),
+        ("torque", -0.15, 4.0, figures.duration_s),
+        ("torque", 0.15, 4.0, figures.duration_s),
+    ]
+    without_fault = limits(checks, figures, fault_s=None)
+    assert {one.plot for one in without_fault} == {"impact_speed"}
+    assert all(isinstance(one, Limit) for one in found)
+
+
+def contents_of(made_up, folder, monkeypatch):
+    seen = []
+
+    def noting(moments, contents):
+        seen.append(contents)
+        return layout.layout(moments, contents)
+
+    monkeypatch.setattr(rerun_log, "layout", noting)
+    rebuild(write_run(made_up, folder))
+    return seen[-1]
+
+
+def test_a_panel_is_there_where_it_has_something_to_show(tmp_path, monkeypatch):
+    full = contents_of(broken(), tmp_path / "full", monkeypatch)
+    assert full == layout.Contents(
+        judged=True, failed=True, injected=True, refused=False, measured=full.measured
+    )
+    calm = broken()
+    calm.impacts = {name: values[:0] for name, values in calm.impacts.items()}
+    calm.scenario["checks"] = []
+    calm.scenario["script"]["faults"] = []
+    calm.can_log = "(0.100000) can0 7AB#00\n"
+    assert contents_of(calm, tmp_path / "calm", monkeypatch) == full._replace(
+        impacts=False, failed=False, injected=False, refused=True
+    )
+
+
+def names_of(part):
+    """The names of all panels and tabs below one."""
+    yield str(part.name)
+    for inner in part.contents if isinstance(part, rrb.Container) else ():
+        yield from names_of(inner)
+
+
+def test_without_impacts_and_measured_loops_their_panels_are_gone():
+    full = set(names_of(layout.layout(None, layout.Contents()).root_container))
+    bare = layout.Contents(impacts=False, measured=False, refused=False)
+    gone = full - set(names_of(layout.layout(None, bare).root_container))
+    assert {"Impacts", "Peak force", "Firmware loop [µs]", "Ticks skipped so far", "Frames refused"} <= gone
+
+
+def test_after_a_failed_check_the_cursor_stays_in_its_close_up():
+    panel = layout.time_panel((3.0, 6.0), failed=True)
+    assert str(panel.loop_mode).lower().endswith("selection")
+    assert panel.time_selection is not None
+    assert layout.time_panel((3.0, 6.0), failed=False).time_selection is None
+    assert END_S > 0.0
+
+
+@contextmanager
+def virtual_screen(monkeypatch):
+    """A screen that nobody sees, as DISPLAY, for the time of the block."""
+    number, written = os.pipe()
+    command = ["Xvfb", "-displayfd", str(written), "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
+    with subprocess.Popen(command, pass_fds=(written,), stderr=subprocess.DEVNULL) as screen:
+        try:
+            monkeypatch.setenv("DISPLAY", f":{os.read(number, 16).decode().strip()}")
+            monkeypatch.setenv("WGPU_BACKEND", "vulkan")
+            yield
+        finally:
+            screen.terminate()
+    os.close(number)
+    os.close(written)
+
+
+def test_the_cursor_stands_on_the_first_failed_check(tmp_path, monkeypatch):
+    """In a real viewer on a virtual screen."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("no Xvfb: a viewer needs a screen; apt-get install xvfb")
+    made_up = make_run()
+    made_up.scenario["checks"] = [{"name": "detector.recall", "low": 1.5}]
+    run_dir = write_run(made_up, tmp_path)
+    failure_s = finish(run_dir)["first_failure_s"]
+    seen, put_cursor = [], view.put_cursor
+
+    def watched(url, at_s, viewer):
+        put_cursor(url, at_s, viewer)
+        client = ViewerClient.connect(url)
+        seen.append(client.get_state().recordings[0].current_time)
+        viewer.terminate()
+
+    monkeypatch.setattr(view, "put_cursor", watched)
+    with virtual_screen(monkeypatch), pytest.raises(RerunError):
+        view.view(run_dir, web=False, live=False)
+    assert seen == [round(1e9 * failure_s)]

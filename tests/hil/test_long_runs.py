@@ -1,0 +1,81 @@
+"""Long runs are judged and looked into in little memory: its peak grows by some columns of numbers alone."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from run_folder import END_S, T_S, make_run, write_run
+
+from hil.record import trace
+from hil.record.trace import TraceWriter
+
+MINUTES = 3, 6
+JUDGE = """
+from hil.bench.verdict import finish
+assert finish(Path(sys.argv[1]))["ticks"] == int(sys.argv[2])
+"""
+INSPECT = """
+from hil.bench.recorded_run import Run
+assert Run(Path(sys.argv[1]) / "run.rrd").verdict["ticks"] == int(sys.argv[2])
+"""
+COMPARE = """
+from hil.bench.recorded_run import Run
+from tools.logs.comparison import first_difference
+run = Run(Path(sys.argv[1]) / "run.rrd")
+assert first_difference(run, run) is None
+"""
+EXPORT = """
+from hil.bench.recorded_run import Run
+from tools.logs.exporting import export
+assert export(Run(Path(sys.argv[1]) / "run.rrd"), "parquet", Path(sys.argv[1]) / "frames")
+"""
+LARGEST_GROWTH_MB_A_MINUTE = {JUDGE: 8.0, INSPECT: 8.0, COMPARE: 16.0, EXPORT: 16.0}
+"""Sixteen columns of 60,000 numbers each: what one figure works on at a time. Twice that for two runs, and
+for the decoded frames of one name."""
+BEFORE = """
+import resource, sys
+from pathlib import Path
+"""
+AFTER = """
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+KINDS = {"f": float, "i": int, "b": bool}
+
+
+def prolonged_folder(run_dir: Path, times: int) -> Path:
+    """The made-up run over and over, its ticks and times going on."""
+    made_up = make_run()
+    write_run(made_up, run_dir)
+    for name in ("plant", "firmware", "impacts", "operator"):
+        path = run_dir / f"{name}.trace"
+        records = trace.read(path).copy()
+        fields = [(column, KINDS[records.dtype[column].kind]) for column in records.dtype.names]
+        with TraceWriter(path, fields) as writer:
+            for _ in range(times):
+                writer.append_all(records)
+                records["t_s"] += END_S
+                if "tick" in records.dtype.names:
+                    records["tick"] += round(END_S / T_S)
+    frames = [line.partition(")")[::2] for line in made_up.can_log.splitlines(keepends=True)]
+    with (run_dir / "can.log").open("w") as file:
+        for repeat in range(times):
+            file.writelines(f"({float(at[1:]) + repeat * END_S:.6f}){frame}" for at, frame in frames)
+    return run_dir
+
+
+def peak_mb(program: str, run_dir: Path, ticks: int) -> float:
+    """The largest memory of a process that runs a program on a folder."""
+    command = [sys.executable, "-c", BEFORE + program + AFTER, str(run_dir), str(ticks)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout) / 1024.0
+
+
+def test_memory_hardly_grows_with_the_length_of_the_run(tmp_path: Path) -> None:
+    peaks_mb = []
+    for minutes in MINUTES:
+        times = round(60.0 * minutes / END_S)
+        run_dir = prolonged_folder(tmp_path / f"{minutes}", times)
+        ticks = times * round(END_S / T_S)
+        peaks_mb.append([peak_mb(program, run_dir, ticks) for program in LARGEST_GROWTH_MB_A_MINUTE])
+    growth_mb_a_minute = np.diff(peaks_mb, axis=0)[0] / (MINUTES[1] - MINUTES[0])
+    assert np.all(growth_mb_a_minute < list(LARGEST_GROWTH_MB_A_MINUTE.values())), peaks_mb

@@ -1,0 +1,98 @@
+"""A trial as a scenario: a sampled module, what the operator does, and what befalls it.
+
+`vibrohil run` repeats it to the same bits, with everything recorded.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from hil.scenario.operator import Command, Request
+from hil.scenario.scenario import Scenario, check_scenario
+from tools.campaign.cells import Cell
+from tools.campaign.draws import Drawn, disturbance_of, draw, mismatch_of
+from tools.campaign.walk_cells import WalkCell, drawn_walk
+
+CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
+"""The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
+WALK_RUN_S = 0.5
+"""Somebody who walks starts at rest."""
+SETTLED_S = RUN_S + 15.0
+"""A hold is judged, and a kick may come, from here on."""
+
+
+class Trial(NamedTuple):
+    """A sampled module, and the scenario that it goes through."""
+
+    drawn: Drawn
+    scenario: Scenario
+
+    @property
+    def omega_rad_s(self) -> float:
+        """The crank's speed that the operator asks for."""
+        return self.scenario.commands[-1].target_ratio * self.scenario.config.start.natural_rad_s
+
+
+def script(cell: Cell) -> list[Command]:
+    """What the operator does in a trial."""
+    if isinstance(cell, WalkCell):
+        return [Command(0.0, Request.IDLE, 0.0), Command(WALK_RUN_S, Request.RUN, cell.ratio)]
+    return [
+        Command(0.0, Request.IDLE, 0.0),
+        Command(CLEAR_S, Request.CLEAR_FAULTS, 0.0),
+        Command(IDLE_S, Request.IDLE, 0.0),
+        Command(RUN_S, Request.RUN, cell.ratio, cell.impulse_n_s),
+    ]
+
+
+def scenario_of(
+    name: str,
+    scene: Mapping[str, Any],
+    firmware: Mapping[str, Any],
+    commands: Sequence[Command],
+    duration_s: float,
+    seed: int,
+    faults: Sequence[Mapping[str, Any]] = (),
+) -> Scenario:
+    """The scenario with this scene, parameters and script."""
+    lines = []
+    for command in commands:
+        line: dict[str, Any] = {"at_s": command.at_s, "request": command.request.value}
+        if command.request is Request.RUN:
+            line["target_ratio"] = command.target_ratio
+        if command.target_impulse_n_s > 0.0:
+            line["target_impulse_n_s"] = command.target_impulse_n_s
+        lines.append(line)
+    script = {"duration_s": duration_s, "commands": lines, "faults": [dict(fault) for fault in faults]}
+    document = {"title": name, "scene": scene, "firmware": firmware, "script": script, "seed": seed}
+    return check_scenario(document, name)
+
+
+def kick(numbers: Mapping[str, Any], drawn: Drawn) -> dict[str, Any]:
+    """A kick of the campaign's size at a sampled moment of a settled hold."""
+    size = float(drawn.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
+    sign = 1.0 if drawn.more.uniform() < 0.5 else -1.0
+    at_s = SETTLED_S + float(drawn.more.uniform(0.0, 1.0))
+    return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
+
+
+def trial_of(
+    campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, trial: int
+) -> Trial:
+    """The trial of this number: its cell, its sample, its scenario."""
+    cell = cells[trial % len(cells)]
+    if isinstance(cell, WalkCell):
+        drawn, course = drawn_walk(cell, numbers, seed, trial)
+        duration_s = course.duration_s
+    else:
+        until_s = float(numbers.get("duration_s", 0.0))
+        drawn = draw(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
+        duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else until_s
+    faults = [kick(numbers, drawn)] if "kick_low_m_s" in numbers else []
+    scene = dict(drawn.tables)
+    if "coarse_noise_m" in numbers:
+        scene["sensors"] = {**scene["sensors"], "coarse": {"noise_m": numbers["coarse_noise_m"]}}
+    name = f"{campaign}-{seed}-{trial}"
+    return Trial(
+        drawn,
+        scenario_of(name, scene, cell.firmware, script(cell), duration_s, drawn.run_seed, faults),
+    )

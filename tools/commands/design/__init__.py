@@ -1,0 +1,1 @@
+"""Commands for design: tuning, trade, schedule, simulation, studies."""

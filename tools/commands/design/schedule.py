@@ -1,0 +1,150 @@
+"""`vibrohil schedule`: whether every CAN frame is through in time, at worst."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.output import EXIT_CHECK_FAILED, BadInputError, console, print_json
+
+if TYPE_CHECKING:
+    from firmware_py.interface.addresses import Addresses
+    from hil.can_model.message_set import Schedule
+
+DEFAULT_BITRATE = 1_000_000
+REPORTED_BITRATES = (1_000_000, 500_000, 250_000)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(schedule)
+
+
+def schedule(
+    bitrate: Annotated[int, typer.Option(help="Bits per second.")] = DEFAULT_BITRATE,
+    module: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The node numbers of a module on the bus, its drive's and its first own; repeatable.",
+            metavar="DRIVE,OWN",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
+    from hil.can_model.bits import BitRateError
+    from hil.can_model.message_set import ONE_ERROR, bus_schedule
+
+    modules = [places_of(text) for text in module or ["0,1"]]
+    try:
+        analysed = bus_schedule(bitrate, modules=modules)
+    except BitRateError as error:
+        raise BadInputError(str(error)) from error
+    disturbed = bus_schedule(bitrate, errors=ONE_ERROR, modules=modules)
+    others = [bus_schedule(other, modules=modules) for other in REPORTED_BITRATES if other != bitrate]
+    payload = {
+        "bitrate": bitrate,
+        "load": analysed.load,
+        "passed": analysed.schedulable,
+        "late": analysed.late,
+        "late_if_disturbed": disturbed.late,
+        "frames": rows(analysed, disturbed),
+        "others": [
+            {"bitrate": other.bitrate, "load": other.load, "passed": other.schedulable, "late": other.late}
+            for other in others
+        ],
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        show(payload)
+    if not analysed.schedulable:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def places_of(text: str) -> "Addresses":
+    """The addresses that `DRIVE,OWN` gives."""
+    from firmware_py.interface.addresses import AddressError, addresses
+
+    drive_node, _, own_node = text.partition(",")
+    if not (drive_node.strip().isdecimal() and own_node.strip().isdecimal()):
+        raise BadInputError(f"--module {text}: wanted the drive's and the first own node number, e.g. 0,1")
+    try:
+        return addresses(int(drive_node), int(own_node))
+    except AddressError as error:
+        raise BadInputError(f"--module {text}: {error}") from error
+
+
+def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
+    """One row a frame, times in seconds; a response that nothing bounds is infinite."""
+    from hil.can_model.schedulability import seconds
+
+    table = []
+    for response, with_errors in zip(analysed.responses, disturbed.responses, strict=True):
+        stream = response.stream
+        table.append(
+            {
+                "id": stream.can_id,
+                "name": stream.name,
+                "sender": stream.sender,
+                "length": stream.length,
+                "period_s": seconds(stream.period_ns),
+                "jitter_s": seconds(stream.jitter_ns),
+                "transmission_s": seconds(stream.transmission_ns),
+                "response_s": seconds(response.response_ns),
+                "response_disturbed_s": seconds(with_errors.response_ns),
+                "deadline_s": seconds(stream.deadline_ns),
+                "slack_s": seconds(stream.deadline_ns) - seconds(response.response_ns),
+                "load": stream.transmission_ns / stream.period_ns,
+                "in_time": response.in_time,
+            }
+        )
+    return table
+
+
+def show(payload: dict[str, Any]) -> None:
+    """Print the frames by priority, then what other bit rates would give."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("id")
+    for name in ("frame", "sender"):
+        table.add_column(name, no_wrap=True)
+    for name in ("bytes", "period", "response", "disturbed", "slack", "load %"):
+        table.add_column(name, justify="right")
+    for row in payload["frames"]:
+        table.add_row(
+            f"0x{row['id']:03X}",
+            row["name"],
+            row["sender"],
+            str(row["length"]),
+            milliseconds(row["period_s"], 0),
+            milliseconds(row["response_s"]),
+            milliseconds(row["response_disturbed_s"]),
+            milliseconds(row["slack_s"]),
+            f"{100 * row['load']:.2f}",
+            style=None if row["in_time"] else "red",
+        )
+    console.print(table)
+    console.print(
+        "times in ms · period: also the deadline, and an event's smallest gap\n"
+        "response: at worst · disturbed: with a transmission destroyed at any time, then one every 10 ms",
+        style="dim",
+        highlight=False,
+    )
+    say(payload["bitrate"], payload["load"], ", ".join(payload["late"]))
+    for other in payload["others"]:
+        say(other["bitrate"], other["load"], f"{len(other['late'])} frames" if other["late"] else "")
+
+
+def say(bitrate: int, load: float, late: str) -> None:
+    """Print one line for one bit rate."""
+    what = f"[red]may be late: {late}[/]" if late else "[green]every frame in time[/]"
+    console.print(
+        f"{bitrate / 1000:g} kbit/s, load {100 * load:.1f} % at most: {what}", highlight=False, soft_wrap=True
+    )
+
+
+def milliseconds(time_s: float, digits: int = 3) -> str:
+    """A time in ms; unbounded ones as an infinity."""
+    if time_s in (float("inf"), float("-inf")):
+        return "∞" if time_s > 0 else "−∞"
+    return f"{1000 * time_s:.{digits}f}"

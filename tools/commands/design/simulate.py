@@ -1,0 +1,139 @@
+"""`vibrohil simulate SCENE`: the plant alone."""
+
+import time
+from dataclasses import asdict
+from math import isnan
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.output import BadInputError, console, figure_table, print_json
+from tools.outputs import PICTURES, file_option
+
+LONGEST_S = 86_400.0
+LONGEST_PLOT_S = 3600.0
+"""A plot takes a sample a millisecond."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(simulate)
+
+
+def simulate(
+    scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
+    until: Annotated[float, typer.Option(help="Simulated seconds.")] = 10.0,
+    torque: Annotated[float, typer.Option(help="Held motor torque in N m, in a scene with a motor.")] = 0.0,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change one value of the scene, e.g. scene.drive.ratio=1.1; repeatable."),
+    ] = None,
+    plot: Annotated[
+        Path | None, file_option("Draw position and phase portrait into this file.", PICTURES)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Simulate the plant alone and list its impacts."""
+    from hil.scenario.settings import apply_settings
+    from plant_sim.scene import load_scene, read_scene
+
+    longest_s = LONGEST_S if plot is None else LONGEST_PLOT_S
+    if not 0.0 < until <= longest_s:
+        raise BadInputError(
+            f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
+        )
+    loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
+    from plant_sim.simulation import SimulationError  # brings numba, which a refusal need not wait for
+    from plant_sim.simulation import simulate as simulate_plant
+
+    started = time.perf_counter()
+    try:
+        result = simulate_plant(loaded, until, torque_n_m=torque, samples_s=1e-3 if plot else None)
+    except SimulationError as error:
+        raise BadInputError(str(error)) from error
+    wall_s = time.perf_counter() - started
+    electrical = result.electrical
+    payload = {
+        "scene": scene,
+        "impacts_t_s": result.impacts.t_s,
+        "impacts_v_m_s": result.impacts.v_m_s,
+        "impulses_n_s": result.impacts.impulse_n_s,
+        "peak_forces_n": result.impacts.peak_force_n,
+        "final": {
+            "t_s": result.final.t_s,
+            "x_m": result.final.x_m,
+            "v_m_s": result.final.v_m_s,
+            "crank_rad": result.final.crank_rad,
+            "omega_rad_s": result.final.omega_rad_s,
+            "phase": result.final.phase.name.lower().replace("_", "-"),
+        },
+        "energy": {
+            "drive_work_j": result.energy.drive_work_j,
+            "stored_change_j": result.energy.stored_change_j,
+            "friction_j": result.energy.friction_j,
+            "impact_loss_j": result.energy.impact_loss_j,
+            "housing_work_j": result.energy.housing_work_j,
+            "ankle_j": result.energy.ankle_j,
+        },
+        "energy_residual": result.energy.residual,
+        "electrical": None if electrical is None else {**asdict(electrical), "residual": electrical.residual},
+        "peak_felt_force_n": result.peak_felt_force_n,
+        "method": result.method,
+        "notes": list(result.notes),
+        "wall_s": wall_s,
+    }
+    if plot is not None:
+        from tools.plots import plot_motion
+
+        plot_motion(result, loaded, plot)
+        payload["plot"] = str(plot)
+    if as_json:
+        print_json(payload)
+    else:
+        show(payload)
+
+
+def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
+    """What a motor with windings took, and what of it heated the copper."""
+    if electrical is None:
+        return []
+    return [
+        ("work at the terminals", electrical["work_j"], "J"),
+        ("copper loss", electrical["copper_j"], "J"),
+    ]
+
+
+def show(payload: dict[str, Any]) -> None:
+    """Print the run for people: what happened, then the last impacts."""
+    times, speeds = payload["impacts_t_s"], payload["impacts_v_m_s"]
+    rows = [
+        ("impacts", len(times), ""),
+        ("last approach speed", float(speeds[-1]) if len(speeds) else None, "m/s"),
+        ("largest approach speed", float(speeds.max()) if len(speeds) else None, "m/s"),
+        ("final position", payload["final"]["x_m"], "m"),
+        ("final velocity", payload["final"]["v_m_s"], "m/s"),
+        ("final phase", payload["final"]["phase"], ""),
+        ("energy residual", payload["energy_residual"], "of the energy exchanged"),
+        ("peak felt force", payload["peak_felt_force_n"], "N"),
+        *electrical_rows(payload["electrical"]),
+        ("method", payload["method"], ""),
+        ("computing", payload["wall_s"], "s"),
+    ]
+    console.print(figure_table(f"{payload['scene']}, {payload['final']['t_s']:g} s", rows))
+    if len(times):
+        table = Table(title="last impacts", title_justify="left", box=None)
+        for name in ("time [s]", "v⁻ [m/s]", "impulse [N s]", "peak force [N]"):
+            table.add_column(name, justify="right")
+        for row in range(max(0, len(times) - 5), len(times)):
+            peak = payload["peak_forces_n"][row]
+            table.add_row(
+                f"{times[row]:.6f}",
+                f"{speeds[row]:.4f}",
+                f"{payload['impulses_n_s'][row]:.4f}",
+                "—" if isnan(peak) else f"{peak:.1f}",
+            )
+        console.print(table)
+    for note in payload["notes"]:
+        console.print(f"note: {note}", highlight=False)

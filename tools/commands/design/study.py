@@ -1,0 +1,430 @@
+"""`vibrohil study`: the paper's diagrams, basins and claims."""
+
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.commands.design.study_output import (
+    StudyJob,
+    amplitude_m,
+    caption_of,
+    chosen_case,
+    figure_of,
+    is_nominal,
+    one_of,
+    positive,
+    show_sweep,
+    without_nan,
+)
+from tools.output import BadInputError, console, figure_table
+from tools.outputs import RECORDINGS, file_option, folder_option
+
+if TYPE_CHECKING:
+    pass
+
+study = typer.Typer(
+    name="study",
+    help=(
+        "The paper's diagrams, basins and claims; whole ranges of parameters in seconds.\n\n"
+        "Work runs on this machine's cores unless --scheduler names a Dask cluster: in threads, as kernels "
+        "hold no interpreter's lock and are compiled once for all cores; closed loops with the firmware "
+        "(basin --start soft) in processes of their own. The results are the same."
+    ),
+    no_args_is_help=True,
+)
+
+Out = Annotated[Path, folder_option("Folder of figures and results; a killed study goes on there.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Cores = Annotated[int | None, typer.Option(help="Cores of this machine to use; all by default.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")
+]
+Rrd = Annotated[
+    Path | None, file_option("Write a moving picture to one .rrd file; open it with view.", RECORDINGS)
+]
+Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
+Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
+Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; the preset's own by default.")]
+Amplitude = Annotated[float | None, typer.Option(help="Drive amplitude A in m; the preset's own by default.")]
+Ratio = Annotated[float, typer.Option(help="Ω/ω.")]
+
+DEFAULT_OUT = Path("studies")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    app.add_typer(study)
+
+
+@study.command()
+def sweep(
+    preset: Annotated[str, typer.Option(help="table1, gait or both.")] = "both",
+    law: Annotated[str, typer.Option(help="viscous, coulomb, stribeck or all.")] = "all",
+    amplitude: Amplitude = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One friction parameter per law instead of Table 1's ranges.")
+    ] = False,
+    rrd: Rrd = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Amplitude–frequency diagrams, run-up and run-down, 50 s a ratio with 30 s discarded."""
+    from dataclasses import replace
+
+    from tools.study import cases, figures, recordings
+    from tools.study.sweep import diagrams
+
+    presets = cases.PRESETS if preset == "both" else (one_of("--preset", preset, cases.PRESETS),)
+    laws = cases.LAWS if law == "all" else (one_of("--law", law, cases.LAWS),)
+    chosen = [cases.case(p, one) for p in presets for one in laws]
+    if not quick:
+        chosen = cases.whole_range(presets, laws)
+    if amplitude is not None:
+        chosen = [replace(case, amplitude_m=amplitude_m(amplitude)) for case in chosen]
+    job = StudyJob(out, cores, scheduler)
+    if scheduler is None:
+        job.warm(chosen)
+    with job.computing():
+        found = diagrams(chosen, job.where)
+    pictures = []
+    for name in presets:
+        shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
+        if shown:
+            pictures += figures.amplitude_frequency(shown, out, f"sweep-{name}")
+    pictures += figures.regime_bars(found, out, "regimes")
+    if rrd is not None:
+        recordings.sweeps([d for d in found if is_nominal(d.case)], rrd)
+    result = {
+        "regimes": [diagram.as_json() for diagram in found],
+        "figures": pictures,
+        "rrd": rrd and str(rrd),
+    }
+    job.tell(result, as_json, lambda: show_sweep(found))
+
+
+@study.command()
+def basin(
+    preset: Preset = "table1",
+    law: Law = "viscous",
+    value: Value = None,
+    amplitude: Amplitude = None,
+    ratio: Ratio = 1.3,
+    plane: Annotated[str, typer.Option(help="state: (x0, v0); phase: (x0, crank angle); both.")] = "both",
+    start: Annotated[
+        str,
+        typer.Option(
+            help="instant: the crank at speed at once; soft: by the firmware, a closed loop a cell."
+        ),
+    ] = "instant",
+    size: Annotated[
+        int | None, typer.Option(help="Cells along a side; 200, or 40 with --start soft, by default.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Basins of attraction: which starts end in impacts, and how sharp the border is.
+
+    With --start soft a cell counts as impact where the firmware ends in its mode RUN with lasting impacts, 30
+    s after it was asked to; motor, sensors and soft stop are those of the bench's default scene. Beside it
+    stands what an instant start of the same module would have come to.
+    """
+    import numpy as np
+
+    from tools.study import basin as basins
+    from tools.study import figures, soft_start
+
+    case = chosen_case(preset, law, value, amplitude)
+    planes = basins.PLANES if plane == "both" else (one_of("--plane", plane, basins.PLANES),)
+    soft = one_of("--start", start, ("instant", "soft")) == "soft"
+    size = (SOFT_SIZE if soft else INSTANT_SIZE) if size is None else size
+    if not 2 <= size <= LARGEST_MAP:
+        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
+    job = StudyJob(out, cores, scheduler)
+    if not (scheduler or soft):
+        job.warm([case])
+    compute = soft_start.compute if soft else basins.compute
+    with job.computing():
+        found = [compute(case, positive("--ratio", ratio), one, size, job.where) for one in planes]
+    pictures = []
+    for one in found:
+        across, up = basins.axes(case, one.plane, size)
+        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(size, size)
+        at_once = (
+            np.asarray(one.table["instant"].to_numpy(zero_copy_only=False)).reshape(size, size)
+            if soft
+            else None
+        )
+        pictures += figures.basin(
+            case, ratio, one.plane, across, up, impacts, caption_of(one), out, one.name, at_once
+        )
+
+    def show() -> None:
+        for one in found:
+            rows = [(name.replace("_", " "), figure_of(value), "") for name, value in one.statistics.items()]
+            title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}, {one.start} start"
+            console.print(figure_table(title, rows))
+
+    job.tell({"basins": [one.as_json() for one in found], "figures": pictures}, as_json, show)
+
+
+@study.command("map")
+def chart(
+    over: Annotated[str, typer.Option(help="r,A, r,mu, r,b or r,k.")] = "r,A",
+    preset: Preset = "table1",
+    law: Law = "viscous",
+    value: Value = None,
+    amplitude: Amplitude = None,
+    size: Annotated[int, typer.Option(help="Cells along a side.")] = 60,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Charts over two parameters: regime, and how surely a start ends in impacts."""
+    import numpy as np
+    import pyarrow as pa
+
+    from tools.study import figures, maps, store, work
+
+    case = chosen_case(preset, law, value, amplitude)
+    second = maps.second_of(over)
+    maps.check(case, second)
+    if not 2 <= size <= LARGEST_MAP:
+        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
+    job = StudyJob(out, cores, scheduler)
+    if scheduler is None:
+        job.warm([case])
+    with job.computing():
+        paths = work.run("map", maps.piece, maps.specs(case, second, size), job.where)
+    table = pa.concat_tables([store.read(path)[0] for path in paths])
+    reliability, regimes, from_rest = (
+        np.asarray(table[name].to_numpy(zero_copy_only=False)).reshape(size, size)
+        for name in ("reliability", "regime", "from_rest")
+    )
+    ratios, values = maps.axes(second, size)
+    label = maps.SECOND[second][3]
+    name = f"map-{preset}-{law}-r-{second}"
+    store.write(out / f"{name}.parquet", table, maps.summary_spec(case, second, size), {})
+    summary: dict[str, Any] = {
+        "over": ["r", second],
+        "preset": preset,
+        "parameters": case.parameters(),
+        "r": [float(ratios[0]), float(ratios[-1])],
+        "values": [float(values[0]), float(values[-1])],
+        "size": size,
+        "starts": maps.STARTS,
+        "share_with_impact": float((reliability > 0.0).mean()),
+        "share_certain_of_impacts": float((reliability == 1.0).mean()),
+    }
+    pictures = figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name)
+    rows = [
+        ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
+        ("cells where every start ends in impacts", 100.0 * summary["share_certain_of_impacts"], "%"),
+    ]
+    job.tell(
+        {"map": summary, "figures": pictures},
+        as_json,
+        lambda: console.print(figure_table(f"{case.label}, over r and {second}", rows)),
+    )
+
+
+@study.command()
+def portrait(
+    preset: Preset = "table1",
+    rrd: Rrd = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Time histories and phase portraits of both motions of each friction law."""
+    from tools.study import cases, figures, recordings, store
+    from tools.study.portraits import as_table, pair
+    from tools.study.sweep import diagrams
+
+    one_of("--preset", preset, cases.PRESETS)
+    chosen = [cases.case(preset, law) for law in cases.LAWS]
+    job = StudyJob(out, cores, scheduler)
+    if scheduler is None:
+        job.warm(chosen)
+    with job.computing():
+        pairs = [pair(diagram) for diagram in diagrams(chosen, job.where)]
+    samples = out / f"portrait-{preset}.parquet"
+    store.write(samples, as_table(pairs), {"cases": [case.parameters() for case in chosen]}, {})
+    if rrd is not None:
+        recordings.portraits(pairs, rrd)
+    result = {
+        "portraits": [
+            {
+                "law": both.case.law,
+                "parameters": both.case.parameters(),
+                "impact_r": both.impact and both.impact.ratio,
+                "non_impact_r": both.calm and both.calm.ratio,
+            }
+            for both in pairs
+        ],
+        "figures": figures.portraits(pairs, out, f"portrait-{preset}"),
+        "samples": str(samples),
+        "rrd": rrd and str(rrd),
+    }
+    job.tell(result, as_json, lambda: None)
+
+
+@study.command()
+def claims(
+    page: Annotated[
+        Path | None, file_option("The page to read; claims.md in the folder of results by default.")
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """The paper's fourteen claims: verdict, figures and reason of each, and a page to read."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from tools.study import basin as basins
+    from tools.study import cases, figures
+    from tools.study.claims import page as pages
+    from tools.study.claims.claims import judge
+    from tools.study.claims.evidence import CONTACTS_S, Evidence
+    from tools.study.portraits import pair
+
+    job = StudyJob(out, cores, scheduler)
+    rigid = [cases.case("table1", law) for law in cases.LAWS]
+    job.warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
+    with job.computing():
+        evidence = Evidence(job.where)
+        judged = judge(evidence)
+    pictures = figures.regime_bars(evidence.diagrams, out, "regimes")
+    for preset in cases.PRESETS:
+        nominal = evidence.nominal(preset)
+        pictures += figures.amplitude_frequency(nominal, out, f"sweep-{preset}")
+        pictures += figures.portraits([pair(diagram) for diagram in nominal], out, f"portrait-{preset}")
+    for law in ("viscous", "coulomb"):
+        one = evidence.basin(law)
+        across, up = basins.axes(one.case, one.plane, one.size)
+        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(one.size, one.size)
+        caption = f"{100 * one.statistics['impact_fraction']:.1f} % end in impacts"
+        name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
+        pictures += figures.basin(one.case, one.ratio, one.plane, across, up, impacts, caption, out, name)
+    written = page or out / "claims.md"
+    pages.write(judged, written)
+
+    def show() -> None:
+        table = Table(box=None, pad_edge=False)
+        for name in ("claim", "the paper says", "verdict"):
+            table.add_column(name)
+        for claim in judged:
+            table.add_row(claim.id, claim.statement, claim.verdict)
+        console.print(table)
+
+    result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
+    job.tell(result, as_json, show)
+
+
+@study.command()
+def feasibility(
+    preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
+    page: Annotated[
+        Path | None,
+        file_option("The page to read; feasibility.md in the folder of results by default."),
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Which settings can serve a walk: cadence, axis, guide, contact and wearer, and what fails first."""
+    from collections import Counter
+
+    from tools.study import store
+    from tools.study.feasibility import feasibility as table
+    from tools.study.feasibility import page as feasibility_page
+
+    presets = tuple(table.MODULES)
+    if preset != "all":
+        presets = (one_of("--preset", preset, presets),)
+    job = StudyJob(out, cores, scheduler)
+    with job.computing():
+        found = table.compute(job.where, presets)
+    name = "feasibility" if preset == "all" else f"feasibility-{preset}"
+    store.write(out / f"{name}.parquet", found, {"presets": list(presets)}, {})
+    rows = found.to_pylist()
+    pictures = feasibility_page.chart(rows, out, name)
+    written = page or out / f"{name}.md"
+    if page is not None:
+        pictures.append(shutil.copy(pictures[0], str(page.with_suffix(".svg"))))
+    feasibility_page.write(rows, written, written.with_suffix(".svg").name)
+    counts = {
+        one: dict(Counter(row["verdict"] for row in rows if row["preset"] == one).most_common())
+        for one in presets
+    }
+
+    def show() -> None:
+        shown = Table(box=None, pad_edge=False)
+        for title in ("preset", "cells", *table.REASONS):
+            shown.add_column(title)
+        for one in presets:
+            cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
+            shown.add_row(one, str(sum(counts[one].values())), *cells)
+        console.print(shown)
+
+    result = {
+        "feasibility": [without_nan(row) for row in rows],
+        "verdicts": counts,
+        "page": str(written),
+        "figures": pictures,
+    }
+    job.tell(result, as_json, show)
+
+
+@study.command()
+def pulse(
+    way: Annotated[str, typer.Option(help="turn, subharmonic, gated or all.")] = "all",
+    out: Out = DEFAULT_OUT,
+    cores: Cores = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """One pulse a stride: by one crank turn a stride, by subharmonics, or by a crank that rests between."""
+    from tools.study import store
+    from tools.study.pulse import figures
+    from tools.study.pulse.judging import SUBHARMONIC, WAYS
+    from tools.study.pulse.orbits import bands_of, orbits_found
+    from tools.study.pulse.ways import compute
+
+    chosen = WAYS if way == "all" else (one_of("--way", way, WAYS),)
+    job = StudyJob(out, cores, scheduler)
+    with job.computing():
+        orbits = orbits_found(job.where).to_pylist() if SUBHARMONIC in chosen else []
+        found = compute(job.where, chosen)
+    name = "pulse" if way == "all" else f"pulse-{way}"
+    store.write(out / f"{name}.parquet", found, {"ways": list(chosen)}, {})
+    rows, bands = found.to_pylist(), bands_of(orbits)
+
+    def show() -> None:
+        if bands:
+            console.print(figures.bands_table(bands))
+        console.print(figures.rows_table(rows))
+
+    result = {
+        "pulse": [without_nan(row) for row in rows],
+        "bands": [band._asdict() for band in bands],
+        "figures": figures.chart(rows, bands, out, name),
+    }
+    job.tell(result, as_json, show)
+
+
+LARGEST_MAP = 4000
+INSTANT_SIZE, SOFT_SIZE = 200, 40

@@ -1,0 +1,170 @@
+"""What the study commands share: options checked, progress, what is shown and stored."""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from tools.output import BadInputError, console, figure, figure_table, print_json
+
+if TYPE_CHECKING:
+    from tools.study.basin import Basin
+    from tools.study.cases import Case
+    from tools.study.sweep import Diagram
+
+
+class Stopwatch:
+    """Wall and processor time of this process, and of those it started that have ended, since it was made."""
+
+    def __init__(self) -> None:
+        self.wall_s, self.cpu_s = time.perf_counter(), sum(os.times()[:4])
+
+    def read(self) -> dict[str, float]:
+        """Keys of the commands' JSON."""
+        return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
+
+
+class StudyJob:
+    """One study from its options to its result: where it is computed, at what cost, how it is reported."""
+
+    def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
+        from tools.study import work
+
+        self.where = work.here(out, cores, scheduler)
+        self._compile_s = 0.0
+        self._cost: dict[str, float] = {}
+
+    def warm(self, cases: "Sequence[Case]") -> None:
+        """Compile or load the kernels of these modules before any clock starts."""
+        from tools.study.orbits import warm
+
+        self._compile_s = warm(cases)
+
+    @contextmanager
+    def computing(self) -> Iterator[None]:
+        """What is within counts as computing."""
+        clock = Stopwatch()
+        yield
+        self._cost = clock.read()
+
+    def tell(self, result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
+        """Print the result with its cost: one JSON object, or what `show` prints and a table."""
+        where = self.where
+        payload = {
+            **result,
+            **self._cost,
+            "compile_s": self._compile_s,
+            "cores": where.cores,
+            "out": str(where.out),
+        }
+        if as_json:
+            print_json(payload)
+            return
+        show()
+        rows = [
+            ("computing", payload["wall_s"], "s"),
+            ("of processor time", payload["cpu_s"], "s"),
+            ("compiling or loading kernels", payload["compile_s"], "s"),
+            ("figures and results in", payload["out"], ""),
+        ]
+        if "page" in payload:
+            rows.append(("page to read", payload["page"], ""))
+        console.print(figure_table("", rows))
+
+
+def without_nan(row: dict[str, Any]) -> dict[str, Any]:
+    """A row for JSON, which has no NaN: what was not measured is null."""
+    return {name: None if value != value else value for name, value in row.items()}  # noqa: PLR0124 - NaN
+
+
+def caption_of(found: "Basin") -> str:
+    """What a map of starts says in a line."""
+    numbers = found.statistics
+    share, bounds = numbers["impact_fraction"], numbers["impact_fraction_wilson"]
+    if found.start == "soft":
+        return (
+            f"soft start: {100 * share:.1f} % end in impacts "
+            f"({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %); at once "
+            f"it would be {100 * numbers['instant_fraction']:.1f} %"
+        )
+    bounds = numbers["impact_fraction_bootstrap"]
+    return (
+        f"{100 * share:.1f} % end in impacts ({100 * bounds[0]:.1f} to {100 * bounds[1]:.1f} %), "
+        f"uncertainty exponent {numbers['uncertainty_exponent']:.3f}"
+    )
+
+
+def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
+    """The module that the options name."""
+    from dataclasses import replace
+
+    from tools.study import cases
+
+    if value is not None and not 0.0 <= value < float("inf"):
+        raise BadInputError(f"--value is {value}: wanted b in N s/m, or μ, 0 or more")
+    one_of("--preset", preset, cases.PRESETS)
+    case = cases.case(preset, one_of("--law", law, cases.LAWS), value)
+    return case if amplitude is None else replace(case, amplitude_m=amplitude_m(amplitude))
+
+
+def figure_of(value: Any) -> Any:
+    """Bounds as one text, counts by name as another."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {count}" for name, count in value.items()) or "none"
+    return " to ".join(figure(one) for one in value) if isinstance(value, list | tuple) else value
+
+
+def positive(option: str, given: float) -> float:
+    """A finite number above 0."""
+    if not 0.0 < given < float("inf"):
+        raise BadInputError(f"{option} is {given}: wanted a positive number")
+    return given
+
+
+def is_nominal(case: "Case") -> bool:
+    """Whether the friction parameter is the preset's own."""
+    from tools.study import cases
+
+    own = cases.case(case.preset, case.law)
+    return (case.b_n_s_m, case.mu) == (own.b_n_s_m, own.mu)
+
+
+def show_sweep(found: "list[Diagram]") -> None:
+    """Print a row per case."""
+    table = Table(title="where there are impacts, in Ω/ω", title_justify="left", box=None)
+    for name in ("preset", "friction", "run-up", "run-down", "multistable", "ends by"):
+        table.add_column(name)
+    for diagram in found:
+        kinds = sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})
+        table.add_row(
+            diagram.case.preset,
+            diagram.case.label,
+            intervals(diagram.up.with_impacts()),
+            intervals(diagram.down.with_impacts()),
+            intervals(diagram.multistable()),
+            ", ".join(kinds) or "—",
+        )
+    console.print(table)
+
+
+def intervals(union: list[tuple[float, float]]) -> str:
+    """For people."""
+    return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
+
+
+def one_of(option: str, given: str, known: tuple[str, ...]) -> str:
+    """A known word."""
+    if given not in known:
+        raise BadInputError(f"{option} is {given!r}: wanted one of {', '.join(known)}")
+    return given
+
+
+def amplitude_m(given: float) -> float:
+    """A usable drive amplitude."""
+    if not 0.0 <= given < float("inf"):
+        raise BadInputError(f"--amplitude is {given}: wanted metres, 0 or more, e.g. 0.02")
+    return given

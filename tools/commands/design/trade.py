@@ -1,0 +1,242 @@
+"""`vibrohil trade`: speed against accuracy, measured here and now."""
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.output import console, figure, print_json
+from tools.outputs import PICTURES, file_option
+from tools.progress import shown_progress
+
+if TYPE_CHECKING:
+    from tools.trade.costs import Price
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(trade)
+
+
+def trade(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer settings and repeats: about a minute.")
+    ] = False,
+    parts: Annotated[
+        bool,
+        typer.Option("--parts", help="Measure a scene's parts instead: what each costs and changes."),
+    ] = False,
+    extremes: Annotated[
+        Path | None,
+        file_option("Write this page instead: every extreme by every method. Takes minutes.", (".md",)),
+    ] = None,
+    plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Measure solvers, peers, fidelity, control rate and builds: error against cost, in one run."""
+    from tools.trade import builds, control_rate, fidelity, heyoka_peer, pictures
+    from tools.trade import costs as prices
+    from tools.trade.cases import CASES
+
+    repeats = prices.QUICK_REPEATS if quick else prices.REPEATS
+    if parts:
+        price_parts(quick, repeats, as_json)
+        return
+    if extremes is not None:
+        write_extremes(extremes, as_json)
+        return
+    load_before = os.getloadavg()[0]
+    measured: list[Price] = []
+    with shown_progress() as progress:
+        steps = len(CASES) + 3
+        for done, case in enumerate(CASES):
+            share = done / steps
+            measured += prices.measure(
+                case, prices.methods_of(case, quick), repeats, partial(progress, share)
+            )
+        of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
+        of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
+        of_builds = builds.measure(repeats, partial(progress, (len(CASES) + 2) / steps))
+    notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
+    payload: dict[str, Any] = {
+        "rows": [*(price.row() for price in measured), *of_parts, *of_rates, *of_builds],
+        "pareto": [price.row()["what"] for price in prices.pareto(measured)],
+        "repeats": repeats,
+        "load_average": {"before": load_before, "after": os.getloadavg()[0]},
+        "cores": os.cpu_count(),
+        "notes": notes,
+    }
+    if plot is not None:
+        pictures.draw(measured, plot)
+        payload["plot"] = str(plot)
+    if as_json:
+        print_json(payload)
+    else:
+        show(payload)
+
+
+def write_extremes(page: Path, as_json: bool) -> None:
+    """The page of every extreme, and its plot."""
+    from tools.trade import extremes
+
+    with shown_progress() as progress:
+        rows = extremes.write(page, partial(progress, None))
+    if as_json:
+        print_json({"rows": rows, "page": str(page)})
+    else:
+        console.print(f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}", highlight=False)
+
+
+def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
+    """The price list of a scene's parts."""
+    from tools.trade import parts
+
+    with shown_progress() as progress:
+        rows = parts.measure(quick, repeats, partial(progress, None))
+    if as_json:
+        print_json({"rows": rows, "repeats": repeats, "cores": os.cpu_count()})
+        return
+    table = _table(
+        f"parts: table1 on its impact orbit at r = {parts.RATIO}, one part changed at a time",
+        ("part", "µs/s", "×", "N s", "peak N", "felt N", "J", "at terminals J", "fold"),
+    )
+    for row in rows:
+        table.add_row(
+            row["what"].removeprefix("part: "),
+            f"{row['cost']:.0f}",
+            f"{row['cost_ratio']:.2f}",
+            figure_of(row["impulse_n_s"], 3),
+            figure_of(row["peak_force_n"], 0),
+            figure_of(row["peak_felt_force_n"], 0),
+            f"{row['energy_per_cycle_j']:.3f}",
+            figure_of(row["terminal_energy_per_cycle_j"], 3),
+            f"{row['fold_r']:.2f}",
+        )
+    console.print(table)
+    console.print(
+        "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
+        "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
+        "which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
+        f"Processor time of a thread, least of {repeats} interleaved repeats.",
+        highlight=False,
+    )
+
+
+def figure_of(value: float, digits: int) -> str:
+    """A figure with this number of digits after the point, or a dash."""
+    return "—" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def show(payload: Mapping[str, Any]) -> None:
+    """The price lists for people."""
+    rows = payload["rows"]
+    for case in dict.fromkeys(row["case"] for row in rows if row["kind"] == "solver"):
+        console.print(solver_table(case, [row for row in rows if row.get("case") == case], payload["pareto"]))
+    console.print(parts_table([row for row in rows if row["kind"] == "fidelity"]))
+    console.print(rates_table([row for row in rows if row["kind"] == "control rate"]))
+    console.print(builds_table([row for row in rows if row["kind"] == "firmware build"]))
+    load = payload["load_average"]
+    console.print(
+        "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
+        "×: cost over the cheapest; ●: nothing cheaper errs less; ≠: wrong number of impacts. Where there is "
+        "a closed form it is the truth, else the adaptive solver at 1e-13. Processor time of a thread, least "
+        f"of {payload['repeats']} interleaved repeats, a row of calls each, as called from Python; a first "
+        f"call takes longer (cost_first with --json). {payload['cores']} cores, load "
+        f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures.",
+        highlight=False,
+    )
+    for note in payload["notes"]:
+        console.print(f"note: {note}", highlight=False)
+
+
+def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
+    """Errors and cost of every method on one case; ● the cheapest for its error."""
+    wanted = f"{rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
+    table = _table(
+        f"{case}: {wanted}", ("method", "x [m]", "t [s]", "v [m/s]", "impulse", "impacts", "µs/s", "×")
+    )
+    cheapest = min(row["cost"] for row in rows)
+    for row in rows:
+        is_right = (row["impacts"], row["regime"]) == (row["impacts_wanted"], row["regime_wanted"])
+        mark = " ●" if row["what"] in best else ""
+        table.add_row(
+            f"{row['method']} {row['setting']}".rstrip() + mark,
+            *(
+                "—" if row[key] != row[key] else f"{row[key]:.0e}"
+                for key in ("error", "impact_time_error_s", "impact_speed_error_m_s", "impulse_error")
+            ),
+            str(row["impacts"]) if is_right else f"[red]≠ {row['impacts']}[/]",
+            f"{row['cost']:.1f}",
+            f"{row['cost'] / cheapest:.1f}",
+        )
+    return table
+
+
+def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What each stop changes and costs."""
+    table = _table(
+        "fidelity: table1 on its impact orbit at r = 1.3, ideal drive",
+        ("stop", "impulse [N s]", "off by", "peak [N]", "v⁻ [m/s]", "method", "µs/s"),
+    )
+    for row in rows:
+        table.add_row(
+            row["what"].removeprefix("fidelity: "),
+            f"{row['impulse_n_s']:.4f}",
+            f"{100.0 * row['error']:.1f} %",
+            figure(row["peak_force_n"]),
+            f"{row['approach_m_s']:.4f}",
+            row["method"],
+            f"{row['cost']:.1f}",
+        )
+    return table
+
+
+def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What each control rate gives and costs."""
+    table = _table(
+        "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
+        ("rate [Hz]", "x [mm]", "v [m/s]", "late [ms]", "ripple", "v⁻ [m/s]", "regime", "failed", "ms/s"),
+    )
+    for row in rows:
+        table.add_row(
+            str(row["rate_hz"]),
+            f"{1e3 * row['error']:.2f}",
+            f"{row['v_rmse_m_s']:.4f}",
+            f"{row['latency_p95_ms']:.2f}",
+            f"{row['ripple']:.5f}",
+            f"{row['approach_m_s']:.4f}",
+            row["regime"],
+            str(len(row["failed_checks"])),
+            f"{1e-3 * row['cost']:.0f}",
+        )
+    return table
+
+
+def builds_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """What each build of the firmware gives and costs."""
+    table = _table(
+        "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
+        ("build", "x [mm]", "v [m/s]", "decisions", "differ", "µs/tick"),
+    )
+    for row in rows:
+        table.add_row(
+            f"{row['build']}: {row['setting']}",
+            f"{1e3 * row['error']:.3f}",
+            f"{row['v_rmse_m_s']:.5f}",
+            str(row["decisions"]),
+            str(row["decisions_that_differ"]),
+            f"{row['cost']:.1f}",
+        )
+    return table
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", box=None)
+    for index, name in enumerate(columns):
+        table.add_column(name, justify="right" if index else "left", no_wrap=True)
+    return table

@@ -1,0 +1,432 @@
+"""`vibrohil tune`: parameters designed, fitted to a log, or chosen by campaigns; and compared."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
+
+import typer
+
+from tools.commands.design.tune_tables import show, show_check, show_difference, show_trials
+from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json
+from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
+from tools.progress import Progress, counted_progress, shown_progress
+
+if TYPE_CHECKING:
+    from tools.tuning.figures.views import Shown
+    from tools.tuning.result import Tuning
+    from tools.tuning.safety import Bench, SafetyResult
+
+Found = TypeVar("Found")
+
+tune = typer.Typer(
+    name="tune",
+    help="Design and fit the firmware's parameters; each command writes a parameter file that the safety "
+    "scenarios have let pass.",
+    no_args_is_help=True,
+)
+
+Force = Annotated[
+    bool, typer.Option("--force", help="Write the file although a safety scenario fails; it then says so.")
+]
+Plot = Annotated[Path | None, file_option("Draw what explains the result into this file.", PICTURES)]
+Rrd = Annotated[
+    Path | None, file_option("Write the result as a Rerun recording, too; open it with view.", RECORDINGS)
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of the trials to choose on, below 10000.", min=0)]
+FreshSeed = Annotated[int | None, typer.Option(help="Seed of the trials to judge on, from 10000 on.", min=0)]
+Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    app.add_typer(tune)
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given; the others have the called function's own defaults."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+class Outputs(NamedTuple):
+    """Where a command's result goes."""
+
+    out: Path
+    plot: Path | None
+    rrd: Path | None
+    force: bool
+    as_json: bool
+
+
+def conclude(
+    outputs: Outputs,
+    work: "Callable[[Progress], tuple[Tuning, Found]]",
+    draw: "Callable[[Tuning, Found, Path], None]",
+    shown: "Callable[[Found], Shown]",
+    more: Callable[[Found], dict[str, Any]],
+    bench: "Bench | None" = None,
+) -> None:
+    """Run a tuning, draw and record what it found, judge it, write its file, print it."""
+    from tools.tuning.recordings.recording import record_tuning
+
+    with shown_progress() as progress:
+        tuning, found = work(progress)
+        also = more(found)
+        if outputs.plot is not None:
+            draw(tuning, found, outputs.plot)
+            also["plot"] = str(outputs.plot)
+        if outputs.rrd is not None:
+            record_tuning(outputs.rrd, tuning, *shown(found))
+            also["rrd"] = str(outputs.rrd)
+        payload, _ = finish(tuning, outputs.out, outputs.force, progress, also, bench)
+    report(payload, outputs.as_json)
+
+
+def finish(
+    tuning: "Tuning",
+    out: Path,
+    force: bool,
+    progress: Progress,
+    more: Mapping[str, Any],
+    bench: "Bench | None" = None,
+) -> tuple[dict[str, Any], list["SafetyResult"]]:
+    """Judge, write, and give the JSON object."""
+    from tools.tuning.parameter_file import write
+    from tools.tuning.safety import judge_safety
+
+    safety = judge_safety(
+        tuning.values, lambda fraction, doing: progress(fraction, f"safety: {doing}"), bench
+    )
+    safe = all(result.passed for result in safety)
+    if safe or force:
+        write(out, tuning, safety, force)
+    return {
+        **tuning.as_json(),
+        **more,
+        "safety": [result.as_json() for result in safety],
+        "safe": safe,
+        "out": str(out) if safe or force else None,
+    }, safety
+
+
+def report(payload: Mapping[str, Any], as_json: bool) -> None:
+    """Print it; a file that was not written is a failed check."""
+    if as_json:
+        print_json(payload)
+    else:
+        show(payload)
+    if payload["out"] is None:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+@tune.command()
+def speed(
+    bandwidth_hz: Annotated[
+        float | None, typer.Option(help="From target to speed, −3 dB; by default the firmware's.", min=0.1)
+    ] = None,
+    phase_margin_deg: Annotated[
+        float | None, typer.Option(help="What is left of it decides the integral.", min=1.0, max=120.0)
+    ] = None,
+    inertia_kg_m2: Annotated[float | None, typer.Option(help="Of rotor and flywheel.", min=1e-7)] = None,
+    tracker_rad_s: Annotated[float | None, typer.Option(help="The encoder tracker's poles.", min=1.0)] = None,
+    measure: Annotated[
+        bool, typer.Option(help="Measure the loop in lockstep, with sines on the torque's frames.")
+    ] = True,
+    out: Annotated[Path, file_option("The parameter file.")] = Path("speed.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """PI gains of the crank's speed loop for a bandwidth and a phase margin, measured on the bench."""
+    from hil.scenario.parameter_file import nested
+    from tools.tuning.figures import views
+    from tools.tuning.figures.speed import draw_speed
+    from tools.tuning.speed import NominalDrive, SpeedDesign, tune_speed
+    from tools.tuning.speed_measurement import MeasuredLoop, compared, measure_loop
+
+    nominal = NominalDrive(**given(inertia_kg_m2=inertia_kg_m2, tracker_rad_s=tracker_rad_s))
+    points: dict[str, Any] = {}
+    Loop = tuple[SpeedDesign, MeasuredLoop | None]
+
+    def work(progress: Progress) -> "tuple[Tuning, Loop]":
+        tuning, design = tune_speed(
+            nominal, **given(bandwidth_hz=bandwidth_hz, phase_margin_deg=phase_margin_deg)
+        )
+        if not measure:
+            return tuning, (design, None)
+        measured = measure_loop(
+            nested(tuning.values), progress=lambda share, _: progress(share, "measuring the loop")
+        )
+        tuning, points["measured"] = compared(tuning, nominal, measured)
+        return tuning, (design, measured)
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        work,
+        lambda _, loop, path: draw_speed(nominal, *loop, path),
+        lambda loop: views.of_speed(nominal, *loop),
+        lambda _: points,
+    )
+
+
+@tune.command()
+def identify(
+    source: Annotated[
+        Path | None, typer.Argument(help="A run folder, or a candump log of a real bench.")
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="The plant of the safety scenarios; by default the run's own, else theirs."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the resampling that gives the bounds.", min=0)] = 1,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            help="Instead of a log: sampled modules of all friction laws, and how often each is identified.",
+            min=1,
+        ),
+    ] = None,
+    trials_out: Annotated[
+        Path, file_option("What trials came to, a line each; trials that are in it are not run again.")
+    ] = Path("identify-trials.jsonl"),
+    workers: Workers = None,
+    out: Annotated[Path, file_option("The parameter file.")] = Path("identified.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Spring, friction, crank radius and stop from one log; only what went over CAN is used.
+
+    With --trials the identification itself is judged: shares with Wilson's bounds, errors against the truth,
+    and how often its 95 % bounds hold the truth.
+    """
+    from tools.tuning.figures import views
+    from tools.tuning.figures.identify import draw_identified
+    from tools.tuning.identification.identify import bench_of, tune_identify
+
+    if trials is not None:
+        if source is not None:
+            raise BadInputError(
+                f"--trials samples its own modules; leave out {source}, or leave out --trials"
+            )
+        judge_identification(trials, trials_out, workers, as_json)
+        return
+    if source is None:
+        raise BadInputError("no log: give a run folder or a candump log, or --trials 300")
+    log = source
+
+    def work(progress: Progress) -> "tuple[Tuning, Any]":
+        progress(None, "fitting")
+        tuning, identified, readings = tune_identify(log, seed)
+        return tuning, (identified, readings)
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        work,
+        lambda _, both, path: draw_identified(both[0], both[1], path),
+        lambda both: views.of_identify(both[0], both[1]),
+        lambda both: {"law": both[0].law.value},
+        bench_of(log, scene),
+    )
+
+
+def judge_identification(trials: int, path: Path, workers: int | None, as_json: bool) -> None:
+    """Run trials and print their rates; missed goals are a failed check."""
+    from tools.tuning.trials import run_trials, summary
+
+    with counted_progress("trials", trials) as progress:
+        outcomes = run_trials(trials, path, progress=lambda done, _: progress(done), workers=workers)
+    payload = {"command": "identify", **summary(outcomes), "out": str(path)}
+    if as_json:
+        print_json(payload)
+    else:
+        show_trials(payload)
+    if not payload["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+@tune.command()
+def detector(
+    cost_miss: Annotated[float, typer.Option(help="Cost of a missed impact.")] = 1.0,
+    cost_false_alarm: Annotated[float, typer.Option(help="Cost of a false alarm.")] = 1.0,
+    trials: Annotated[int | None, typer.Option(help="Trials for each floor.", min=11)] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, file_option("The parameter file.")] = Path("detector.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """The impact detector's floor from the costs of misses and false alarms, on sampled modules."""
+    from tools.tuning.detector import tune_detector
+    from tools.tuning.figures import views
+    from tools.tuning.figures.detector import draw_detector
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_detector(
+            cost_miss,
+            cost_false_alarm,
+            progress=lambda done, total: progress(done / total, "trials"),
+            **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
+        ),
+        draw_detector,
+        views.of_detector,
+        lambda points: {
+            "characteristic": [
+                {**asdict(point), "false_alarms_1_h": point.false_alarms_1_h} for point in points
+            ]
+        },
+    )
+
+
+@tune.command()
+def estimator(
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Run folders or candump logs; without any, logs of sampled modules are made."),
+    ] = None,
+    modules: Annotated[int | None, typer.Option(help="Number of sampled modules.", min=2)] = None,
+    fresh_trials: Annotated[
+        int | None,
+        typer.Option(help="Trials to judge the result on, beside default and naive; 0: none.", min=0),
+    ] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, file_option("The parameter file.")] = Path("estimator.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Q and R of the estimator from logs, by the likelihood of what touch-downs say; no truth is used."""
+    from tools.tuning.estimator import tune_estimator
+    from tools.tuning.figures import views
+    from tools.tuning.figures.estimator import draw_estimator
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_estimator(
+            logs or (),
+            progress=lambda done, total: progress(done / total, "logs"),
+            **given(
+                modules=modules, fresh_trials=fresh_trials, seed=seed, fresh_seed=fresh_seed, workers=workers
+            ),
+        ),
+        draw_estimator,
+        views.of_estimator,
+        lambda points: {"tried": [asdict(point) for point in points]},
+    )
+
+
+@tune.command()
+def start(
+    candidates: Annotated[int | None, typer.Option(help="How many are tried in all.", min=2)] = None,
+    trials: Annotated[int | None, typer.Option(help="Trials for each candidate.", min=8)] = None,
+    fresh_trials: Annotated[
+        int | None, typer.Option(help="Trials to choose among the best, and to judge on.", min=8)
+    ] = None,
+    journal: Annotated[
+        Path | None,
+        file_option("What was tried; the same command goes on with it. By default beside the file."),
+    ] = None,
+    seed: Seed = None,
+    fresh_seed: FreshSeed = None,
+    workers: Workers = None,
+    out: Annotated[Path, file_option("The parameter file.")] = Path("start.toml"),
+    plot: Plot = None,
+    rrd: Rrd = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Ramp, capture speed and hold loop for starts that fail least, then overshoot, time and energy."""
+    from tools.tuning.figures import views
+    from tools.tuning.figures.start import draw_start
+    from tools.tuning.start import tune_start
+
+    conclude(
+        Outputs(out, plot, rrd, force, as_json),
+        lambda progress: tune_start(
+            journal or out.with_suffix(".journal"),
+            progress=lambda done, total: progress(done / total, "trials"),
+            **given(
+                candidates=candidates,
+                trials=trials,
+                fresh_trials=fresh_trials,
+                seed=seed,
+                fresh_seed=fresh_seed,
+                workers=workers,
+            ),
+        ),
+        draw_start,
+        views.of_start,
+        lambda tried: {"tried": [asdict(one) for one in tried]},
+    )
+
+
+@tune.command()
+def check(
+    quick: Annotated[bool, typer.Option("--quick", help="Few trials: whether all runs and agrees.")] = False,
+    workers: Workers = None,
+    out: Annotated[Path, folder_option("Folder of what is tuned; a killed search goes on there.")] = Path(
+        "tuned"
+    ),
+    as_json: Json = False,
+) -> None:
+    """Whether the defaults are what all tunings come to, within tolerances; and what they are better than."""
+    from tools.tuning.check import QUICK, Effort, check_defaults
+    from tools.tuning.parameter_file import write
+    from tools.tuning.safety import judge_safety
+
+    with shown_progress() as progress:
+        payload, tunings = check_defaults(out, QUICK if quick else Effort(), progress, workers)
+        together = {name: value for tuning in tunings for name, value in tuning.values.items()}
+        safety = judge_safety(together, lambda share, doing: progress(share, f"safety: {doing}"))
+        for tuning in tunings:
+            write(out / f"{tuning.command}.toml", tuning, safety, force=True)
+    payload = {
+        **payload,
+        "safety": [result.as_json() for result in safety],
+        "passed": payload["passed"] and all(result.passed for result in safety),
+    }
+    if as_json:
+        print_json(payload)
+    else:
+        show_check(payload)
+    if not payload["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+@tune.command()
+def diff(
+    a: Annotated[Path, typer.Argument(help="A parameter file.")],
+    b: Annotated[Path, typer.Argument(help="Another one.")],
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(help="What both are run on, by a scenario's name; repeatable. By default three."),
+    ] = None,
+    suite: Annotated[bool, typer.Option(help="Run both on scenarios of the suite, in lockstep.")] = True,
+    as_json: Json = False,
+) -> None:
+    """What changed between two parameter files, and what it does on scenarios of the suite.
+
+    A parameter that a file lacks has its default. A scenario that only the second fails is a failed check.
+    """
+    from tools.tuning.difference import SCENARIOS, difference, effects
+
+    payload = {**difference(a, b), "suite": []}
+    if suite:
+        with shown_progress() as progress:
+            payload["suite"] = effects(a, b, scenario or SCENARIOS, progress)
+    if as_json:
+        print_json(payload)
+    else:
+        show_difference(payload, a, b)
+    if any(one["passed"]["a"] and not one["passed"]["b"] for one in payload["suite"]):
+        raise typer.Exit(EXIT_CHECK_FAILED)

@@ -1,0 +1,139 @@
+"""`vibrohil compare A B`: two runs side by side."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.logs.changes import show_changes
+from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
+from tools.outputs import RECORDINGS, file_option
+
+MOST_CHANGES = 10
+"""Figures that a comparison shows, so that it fits one screen; --json has all."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(compare)
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="A run folder, an .rrd file, or a suite's folder.")],
+    b: Annotated[Path, typer.Argument(help="The other one.")],
+    out: Annotated[
+        Path | None,
+        file_option("Write both runs, overlaid, to one .rrd file; open it with view.", RECORDINGS),
+    ] = None,
+    must_be_equal: Annotated[
+        bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show the figures of two runs side by side and the first moment at which they differ.
+
+    Of two suites: which checked figures are better or worse, and which verdicts differ. Two runs may
+    differ: unless --must-be-equal asks for a check, the exit status is 0 either way.
+    """
+    from hil.bench.compare_suites import is_suite
+
+    if is_suite(a) or is_suite(b):
+        compare_suites(a, b, must_be_equal, as_json)
+        return
+    from hil.bench.recorded_run import open_run
+    from tools.logs import comparison
+
+    runs = open_run(a), open_run(b)
+    result = comparison.compare(*runs)
+    if out is not None:
+        found = result["first_difference"]
+        comparison.write_overlay(*runs, None if found is None else comparison.Difference(**found), out)
+        result["out"] = str(out)
+    if as_json:
+        print_json(result)
+    else:
+        show(result)
+    if must_be_equal and not result["equal"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None:
+    """Show which verdicts differ; exits with 5 where the two have no scenario in common."""
+    from hil.bench.changes import changes
+    from hil.bench.compare_suites import SuiteError, compare, read_suite
+
+    try:
+        before, after = read_suite(a), read_suite(b)
+        result = compare(before, after) | {"changes": changes(before, after)}
+    except SuiteError as error:
+        raise BadInputError(str(error)) from error
+    if as_json:
+        print_json(result)
+    else:
+        show_changes(result["changes"])
+        show_verdicts(result)
+    if not result["compared"]:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+    if must_be_equal and not result["equal"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show_verdicts(result: dict[str, Any]) -> None:
+    """Print the verdicts that differ, then how many do not."""
+    words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
+    for one in result["differences"]:
+        what = "" if one["check"] is None else f"  {one['check']}"
+        values = "" if one["check"] is None else f"  ({one['value_a']} / {one['value_b']})"
+        console.print(
+            f"{one['scenario']}{what}: {words[one['a']]}, {words[one['b']]}{values}", soft_wrap=True
+        )
+    for side in ("a", "b"):
+        if result[f"only_in_{side}"]:
+            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", highlight=False)
+    scenarios = {one["scenario"] for one in result["differences"]}
+    console.print(
+        f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
+        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})",
+        highlight=False,
+    )
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print both verdicts, the largest changes, where the signals first differ, and what the machine took."""
+    from tools.logs.comparison import is_timing
+
+    figures, changes = result["figures"], result["largest_changes"]
+    table = Table(box=None, pad_edge=False)
+    for title in ("figure", "a", "b", "b − a"):
+        table.add_column(title, no_wrap=True)
+    words = {side: "passed" if passed else "FAILED" for side, passed in result["passed"].items()}
+    table.add_row("verdict", words["a"], words["b"], "")
+    table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
+    physical = [name for name in changes if not is_timing(name) and name != "fault"]
+    for name in physical[:MOST_CHANGES]:
+        row = figures[name]
+        table.add_row(name, *(figure(row[side], row["unit"]) for side in ("a", "b", "change")))
+    console.print(table)
+    more = f"; the {MOST_CHANGES} largest changes are shown" if len(physical) > MOST_CHANGES else ""
+    equal = len(figures) - len(changes)
+    console.print(f"{equal} of {len(figures)} figures are equal{more}", highlight=False)
+    work = figures["tick_us.p99"]
+    console.print(
+        f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
+        f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
+        style="dim",
+        highlight=False,
+    )
+    first = result["first_difference"]
+    if first is None:
+        console.print("[bold green]equal[/]: every logged signal, bit by bit, on simulated time")
+    else:
+        values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
+        console.print(
+            f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {values}",
+            highlight=False,
+            soft_wrap=True,
+        )
+    if "out" in result:
+        console.print(f"overlaid in {result['out']}", highlight=False, soft_wrap=True)

@@ -1,0 +1,41 @@
+"""`vibrohil export RUN --to KIND`: the frames of a run for other programs."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from tools.output import console, figure_table, print_json
+from tools.outputs import new_option, refuse_existing
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(export)
+
+
+def export(
+    run: Annotated[
+        Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
+    ] = None,
+    to: Annotated[
+        Literal["mf4", "mcap", "parquet", "csv"],
+        typer.Option(help="The format; parquet and csv are folders with a file for each frame."),
+    ] = "mf4",
+    out: Annotated[
+        Path | None, new_option("What to write; by default frames.KIND in the run's folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Write every frame of a run, decoded by vibro.dbc, with units, for MDF, MCAP or table programs."""
+    from hil.bench.recorded_run import open_run
+    from tools.logs.exporting import export as write
+
+    logged = open_run(run)
+    place = logged.log.parent / f"frames.{to}" if out is None else out
+    refuse_existing("--out", place)
+    frames = write(logged, to, place)
+    if as_json:
+        print_json({"run": str(logged.folder), "to": to, "out": str(place), "frames": frames})
+    else:
+        console.print(figure_table(str(place), [(name, number, "") for name, number in frames.items()]))

@@ -1,0 +1,61 @@
+"""`vibrohil import LOG`: a CAN log of a real bench in the layout of a run."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tools.output import console, figure_table, print_json
+from tools.outputs import folder_option
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command("import")(import_log)
+
+
+def import_log(
+    log: Annotated[
+        Path, typer.Argument(help="A candump .log, or .asc, .blf, .trc, .csv, .db, .mf4; text also .gz.")
+    ],
+    out: Annotated[
+        Path | None, folder_option("The run folder to make; by default a new one under runs/.")
+    ] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="The channel to take, where the log has several.", metavar="NAME")
+    ] = None,
+    tolerant: Annotated[
+        bool, typer.Option("--tolerant", help="Leave out lines that cannot be read, and list them.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Make a run folder of a CAN log, to view and to inspect like a run; it holds no truth."""
+    from tools.logs.importing import import_log as make_run
+
+    result = make_run(log, out, channel, tolerant)
+    if as_json:
+        print_json(result)
+    else:
+        show(result)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print what was in the log, and what could not be shown."""
+    rows = [
+        ("duration", result["duration_s"], "s"),
+        ("frames", result["frames"], ""),
+        ("shown as signals", result["known"], ""),
+        *((f"{name} is not in the DBC", number, "frames") for name, number in result["unknown"].items()),
+        *((f"{name} is not valid", number, "frames") for name, number in result["refused"].items()),
+        *((f"left out: {kind}", number, "frames") for kind, number in result["skipped"].items()),
+    ]
+    console.print(figure_table(result["log"], rows))
+    for line in result["left_out"]:
+        console.print(
+            f"[yellow]left out line {line['number']}[/]: {line['why']}", soft_wrap=True, highlight=False
+        )
+    if result["truncated"] is not None:
+        console.print(f"[yellow]the log is cut short[/]: {result['truncated']}", highlight=False)
+    if not result["firmware_seen"]:
+        console.print("no heartbeat of the firmware: neither modes nor estimate are shown")
+    console.print(f"open it with: vibrohil view {result['out']}", soft_wrap=True, highlight=False)

@@ -1,0 +1,105 @@
+"""`vibrohil inspect RUN`: figures, tables and plots from a run's log alone."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from tools.output import (
+    BadInputError,
+    console,
+    exit_of,
+    figure,
+    plain,
+    print_json,
+    progress_console,
+)
+from tools.outputs import PICTURES, TABLES, file_option
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from hil.bench.recorded_run import Run
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(inspect)
+
+
+def inspect(
+    run: Annotated[
+        Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
+    ] = None,
+    table: Annotated[
+        str | None, typer.Option(help="Show one table of the log, such as plant or can/Accelerometer.")
+    ] = None,
+    to: Annotated[
+        Path | None, file_option("Write that table to a .parquet, .csv or .arrow file.", TABLES)
+    ] = None,
+    plot: Annotated[Path | None, file_option("Draw signals into this file.", PICTURES)] = None,
+    signal: Annotated[list[str] | None, typer.Option(help="What to draw, TABLE.COLUMN; repeatable.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Recompute a run's figures and verdict from its log, or take tables and plots out of it."""
+    from hil.bench.recorded_run import open_run
+    from tools.logs.inspection import DEFAULT_SIGNALS, plot_signals, write_table
+
+    if to is not None and table is None:
+        raise BadInputError("--to needs --table NAME; `vibrohil inspect RUN` lists the tables")
+    if signal and plot is None:
+        raise BadInputError("--signal needs --plot FILE")
+    logged = open_run(run)
+    if plot is not None:
+        plot_signals(logged, signal or list(DEFAULT_SIGNALS), plot)
+        progress_console.print(f"drawn: {plot}", highlight=False)
+    if table is not None:
+        rows = logged.table(table)
+        if to is not None:
+            write_table(rows, to)
+        if as_json:
+            columns = {field.name: str(field.type) for field in rows.schema}
+            written = None if to is None else str(to)
+            print_json({"table": table, "rows": rows.num_rows, "columns": columns, "to": written})
+        else:
+            show_table(table, rows, to)
+        return
+    if plot is not None:
+        return
+    if as_json:
+        print_json(logged.verdict)
+    else:
+        show_figures(logged)
+    if status := exit_of(logged.verdict):
+        raise typer.Exit(status)
+
+
+def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
+    """Print the columns of a table with their first and last values."""
+    where = "" if to is None else f", written to {to}"
+    shown = Table(title=f"{name}: {rows.num_rows} rows{where}", title_justify="left", box=None)
+    for title in ("column", "type", "first", "last"):
+        shown.add_column(title, no_wrap=title == "column")
+    for field in rows.schema:
+        ends = [rows[field.name].to_numpy()[at] for at in ((0, -1) if rows.num_rows else ())]
+        shown.add_row(field.name, str(field.type), *(figure(plain(end)) for end in ends))
+    console.print(shown)
+
+
+def show_figures(logged: "Run") -> None:
+    """Print every figure with its meaning, the checks, and what tables there are."""
+    from hil.judge.figure_records import CATALOGUE, value_of
+    from tools.commands.testing.run import show_checks
+
+    shown = Table(title=str(logged.log), title_justify="left", show_header=False, box=None, pad_edge=False)
+    shown.add_column(style="cyan", no_wrap=True)
+    shown.add_column(no_wrap=True)
+    shown.add_column(style="dim")
+    for spec in CATALOGUE.values():
+        shown.add_row(spec.name, figure(value_of(logged.verdict, spec.name), spec.unit), spec.meaning)
+    console.print(shown)
+    if len(logged.traces.plant) == 0:
+        console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
+    show_checks(logged.verdict)
+    console.print(f"tables: {', '.join(logged.names)}", highlight=False, style="dim")

@@ -1,0 +1,101 @@
+"""`vibrohil runs`: the catalogue of what was run."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from tools.output import EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
+
+if TYPE_CHECKING:
+    from tools.logs.catalogue import ListedRun
+
+COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
+"""Figures that the table shows where no others are asked for."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(runs)
+
+
+def runs(
+    folder: Annotated[Path, typer.Argument(help="Where the runs are.")] = Path("runs"),
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Keep runs with FIGURE<VALUE, e.g. 'impact_v_m_s>0.9' or passed=false; repeatable."
+        ),
+    ] = None,
+    show: Annotated[list[str] | None, typer.Option(help="A figure to show, by its name; repeatable.")] = None,
+    most: Annotated[int, typer.Option(help="Runs shown at the most, the newest first.", min=1)] = 40,
+    view: Annotated[bool, typer.Option(help="Open the runs shown side by side in the Rerun viewer.")] = False,
+    older: Annotated[
+        str | None,
+        typer.Option("--prune", help="Remove the runs of the table that are older than this, such as 30d."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the runs with their verdicts and key figures."""
+    from tools.logs.catalogue import age_s, chosen, listed, prune
+
+    found = chosen(listed(folder), where or [])
+    if older is not None:
+        removed = prune(found, age_s(older))
+        if as_json:
+            print_json({"removed": [str(path) for path in removed]})
+        else:
+            console.print(f"removed {len(removed)} of {len(found)} runs", highlight=False)
+        return
+    columns = show or list(COLUMNS)
+    if as_json:
+        print_json({"runs": [row_of(run, columns) for run in found]})
+    else:
+        print_table(found[:most], columns)
+        console.print(f"{min(most, len(found))} of {len(found)} runs in {folder}", highlight=False)
+    if not found:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+    if view:
+        open_side_by_side(found[:most])
+
+
+def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
+    """One run as JSON holds it."""
+    return {
+        "folder": str(run.folder),
+        "scenario": run.figure("scenario"),
+        "clock": run.figure("clock"),
+        "passed": run.passed,
+        "begun_s": run.begun_s,
+        "provenance": (run.verdict or {}).get("provenance"),
+        "figures": {name: run.figure(name) for name in columns},
+    }
+
+
+def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
+    """Print a line for each run."""
+    words = {True: "[green]passed[/]", False: "[bold red]failed[/]", None: "[dim]no verdict[/]"}
+    table = Table(box=None, pad_edge=False)
+    for title in ("begun", "", "scenario", "commit", *columns, "folder"):
+        table.add_column(title, overflow="fold")
+    for run in shown:
+        begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
+        figures = [figure(run.figure(name)) for name in columns]
+        table.add_row(
+            begun, words[run.passed], figure(run.figure("scenario")), run.commit, *figures, str(run.folder)
+        )
+    console.print(table)
+
+
+def open_side_by_side(shown: "list[ListedRun]") -> None:
+    """Open the logs of the runs in one viewer."""
+    from tools.logs.view import view_together
+
+    folders = [run.folder for run in shown if (run.folder / "run.rrd").exists()]
+    if not folders:
+        raise BadInputError(
+            "--view: none of these runs has a log; run one again without a suite of many seeds"
+        )
+    view_together(folders)

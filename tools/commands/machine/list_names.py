@@ -1,0 +1,65 @@
+"""`vibrohil list`: the scenarios, scenes and firmware parameters there are."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal, NamedTuple
+
+import typer
+from rich.table import Table
+
+from tools.output import console, print_json
+
+
+class Named(NamedTuple):
+    """One thing that can be named on the command line."""
+
+    name: str
+    title: str
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command(name="list")(list_names)
+
+
+def list_names(
+    what: Annotated[
+        Literal["scenarios", "scenes", "parameters"], typer.Argument(help="What to list.")
+    ] = "scenarios",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the scenarios, the scenes or the firmware's parameters, each with its title."""
+    found = list({"scenarios": scenarios, "scenes": scenes, "parameters": parameters}[what]())
+    if as_json:
+        print_json({what: [one._asdict() for one in found]})
+        return
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="cyan", no_wrap=True)
+    table.add_column(overflow="fold")
+    for one in found:
+        table.add_row(one.name, one.title)
+    console.print(table)
+
+
+def scenarios() -> Iterator[Named]:
+    """The scenarios that come with the package."""
+    from hil.scenario.scenario import read_scenario, scenario_names
+
+    for name in scenario_names():
+        yield Named(name, read_scenario(name)["title"])
+
+
+def scenes() -> Iterator[Named]:
+    """The scenes that come with the package; the first comment of each file is its title."""
+    from plant_sim.scene import SCENES, scene_names
+
+    for name in scene_names():
+        first = (SCENES / f"{name}.toml").read_text(encoding="utf-8").partition("\n")[0]
+        yield Named(name, first.removeprefix("#").strip())
+
+
+def parameters() -> Iterator[Named]:
+    """The firmware's parameters."""
+    from firmware_py.interface.sources.parameter_table import TABLE
+
+    for one in TABLE:
+        yield Named(one.name, f"{one.default:g} {one.unit}: {one.meaning}")

@@ -1,0 +1,1 @@
+"""Commands that put one node on a bus."""

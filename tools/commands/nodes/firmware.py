@@ -1,0 +1,158 @@
+"""`vibrohil firmware`: the controller alone, on any bus; and its build for a board."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.table import Table
+from typer.core import TyperGroup
+
+from tools.output import console, print_json
+from tools.outputs import folder_option
+from tools.progress import shown_progress
+
+Scenario = Annotated[
+    str | None,
+    typer.Argument(help="A scenario whose firmware parameters to take; the defaults without one."),
+]
+Change = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
+]
+
+
+class NodeUnlessNamed(TyperGroup):
+    """A group with a command for where none is named."""
+
+    unnamed = "node"
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        """Name the command."""
+        is_named = args[:1] == ["--help"] or any(name in self.commands for name in args[:1])
+        return super().parse_args(ctx, args if is_named else [self.unnamed, *args])
+
+
+firmware = typer.Typer(
+    name="firmware",
+    cls=NodeUnlessNamed,
+    help="The controller alone: as a node on any bus, or built for a board.",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    app.add_typer(firmware)
+
+
+@firmware.command()
+def build(
+    scenario: Scenario = None,
+    *,
+    target: Annotated[
+        Literal["cortex-m7", "cortex-m4f", "host", "host-single"],
+        typer.Option(
+            help="The machine: a Cortex-M7 with double precision, a Cortex-M4F with single precision, or one "
+            "like this with either."
+        ),
+    ],
+    out: Annotated[Path, folder_option("The folder for the object file and its headers.")],
+    change: Change = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Make an object file of the firmware, a C header for it and one with its config; it takes no C compiler.
+
+    Prints where the bytes are: the code by module, config and state by block. The first time after a change
+    of the firmware it takes a minute.
+    """
+    from firmware_py.builds.c_header import config_header, header
+    from firmware_py.builds.machine_code import TARGETS, object_code, sizes
+    from firmware_py.shell.parameters import config_from
+    from hil.scenario.scenario import load_scenario
+    from hil.scenario.settings import apply_settings
+    from tools.size_map import size_map
+
+    if scenario is None:
+        config = config_from(apply_settings({"firmware": {}}, change or [])["firmware"])
+    else:
+        config = config_from(load_scenario(scenario, change or []).parameters)
+    code, precision = object_code(target), TARGETS[target].precision
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "vibro_firmware.o").write_bytes(code)
+    (out / "vibro_firmware.h").write_text(header(precision), encoding="utf-8")
+    (out / "vibro_config.h").write_text(config_header(config, precision), encoding="utf-8")
+    found, parts = sizes(target), size_map(target)
+    if as_json:
+        print_json({"target": target, "bytes": found, "map": parts, "out": str(out)})
+        return
+    table = Table("what", "bytes", box=None, pad_edge=False)
+    for name, size in found.items():
+        table.add_row(name, f"{size:,}", style="bold")
+        for part, part_size in parts.get(name, {}).items():
+            table.add_row(f"  {part}", f"{part_size:,}")
+    console.print(table)
+    console.print(f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h", highlight=False)
+
+
+@firmware.command()
+def budget(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Scenarios to measure in; an ordinary one and a pause without.")
+    ] = None,
+    target: Annotated[
+        Literal["cortex-m7", "cortex-m4f"], typer.Option(help="The emulated processor.")
+    ] = "cortex-m7",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Measure what the firmware takes of an emulated Cortex-M: flash, RAM, stack, instructions a tick."""
+    from tools.budget import budget as measure
+
+    with shown_progress() as progress:
+        found = measure(names or [], progress, target)
+    if as_json:
+        print_json(found)
+        return
+    table = Table("what", "", box=None, pad_edge=False)
+    for group in ("flash", "ram"):
+        for name, size in found[group].items():
+            table.add_row(f"{group}: {name}", f"{size:,} B")
+    table.add_row("stack", f"{found['stack']:,} B")
+    for name, ticks in found["instructions"].items():
+        if ticks is not None:
+            figures = ", ".join(f"{key} {ticks[key]:,.0f}" for key in ("p50", "p99", "worst"))
+            where = f"{ticks['scenario']}, {ticks['elapsed_ticks']} ticks after the last"
+            table.add_row(f"instructions, {name.replace('_', ' ')}", f"{figures} ({where})")
+    console.print(table)
+
+
+@firmware.command()
+def node(
+    scenario: Scenario = None,
+    bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
+    build: Annotated[
+        Literal["python", "compiled"],
+        typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
+    ] = "python",
+    out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
+    change: Change = None,
+    seed: Annotated[int, typer.Option(help="Seed of what faults break at random.", min=0)] = 1,
+    sync: Annotated[
+        bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
+    ] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
+    ] = False,
+    until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
+) -> None:
+    """Run the controller as one CAN node at 1 kHz; the command of `vibrohil firmware` where none is named."""
+    from hil.nodes.main import firmware_main
+
+    firmware_main(
+        scenario,
+        settings=change or [],
+        bus=bus,
+        out_dir=out,
+        seed=seed,
+        sync=sync,
+        until_s=until,
+        again=again,
+        build=build,
+    )

@@ -1,0 +1,247 @@
+"""`vibrohil campaign NAME`: Monte Carlo of the closed loop over truth and starts, compiled."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tomli_w
+import typer
+from rich.table import Table
+
+from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, print_json
+from tools.progress import counted_progress
+
+if TYPE_CHECKING:
+    from tools.campaign.outcome import Outcome
+    from tools.campaign.scenarios import Trial
+
+BARS = " ▁▂▃▄▅▆▇█"
+MOST_FAILURES = 20
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(campaign)
+
+
+def campaign(
+    name: Annotated[
+        Literal[
+            "start-up",
+            "estimate",
+            "estimate-coarse",
+            "detect",
+            "shock",
+            "hold",
+            "recover",
+            "walk",
+            "endurance",
+        ],
+        typer.Argument(help="What is put to the test; endurance: the covariance over many ticks."),
+    ],
+    trials: Annotated[
+        int | None, typer.Option(help="Number of trials; by default enough for the campaign's goals.", min=1)
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
+    ] = 20_260,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a value: scene., firmware. or campaign., dotted; repeatable."),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler to run on instead of this machine.")
+    ] = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(help="Write trials as scenarios below runs/: failures, all, or a trial's number."),
+    ] = None,
+    ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run many closed loops over sampled modules and starts, and judge them by their goals."""
+    if name == "endurance":
+        result = run_endurance(ticks, change or [])
+    else:
+        result = run_campaign(name, trials, seed, change or [], workers, scheduler, keep)
+    if as_json:
+        print_json(result)
+    elif name == "endurance":
+        show_endurance(result)
+    else:
+        show(result)
+    if not result["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def run_endurance(ticks: int, changes: list[str]) -> dict[str, Any]:
+    """One long run."""
+    from tools.campaign.endurance import endurance
+
+    return endurance(ticks, changes)
+
+
+def run_campaign(
+    name: str,
+    trials: int | None,
+    seed: int,
+    changes: list[str],
+    workers: int | None,
+    scheduler: str | None,
+    keep: str | None,
+) -> dict[str, Any]:
+    """All trials, with a progress bar."""
+    from hil.record.run_folder import RUNS
+    from plant_sim.scene import load_scene
+    from tools.campaign.campaigns import CAMPAIGNS
+    from tools.campaign.cells import cells_of
+    from tools.campaign.processes import run_all
+    from tools.campaign.reference import refuse_other_drives
+    from tools.campaign.results import result_of
+    from tools.campaign.scenarios import trial_of
+    from tools.campaign.walk_cells import walk_cells
+
+    chosen = CAMPAIGNS[name]
+    count = trials or chosen.trials
+    made = walk_cells if name == "walk" else cells_of
+    cells, numbers = made({"conditions": chosen.conditions, **chosen.numbers}, changes)
+    for cell in cells:
+        refuse_other_drives(load_scene(cell.scene))
+    refuse_unknown_trials(keep, count)
+    started_s = time.perf_counter()
+    with counted_progress(name, count) as progress:
+        outcomes = run_all(
+            name, cells, numbers, seed, count, lambda done, _: progress(done), workers, scheduler
+        )
+    result = result_of(chosen, cells, outcomes, seed, time.perf_counter() - started_s)
+    folder = RUNS / f"campaign-{name}-{seed}"
+    kept = [outcome.trial for outcome in outcomes if is_kept(outcome, keep)]
+    result["kept"] = [str(keep_trial(folder, trial_of(name, cells, numbers, seed, trial))) for trial in kept]
+    return result
+
+
+def refuse_unknown_trials(keep: str | None, trials: int) -> None:
+    """Raise BadInputError for a `--keep` that names nothing."""
+    if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < trials):
+        raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {trials - 1}")
+
+
+def is_kept(outcome: "Outcome", keep: str | None) -> bool:
+    """Whether a trial is written down as a scenario."""
+    is_failure = outcome.eligible and outcome.why != ""
+    return keep == "all" or (keep == "failures" and is_failure) or keep == str(outcome.trial)
+
+
+def keep_trial(folder: Path, trial: "Trial") -> Path:
+    """Write a trial's scenario; `vibrohil run`, in lockstep and compiled, repeats it to the same bits."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{trial.scenario.name}.toml"
+    path.write_text(tomli_w.dumps(trial.scenario.document), encoding="utf-8")
+    return path
+
+
+def histogram(counts: list[int]) -> str:
+    """Counts as a row of bars."""
+    highest = max(counts, default=0)
+    if highest == 0:
+        return ""
+    return "".join(BARS[-(-count * (len(BARS) - 1) // highest)] for count in counts)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print a campaign for people: trials by condition, distributions, shares, failures, goals."""
+    console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}", highlight=False)
+    table = Table(box=None, pad_edge=False, title="trials by condition", title_justify="left")
+    for name in ("condition", "trials", "eligible", "success", "95 % bounds"):
+        table.add_column(name, justify="left" if name == "condition" else "right")
+    for cell in [*result["cells"], {"cell": "all", **result}]:
+        share = cell["success_share"]
+        bounds = f"{100 * share['low']:.2f}–{100 * share['high']:.2f} %" if cell["eligible"] else "—"
+        table.add_row(cell["cell"], str(cell["trials"]), str(cell["eligible"]), str(cell["success"]), bounds)
+    console.print(table)
+    for why, count in result["ineligible"].items():
+        console.print(f"  not counted: {count} × {why}", highlight=False)
+    show_metrics(result)
+    for name, share in result["shares"].items():
+        low, high = share.get("low"), share.get("high")
+        bounds = "" if low is None else f" ({100 * low:.2f}–{100 * high:.2f} %)"
+        console.print(
+            f"{name.replace('_', ' ')}: {100 * share['value']:.3f} %{bounds} of {share['n']}", highlight=False
+        )
+    for failure in result["failures"][:MOST_FAILURES]:
+        console.print(
+            f"[red]trial {failure['trial']}[/] ({failure['cell']}): {failure['why']}", highlight=False
+        )
+    if len(result["failures"]) > MOST_FAILURES:
+        console.print(f"… and {len(result['failures']) - MOST_FAILURES} more, see --json", highlight=False)
+    if result["kept"]:
+        console.print(
+            f"{len(result['kept'])} trials kept as scenarios; open one with\n"
+            f"  vibrohil run {result['kept'][0]} --clock lockstep --firmware compiled",
+            highlight=False,
+            soft_wrap=True,
+        )
+    show_goals(result)
+
+
+def show_metrics(result: dict[str, Any]) -> None:
+    """Print every metric's distribution, by condition and for all."""
+    table = Table(box=None, pad_edge=False, title="distributions", title_justify="left")
+    for name in ("metric", "condition", "n", "p50 (bounds)", "p95 (bounds)", "worst", "lowest ▸ highest"):
+        table.add_column(name, justify="left" if name in ("metric", "condition") else "right", no_wrap=True)
+    for name in result["metrics"]:
+        for cell in [*result["cells"], {"cell": "all", **result}]:
+            metric = cell["metrics"].get(name)
+            if metric is None or (len(result["cells"]) == 1 and cell["cell"] == "all"):
+                continue
+            table.add_row(
+                f"{name.replace('_', ' ')} [{metric['unit']}]".replace("[", r"\["),
+                cell["cell"],
+                str(metric["n"]),
+                f"{metric['p50']:.4g} ({metric['p50_low']:.4g}–{metric['p50_high']:.4g})",
+                f"{metric['p95']:.4g} ({metric['p95_low']:.4g}–{metric['p95_high']:.4g})",
+                f"{metric['worst']:.4g}",
+                f"{metric['histogram']['low']:.3g} {histogram(metric['histogram']['counts'])} "
+                f"{metric['histogram']['high']:.3g}",
+            )
+    console.print(table)
+
+
+def show_goals(result: dict[str, Any]) -> None:
+    """Print the goals and the verdict."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("goal", "value", "limit", ""):
+        table.add_column(name)
+    for goal in result["goals"]:
+        limits = [f"≥ {goal['low']:g}"] if goal["low"] is not None else []
+        limits += [f"≤ {goal['high']:g}"] if goal["high"] is not None else []
+        mark = {True: "[green]met[/]", False: "[bold red]missed[/]", None: "not measured"}[goal["passed"]]
+        table.add_row(
+            goal["figure"].replace("_", " "),
+            figure(goal["value"], goal["unit"]),
+            " ".join([*limits, goal["unit"]]),
+            mark,
+        )
+    console.print(table)
+    if result["tuning_seed"]:
+        console.print(
+            "this seed is one of those used in tuning and tests: no evidence, take one from 10000 on"
+        )
+    console.print(
+        f"{result['simulated_s']:.0f} s simulated in {result['wall_s']:.1f} s, "
+        f"{result['realtime_factor_a_core']:.0f} × real time a core (references and judgement included)",
+        highlight=False,
+    )
+    console.print("[bold green]PASSED[/]" if result["passed"] else "[bold red]FAILED[/]")
+
+
+def show_endurance(result: dict[str, Any]) -> None:
+    """Print an endurance run."""
+    console.print(
+        f"{result['ticks']} ticks: smallest eigenvalue of P {result['smallest_eigenvalue']:.3g} "
+        f"(tick {result['at_tick']}), position RMSE {figure(result['x_rmse_mm'], 'mm')}, at the end in "
+        f"{result['mode']}, {result['realtime_factor']:.0f} × real time",
+        highlight=False,
+    )
+    console.print("[bold green]PASSED[/]" if result["passed"] else "[bold red]FAILED[/]")

@@ -1,0 +1,174 @@
+"""`vibrohil run SCENARIO`: one run of firmware and plant on a bus, with a verdict."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from tools.output import (
+    BadInputError,
+    console,
+    exit_of,
+    figure,
+    figure_table,
+    print_json,
+)
+from tools.outputs import folder_option
+from tools.progress import shown_progress
+
+if TYPE_CHECKING:
+    from hil.scenario.scenario import Scenario
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(run)
+
+
+def run(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
+    clock: Annotated[
+        Literal["real", "patient", "lockstep"],
+        typer.Option(help="Wall clock with two processes, one that waits for them, or lockstep in one."),
+    ] = "real",
+    bus: Annotated[
+        str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
+    ] = "auto",
+    firmware: Annotated[
+        Literal["python", "compiled", "cortex-m7", "cortex-m4f"],
+        typer.Option(
+            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7 or, "
+            "in single precision, Cortex-M4F."
+        ),
+    ] = "python",
+    out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of everything random; by default the scenario's, or 1.", min=0)
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a value: scene., firmware. or script., dotted; repeatable."),
+    ] = None,
+    parameters: Annotated[
+        list[Path] | None,
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+    ] = None,
+    soak: Annotated[
+        str | None,
+        typer.Option(
+            help="Extend the run by this time before its last command, such as 10m; memory must not grow."
+        ),
+    ] = None,
+    keep_traces: Annotated[
+        bool, typer.Option("--keep-traces", help="Keep the traces of a good run too.")
+    ] = False,
+    live: Annotated[
+        bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run one scenario, record every signal, and judge it."""
+    from hil.bench.bench import run_scenario
+    from hil.scenario.scenario import load_scenario
+
+    loaded = load_scenario(scenario, change or [], parameters or [])
+    if soak is not None:
+        loaded = longer(loaded, soak, clock)
+    viewer = None
+    if live:
+        from tools.logs.view import live_viewer
+
+        viewer = live_viewer()
+    with shown_progress() as progress:
+        verdict = run_scenario(
+            loaded,
+            clock=clock,
+            bus=bus,
+            out_dir=out,
+            seed=loaded.seed if seed is None else seed,
+            progress=progress,
+            viewer=viewer,
+            firmware=firmware,
+            keep_traces=keep_traces,
+        )
+    if as_json:
+        print_json(verdict)
+    else:
+        show(verdict)
+    if status := exit_of(verdict):
+        raise typer.Exit(status)
+
+
+def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
+    """The scenario with more time before its last command."""
+    from hil.bench.soak import duration_s, prolonged
+    from hil.scenario.scenario import check_scenario
+
+    try:
+        document = prolonged(scenario.document, duration_s(by), clock)
+    except ValueError as error:
+        raise BadInputError(f"--soak: {error}") from error
+    return check_scenario(document, scenario.name, [*scenario.changes, f"soak={by}"])
+
+
+def show(verdict: dict[str, Any]) -> None:
+    """Print a run's figures, its checks and its verdict."""
+    estimate, detector, tick = verdict["estimate"], verdict["detector"], verdict["tick_us"]
+    speeds = [impact["v_m_s"] for impact in verdict["impacts"]]
+    rows = [
+        ("clock", verdict["clock"], ""),
+        ("bus", f"{verdict['bus']}{' (SocketCAN)' if verdict['kernel_can'] else ''}", ""),
+        ("duration", verdict["duration_s"], "s"),
+        ("regime", verdict["regime"], ""),
+        ("impacts", len(speeds), ""),
+        ("last approach speed", speeds[-1] if speeds else None, "m/s"),
+        ("peak stop force", verdict["peak_force_n"], "N"),
+        ("peak felt force", verdict["felt"]["peak_n"], "N"),
+        ("position RMSE", None if estimate["x_rmse_m"] is None else 1e3 * estimate["x_rmse_m"], "mm"),
+        ("velocity RMSE", estimate["v_rmse_m_s"], "m/s"),
+        ("detector precision", detector["precision"], ""),
+        ("detector recall", detector["recall"], ""),
+        ("detection latency p50", detector["latency_ms"]["p50"], "ms"),
+        ("firmware work p50 / p99", f"{figure(tick['p50'])} / {figure(tick['p99'])}", "µs"),
+        ("overruns / bare loop's", f"{verdict['overruns']} / {figure(verdict['baseline_overruns'])}", ""),
+        ("met its timing", verdict["real_time"], ""),
+        ("times real time", verdict["realtime_factor"], ""),
+        ("bus load", None if verdict["bus_load"] is None else 100 * verdict["bus_load"], "%"),
+    ]
+    console.print(figure_table(verdict["scenario"], rows))
+    show_checks(verdict)
+
+
+def show_checks(verdict: dict[str, Any]) -> None:
+    """Print a run's checks and its verdict."""
+    checks = Table(box=None, pad_edge=False)
+    for name in ("check", "value", "limit", ""):
+        checks.add_column(name, no_wrap=name == "check")
+    for check in verdict["checks"]:
+        mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
+        checks.add_row(check["name"], figure(check["value"], check["unit"]), str(check["limit"]), mark)
+    console.print(checks)
+    latched = verdict.get("latched", {})
+    if not verdict["passed"] and latched.get("at_s") is not None:
+        console.print(
+            f"fault {verdict['fault']} at {figure(latched['at_s'])} s; the longest that loops were held up "
+            f"just before it: firmware {figure(latched['firmware_held_ms'])} ms, "
+            f"plant {figure(latched['plant_held_ms'])} ms",
+            highlight=False,
+        )
+    for loss in verdict.get("losses", []):
+        console.print(
+            f"[yellow]can.log lacks {loss['frames']} frames between {loss['from_s']:.3f} s and "
+            f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]",
+            highlight=False,
+        )
+    for reason in filter(None, [*verdict.get("reasons", []), verdict.get("host_stall")]):
+        console.print(f"[bold red]{reason}[/]", highlight=False)
+    words = {
+        True: "[bold green]PASSED[/]",
+        False: "[bold red]FAILED[/]",
+        None: "NOT JUDGED: nothing was checked",
+    }
+    word = words[verdict["passed"]]
+    console.print(f"{word}  {verdict['out']}", soft_wrap=True, highlight=False)

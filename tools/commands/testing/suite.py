@@ -1,0 +1,127 @@
+"""`vibrohil suite [NAME…]`: many scenarios, one page and one JUnit file."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from tools.logs.changes import baseline_result, show_changes
+from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json
+from tools.outputs import folder_option
+from tools.progress import shown_progress
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the program."""
+    app.command()(suite)
+
+
+def suite(
+    names: Annotated[list[str] | None, typer.Argument(help="Scenarios by name or file; all without.")] = None,
+    clock: Annotated[
+        Literal["real", "patient", "lockstep"],
+        typer.Option(help="Wall clock or one that waits for all, one by one, or lockstep, two at a time."),
+    ] = "lockstep",
+    bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
+    firmware: Annotated[
+        Literal["python", "compiled", "cortex-m7", "cortex-m4f"],
+        typer.Option(
+            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7 or, "
+            "in single precision, Cortex-M4F."
+        ),
+    ] = "compiled",
+    out: Annotated[
+        Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            help="Run each scenario with this number of seeds, from --seed on; all have to pass.", min=1
+        ),
+    ] = 1,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a value in every scenario, as for run; repeatable."),
+    ] = None,
+    parameters: Annotated[
+        list[Path] | None,
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+    ] = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(help="Show what differs from this suite: its folder, or previous for the newest one."),
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="In lockstep: runs at once.", min=1)] = 2,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
+    from hil.bench.suite import run_suite
+
+    before = None if baseline is None else baseline_result(baseline)
+    with shown_progress() as progress:
+        every_seed = range(seed, seed + seeds)
+        result = run_suite(
+            names or [],
+            clock,
+            bus,
+            out,
+            every_seed,
+            progress,
+            jobs,
+            firmware,
+            settings=change or [],
+            parameter_files=parameters or [],
+            baseline=before,
+        )
+    if as_json:
+        print_json(result)
+    else:
+        show(result)
+        if result["changes"] is not None:
+            show_changes(result["changes"])
+    if not result["scenarios"]:
+        raise typer.Exit(EXIT_NOTHING_RAN)
+    if not result["passed"]:
+        raise typer.Exit(EXIT_CHECK_FAILED)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print each scenario's verdict, what went wrong in it, and the whole's."""
+    many = len(result["seeds"]) > 1
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for _ in range(2):
+        table.add_column(overflow="fold")
+    for one in result["scenarios"]:
+        word = "[green]passed[/]" if one["passed"] else "[bold red]failed[/]"
+        seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""
+        table.add_row(word, seeds + one["name"])
+        for reason in one["reasons"]:
+            table.add_row("", f"  [red]{reason}[/]")
+        for check in one["checks"] if many else one["failed"]:
+            table.add_row("", f"  {line_of(check, many)}")
+    console.print(table)
+    if result["left_out"]:
+        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", highlight=False)
+    passed = sum(one["passed"] for one in result["scenarios"])
+    in_seeds = f" in each of {len(result['seeds'])} seeds" if many else ""
+    console.print(
+        f"{passed} of {len(result['scenarios'])} passed{in_seeds} in {result['wall_s']:.0f} s "
+        f"{result['report'] or ''}",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def line_of(check: dict[str, Any], many: bool) -> str:
+    """A check's figure beside its limit; of many seeds their range, and the seed that came nearest to it."""
+    value = figure(check["value"], check["unit"])
+    if not many:
+        return f"[red]{check['name']} = {value}, wanted {check['limit']}[/]"
+    if check["lowest"] is not None and check["lowest"] < check["highest"]:
+        value = f"{figure(check['lowest'], '')} … {figure(check['highest'], check['unit'])}"
+    text = f"{check['name']} = {value}, wanted {check['limit']}"
+    if check["passed"]:
+        return f"[dim]{text}[/]"
+    return f"[red]{text}, not met in seed {check['seed']}; met in {check['passed_seeds']} seeds[/]"

@@ -1,0 +1,116 @@
+"""`python -m tools.dev.builds [NAME…]`: the firmware's builds side by side, in lockstep.
+
+Each scenario runs once on the `python` build, whose algebra is filterpy's, and once on the `compiled` one.
+Rounding differs, so bytes may; both have to go through the same modes and faults and detect the same impacts,
+each within a tick. `vibrohil compare` of a suite on each build compares the verdicts.
+
+In the first run two more nodes receive the same frames: the interpreted firmware with its algebra written
+out, and the compiled one. These two have to send the same bytes in every tick. Without names: all scenarios.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from firmware_py.core.estimation import kalman
+from firmware_py.core.step import Config
+from firmware_py.interface.frame import Frame
+from firmware_py.shell.builds import node_of
+from firmware_py.shell.node import FirmwareNode
+from hil.bench import workers
+from hil.bench.lockstep import run_lockstep
+from hil.bench.suite import PROCESSES
+from hil.judge.decisions import Decisions, decisions_of, differences
+from hil.nodes.warm import warm_firmware, warm_plant
+from hil.record.trace import read
+from hil.scenario.scenario import Scenario, load_scenario, scenario_names
+
+
+class DifferentBytesError(AssertionError):
+    """Two builds sent different frames."""
+
+
+@contextmanager
+def written_out() -> Iterator[None]:
+    """The interpreted firmware's algebra is the compiled one's."""
+    shipped = kalman.predict, kalman.update
+    kalman.predict, kalman.update = kalman.predict_written_out, kalman.update_written_out
+    try:
+        yield
+    finally:
+        kalman.predict, kalman.update = shipped
+
+
+class Beside(FirmwareNode):
+    """The interpreted firmware, and on the same frames its written-out algebra, interpreted and compiled."""
+
+    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
+        super().__init__(config, parameters)
+        self._written_out = FirmwareNode(config, parameters)
+        self._compiled = node_of("compiled")(config, parameters)
+        self._ticks = 0
+
+    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
+        """One control tick of all three."""
+        self._ticks += elapsed_ticks
+        with written_out():
+            sent = self._written_out.tick(frames_in, elapsed_ticks)
+        others = self._compiled.tick(frames_in, elapsed_ticks)
+        if sent != others:
+            raise DifferentBytesError(f"tick {self._ticks}: python sends {sent}, compiled sends {others}")
+        return super().tick(frames_in, elapsed_ticks)
+
+
+def silent(_: float, __: str) -> None:
+    """No progress is shown."""
+
+
+def decided_by_python(scenario: Scenario, seed: int) -> Decisions:
+    """Of a run on the `python` build; raise DifferentBytesError where the other two nodes differ."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(scenario, Path(folder), seed, silent, make=Beside)
+        return decisions_of(read(Path(folder) / "firmware.trace"))
+
+
+def decided_by_compiled(scenario: Scenario, seed: int) -> Decisions:
+    """Of a run on the `compiled` build."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(scenario, Path(folder), seed, silent, "compiled")
+        return decisions_of(read(Path(folder) / "firmware.trace"))
+
+
+def difference(name: str, seed: int) -> str:
+    """What differs first in the scenario of this name; empty if nothing does."""
+    scenario = load_scenario(name)
+    warm_plant(scenario.scene)
+    try:
+        found = differences(decided_by_python(scenario, seed), decided_by_compiled(scenario, seed))
+    except DifferentBytesError as error:
+        return str(error)
+    return f"{len(found)} decisions differ, first {found[0]}" if found else ""
+
+
+def main() -> None:
+    """Compare, and exit with 1 where anything differs."""
+    parser = argparse.ArgumentParser(prog="python -m tools.dev.builds", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    names = given.names or scenario_names()
+    warm_firmware({}, "compiled")  # compiled once, for all processes
+    failed = 0
+    for name, found in workers.results(partial(difference, seed=given.seed), names, PROCESSES):
+        differs = workers.alive(found)
+        failed += differs != ""
+        print(f"{name}: {differs or 'the same bytes and decisions'}", flush=True)
+    print(f"{len(names) - failed} of {len(names)} scenarios: the same bytes and decisions from all builds")
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""The pictures of docs/explanation, made from runs of their own: `python -m tools.dev.pictures`."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.shell.parameters import DEFAULTS
+from hil.bench.bench import run_scenario
+from hil.record.run_traces import RunTraces, column, read_run
+from hil.scenario.scenario import load_scenario
+from hil.show.canvas import ALARM, ESTIMATE, TARGET, TRUTH
+from tools.study import cases, figures, work
+from tools.study.sweep import Diagram, diagrams
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PLACE = Path("docs/explanation")
+SOFT, INSTANT = "soft-start-multistable", "instant-start-multistable"
+STIFFER = "scene.striker.spring_n_m=71.4"
+"""2 % more than nominal."""
+
+PATIENT = "firmware.start.missing_periods=100"
+"""The crank goes on where the firmware would have given up."""
+
+CLOSE_UP_S = (15.0, 16.3)
+START_S = (0.0, 12.0)
+AVERAGED_TICKS = 1000
+SHOWN_OF = 20
+"""Over a whole run, this number of ticks is a point."""
+CONTACT_S = 0.01
+"""The bench's soft stop."""
+
+
+class Series(NamedTuple):
+    """Values over simulated time, shape (n,)."""
+
+    t_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+def made(scenario: str, *settings: str) -> RunTraces:
+    """What a run in lockstep left."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder) / "run"
+        run_scenario(
+            load_scenario(scenario, settings),
+            clock="lockstep",
+            bus="auto",
+            out_dir=run_dir,
+            seed=1,
+            progress=lambda *_: None,
+        )
+        traces = read_run(run_dir)
+        return replace(traces, plant=traces.plant[:], firmware=traces.firmware[:], impacts=traces.impacts[:])
+
+
+def of_firmware(run: RunTraces, name: str) -> Series:
+    """A column of the firmware's trace."""
+    return Series(column(run.firmware, "t_s"), column(run.firmware, name))
+
+
+def of_plant(run: RunTraces, name: str) -> Series:
+    """A column of the plant's trace."""
+    return Series(column(run.plant, "t_s"), column(run.plant, name))
+
+
+def within(series: Series, span_s: tuple[float, float]) -> Series:
+    """What lies in a stretch of time."""
+    kept = (series.t_s >= span_s[0]) & (series.t_s <= span_s[1])
+    return Series(series.t_s[kept], series.values[kept])
+
+
+def thinned(series: Series) -> Series:
+    """What a whole run needs."""
+    return Series(series.t_s[::SHOWN_OF], series.values[::SHOWN_OF])
+
+
+def error(run: RunTraces, name: str) -> Series:
+    """The estimate less the truth, in the ticks in which both were written."""
+    estimated, true = column(run.firmware, f"state.estimator.{name}"), column(run.plant, name)
+    count = min(len(estimated), len(true))
+    return Series(column(run.plant, "t_s")[:count], estimated[:count] - true[:count])
+
+
+def averaged(series: Series) -> Series:
+    """The mean of the last second, from its end on."""
+    sums = np.cumsum(np.concatenate([[0.0], series.values]))
+    means = (sums[AVERAGED_TICKS:] - sums[:-AVERAGED_TICKS]) / AVERAGED_TICKS
+    return Series(series.t_s[AVERAGED_TICKS - 1 :], means)
+
+
+def with_band(axes: "Axes", values: Series, variance: Series, scale: float, unit: str) -> None:
+    """An error with the ±σ that the filter gives it, close up."""
+    shown, spread = within(values, CLOSE_UP_S), within(variance, CLOSE_UP_S)
+    sigma = scale * np.sqrt(spread.values)
+    axes.fill_between(spread.t_s, -sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="±σ of the filter")
+    axes.plot(shown.t_s, scale * shown.values, color=TRUTH, lw=0.9, label="estimate less truth")
+    axes.set_ylabel(unit)
+
+
+def estimator(path: Path) -> None:
+    """How far the estimate is off and what the filter says of it, close up and over the run."""
+    nominal, stiffer = made(SOFT), made(SOFT, STIFFER)
+    figure, grid = figures.new_figure(3, 2, 11.0, 6.8)
+    left, right = grid[:, 0], grid[:, 1]
+    with_band(left[0], error(nominal, "x_m"), of_firmware(nominal, "state.estimator.p_xx"), 1e3, "x [mm]")
+    with_band(left[1], error(nominal, "v_m_s"), of_firmware(nominal, "state.estimator.p_vv"), 1e3, "v [mm/s]")
+    innovation = within(of_firmware(nominal, "state.estimator.innovation_m_s2"), CLOSE_UP_S)
+    deviation = within(of_firmware(nominal, "state.estimator.innovation_std_m_s2"), CLOSE_UP_S)
+    left[2].fill_between(
+        deviation.t_s, -deviation.values, deviation.values, color=TARGET, alpha=0.3, lw=0, label="±σ of it"
+    )
+    left[2].plot(innovation.t_s, innovation.values, color=ESTIMATE, lw=0.7, label="innovation")
+    left[2].set(ylabel="y [m/s²]", ylim=(-0.15, 0.15), xlabel="simulated time [s]")
+    touch_downs_s = column(nominal.impacts, "t_s")
+    for axes in left:
+        for touch_s in touch_downs_s[(touch_downs_s >= CLOSE_UP_S[0]) & (touch_downs_s <= CLOSE_UP_S[1])]:
+            axes.axvline(touch_s, color=ALARM, lw=0.8)
+        axes.set_xlim(*CLOSE_UP_S)
+        axes.legend(loc="lower left", fontsize=8, ncols=2)
+    left[0].set_title("three drive periods close up; red: touch-down", fontsize=10)
+
+    for run, colour, name in ((nominal, TRUTH, "nominal"), (stiffer, ESTIMATE, "spring 2 % stiffer")):
+        variance = thinned(of_firmware(run, "state.estimator.model_variance"))
+        right[0].semilogy(variance.t_s, np.sqrt(variance.values), color=colour, lw=1.0, label=name)
+        nis = thinned(averaged(of_firmware(run, "state.estimator.nis")))
+        right[1].semilogy(nis.t_s, nis.values, color=colour, lw=1.0, label=name)
+    right[0].set_ylabel("learnt σ of the model [m/s²]")
+    right[1].set_ylabel("NIS, mean of a second")
+    right[1].axhline(1.0, color="k", lw=0.8, ls="--")
+    bias = thinned(of_firmware(nominal, "state.estimator.bias_m_s2"))
+    spread = thinned(of_firmware(nominal, "state.estimator.p_bb"))
+    sigma = np.sqrt(spread.values)
+    right[2].fill_between(bias.t_s, bias.values - sigma, bias.values + sigma, color=ESTIMATE, alpha=0.3, lw=0)
+    right[2].plot(bias.t_s, bias.values, color=ESTIMATE, lw=1.0, label="estimate ± σ")
+    right[2].set(ylabel="bias [m/s²]", xlabel="simulated time [s]", ylim=(0.0, 0.35))
+    for axes in (right[0], right[2]):
+        axes.legend(loc="upper right", fontsize=8)
+    right[0].set_title("the whole run", fontsize=10)
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    figure.savefig(path, metadata={"Date": None})
+
+
+def branches(out: Path) -> Diagram:
+    """Both motions of the bench's module over r, with its soft stop and an ideal drive."""
+    module = replace(cases.case("table1", "viscous"), contact_s=CONTACT_S)
+    return diagrams([module], work.here(out))[0]
+
+
+def start_up(path: Path) -> None:
+    """Two attractors at one speed, and which of them a slow and an instant start come to."""
+    with tempfile.TemporaryDirectory() as folder:
+        diagram = branches(Path(folder))
+    soft, instant = made(SOFT), made(INSTANT, PATIENT)
+    figure, grid = figures.new_figure(2, 2, 11.0, 6.4)
+    map_, speed, slow, fast = grid.flat
+    figures.shade(map_, diagram.multistable())
+    for sweep, colour, marker, name in (
+        (diagram.up, TARGET, "^", "steady, r rising"),
+        (diagram.down, TARGET, "v", "steady, r falling"),
+    ):
+        map_.plot(
+            sweep.column("ratio"), sweep.column("v_max_m_s"), marker, color=colour, ms=3, mew=0, label=name
+        )
+    natural_rad_s = diagram.case.natural_rad_s
+    rising = soft.impacts[column(soft.impacts, "t_s") < START_S[1]]
+    turning = of_plant(soft, "omega_rad_s")
+    ratios = np.interp(column(rising, "t_s"), turning.t_s, turning.values) / natural_rad_s
+    map_.plot(
+        ratios, column(rising, "v_m_s"), "o-", color=TRUTH, ms=4, lw=0.8, label="impacts of the soft start"
+    )
+    map_.set(xlabel="Ω/ω", ylabel="v⁻ at the stop [m/s]", xlim=(0.7, 1.6))
+    map_.set_title("two motions at one speed where shaded", fontsize=10)
+    map_.legend(loc="lower right", fontsize=8)
+
+    for run, axes, colour, name in (
+        (soft, slow, TRUTH, f"soft: S-curve of {DEFAULTS['start.rise_s']:g} s"),
+        (instant, fast, ESTIMATE, "as good as instant: 0.1 s"),
+    ):
+        shown = within(of_plant(run, "omega_rad_s"), START_S)
+        speed.plot(shown.t_s, shown.values / natural_rad_s, color=colour, lw=1.1, label=name)
+        position = within(of_plant(run, "x_m"), START_S)
+        axes.plot(position.t_s, 1e3 * position.values, color=colour, lw=0.8)
+        axes.axhline(1e3 * diagram.case.stop_m, color=ALARM, lw=1.0)
+        axes.set(xlabel="simulated time [s]", ylabel="x [mm]", xlim=START_S, ylim=(0.0, 200.0))
+        axes.set_title(f"striker, {name}; red: the stop", fontsize=10)
+    speed.set(xlabel="simulated time [s]", ylabel="Ω/ω", xlim=START_S)
+    speed.set_title("the crank", fontsize=10)
+    speed.legend(loc="lower right", fontsize=8)
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    figure.savefig(path, metadata={"Date": None})
+
+
+PICTURES = {"estimator": estimator, "start-up": start_up}
+
+
+def main() -> None:
+    """Draw them all."""
+    for name, draw in PICTURES.items():
+        draw(PLACE / f"{name}.svg")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""Reaction times by frames on the bus: fault → torque 0 → IDLE → the drive's heartbeat says idle.
+
+    python -m tools.dev.reactions --seeds 20 [--write] [SCENARIO…]
+
+Runs scenarios in lockstep on the compiled firmware, two at a time, each with several seeds, which also move
+the moment of the fault, and prints the worst of each time for every scenario and fault that the firmware
+latched; --write puts that table into docs/safety.md. The times count from the moment at which the scenario's
+first fault begins; IDLE counts once the torque is 0 for good.
+"""
+
+import argparse
+import itertools
+import math
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from firmware_py.interface import codec
+from firmware_py.interface.codec import FrameError
+from firmware_py.interface.enums import LATCHED, AxisState, Fault
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetAxisState, SetInputTorque
+from hil.bench import workers
+from hil.bench.lockstep import run_lockstep
+from hil.bench.suite import PROCESSES, Case, cases_of, scenarios_for, silent
+from hil.scenario.fault_tables import Flood
+from hil.scenario.scenario import Scenario
+
+IDLE = SetAxisState(AxisState.IDLE)
+WATCHED = {
+    f"{message.can_id:03X}": message.can_id
+    for message in (
+        codec.SET_INPUT_TORQUE,
+        codec.SET_AXIS_STATE,
+        codec.DRIVE_HEARTBEAT,
+        codec.FIRMWARE_HEARTBEAT,
+    )
+}
+"""Identifiers as `can.log` writes them."""
+
+
+HEAD = "| fault latched | scenario | runs | torque 0 | IDLE sent | idle confirmed |"
+SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
+
+
+class Reaction(NamedTuple):
+    """Seconds from the fault to each step; infinite if the run ends before."""
+
+    torque_zero_s: float
+    idle_sent_s: float
+    idle_confirmed_s: float
+
+
+def records(log: Path) -> Iterator[tuple[float, Any]]:
+    """The time in s and the record of every frame in `log` that matters here and can be decoded."""
+    with log.open(encoding="ascii") as lines:
+        for line in lines:
+            stamp, _, frame = line.split()
+            can_id, data = frame.split("#")
+            if can_id not in WATCHED:
+                continue
+            try:
+                yield float(stamp[1:-1]), codec.decode(Frame(WATCHED[can_id], bytes.fromhex(data)))
+            except FrameError:
+                continue
+
+
+def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
+    """How a run reacted to the fault at `fault_s`, by the frames on its bus."""
+    torque_s = idle_s = confirmed_s = math.inf
+    for t_s, record in sent:
+        if t_s < fault_s:
+            continue
+        if isinstance(record, SetInputTorque):
+            if record.torque_n_m != 0.0:
+                torque_s = idle_s = confirmed_s = math.inf
+            torque_s = min(torque_s, t_s if record.torque_n_m == 0.0 else math.inf)
+        elif record == IDLE and math.isfinite(torque_s):
+            idle_s = min(idle_s, t_s)
+        elif isinstance(record, DriveHeartbeat) and record.axis_state == AxisState.IDLE and t_s > idle_s:
+            confirmed_s = min(confirmed_s, t_s)
+    return Reaction(torque_s - fault_s, idle_s - fault_s, confirmed_s - fault_s)
+
+
+def latched(sent: Iterable[tuple[float, Any]]) -> Fault | None:
+    """The first fault that the firmware's heartbeat says is latched."""
+    beats = (record for _, record in sent if isinstance(record, FirmwareHeartbeat))
+    return next((Fault(beat.fault) for beat in beats if beat.mode in LATCHED and beat.fault), None)
+
+
+def reacted(case: Case) -> tuple[Fault | None, Reaction]:
+    """The fault that a run latched, None for none, and how soon."""
+    case.run_dir.mkdir(parents=True)
+    run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
+    sent = list(records(case.run_dir / "can.log"))
+    shutil.rmtree(case.run_dir)
+    fault_s = min(fault.at_s for fault in case.scenario.faults)
+    return latched(sent), reaction(sent, fault_s)
+
+
+def worst(reactions: Sequence[Reaction]) -> Reaction:
+    """The longest of each time."""
+    return Reaction(*(max(times) for times in zip(*reactions, strict=True)))
+
+
+def shown(time_s: float) -> str:
+    """A time as the table has it; the drive may be silent to the end of the run."""
+    return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
+
+
+def markdown(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
+    """The table of docs/safety.md; `found` by fault and scenario."""
+    lines = [HEAD, "|---|---|---|---|---|---|"]
+    for fault, name in sorted(found):
+        reactions = found[fault, name]
+        times = " | ".join(map(shown, worst(reactions)))
+        lines.append(f"| {fault.name} | `{name}` | {len(reactions)} | {times} |")
+    return "\n".join(lines)
+
+
+def with_table(page: str, table: str) -> str:
+    """`page` with `table` in the place of the one that begins with HEAD."""
+    before, head, rest = page.partition(HEAD)
+    if not head:
+        raise SystemExit(f"{SAFETY} has no line {HEAD!r}; put it where the table is to stand")
+    after = rest.splitlines(keepends=True)[1:]
+    return before + table + "\n" + "".join(itertools.dropwhile(lambda line: line.startswith("|"), after))
+
+
+def attributable(scenario: Scenario) -> bool:
+    """Whether there is a fault, and every frame its own sender's: a flood has all identifiers."""
+    return bool(scenario.faults) and not any(isinstance(fault, Flood) for fault in scenario.faults)
+
+
+def main() -> None:
+    """Run what the command line names and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
+    parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")
+    parser.add_argument("--write", action="store_true", help="the table of docs/safety.md too")
+    asked = parser.parse_args()
+    scenarios, _ = scenarios_for(asked.names, "lockstep")
+    found: dict[tuple[Fault, str], list[Reaction]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        cases = cases_of(list(filter(attributable, scenarios)), range(1, asked.seeds + 1), Path(folder))
+        for case, found_in in workers.results(reacted, cases, PROCESSES):
+            name = case.scenario.name
+            if isinstance(found_in, workers.Died):
+                raise SystemExit(f"{name}, seed {case.seed}: its process {found_in.how}")
+            fault, times = found_in
+            what = "no fault" if fault is None else fault.name
+            print(f"{name}, seed {case.seed}: {what}: {', '.join(map(shown, times))}", file=sys.stderr)
+            if fault is not None:
+                found.setdefault((fault, name), []).append(times)
+    table = markdown(found)
+    print(table)
+    if asked.write:
+        SAFETY.write_text(with_table(SAFETY.read_text(), table))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,347 @@
+"""The reference pages under docs/reference, made from the code and the DBC: `python -m tools.dev.reference`.
+
+A test holds the pages up to date.
+"""
+
+import inspect
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from firmware_py.interface import codec, enums
+from firmware_py.interface.sources.dbc import database
+from firmware_py.interface.sources.layout import Signal, SignalKind
+from firmware_py.interface.sources.parameter_table import TABLE
+from hil.judge.figure_records import CATALOGUE
+from hil.judge.requirements import requirements
+from hil.scenario import fault_tables as tables
+from hil.scenario.scenario import (
+    CommandTable,
+    Scenario,
+    ScenarioTable,
+    ScriptTable,
+    load_scenario,
+    scenario_names,
+)
+from plant_sim import scene_tables
+from plant_sim.quantities import QUANTITIES
+from tools.cli import app
+
+PLACE = Path("docs/reference")
+MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
+
+
+def row(*cells: Any) -> str:
+    """One line of a Markdown table."""
+    return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def table(titles: Sequence[str], rows: Iterator[str]) -> str:
+    """A Markdown table."""
+    return "\n".join([row(*titles), row(*["---"] * len(titles)), *rows])
+
+
+def page(title: str, *parts: str) -> str:
+    """A page: its title, where it comes from, and its parts."""
+    return "\n\n".join([f"# {title}", MADE, *parts]) + "\n"
+
+
+def first_sentences(thing: Any) -> str:
+    """A docstring as one paragraph."""
+    return " ".join((inspect.getdoc(thing) or "").split())
+
+
+def values_of(signal: Signal) -> str:
+    """What a signal may be: its range, or how many values are listed."""
+    if signal.kind is SignalKind.FLAGS:
+        return "bits"
+    if signal.values:
+        return f"one of {len(signal.values)} states"
+    return "float32" if signal.is_float else f"{signal.low:g} … {signal.high:g}"
+
+
+def frames() -> str:
+    """Every frame of the bus, from vibro.dbc."""
+    parts = [
+        "Classic CAN, 1 Mbit/s, 11-bit identifiers, little-endian. The only source is "
+        "`firmware_py/interface/vibro.dbc`. A protected frame ends in a rolling counter and a CRC-8 "
+        "(SAE J1850 over the identifier's low byte and the data).",
+        "## Nodes",
+        table(["node", "meaning"], (row(node.name, node.comment) for node in database().nodes)),
+    ]
+    for one in sorted(codec.CODECS.values(), key=lambda one: one.can_id):
+        sent = "on an event" if one.period_s is None else f"every {1e3 * one.period_s:g} ms"
+        protection = ", protected" if one.protected else ""
+        parts.append(f"## 0x{one.can_id:03X} {one.record.__name__}")
+        parts.append(
+            f"{first_sentences(one.record)}\n\nSender: {one.sender or 'any client of the drive'}; {sent}; "
+            f"{one.length} bytes{protection}."
+        )
+        if one.signals:
+            rows = (
+                row(f"`{name}`", signal.unit or "—", values_of(signal), f"{signal.scale:g}")
+                for name, signal in one.signals.items()
+            )
+            parts.append(table(["signal", "unit", "values", "a count is"], rows))
+    parts.append("## States")
+    for name in enums.__dict__:
+        kind = getattr(enums, name)
+        if isinstance(kind, type) and issubclass(kind, IntEnum) and kind is not IntEnum:
+            rows = (row(value.value, f"`{value.name}`") for value in kind)
+            parts += [f"### {name}\n\n{first_sentences(kind)}", table(["value", "name"], rows)]
+    return page("Frames", *parts)
+
+
+def parameters() -> str:
+    """Every parameter of the firmware."""
+    rows = (
+        row(
+            index,
+            f"`{one.name}`",
+            one.tier.name.lower(),
+            one.unit,
+            f"{one.default:g}",
+            f"{one.low:g} … " + (f"`{one.at_most}`" if one.at_most else f"{one.high:g}"),
+            one.meaning,
+        )
+        for index, one in enumerate(TABLE)
+    )
+    return page(
+        "Firmware parameters",
+        "The nominal numbers of the module and how the controller is tuned: in a scenario under "
+        "`[firmware]`, on the command line as `--set firmware.NAME=VALUE`, on the bus by index.",
+        "The **tier** says who settles a parameter. **build**: the control period and the hard ceilings; "
+        "they are read on the bus but never written (`NOT_WRITABLE`), and a parameter file that has one is "
+        "refused; a scenario, which describes the bench's build as well, may set them. **module**: the "
+        "nominal numbers of the module and its motor. **tuning**: how the controller behaves. Both are "
+        "written at rest, within their bounds; a bound that is a name is the value of that parameter.",
+        table(["index", "name", "tier", "unit", "default", "bounds", "meaning"], rows),
+    )
+
+
+def figures() -> str:
+    """Every figure a check may name."""
+    rows = (row(f"`{spec.name}`", spec.unit or "—", spec.meaning) for spec in CATALOGUE.values())
+    return page(
+        "Figures",
+        "What is known of a run once it is over. A check names one of these, with `low` and/or `high`, or "
+        "`equals`. A figure that the run cannot give is null, and a check on it fails.",
+        table(["name", "unit", "meaning"], rows),
+    )
+
+
+def requirement_rows() -> Iterator[str]:
+    """A row for each requirement: where it is stated, and how many checks of how many scenarios prove it."""
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    for name, one in requirements().items():
+        proofs = [(scenario.name, check) for scenario in scenarios for check in scenario.checks]
+        proving = [scenario for scenario, check in proofs if check.requirement == name]
+        where = f"[{one.source.partition('#')[0]}]({one.source})"
+        in_scenarios = f"{len(proving)} in {len(set(proving))} scenarios" if proving else "—"
+        tests = ", ".join(f"`{test}`" for test in one.tests) or "—"
+        yield row(f'<a id="{name.lower()}"></a>{name}', one.text, where, in_scenarios, tests)
+
+
+def requirement_page() -> str:
+    """Every requirement and what proves it."""
+    return page(
+        "Requirements",
+        "What the module must do. A scenario's check names its requirement with the key `requirement`. "
+        "`vibrohil suite` writes which checks prove each requirement and whether they passed: on its page, "
+        "in `suite.json` and in JUnit. A requirement that nothing proves, or a scenario's check that proves "
+        "none, fails the tests.",
+        table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
+    )
+
+
+def bounds_of(field: FieldInfo) -> str:
+    """The bounds of a key, as written."""
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = [
+        f"{sign} {getattr(one, name):g}"
+        for one in field.metadata
+        for name, sign in signs.items()
+        if getattr(one, name, None) is not None
+    ]
+    return ", ".join(found)
+
+
+def default_of(field: FieldInfo) -> str:
+    """The default of a key."""
+    if field.is_required():
+        return "required"
+    if field.default is None or isinstance(field.default, BaseModel):
+        return "—"
+    return f"`{field.default}`" if field.default_factory is None else "—"
+
+
+def choices_of(annotation: Any) -> str:
+    """The names a key may take."""
+    if get_origin(annotation) is None:
+        return ""
+    names = [repr(value) for value in get_args(annotation) if isinstance(value, str)]
+    return f" ({', '.join(names)})" if names else ""
+
+
+def keys_of(model: type[BaseModel]) -> str:
+    """The keys of one table of a file."""
+    rows = (
+        row(
+            f"`{name}`",
+            default_of(field),
+            bounds_of(field) or "—",
+            (field.description or "") + choices_of(field.annotation),
+        )
+        for name, field in model.model_fields.items()
+    )
+    return table(["key", "default", "bounds", "meaning"], rows)
+
+
+def models(module: Any) -> list[type[BaseModel]]:
+    """The tables a module defines, in its order."""
+    found = [
+        thing
+        for thing in vars(module).values()
+        if isinstance(thing, type) and issubclass(thing, module.Table) and thing is not module.Table
+    ]
+    return [thing for thing in found if thing.__module__ == module.__name__]
+
+
+def scenes() -> str:
+    """Every key of a scene's and a scenario's file."""
+    parts = ["A missing table means that the part is not there. Unknown keys are refused."]
+    of_scenario: list[type[BaseModel]] = [ScenarioTable, ScriptTable, CommandTable]
+    for heading, found in (("A scenario", of_scenario), ("A scene", models(scene_tables))):
+        parts.append(f"## {heading}")
+        for model in found:
+            name = model.__name__.removesuffix("Table")
+            parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model)]
+    parts.append(
+        "## Sizes\n\nEvery number has a largest size, and one that has to be above 0 a smallest one, by the "
+        "unit at the end of its key; the first row that fits holds."
+    )
+    rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
+    parts.append(table(["key", "size", "why no more"], rows))
+    return page("Scenarios and scenes", *parts)
+
+
+FAULT_PLACES = (
+    ("On the bus", get_args(tables.LineFault) + get_args(tables.ModelledFault)),
+    ("At the sensors", get_args(tables.ReadingFault)),
+    ("In the drive and the module", get_args(tables.PhysicalFault)),
+    (
+        "In processes, clocks and memory",
+        (*get_args(tables.ProcessFault), *get_args(tables.ClockFault), tables.ParametersDamaged),
+    ),
+)
+DEADLINES = {
+    "after_fault.torque_zero_after_s": "the motor's torque is 0 within",
+    "safe_state.command_zero_after_s": "the torque asked for is 0 within",
+    "after_fault.impacts_again_after_s": "after it, the impacts are back within",
+}
+"""Figures that bound how long a reaction may take, and what that reaction is."""
+
+
+def reaction_of(scenario: Scenario) -> str:
+    """What must follow a scenario's fault, and how soon; its other checks go without saying."""
+    for name, what in DEADLINES.items():
+        for check in scenario.checks:
+            if check.name == name:
+                within_s = check.equals if check.high is None else check.high
+                return f"{what} {within_s:g} s"
+    return "its bounds on torque, speed and force hold"
+
+
+def faults() -> str:
+    """Every fault, its keys, and the scenarios that hold the firmware to a reaction."""
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    parts = [
+        "A fault is a table `[[script.faults]]` of a scenario. It acts where the thing breaks: on the bus, "
+        "at a sensor, in the drive or the module, on a process or its clock; none acts inside the firmware. "
+        "Each has `at_s`, when it begins, in s from the start, and `duration_s`, how long it lasts, to the "
+        "end of the run if it is left out. The reaction is measured on the truth. "
+        "`vibrohil suite --seeds 20` runs each in twenty seeds."
+    ]
+    for heading, kinds in FAULT_PLACES:
+        parts.append(f"## {heading}")
+        for kind in kinds:
+            name = kind.model_fields["kind"].annotation
+            keys = [
+                row(
+                    f"`{key}`",
+                    default_of(field),
+                    bounds_of(field) or "—",
+                    (field.description or "") + choices_of(field.annotation),
+                )
+                for key, field in kind.model_fields.items()
+                if key not in ("kind", "at_s") and (key != "duration_s" or field.is_required())
+            ]
+            parts.append(f"### {get_args(name)[0]}\n\n{first_sentences(kind)}")
+            if keys:
+                parts.append(table(["key", "default", "bounds", "meaning"], iter(keys)))
+            rows = [
+                row(f"`{one.name}`", reaction_of(one))
+                for one in scenarios
+                if any(isinstance(fault, kind) for fault in one.faults)
+            ]
+            parts.append(table(["scenario", "required"], iter(rows)))
+    return page("Faults", *parts)
+
+
+def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """All commands by their names, those of a group after it."""
+    for name, command in group.commands.items():
+        yield f"{prefix}{name}", command
+        if hasattr(command, "commands"):
+            yield from every_command(command, f"{prefix}{name} ")
+
+
+def commands() -> str:
+    """Every command and its options."""
+    program: Any = typer.main.get_command(app)
+    parts = [
+        "Every command explains itself with `--help`. With `--json` it prints one JSON object on standard "
+        "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
+        "SIGTERM or SIGHUP), 3 internal error, 4 usage or "
+        "bad input, 5 nothing ran."
+    ]
+    for name, command in every_command(program):
+        lines = []
+        for option in command.params:
+            if option.name == "help":
+                continue
+            every = (*option.opts, *option.secondary_opts)
+            names = ", ".join(f"`{one}`" for one in every) or f"`{option.name}`"
+            shown = names if names.startswith("`--") else f"`{(option.metavar or option.name).upper()}`"
+            lines.append(row(shown, getattr(option, "help", None) or ""))
+        parts.append(f"## vibrohil {name}\n\n{command.help or ''}")
+        if lines:
+            parts.append(table(["option", "meaning"], iter(lines)))
+    return page("The command line", *parts)
+
+
+PAGES = {
+    "frames.md": frames,
+    "parameters.md": parameters,
+    "figures.md": figures,
+    "scenes.md": scenes,
+    "faults.md": faults,
+    "command-line.md": commands,
+    "../requirements.md": requirement_page,
+}
+
+
+def main() -> None:
+    """Write all pages."""
+    PLACE.mkdir(parents=True, exist_ok=True)
+    for name, make in PAGES.items():
+        (PLACE / name).write_text(make(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

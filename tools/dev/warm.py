@@ -1,0 +1,23 @@
+"""`python -m tools.dev.warm`: compiles what nearly every run needs before anything has to wait for it."""
+
+import time
+
+from hil.bench.bench import warm_lockstep
+from hil.scenario.scenario import load_scenario
+from plant_sim.kernels import cache_folder
+
+DEFAULT_SCENARIO = "soft-start-multistable"
+
+
+def main() -> None:
+    """Compile, and say meanwhile why it takes a while."""
+    print(
+        f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
+    )
+    started_s = time.perf_counter()
+    warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled")
+    print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Damaged frames, files and folders, and killed processes."""

@@ -1,0 +1,95 @@
+"""Jobs that do not depend on each other: on this machine's cores, or on the workers of a Dask scheduler."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, TypeVar
+
+from hil.bench.workers import Workers, alive
+from tools.output import BadInputError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+Runner = Callable[[Sequence[Task]], Iterator[tuple[int, Result]]]
+"""Gives each task's place in the sequence, and its result, as they come."""
+
+CONNECT_TIMEOUT_S = 10.0
+
+
+@contextmanager
+def running(
+    function: Callable[[Task], Result], cores: int, scheduler: str | None = None, threads: bool = False
+) -> Iterator[Runner[Task, Result]]:
+    """What runs `function` on tasks; the processes stay, with what they have compiled, until the block ends.
+
+    The first task in processes runs alone: it compiles what the others load. `threads` is for kernels that
+    hold no interpreter's lock: they are compiled once, and results are handed on without a copy.
+    """
+    if scheduler is not None:
+        with _client(scheduler) as client:
+            yield lambda tasks: _on_cluster(client, function, tasks)
+    elif threads and cores == 1:
+        yield lambda tasks: enumerate(map(function, tasks))
+    elif threads:
+        with ThreadPoolExecutor(cores) as pool:
+            yield lambda tasks: _in_threads(pool, function, tasks)
+    else:
+        with Workers(partial(_of_numbered, function), cores) as workers:
+            yield lambda tasks: _in_processes(workers, tasks)
+
+
+def _of_numbered(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:
+    return function(numbered[1])
+
+
+def _in_processes(
+    workers: Workers[tuple[int, Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result]]:
+    numbered = list(enumerate(tasks))
+    for some in (numbered[:1], numbered[1:]):
+        for (number, _), result in workers.results(some):
+            yield number, alive(result)
+
+
+def _in_threads(
+    pool: ThreadPoolExecutor, function: Callable[[Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result]]:
+    futures = {pool.submit(function, task): number for number, task in enumerate(tasks)}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _on_cluster(
+    client: Any, function: Callable[[Task], Result], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result]]:
+    """A worker that dies only costs the tasks it had not handed back: the scheduler gives them to others."""
+    from distributed import as_completed as as_done
+
+    futures = {client.submit(function, task, pure=False): number for number, task in enumerate(tasks)}
+    for future in as_done(futures, loop=client.loop):  # type: ignore[no-untyped-call]  # distributed carries no types
+        yield futures[future], future.result()
+        future.release()
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    from distributed import Client
+
+    try:
+        client = Client(  # type: ignore[no-untyped-call]  # distributed carries no types
+            address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+        )
+    except (OSError, ValueError) as error:
+        raise BadInputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error}); start one with "
+            "`dask scheduler`, its workers with `dask worker ADDRESS --nthreads 1`, and give the address "
+            "it prints"
+        ) from error
+    with client:
+        yield client

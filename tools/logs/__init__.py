@@ -1,0 +1,1 @@
+"""Runs and logs: catalogue, comparison, import, export, the viewer."""

@@ -1,0 +1,125 @@
+"""The catalogue of runs: every folder that a run made, with its verdict, and conditions on them."""
+
+import json
+import operator
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.judge.figure_records import CATALOGUE, value_of
+from tools.output import BadInputError
+
+COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "!=": operator.ne,
+    "=": operator.eq,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+CONDITION = re.compile(r"\s*([a-z_][a-z0-9_.]*)\s*(<=|>=|!=|=|<|>)\s*(.+?)\s*")
+UNITS_S = {"h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+AGE = re.compile(r"(\d+(?:\.\d+)?)([hdw])")
+
+
+@dataclass(frozen=True)
+class ListedRun:
+    """One run folder; `verdict` is None of a run that is going on or left none."""
+
+    folder: Path
+    begun_s: float
+    """On the clock of the file system, in s since 1970."""
+    verdict: dict[str, Any] | None
+
+    @property
+    def passed(self) -> bool | None:
+        """None without a verdict."""
+        return None if self.verdict is None else bool(self.verdict["passed"])
+
+    @property
+    def commit(self) -> str:
+        """The first digits of the commit, with + where files had been edited since."""
+        origin = (self.verdict or {}).get("provenance", {})
+        return f"{(origin.get('commit') or '')[:8]}{'+' if origin.get('edited') else ''}"
+
+    def figure(self, name: str) -> Any:
+        """A figure by its dotted name; None where this run has none."""
+        if self.verdict is None:
+            return None
+        try:
+            return value_of(self.verdict, name)
+        except (KeyError, TypeError):  # a run of another version, or a figure whose group is not there
+            return None
+
+
+def listed(runs: Path) -> list[ListedRun]:
+    """Every run below `runs`, those of suites too, the newest first."""
+    found = []
+    for document in runs.glob("**/run.json"):
+        folder = document.parent
+        try:
+            text = (folder / "verdict.json").read_text(encoding="utf-8")
+            verdict = json.loads(text)
+        except (OSError, ValueError):
+            verdict = None
+        found.append(ListedRun(folder, document.stat().st_mtime, verdict))
+    return sorted(found, key=lambda run: run.begun_s, reverse=True)
+
+
+def condition(text: str) -> Callable[[ListedRun], bool]:
+    """A test on runs from a text such as `impact_v_m_s > 0.9` or `fault != none`.
+
+    The left side is a figure's name or `passed`. A run without that figure does not meet it.
+    """
+    match = CONDITION.fullmatch(text)
+    if match is None:
+        raise BadInputError(
+            f"--where {text!r} is no condition; write FIGURE<VALUE, with one of < <= > >= = !="
+        )
+    name, sign, wanted_text = match.groups()
+    if name not in CATALOGUE and name != "passed":
+        raise BadInputError(
+            f"--where {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed`"
+        )
+    try:
+        wanted: Any = json.loads(wanted_text)
+    except ValueError:
+        wanted = wanted_text
+    compare = COMPARISONS[sign]
+
+    def meets(run: ListedRun) -> bool:
+        value = run.passed if name == "passed" else run.figure(name)
+        if value is None:
+            return False
+        if isinstance(value, str) != isinstance(wanted, str):
+            return sign == "!="
+        return compare(value, wanted)
+
+    return meets
+
+
+def chosen(runs: Iterable[ListedRun], conditions: Sequence[str]) -> list[ListedRun]:
+    """The runs that meet every condition."""
+    tests = [condition(text) for text in conditions]
+    return [run for run in runs if all(meets(run) for meets in tests)]
+
+
+def age_s(text: str) -> float:
+    """An age such as 12h, 30d or 2w, in seconds."""
+    match = AGE.fullmatch(text)
+    if match is None:
+        raise BadInputError(f"--prune {text!r} is no age; write a number with h, d or w, such as 30d")
+    return float(match[1]) * UNITS_S[match[2]]
+
+
+def prune(runs: Iterable[ListedRun], older_than_s: float) -> list[Path]:
+    """Remove the folders of runs that were begun before then, and return them."""
+    latest_s = time.time() - older_than_s
+    old = [run.folder for run in runs if run.begun_s < latest_s]
+    for folder in old:
+        shutil.rmtree(folder)
+    return old

@@ -1,0 +1,219 @@
+"""Two runs side by side: the figures of both, and the first moment at which a signal differs.
+
+Signals are compared on simulated time, record by record and bit by bit as logged; what the machine took is
+left out. Frames are compared where both runs kept the simulated clock: on a real bus they carry the times at
+which they came.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from hil.bench.recorded_run import Run
+from hil.judge.figure_records import CATALOGUE, value_of
+from hil.record.log_reader import MEASURED
+from hil.record.state_timeline import ALARM
+from hil.show.layout import overlay
+from hil.show.rerun_log import APPLICATION_ID, colors
+from tools.output import BadInputError
+
+TRACES = ("operator", "plant", "impacts/truth", "firmware")
+"""In the order in which one tick's causes lie."""
+TICKED = ("operator", "plant", "firmware")
+NOT_COMPARED = ("t_s", "wall_time")
+SIDES = ("a", "b")
+TIMING = frozenset(
+    {"tick_us", "wake_us", "loops", "overruns", "baseline_overruns", "late_wakeups", "long_work", "memory"}
+    | {"realtime_factor", "real_time", "latched"}
+)
+"""Groups of figures that the machine makes, not the module."""
+
+
+class Difference(NamedTuple):
+    """The first moment at which two runs differ, and what each has there; None is nothing."""
+
+    t_s: float
+    signal: str
+    a: Any
+    b: Any
+
+
+def alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where two columns of the same length hold the same; NaN is like NaN. Shape (n,)."""
+    same: NDArray[np.bool_] = np.asarray(a == b, bool)
+    if a.dtype.kind == "f" and b.dtype.kind == "f":
+        same = same | (np.isnan(a) & np.isnan(b))
+    return same
+
+
+def cell(values: NDArray[Any], row: int) -> Any:
+    """One value as people and JSON take it: bytes in hexadecimal, None past the end."""
+    if row >= len(values):
+        return None
+    value = values[row]
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Difference | None:
+    """The first difference within one table.
+
+    Ticks are paired by their time, so that one which a loop skipped is no difference of its own; the rows of
+    other tables are paired in order, and differ where their times do.
+    """
+    t_a, t_b = table_a["t_s"].to_numpy(), table_b["t_s"].to_numpy()
+    found: Difference | None = None
+    if name in TICKED:
+        shared_s, rows_a, rows_b = np.intersect1d(t_a, t_b, assume_unique=True, return_indices=True)
+        if t_a[-1] != t_b[-1]:
+            found = Difference(float(min(t_a[-1], t_b[-1])), f"{name}.t_s", float(t_a[-1]), float(t_b[-1]))
+    else:
+        paired = min(len(t_a), len(t_b))
+        unlike = np.flatnonzero(t_a[:paired] != t_b[:paired])
+        paired = int(unlike[0]) if len(unlike) else paired
+        rows_a = rows_b = np.arange(paired)
+        shared_s = t_a[:paired]
+        if paired < max(len(t_a), len(t_b)):
+            times = cell(t_a, paired), cell(t_b, paired)
+            found = Difference(float(min(t for t in times if t is not None)), f"{name}.t_s", *times)
+    for column in table_a.column_names:
+        if (
+            column in NOT_COMPARED
+            or column.rpartition(".")[2] in MEASURED
+            or column not in table_b.column_names
+        ):
+            continue
+        values_a, values_b = table_a[column].to_numpy()[rows_a], table_b[column].to_numpy()[rows_b]
+        unlike = np.flatnonzero(~alike(values_a, values_b))
+        if len(unlike) and (found is None or shared_s[unlike[0]] < found.t_s):
+            row = int(unlike[0])
+            found = Difference(
+                float(shared_s[row]), f"{name}.{column}", cell(values_a, row), cell(values_b, row)
+            )
+    return found
+
+
+def paired(
+    blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table], by_time: bool
+) -> Iterator[tuple[pa.Table, pa.Table]]:
+    """Parts of two tables that belong together, one after the other: all but the last end with a common row.
+
+    A row is common by its time or by its number. The next part begins with it, so that none is empty.
+    """
+    left_a, left_b = iter(blocks_a), iter(blocks_b)
+    a, b = next(left_a), next(left_b)
+    while True:
+        more_a, more_b = next(left_a, None), next(left_b, None)
+        if more_a is None and more_b is None:
+            yield a, b
+            return
+        if by_time:
+            times = a["t_s"].to_numpy(), b["t_s"].to_numpy()
+            _, rows_a, rows_b = np.intersect1d(*times, assume_unique=True, return_indices=True)
+        else:
+            rows_a = rows_b = np.arange(min(a.num_rows, b.num_rows))
+        if len(rows_a):
+            last_a, last_b = int(rows_a[-1]), int(rows_b[-1])
+            yield a.slice(0, last_a + 1), b.slice(0, last_b + 1)
+            a, b = a.slice(last_a), b.slice(last_b)
+        a = a if more_a is None else pa.concat_tables([a, more_a])
+        b = b if more_b is None else pa.concat_tables([b, more_b])
+
+
+def first_in_blocks(
+    name: str, blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table]
+) -> Difference | None:
+    """The first difference within one table that is read in blocks."""
+    parts = paired(blocks_a, blocks_b, name in TICKED)
+    found = (first_in_table(name, part_a, part_b) for part_a, part_b in parts)
+    return next((difference for difference in found if difference is not None), None)
+
+
+def first_difference(a: Run, b: Run) -> Difference | None:
+    """The first difference of two runs; among equal times the earlier in the chain of causes."""
+    names = [name for name in TRACES if name in a.names or name in b.names]
+    if all(run.traces.run.get("clock") not in ("real", "patient") for run in (a, b)):
+        names += [name for name in ("can/raw",) if name in a.names or name in b.names]
+    if not names:
+        raise BadInputError(f"{a.log} and {b.log} hold neither traces nor frames to compare")
+    found: Difference | None = None
+    for name in names:
+        if name in a.names and name in b.names:
+            difference = first_in_blocks(name, a.blocks(name), b.blocks(name))
+        else:
+            present = a if name in a.names else b
+            rows = present.table(name).num_rows
+            counts = (rows, None) if present is a else (None, rows)
+            difference = Difference(float(present.table(name)["t_s"][0].as_py()), name, *counts)
+        if difference is not None and (found is None or difference.t_s < found.t_s):
+            found = difference
+    return found
+
+
+def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
+    """Every figure of both runs, by dotted name: a, b, b less a where both are numbers, and the unit."""
+    rows = {}
+    for spec in CATALOGUE.values():
+        value_a, value_b = (value_of(run.verdict, spec.name) for run in (a, b))
+        numbers = all(
+            isinstance(value, int | float) and not isinstance(value, bool) for value in (value_a, value_b)
+        )
+        change = value_b - value_a if numbers else None
+        rows[spec.name] = {"a": value_a, "b": value_b, "change": change, "unit": spec.unit}
+    return rows
+
+
+def is_timing(name: str) -> bool:
+    """Whether a figure says what the machine took, which differs from run to run."""
+    return name.split(".", maxsplit=1)[0] in TIMING
+
+
+def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The figures that differ: words and missing ones first, then by the size of their relative change."""
+
+    def size(name: str) -> float:
+        row = figures[name]
+        if row["change"] is None:
+            return math.inf
+        return float(abs(row["change"]) / max(abs(row["a"]), abs(row["b"])))
+
+    differing = [name for name, row in figures.items() if row["a"] != row["b"]]
+    return sorted(differing, key=lambda name: (is_timing(name), -size(name)))
+
+
+def compare(a: Run, b: Run) -> dict[str, Any]:
+    """Both runs' figures, whether all their signals are equal, and where they first are not."""
+    difference = first_difference(a, b)
+    figures = figures_side_by_side(a, b)
+    return {
+        "a": str(a.log),
+        "b": str(b.log),
+        "equal": difference is None,
+        "first_difference": None if difference is None else difference._asdict(),
+        "figures": figures,
+        "largest_changes": largest_changes(figures),
+        "passed": {side: run.passed for side, run in zip(SIDES, (a, b), strict=True)},
+    }
+
+
+def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
+    """Both runs in one recording, all of one under /a and of the other under /b, with plots of both."""
+    recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
+    recording.save(path, default_blueprint=overlay(None if difference is None else difference.t_s))
+    recording.send_recording_name(f"{a.log.parent.name} (a), {b.log.parent.name} (b)")
+    for side, run in zip(SIDES, (a, b), strict=True):
+        for chunk in RrdReader(run.log).store().stream():
+            if not chunk.entity_path.startswith("/__"):
+                recording.send_chunks([chunk.with_entity_path(f"/{side}{chunk.entity_path}")])
+    if difference is not None:
+        text = f"first difference: {difference.signal}"
+        recording.log("difference", rr.StateConfiguration(values=[text], colors=colors([ALARM])), static=True)
+        time = rr.TimeColumn("sim_time", duration=np.array([difference.t_s]))
+        recording.send_columns("difference", [time], [*rr.StateChange.columns(state=[text])])
+    recording.disconnect()

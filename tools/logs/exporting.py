@@ -1,0 +1,146 @@
+"""The frames of a run for other programs: decoded by `vibro.dbc`, each signal with its unit.
+
+mf4      ASAM MDF 4: a channel group for each frame, by asammdf
+mcap     a topic for each frame, messages in JSON, units in its JSON schema, by mcap
+parquet  a folder with a file for each frame, units in the fields' metadata
+csv      a folder with a file for each frame, units in the header
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import csv, parquet
+
+from firmware_py.interface.sources.dbc import database
+from hil.bench.recorded_run import Run
+from tools.output import BadInputError
+
+CAN = "can/"
+TIME_COLUMNS = ("t_s", "wall_time")
+
+
+class DecodedFrames(NamedTuple):
+    """All frames of one name: seconds from the run's start, wall clock in ns, and signals of shape (n,)."""
+
+    name: str
+    t_s: NDArray[np.float64]
+    wall_ns: NDArray[np.int64]
+    signals: Mapping[str, NDArray[np.generic]]
+    units: Mapping[str, str]
+
+
+def decoded(run: Run) -> Iterator[DecodedFrames]:
+    """The frames of a run's log that have signals, one name after the other."""
+    units = {
+        message.name: {signal.name: signal.unit or "" for signal in message.signals}
+        for message in database().messages
+    }
+    names = [table.removeprefix(CAN) for table in run.names if table.startswith(CAN)]
+    known = [name for name in names if name in units]
+    if not known:
+        raise BadInputError(f"{run.log} holds no frame of vibro.dbc; run or import something with a bus")
+    return (frames_of(run, name, units[name]) for name in known)
+
+
+def frames_of(run: Run, name: str, units: Mapping[str, str]) -> DecodedFrames:
+    """The frames of one name."""
+    table = run.table(f"{CAN}{name}")
+    signals = {
+        column: table[column].to_numpy() for column in table.column_names if column not in TIME_COLUMNS
+    }
+    wall_ns = table["wall_time"].cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+    return DecodedFrames(name, table["t_s"].to_numpy(), wall_ns, signals, units)
+
+
+def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
+    """Write one MDF file."""
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        for number, one in enumerate(frames):
+            if number == 0:
+                file.start_time = datetime.fromtimestamp(one.wall_ns[0] * 1e-9 - one.t_s[0], UTC)
+            signals = [
+                Signal(values, one.t_s, name=f"{one.name}.{name}", unit=one.units[name])
+                for name, values in one.signals.items()
+            ]
+            file.append(signals, acq_name=one.name, comment=f"frame {one.name} of vibro.dbc")
+        file.save(path, overwrite=True)
+
+
+def as_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:
+    """Write one MCAP file, its messages in order of time within each topic."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(library="vibrohil")
+        for one in frames:
+            properties = {name: {"type": "number", "unit": one.units[name]} for name in one.signals}
+            schema = json.dumps({"type": "object", "title": one.name, "properties": properties})
+            schema_id = writer.register_schema(one.name, "jsonschema", schema.encode())
+            channel_id = writer.register_channel(f"/{CAN}{one.name}", "json", schema_id)
+            columns = [values.tolist() for values in one.signals.values()]
+            for wall_ns, *row in zip(one.wall_ns.tolist(), *columns, strict=True):
+                data = json.dumps(dict(zip(one.signals, row, strict=True))).encode()
+                writer.add_message(channel_id, wall_ns, data, wall_ns)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap types all but this
+
+
+def as_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
+    """Write a file for each frame; a field's metadata holds its `unit`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in frames:
+        units = {"t_s": "s", **one.units}
+        columns = {"t_s": one.t_s, "wall_time": one.wall_ns.astype("datetime64[ns]"), **one.signals}
+        arrays = [pa.array(values) for values in columns.values()]
+        fields = [
+            pa.field(name, array.type, metadata={"unit": units.get(name, "")})
+            for name, array in zip(columns, arrays, strict=True)
+        ]
+        parquet.write_table(pa.table(arrays, schema=pa.schema(fields)), folder / f"{one.name}.parquet")
+
+
+def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
+    """Write a file for each frame; a column is called `name [unit]`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in frames:
+        units = {"t_s": "s", **one.units}
+        columns = {"t_s": one.t_s, **one.signals}
+        titles = [f"{name} [{units[name]}]" if units[name] else name for name in columns]
+        csv.write_csv(
+            pa.table(list(map(pa.array, columns.values())), names=titles), folder / f"{one.name}.csv"
+        )
+
+
+FORMATS: Mapping[str, Callable[[Iterable[DecodedFrames], Path], None]] = {
+    "mf4": as_mf4,
+    "mcap": as_mcap,
+    "parquet": as_parquet,
+    "csv": as_csv,
+}
+
+
+def export(run: Run, kind: str, out: Path) -> dict[str, int]:
+    """Write the frames of `run` to `out`, a file or a folder by `kind`; how many there are of each name."""
+    counts: dict[str, int] = {}
+
+    def counting(frames: Iterable[DecodedFrames]) -> Iterator[DecodedFrames]:
+        for one in frames:
+            counts[one.name] = len(one.t_s)
+            yield one
+
+    frames = counting(decoded(run))
+    try:
+        FORMATS[kind](frames, out)
+    except ModuleNotFoundError as error:
+        raise BadInputError(
+            f"--to {kind} needs the package {error.name}; install it with `pip install 'vibrohil[export]'`"
+        ) from error
+    return counts

@@ -1,0 +1,58 @@
+"""What is taken out of a recorded run: tables as files, signals as a plot."""
+
+from pathlib import Path
+
+import pyarrow as pa
+from pyarrow import csv, feather, parquet
+
+from hil.bench.recorded_run import Run
+from tools.output import BadInputError
+
+DEFAULT_SIGNALS = (
+    "plant.x_m",
+    "firmware.state.estimator.x_m",
+    "plant.omega_rad_s",
+    "firmware.outputs.torque_n_m",
+)
+"""What a plot shows where nothing is named."""
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table to a file ending in one of `tools.outputs.TABLES`."""
+    if path.suffix == ".parquet":
+        parquet.write_table(table, path)
+    elif path.suffix == ".arrow":
+        feather.write_feather(table, path, compression="uncompressed")
+    else:
+        csv.write_csv(as_text(table), path)
+
+
+def as_text(table: pa.Table) -> pa.Table:
+    """A table whose columns CSV can hold: bytes in hexadecimal."""
+    columns = {}
+    for name in table.column_names:
+        values = table[name]
+        if pa.types.is_nested(values.type):
+            raise BadInputError(f"column {name!r} holds several numbers a row; write .parquet or .arrow")
+        if pa.types.is_binary(values.type):
+            values = pa.array([blob.hex() for blob in values.to_pylist()])
+        columns[name] = values
+    return pa.table(columns)
+
+
+def plot_signals(run: Run, signals: list[str], path: Path) -> None:
+    """Draw signals below each other over simulated time; the file's ending gives the format."""
+    from matplotlib.figure import Figure
+
+    drawn = [(name, *run.signal(name)) for name in signals]
+    figure = Figure(figsize=(12.0, 1.0 + 1.9 * len(drawn)), layout="constrained")
+    for axes, (name, t_s, values) in zip(
+        figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn, strict=True
+    ):
+        if values.dtype.kind not in "bifu":
+            raise BadInputError(f"signal {name!r} holds no numbers; see it as a table with --table")
+        axes.plot(t_s, values, lw=0.8)
+        axes.set_title(name, loc="left", fontsize=9)
+        axes.grid(alpha=0.3)
+    axes.set_xlabel("simulated time [s]")
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,152 @@
+"""Opening a run in the Rerun viewer, in a window or in a browser, for this machine alone."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+from hil.bench.recorded_run import log_of
+from hil.record.rerun_program import RerunError, rerun_environment, rerun_program
+from hil.record.run_folder import VERDICT
+from hil.record.run_traces import read_json
+from tools.logs import quiet_viewer
+from tools.output import BadInputError, progress_console
+
+LOOPBACK = "127.0.0.1"
+LIVE_PORT = 9876
+"""Where Rerun's viewers listen for runs that are going on; its own default."""
+LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
+OPENING_S = 20.0
+
+
+def viewer_command(log: Path, web: bool, port: str = "auto") -> list[str]:
+    """How the viewer is started; it listens on the loopback interface only, on a port that is free."""
+    command = [str(rerun_program()), str(log), "--bind", LOOPBACK, "--port", port]
+    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
+
+
+def live_viewer_command(web: bool) -> list[str]:
+    """How a viewer is started that waits for runs that are going on."""
+    command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(LIVE_PORT)]
+    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
+
+
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))
+
+
+def view(run: Path | None, web: bool, live: bool) -> None:
+    """Open `run`, or a viewer that waits for live ones; stay until the window is closed or Ctrl-C."""
+    if live and run is not None:
+        raise BadInputError(f"--live waits for runs that are going on; leave out {run}, or leave out --live")
+    log = None if live else log_of(run)
+    if not web and not has_display():
+        raise BadInputError("no display to open a window on; look at it in a browser with --web")
+    shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
+    try:
+        if web:
+            in_browser(live_viewer_command(web) if log is None else viewer_command(log, web), shown)
+            return
+        progress_console.print(shown, highlight=False)
+        if log is None:
+            subprocess.run(live_viewer_command(web), env=rerun_environment(), check=True)
+        else:
+            in_window(log)
+    except KeyboardInterrupt:
+        return
+    except subprocess.CalledProcessError as error:
+        raise RerunError(f"the viewer ended with status {error.returncode}") from error
+
+
+def in_window(log: Path) -> None:
+    """Open a log and wait until its window is closed; its cursor stands on the first failed check, if any."""
+    at_s = read_json(log.parent / VERDICT).get("first_failure_s")
+    port = free_port()
+    command = viewer_command(log, web=False, port=str(port))
+    with subprocess.Popen(command, env=rerun_environment()) as viewer:
+        if at_s is not None:
+            put_cursor(f"rerun+http://{LOOPBACK}:{port}/proxy", at_s, viewer)
+    if viewer.returncode != 0:
+        raise subprocess.CalledProcessError(viewer.returncode, command)
+
+
+def free_port() -> int:
+    """A port of the loopback interface that nobody listens on."""
+    with socket.socket() as taken:
+        taken.bind((LOOPBACK, 0))
+        return int(taken.getsockname()[1])
+
+
+def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
+    """Put the time cursor on a moment as soon as the viewer has loaded its log; say so where it does not."""
+    from rerun.experimental import ViewerClient
+
+    deadline_s = time.monotonic() + OPENING_S
+    while viewer.poll() is None:
+        try:
+            ViewerClient.connect(url).set_time("sim_time", duration=at_s, play_state="paused")
+            return
+        except (ConnectionError, RuntimeError) as error:
+            if time.monotonic() > deadline_s:
+                progress_console.print(
+                    f"the first failed check is at {at_s:.3f} s ({error})", highlight=False
+                )
+                return
+            time.sleep(0.2)
+
+
+def view_together(folders: Sequence[Path]) -> None:
+    """Open several runs in one viewer; stay until its window is closed."""
+    if not has_display():
+        raise BadInputError(
+            "no display to open a window on; look at one run in a browser with `vibrohil view --web`"
+        )
+    logs = [str(log_of(folder)) for folder in folders]
+    command = [str(rerun_program()), *logs, "--bind", LOOPBACK, "--port", "auto"]
+    subprocess.run(command, env=rerun_environment(), check=False)
+
+
+def in_browser(command: list[str], shown: str) -> None:
+    """Serve the viewer until Ctrl-C, and open a browser on it where there is one."""
+    with quiet_viewer.served(command, rerun_environment()) as (address, process):
+        progress_console.print(f"{shown}: at {address} until Ctrl-C", highlight=False, soft_wrap=True)
+        webbrowser.open(address)
+        process.wait()
+    raise subprocess.CalledProcessError(process.returncode, command)
+
+
+def waiting_for_runs() -> bool:
+    """Whether a viewer is open that takes live runs."""
+    with socket.socket() as caller:
+        caller.settimeout(1.0)
+        return caller.connect_ex((LOOPBACK, LIVE_PORT)) == 0
+
+
+def live_viewer() -> str:
+    """The URL of an open viewer; a window is opened where there is none and a display to open it on."""
+    if waiting_for_runs():
+        return LIVE_URL
+    if not has_display():
+        raise BadInputError(
+            f"--live: no viewer is open at {LIVE_URL}, and there is no display to open one on; "
+            "start `vibrohil view --live --web` in another terminal first"
+        )
+    viewer = subprocess.Popen(
+        live_viewer_command(web=False),
+        env=rerun_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # the window stays when the run has ended
+    )
+    deadline_s = time.monotonic() + OPENING_S
+    while not waiting_for_runs():
+        if viewer.poll() is not None or time.monotonic() > deadline_s:
+            raise RerunError(f"the viewer did not open within {OPENING_S:g} s; try `vibrohil view --live`")
+        time.sleep(0.1)
+    return LIVE_URL

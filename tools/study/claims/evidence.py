@@ -1,0 +1,221 @@
+"""What the claims are judged on: sweeps, basins, soft impacts, starts; each measured once."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from plant_sim.orbits import exact as streaming
+from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome
+from tools.study import basin, store, work
+from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case
+from tools.study.orbits import AT_REST, State, classify, follow
+from tools.study.portraits import sample
+from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
+
+CONTACTS_S = (0.01, 0.03, 0.05)
+"""The bench's elastomer pad, and pads three and five times as soft."""
+
+SOFT_RATIOS = (1.0, 1.05, 1.1, 1.2, 1.3)
+
+PHASES = 32
+"""Crank angles at which starts are tried."""
+
+RAMP_STEPS_PER_S = 400
+"""A ramp's speed is held for 2.5 ms at a time; the crank turns by 3° in that."""
+
+LONGEST_CONTACT_S = 0.15
+HIGHEST_PEAK_N = 40.0
+
+SETTLED = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6, measure=True)
+
+BASIN_SIZE = 300
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Everything is measured when it is first asked for."""
+
+    where: work.Where
+    ratios: int = RATIOS
+    """Of a sweep."""
+
+    @cached_property
+    def diagrams(self) -> list[Diagram]:
+        """Table 1's ranges in both presets; of the retuned Coulomb–Stribeck, which takes long, its own μ."""
+        cases = [
+            case(preset, law, value)
+            for preset in PRESETS
+            for law in LAWS
+            for value in (VISCOUS_RANGE_N_S_M if law == "viscous" else DRY_RANGE)
+            if not (preset == "gait" and law == "stribeck" and value != DRY_RANGE[0])
+        ]
+        same_amplitude = replace(case("table1", "viscous"), amplitude_m=0.03)
+        return diagrams([*cases, same_amplitude], self.where, self.ratios)
+
+    def nominal(self, preset: str) -> list[Diagram]:
+        """The preset's own case of each law."""
+        own = [case(preset, law) for law in LAWS]
+        return [diagram for one in own for diagram in self.diagrams if diagram.case == one]
+
+    def of(self, one: Case) -> Diagram:
+        """One case's diagram."""
+        return next(diagram for diagram in self.diagrams if diagram.case == one)
+
+    @cached_property
+    def soft(self) -> list[dict[str, Any]]:
+        """Peak forces against soft stops on the branch reached from below, and against damping."""
+        specs = [
+            {"case": replace(case(preset, "viscous", b), contact_s=contact_s).parameters()}
+            for preset in PRESETS
+            for contact_s in CONTACTS_S
+            for b in (VISCOUS_RANGE_N_S_M if contact_s == CONTACTS_S[1] else VISCOUS_RANGE_N_S_M[1:2])
+        ]
+        paths = work.run("soft", soft_piece, specs, self.where)
+        rows = [store.read(path)[0].to_pylist() for path in paths]
+        return [
+            {"case": Case(**spec["case"]), **row}
+            for spec, some in zip(specs, rows, strict=True)
+            for row in some
+        ]
+
+    @cached_property
+    def contacts(self) -> dict[tuple[str, float], float]:
+        """Elastic contact times with which impacts peak at the paper's 40 N, by preset and ratio."""
+        keys = [(preset, ratio) for preset in PRESETS for ratio in SOFT_RATIOS[:3]]
+        specs = [
+            {"case": case(preset, "viscous").parameters(), "ratio": ratio, "peak_n": HIGHEST_PEAK_N}
+            for preset, ratio in keys
+        ]
+        paths = work.run("contact", contact_piece, specs, self.where)
+        return {
+            key: store.read(path)[0]["contact_s"].to_pylist()[0]
+            for key, path in zip(keys, paths, strict=True)
+        }
+
+    def peak_n(self, preset: str, contact_s: float, ratio: float, b_n_s_m: float = 0.2) -> float:
+        """nan without impacts."""
+        for row in self.soft:
+            of = row["case"]
+            if (of.preset, of.contact_s, of.b_n_s_m, row["ratio"]) == (preset, contact_s, b_n_s_m, ratio):
+                return float(row["peak_n"])
+        raise KeyError((preset, contact_s, ratio, b_n_s_m))
+
+    def basin(self, law: str) -> basin.Basin:
+        """(x0, v0) in the middle of the multistable band."""
+        band = self.of(case("table1", law)).widest_multistable()
+        if band is None:
+            raise ValueError(f"{law} has no multistable band to take a basin in")
+        return basin.compute(case("table1", law), round(sum(band) / 2.0, 2), "state", BASIN_SIZE, self.where)
+
+
+def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+    """Run-up against a soft stop, in steps of 0.05."""
+    one = Case(**spec["case"])
+    state, rows = AT_REST, []
+    for ratio in np.round(np.arange(0.85, SOFT_RATIOS[-1] + 0.01, 0.05), 2):
+        outcome = follow(one, float(ratio), state, PAPER)
+        state = end_state(outcome)
+        if float(ratio) in SOFT_RATIOS:
+            rows.append({"ratio": float(ratio), **{name: getattr(outcome, name) for name in SOFT_COLUMNS}})
+    return pa.Table.from_pylist(rows), {}
+
+
+SOFT_COLUMNS = (
+    "impacts",
+    "cycle",
+    "v_mean_m_s",
+    "impulse_n_s",
+    "repeatability",
+    "peak_n",
+    "loss_j",
+    "friction_j",
+)
+
+
+def contact_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
+    """The contact time for one ratio."""
+    contact_s = contact_for_peak_s(Case(**spec["case"]), spec["ratio"], spec["peak_n"])
+    return pa.table({"contact_s": [contact_s]}), {}
+
+
+def grazing_amplitude_m(one: Case, ratio: float) -> float:
+    """Drive amplitude with which the calm motion at a ratio just reaches the stop, by bisection."""
+    free = replace(one, stop_m=one.rest_length_m + 10.0)
+    low, high = 0.0, 0.2
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        reach = (
+            follow(replace(free, amplitude_m=middle), ratio, AT_REST, SETTLED).x_high_m - one.rest_length_m
+        )
+        low, high = (middle, high) if reach < one.gap_m else (low, middle)
+    return 0.5 * (low + high)
+
+
+def contact_for_peak_s(one: Case, ratio: float, peak_n: float) -> float:
+    """Elastic contact time with which the settled impact motion peaks at a force; nan if none."""
+    low, high = 0.005, LONGEST_CONTACT_S
+    if not run_up(replace(one, contact_s=high), ratio).peak_n <= peak_n:
+        return math.nan
+    while high > 1.01 * low:
+        middle = math.sqrt(low * high)
+        softer = run_up(replace(one, contact_s=middle), ratio).peak_n > peak_n
+        low, high = (middle, high) if softer else (low, middle)
+    return math.sqrt(low * high)
+
+
+def run_up(one: Case, ratio: float) -> Outcome:
+    """The motion at a ratio, reached from just below resonance in steps of 0.1 or less."""
+    state = AT_REST
+    steps = max(1, math.ceil((ratio - 0.95) / 0.1))
+    for step in range(steps + 1):
+        outcome = follow(one, 0.95 + (ratio - 0.95) * step / steps, state, SETTLED)
+        state = end_state(outcome)
+    return outcome
+
+
+def share_from_rest(one: Case, ratio: float) -> float:
+    """Share of crank angles from which a striker at rest enters impact motion at once."""
+    starts = np.zeros((PHASES, 3))
+    starts[:, 2] = np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
+    return float((classify(one, ratio, starts, CLASSIFY)[1] > 0.0).mean())
+
+
+def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
+    """The same after a run-up of the crank from standstill."""
+    ends = [
+        streaming.ramp(
+            one.striker(),
+            one.drive(ratio),
+            one.closed_friction(),
+            one.rigid_stop(),
+            crank_rad,
+            duration_s,
+            math.ceil(RAMP_STEPS_PER_S * duration_s),
+        )
+        for crank_rad in np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
+    ]
+    return float((classify(one, ratio, np.array(ends), CLASSIFY)[1] > 0.0).mean())
+
+
+def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
+    """x over one drive period from an impact on (or from the highest point), less mean, over spread."""
+    turn_s = 2.0 * math.pi / (ratio * one.natural_rad_s)
+    result = sample(one, ratio, start, np.linspace(0.0, 2.0 * turn_s, 1201))
+    if result.samples is None:
+        raise AssertionError("a run with sample times has samples")
+    x_m = result.samples.x_m
+    first = int(np.argmax(x_m[:600]))
+    cycle = x_m[first : first + 600]
+    shape: NDArray[np.float64] = (cycle - cycle.mean()) / cycle.std()
+    return shape
+
+
+def least_correlation(shapes: Sequence[NDArray[np.float64]]) -> float:
+    """Of any two of them."""
+    return float(np.min(np.corrcoef(np.array(shapes))))

@@ -1,0 +1,109 @@
+"""The claims as a page to read: verdict, reason and measured figures of each."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tools.output import figure
+from tools.study import store
+from tools.study.claims.claim import CONTRADICTED, REPRODUCED, Claim
+from tools.study.claims.claims import UNDER_PARAMETERS
+
+MEANING = {
+    REPRODUCED: "holds as printed",
+    UNDER_PARAMETERS: "holds for stated values that the paper leaves open or has otherwise",
+    CONTRADICTED: "does not hold, or only a part of it does",
+}
+
+UNITS = {
+    "_n_s": "N s",
+    "_m_s2": "m/s²",
+    "_m_s": "m/s",
+    "_n_m": "N/m",
+    "_hz": "Hz",
+    "_mj": "mJ",
+    "_mm": "mm",
+    "_ms": "ms",
+    "_kg": "kg",
+    "_n": "N",
+}
+"""Of suffixes, longer ones first."""
+
+INTRODUCTION = """\
+# The paper's claims, measured
+
+Jelačić & Jelačić (2026), *From Nonlinear Dynamics to Neurorehabilitation: Translational Modeling of a
+Vibro-Impact Actuator for Ankle Exoskeletons*, IRJIET 10(3), 124–129, doi 10.47001/IRJIET/2026.103016, claim
+by claim. Written by `vibrohil study claims --page docs/claims.md`; every figure below comes from that run.
+
+Two modules are looked at. `table1` is Table 1 as printed: c = 70 N/m, with A = 20 mm for viscous and 30 mm
+for dry friction, as the paper gives no amplitude and dry friction needs more to move at all. `gait` has c =
+505 N/m and A = 12 mm, so that text and table agree on the frequency. Both: m_B = 0.8 kg, l0 = 0.12 m,
+x_stop = 0.18 m, k = 0.5; b = 0.2 N s/m, or μ = 0.15; Coulomb–Stribeck with μ_s = 4/3 μ, v_s = 0.05 m/s, δ =
+1, which the paper does not give either. Ratios r = Ω/ω run from 0.7 to 1.8 in 111 steps, up and down, 50 s
+each with 30 s discarded. Viscous and Coulomb friction are solved in closed form from event to event,
+Coulomb–Stribeck and soft stops by an adaptive method to 1e-7 m per period.
+"""
+
+
+def write(claims: Sequence[Claim], path: Path) -> None:
+    """Write the page as Markdown."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines(claims)) + "\n", encoding="utf-8")
+
+
+def lines(claims: Sequence[Claim]) -> Iterator[str]:
+    """The page, line by line."""
+    yield INTRODUCTION
+    yield "| claim | the paper says | verdict |"
+    yield "|---|---|---|"
+    for claim in claims:
+        yield f"| [{claim.id}](#{claim.id.lower()}) | {claim.statement} | {claim.verdict} |"
+    yield ""
+    for verdict, meaning in MEANING.items():
+        count = sum(claim.verdict == verdict for claim in claims)
+        yield f"- **{verdict}**: {meaning}; {count} of {len(claims)}."
+    for claim in claims:
+        yield from _section(claim)
+    versions = ", ".join(f"{name} {number}" for name, number in store.versions().items())
+    yield f"\nComputed with {versions}."
+
+
+def _section(claim: Claim) -> Iterator[str]:
+    yield f"\n## {claim.id}\n\n{claim.statement} **{claim.verdict.capitalize()}.**\n\n{claim.reason}\n"
+    yield "| measured | |"
+    yield "|---|---|"
+    for names, value in _flat(claim.value):
+        yield f"| {', '.join(names)} | {_text(value)} |"
+
+
+def _label(key: str) -> str:
+    """A figure's name with its unit in brackets.
+
+    >>> _label("impact_lost_at_the_fold_m_s")
+    'impact lost at the fold [m/s]'
+    """
+    for suffix, unit in UNITS.items():
+        if key.endswith(suffix):
+            return f"{key.removesuffix(suffix).replace('_', ' ')} [{unit}]"
+    return key.replace("_", " ")
+
+
+def _flat(value: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Figures with the names that lead to them; a mapping of plain figures stays together."""
+    for key, item in value.items():
+        names = (*above, _label(key))
+        if isinstance(item, Mapping) and any(isinstance(one, Mapping) for one in item.values()):
+            yield from _flat(item, names)
+        else:
+            yield names, item
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "; ".join(f"{_label(key)}: {_text(item)}" for key, item in value.items())
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Iterable):
+        return ", ".join(_text(item) for item in value) or "none"
+    return figure(value)

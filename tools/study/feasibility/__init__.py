@@ -1,0 +1,1 @@
+"""Which modules can give which pulses."""

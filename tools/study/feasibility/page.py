@@ -1,0 +1,235 @@
+"""The feasibility table as a chart, and as a page to read."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.study.feasibility import feasibility
+from tools.study.feasibility.feasibility import (
+    AXES,
+    FEASIBLE,
+    LEG_IMPACTS,
+    LOST,
+    NO_REGION,
+    NO_TURNS,
+    REASONS,
+    TOO_HARD,
+    TOO_SOFT,
+)
+from tools.study.figures import new_figure, save
+
+Row = dict[str, Any]
+
+COLOURS = {
+    FEASIBLE: "#4c9f70",
+    NO_REGION: "#404040",
+    NO_TURNS: "#8c8c8c",
+    LEG_IMPACTS: "#c44e52",
+    LOST: "#8172b3",
+    TOO_HARD: "#e8a33d",
+    TOO_SOFT: "#9cc4e4",
+}
+MARKS = {
+    FEASIBLE: "**yes**",
+    NO_REGION: "region",
+    NO_TURNS: "n",
+    LEG_IMPACTS: "leg",
+    LOST: "lost",
+    TOO_HARD: "hard",
+    TOO_SOFT: "soft",
+}
+
+INTRODUCTION = """\
+# Which settings can serve a walk
+
+Written by `vibrohil study feasibility --page docs/feasibility.md`; every cell comes from that run. A cell
+says **yes** where all of these hold, else which of them fails first:
+
+| mark | what fails |
+|---|---|
+| region | no r has exactly one impact a turn: here a stiff foot plate comes back and is met twice |
+| n | no whole number n of crank turns a stride puts r = n f 2π/ω into the measured region |
+| leg | the leg's motion alone, with the crank at rest, causes impacts: it cannot be switched off |
+| lost | more than 1 % of the turns are without an impact |
+| hard, soft | some pulse that the wearer feels peaks above 40 N, or below 10 N |
+
+The plant alone, with an ideal crank at n turns a mean stride, and a walk of 2 % variability (30 s from a
+rise of 6 s on, of which the last 24 s count). Where the n nearest to r = 1.12 fails, the one with the
+softest impacts is tried as well. The region is measured for each module, stop and wearer on a standing leg,
+from r = 0.97 on. `table1`: c = 70 N/m, gap 60 mm, A = 20 mm (viscous) or 30 mm. `gait`: c = 505 N/m, gap 60
+mm, A = 12 mm. `walking`: c = 720 N/m, gap 22 mm, A = 6.5 mm. All: m_B = 0.8 kg, k = 0.5, b = 0.2 N s/m, or μ
+= 0.15 and μ_s = 4/3 μ. Axes are the shank's: *up* along it, *forward* and *outward* across it. Wearers: a
+foot plate of 1 kg on 10 kN/m and 100 N s/m (stiff) or 2 kN/m and 40 N s/m (compliant). A felt pulse is the
+ankle's force above that at touch-down. With dry friction the plant has no yielding wearer: there the force
+is the bare stop's, and the compliant wearer is left out. How the crank is brought into step, and one impact
+into the push-off window, is [another page](explanation/gait.md).
+"""
+
+
+def write(rows: Sequence[Row], path: Path, picture: str | None) -> None:
+    """Write the page as Markdown."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines(rows, picture)) + "\n", encoding="utf-8")
+
+
+def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
+    """The page, line by line."""
+    yield INTRODUCTION
+    if picture is not None:
+        yield f"![Verdicts over cadence for every module, axis, guide, stop and wearer]({picture})\n"
+    yield "| preset | axis | cells | " + " | ".join(MARKS[reason].strip("*") for reason in REASONS) + " |"
+    yield "|---|---|---|" + "---|" * len(REASONS)
+    for preset in presets_of(rows):
+        for axis in AXES:
+            chosen = [row for row in rows if row["preset"] == preset and row["axis"] == axis]
+            counts = Counter(row["verdict"] for row in chosen)
+            yield (
+                f"| {preset} | {axis} | {len(chosen)} | "
+                + " | ".join(str(counts[reason]) for reason in REASONS)
+                + " |"
+            )
+    yield from short(rows)
+    yield from claims(rows)
+    for preset in presets_of(rows):
+        yield from _section([row for row in rows if row["preset"] == preset])
+
+
+def short(rows: Sequence[Row]) -> Iterator[str]:
+    """Where all of it holds at every cadence, and where nothing can."""
+    yield "\n## In short\n"
+    for preset in presets_of(rows):
+        settings: dict[str, set[float]] = {}
+        cadences = set()
+        for row in rows:
+            if row["preset"] == preset:
+                cadences.add(row["stride_hz"])
+                served = settings.setdefault(f"axis {row['axis']}: {stop_of(row)}", set())
+                if row["verdict"] == FEASIBLE:
+                    served.add(row["stride_hz"])
+        most = max(len(served) for served in settings.values())
+        best = [name for name, served in settings.items() if len(served) == most > 0]
+        never = sorted(cadences - set().union(*settings.values()))
+        yield (
+            f"- `{preset}`: {most} of {len(cadences)} cadences at best ({'; '.join(best) or 'nothing'}). "
+            f"Served by nothing: {', '.join(f'{hz:g} Hz' for hz in never) or 'none of them'}."
+        )
+
+
+def claims(rows: Sequence[Row]) -> Iterator[str]:
+    """What the cells say of three of the paper's claims."""
+    yield "\n## The paper's C3, C7 and C12\n"
+    yield (
+        "[The claims](claims.md) are judged on the module alone; this is what a walk adds. Crank frequencies "
+        "are n f; pulses are judged where the impacts go on.\n"
+    )
+    yield "| preset | crank, Hz (C3, C12) | strides, Hz | cells with impacts | all pulses in 10–40 N (C7) |"
+    yield "|---|---|---|---|---|"
+    for preset in presets_of(rows):
+        chosen = [row for row in rows if row["preset"] == preset]
+        good = [row for row in chosen if row["verdict"] == FEASIBLE]
+        with_impacts = [row for row in chosen if row["verdict"] in (FEASIBLE, TOO_HARD, TOO_SOFT)]
+        cranks = [row["harmonic"] * row["stride_hz"] for row in good]
+        strides = sorted({row["stride_hz"] for row in good})
+        yield (
+            f"| {preset} | {_span(cranks)} | {', '.join(f'{hz:g}' for hz in strides) or 'none'} | "
+            f"{len(with_impacts)} | {len(good)} |"
+        )
+    yield (
+        "\nC3 and C12 tie a crank frequency to a cadence. A walk asks for none: n takes up the difference. "
+        "What counts is that the region is wide enough to hold a whole multiple of the cadence, which is the "
+        "surer the more turns a stride take. C7 holds where stop and wearer are soft, not for a module by "
+        "itself."
+    )
+
+
+def _span(values: Sequence[float]) -> str:
+    return f"{min(values):.1f}–{max(values):.1f}" if values else "none"
+
+
+def presets_of(rows: Sequence[Row]) -> list[str]:
+    """In the order of the study."""
+    return [preset for preset in feasibility.MODULES if any(row["preset"] == preset for row in rows)]
+
+
+def stop_of(row: Row) -> str:
+    """A stop's name for people."""
+    wearer = row["wearer"] if row["law"] == "viscous" else "bare stop"
+    return f"{row['law']}, {1e3 * row['contact_s']:.0f} ms, {wearer}"
+
+
+def _section(rows: Sequence[Row]) -> Iterator[str]:
+    cadences = sorted({row["stride_hz"] for row in rows})
+    yield f"\n## {rows[0]['preset']}\n"
+    yield "Felt pulses in N, smallest to largest, at the n and r of the cell.\n"
+    yield (
+        "| axis | guide, contact, wearer | r of impact | "
+        + " | ".join(f"{hz:g} Hz" for hz in cadences)
+        + " |"
+    )
+    yield "|---|---|---|" + "---|" * len(cadences)
+    for axis in AXES:
+        for name in dict.fromkeys(stop_of(row) for row in rows):
+            chosen = [row for row in rows if row["axis"] == axis and stop_of(row) == name]
+            cells = [text_of(next(row for row in chosen if row["stride_hz"] == hz)) for hz in cadences]
+            low, high = chosen[0]["region_low"], chosen[0]["region_high"]
+            region = f"{low:.2f}–{high:.2f}" if low <= high else "none"
+            yield f"| {axis} | {name} | {region} | " + " | ".join(cells) + " |"
+
+
+def text_of(row: Row) -> str:
+    """A cell: its mark, and what was measured."""
+    mark = MARKS[row["verdict"]]
+    if row["harmonic"] == 0:
+        return mark
+    text = f"{mark} {row['harmonic']}×, r {row['ratio']:.2f}"
+    if row["verdict"] == LEG_IMPACTS:
+        return f"{text}, {row['idle_impacts_hz']:.1f}/s"
+    if np.isfinite(row["felt_high_n"]):
+        text += f", {row['felt_low_n']:.0f}–{row['felt_high_n']:.0f}"
+    return text
+
+
+def chart(rows: Sequence[Row], folder: Path, name: str) -> list[str]:
+    """Verdicts as colours: a row of maps a preset, a column an axis."""
+    from matplotlib.patches import Patch
+
+    presets = presets_of(rows)
+    figure, grid = new_figure(len(presets), len(AXES), 12.5, 3.1 * len(presets) + 0.6, sharex=True)
+    names = list(dict.fromkeys(stop_of(row) for row in rows))
+    cadences = sorted({row["stride_hz"] for row in rows})
+    for across, preset in enumerate(presets):
+        for down, axis in enumerate(AXES):
+            axes = grid[across][down]
+            for row in rows:
+                if row["preset"] != preset or row["axis"] != axis:
+                    continue
+                place = (cadences.index(row["stride_hz"]), names.index(stop_of(row)))
+                axes.add_patch(_square(place, COLOURS[row["verdict"]]))
+                if row["harmonic"] > 0:
+                    axes.text(*place, str(row["harmonic"]), ha="center", va="center", fontsize=7)
+            axes.set(
+                xlim=(-0.5, len(cadences) - 0.5),
+                ylim=(len(names) - 0.5, -0.5),
+                xticks=range(len(cadences)),
+                xticklabels=[f"{hz:g}" for hz in cadences],
+                yticks=range(len(names)),
+                title=f"{preset}, axis {axis}",
+            )
+            axes.set_yticklabels(names if down == 0 else [], fontsize=7)
+            if across == len(presets) - 1:
+                axes.set_xlabel("strides a second [Hz]")
+    handles = [Patch(color=COLOURS[reason], label=reason) for reason in REASONS]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(REASONS), frameon=False, fontsize=8)
+    figure.suptitle(
+        "where a module can serve a walk, and what forbids it first; numbers: crank turns a stride"
+    )
+    return save(figure, folder, name)
+
+
+def _square(place: tuple[int, int], colour: str) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((place[0] - 0.48, place[1] - 0.46), 0.96, 0.92, color=colour, lw=0)

@@ -1,0 +1,1 @@
+"""The module's laws from a minute of motion."""

@@ -1,0 +1,163 @@
+"""A log cut into free flights and contacts, and what each flight says about the striker's parameters.
+
+In free flight, with the accelerometer's offset β,
+
+    z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
+
+and the reading itself shows how the striker moves from where the flight began:
+
+    x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
+
+so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
+share, and in (1, t), whose coefficients each flight has for itself. These two are projected out, flight by
+flight. The accelerometer's low-pass delays z, X and V alike; so the crank is taken with the same delay.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.tuning.recordings.readings import Readings
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+DROP_M_S2 = 4.0
+"""A touch-down: the reading falls by more within two ticks. A dry guide with μ = 0.3 turns 5.9 slowly."""
+IMPACT_M_S2 = 8.0
+"""And falls by this in all."""
+BACK_M_S2 = 1.0
+LONGEST_CONTACT_S = 0.08
+RINGING_S = 0.008
+"""After a contact, for the low-pass; before one a tick or two are enough."""
+BEFORE_S = 0.002
+LONGEST_FLIGHT_S = 0.7
+"""Longer ones are cut: noise that is integrated twice grows with t^1.5."""
+SHORTEST_FLIGHT_S = 0.1
+STILL_M_S2 = 0.15
+STILL_S = 0.04
+"""A striker whose reading varies by less for this time stands still: nothing to be learnt but the offset."""
+RESTING_M_S2 = 0.5
+"""And reads no more than at rest. Where a striker turns its reading is as flat, only far from there; were
+samples left out there by how little they vary, the noise would choose which, and b come out 1 % small."""
+SLOW_M_S = 0.015
+"""Slower than this the sign of v is not sure enough for dry friction."""
+
+STIFFNESS, CRANK, DAMPING, DRY, CURVE, RISE = range(6)
+"""Columns of the regressors: X, sin θ, V, sign v, t², and what `laws` adds for Stribeck's rise."""
+
+
+class Contact(NamedTuple):
+    """Rows: the last before the touch-down, and the first after the separation."""
+
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Rows `begin` to `end` (behind the last); `regressors` of shape (n, 6); sign and rise are still 0."""
+
+    begin: int
+    end: int
+    t_s: FloatArray
+    z_m_s2: FloatArray
+    regressors: FloatArray
+    still: BoolArray
+    """Samples in which the striker stands still."""
+    contact: Contact | None
+    """The contact that ends it."""
+
+
+def contacts_of(readings: Readings) -> list[Contact]:
+    """All impacts on the stop: a steep fall of the reading, and its way back."""
+    z = readings.acceleration_m_s2
+    longest = round(LONGEST_CONTACT_S / readings.period_s)
+    found = []
+    for begin, end in readings.pieces:
+        steep = np.flatnonzero(z[begin + 2 : end] - z[begin : end - 2] < -DROP_M_S2) + begin
+        behind = begin
+        for before in steep.tolist():
+            if before < behind:
+                continue
+            back = np.flatnonzero(z[before + 2 : min(before + longest, end)] > z[before] - BACK_M_S2)
+            if len(back) == 0:
+                behind = min(before + longest, end)
+                continue
+            after = before + 2 + int(back[0])
+            behind = after
+            if np.min(z[before:after]) < z[before] - IMPACT_M_S2:
+                found.append(Contact(before, after))
+    return found
+
+
+def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> list[Flight]:
+    """The stretches between contacts, none longer than is good for the integrals."""
+    T = readings.period_s
+    ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
+    # What moves to and fro accelerates by nothing on the whole.
+    at_rest_m_s2 = float(np.nanmean(readings.acceleration_m_s2))
+    found: list[Flight] = []
+    for begin, end in readings.pieces:
+        inside = [contact for contact in contacts if begin <= contact.before < end]
+        starts = [begin, *(contact.after + ringing for contact in inside)]
+        ends: list[tuple[int, Contact | None]] = [(contact.before - before, contact) for contact in inside]
+        ends.append((end, None))
+        for start, (stop, contact) in zip(starts, ends, strict=True):
+            found += _cut(readings, start, stop, contact, delay_s, at_rest_m_s2)
+    return found
+
+
+def _cut(
+    readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+) -> list[Flight]:
+    """A stretch as flights; the last one ends at the contact."""
+    T = readings.period_s
+    if stop - start < SHORTEST_FLIGHT_S / T:
+        return []
+    parts = int(np.ceil((stop - start) * T / LONGEST_FLIGHT_S))
+    edges = np.round(np.linspace(start, stop, parts + 1)).astype(int).tolist()
+    return [
+        _flight(readings, one, two, contact if two == edges[-1] else None, delay_s, at_rest_m_s2)
+        for one, two in pairwise(edges)
+    ]
+
+
+def _flight(
+    readings: Readings, begin: int, end: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
+) -> Flight:
+    T = readings.period_s
+    z = readings.acceleration_m_s2[begin:end]
+    t = np.asarray(np.arange(len(z)) * T, np.float64)
+    velocity, way = integrals(z, T)
+    angle = readings.angle_rad[begin:end]
+    delayed = angle - delay_s * np.gradient(angle, T)
+    nothing = np.zeros(len(z))
+    columns = np.column_stack([way, np.sin(delayed), velocity, nothing, t * t, nothing])
+    return Flight(begin, end, t, z, columns, standing_still(z - at_rest_m_s2, T), contact)
+
+
+def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
+    """∫z dt and ∫∫z dt² from the first sample on, by the trapezoid."""
+    steps = 0.5 * period_s * (z[1:] + z[:-1])
+    velocity = np.concatenate([[0.0], np.cumsum(steps)])
+    # z linear over a tick: X += V T + (2 z0 + z1) T²/6
+    way = velocity[:-1] * period_s + (2.0 * z[:-1] + z[1:]) * period_s**2 / 6.0
+    return velocity, np.concatenate([[0.0], np.cumsum(way)])
+
+
+def standing_still(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
+    """Samples about which the reading, less that at rest, is small and hardly varies as long as `STILL_S`."""
+    width = round(STILL_S / period_s)
+    near = np.abs(moving_m_s2) < RESTING_M_S2
+    if len(moving_m_s2) <= width:
+        return near & bool(np.ptp(moving_m_s2) < STILL_M_S2)
+    windows = np.lib.stride_tricks.sliding_window_view(moving_m_s2, width)
+    quiet = np.ptp(windows, axis=1) < STILL_M_S2
+    still = np.zeros(len(moving_m_s2), bool)
+    for shift in range(width):
+        still[shift : shift + len(quiet)] |= quiet
+    return near & still

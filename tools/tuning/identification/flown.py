@@ -1,0 +1,223 @@
+"""The striker's parameters by flying: each flight run by the model and held against what was read.
+
+`laws` finds the friction law and first values from equations that are linear in the reading's own integrals;
+the noise in those makes b a hundredth too small. Here a flight is what the law makes of where it began, x0
+and v0, and parameters and beginnings are those with the least squares of what is left of the reading (output
+error, Ljung 1999, System Identification, ch. 7; Gauss–Newton). What is left is the sensor's white noise, so
+that this is maximum likelihood, and
+
+    σ² (Σ_i S_i)⁻¹,   S_i = JᵀJ − JᵀB (BᵀB)⁻¹ BᵀJ
+
+with a flight's derivatives J by the parameters and B by its own beginning, is the Cramér–Rao bound: flights
+whose beginnings nothing else determines do not improve the parameters.
+
+All flights are run side by side, shape (ticks, flights). v's sign changes within a tick: dry friction acts
+with its mean over it, and derivatives of v jump there by the ratio of the accelerations (saltation).
+Stribeck's v_s and δ stay as `laws` has found them; the bounds of its other parameters know nothing of that.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.core.estimation.kalman import Transition
+from firmware_py.core.estimation.striker_model import free_flight
+from tools.tuning.identification.flights import CRANK, Flight
+from tools.tuning.identification.laws import FEWEST_SAMPLES, OUTLYING, Law, Rise, Striker, begun
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+PASSES = 6
+"""Of Gauss–Newton; from the linear equations' values the third changes nothing that matters."""
+SINGULAR = 1e-9
+"""Of what a flight says of its beginning; in a flight that moves the lesser is a hundredth of the greater."""
+FITTED: dict[Law, tuple[str, ...]] = {
+    Law.VISCOUS: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "damping_1_s"),
+    Law.COULOMB: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "dry_m_s2"),
+    Law.BOTH: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "damping_1_s", "dry_m_s2"),
+    Law.STRIBECK: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "dry_m_s2", "rise_m_s2"),
+}
+
+
+class Flown(NamedTuple):
+    """The striker, the parameters that were fitted, and their covariance by the sensor's noise.
+
+    By flight, what it says of them: S_i, shape (flights, p, p), and its slope, (flights, p), 0 in all.
+    """
+
+    striker: Striker
+    fitted: tuple[str, ...]
+    covariance: FloatArray
+    says: FloatArray
+    slopes: FloatArray
+
+
+class Table(NamedTuple):
+    """The flights side by side: readings, sin of the crank's angle, and which samples are used."""
+
+    period_s: float
+    z_m_s2: FloatArray
+    crank: FloatArray
+    used: BoolArray
+
+
+class Motion(NamedTuple):
+    """x − l0 and v at the ticks, sign and rise of dry friction there, and their means over each tick."""
+
+    x_m: FloatArray
+    v_m_s: FloatArray
+    sign: FloatArray
+    risen: FloatArray
+    mean_sign: FloatArray
+    mean_risen: FloatArray
+
+
+def fly(
+    flights: Sequence[Flight], chosen: Sequence[BoolArray], law: Law, striker: Striker, rise: Rise
+) -> Flown:
+    """The most likely parameters of a law, from first values on."""
+    told = [(one, mask) for one, mask in zip(flights, chosen, strict=True) if mask.sum() >= FEWEST_SAMPLES]
+    table = side_by_side(told)
+    x0, v0 = np.array([begun(flight, mask, striker) for flight, mask in told]).T
+    fitted = FITTED[law]
+    p = len(fitted)
+    for _ in range(PASSES):
+        motion = moved(table, striker, rise, x0, v0)
+        rows = derivatives(table, striker, motion, fitted) * table.used
+        left = np.where(table.used, table.z_m_s2 - reading(table, striker, motion), 0.0)
+        kept = as_good_as_most(left, table.used)
+        squares = np.einsum("atn,btn->nab", rows, rows)
+        slopes = np.einsum("atn,tn->na", rows, left)
+        # The beginnings are determined by their own flights alone: eliminated.
+        # A flight that friction holds from its first tick on does not show how fast it began.
+        own = np.linalg.pinv(squares[:, p:, p:], SINGULAR, hermitian=True) @ np.dstack(
+            [squares[:, p:, :p], slopes[:, p:, None]]
+        )
+        says = (squares[:, :p, :p] - squares[:, :p, p:] @ own[:, :, :p]) * kept[:, None, None]
+        pulls = (slopes[:, :p] - (squares[:, :p, p:] @ own[:, :, p:])[:, :, 0]) * kept[:, None]
+        step = np.linalg.solve(says.sum(axis=0), pulls.sum(axis=0))
+        by = dict(zip(fitted, step.tolist(), strict=True))
+        striker = Striker(*(value + by.get(name, 0.0) for name, value in striker._asdict().items()))
+        x0, v0 = np.array([x0, v0]) + (own[:, :, p] - own[:, :, :p] @ step).T
+    samples = float(table.used[:, kept].sum() - 2 * kept.sum() - p)
+    variance = float(np.sum(left[:, kept] ** 2)) / samples
+    return Flown(striker, fitted, variance * np.linalg.inv(says.sum(axis=0)), says, pulls - says @ step)
+
+
+def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[str, float]:
+    """Standard deviations: by the sensor's noise, or over resampled flights where that is more."""
+    n = len(flown.says)
+    drawn = np.array(
+        [
+            np.linalg.solve(flown.says[rows].sum(axis=0), flown.slopes[rows].sum(axis=0))
+            for rows in (noise.integers(n, size=n) for _ in range(resamples))
+        ]
+    )
+    most = np.maximum(np.sqrt(np.diag(flown.covariance)), drawn.std(axis=0))
+    return dict(zip(flown.fitted, most.tolist(), strict=True))
+
+
+def side_by_side(told: Sequence[tuple[Flight, BoolArray]]) -> Table:
+    """Flights of different lengths in one table; what lies beyond an end is not used."""
+    ticks = max(len(mask) for _, mask in told)
+    z, crank = np.zeros((ticks, len(told))), np.zeros((ticks, len(told)))
+    used = np.zeros((ticks, len(told)), bool)
+    for place, (flight, mask) in enumerate(told):
+        n = len(mask)
+        z[:n, place], crank[:n, place], used[:n, place] = flight.z_m_s2, flight.regressors[:, CRANK], mask
+        crank[n:, place] = crank[n - 1, place]
+    first = told[0][0]
+    return Table(float(first.t_s[1] - first.t_s[0]), z, crank, used)
+
+
+def as_good_as_most(left: FloatArray, used: BoolArray) -> BoolArray:
+    """Flights whose mean square is not far above the median's: a stick or a knock is no flight of the law."""
+    mean = np.sum(left**2, axis=0) / used.sum(axis=0)
+    good: BoolArray = mean <= OUTLYING * np.median(mean)
+    return good
+
+
+def stepped(
+    step: Transition, rest: FloatArray, x: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The oscillator a tick on, about where spring, crank and dry friction balance."""
+    return step.x_x * (x - rest) + step.x_v * v + rest, step.v_x * (x - rest) + step.v_v * v
+
+
+def moved(table: Table, striker: Striker, rise: Rise, x0: FloatArray, v0: FloatArray) -> Motion:
+    """All flights from where they began, tick by tick, the crank linear over a tick."""
+    k, amplitude, d, f, h, _ = striker
+    step = free_flight(k, d, table.period_s)
+    balance = 0.5 * amplitude * (table.crank[1:] + table.crank[:-1])
+
+    def risen(v: FloatArray) -> FloatArray:
+        return np.sign(v) * np.exp(-((np.abs(v) / rise.v_s_m_s) ** rise.delta)) if h else np.zeros_like(v)
+
+    x, v = x0, v0
+    ways, speeds, signs, rises = [x], [v], [], []
+    for about in balance:
+        sign, up = np.sign(v), risen(v)
+        _, guess = stepped(step, about - (f * sign + h * up) / k, x, v)
+        # Until v changes its sign, and from there on.
+        share = np.where(guess * v < 0.0, v / np.where(guess == v, 1.0, v - guess), 1.0)
+        sign, up = sign * (2.0 * share - 1.0), 0.5 * (up + risen(guess))
+        x, v = stepped(step, about - (f * sign + h * up) / k, x, v)
+        ways.append(x)
+        speeds.append(v)
+        signs.append(sign)
+        rises.append(up)
+    all_v = np.array(speeds)
+    return Motion(np.array(ways), all_v, np.sign(all_v), risen(all_v), np.array(signs), np.array(rises))
+
+
+def reading(table: Table, striker: Striker, motion: Motion) -> FloatArray:
+    """z = β − κ (x − l0 − A sin θ) − d v − (f + h e^…) sign v."""
+    k, amplitude, d, f, h, offset = striker
+    spring = -k * (motion.x_m - amplitude * table.crank)
+    return offset + spring - d * motion.v_m_s - f * motion.sign - h * motion.risen
+
+
+def derivatives(table: Table, striker: Striker, motion: Motion, fitted: Sequence[str]) -> FloatArray:
+    """Of the reading by the parameters, then by x0 and by v0, shape (p + 2, ticks, flights).
+
+    By a parameter that pushes with u the motion varies as ξ'' + d ξ' + κ ξ = u, from rest; the reading by
+    u − κ ξ − d ξ'.
+    """
+    k, amplitude, d, f, h, _ = striker
+    step = free_flight(k, d, table.period_s)
+    spring_m = motion.x_m - amplitude * table.crank
+
+    def middle(values: FloatArray) -> FloatArray:
+        return 0.5 * (values[1:] + values[:-1])
+
+    nothing = np.zeros_like(spring_m)
+    pushes: dict[str, tuple[FloatArray, FloatArray]] = {
+        "stiffness_1_s2": (-spring_m, middle(-spring_m)),
+        "amplitude_m": (k * table.crank, middle(k * table.crank)),
+        "damping_1_s": (-motion.v_m_s, middle(-motion.v_m_s)),
+        "dry_m_s2": (-motion.sign, -motion.mean_sign),
+        "rise_m_s2": (-motion.risen, -motion.mean_risen),
+        "offset_m_s2": (nothing, nothing[1:]),
+    }
+    at_ticks = np.array([pushes[name][0] for name in fitted] + [nothing, nothing])
+    over_ticks = np.array([pushes[name][1] for name in fitted] + [nothing[1:], nothing[1:]])
+    # Where v turns: a₊/a₋, and 0 where friction holds it.
+    turns = motion.sign[1:] * motion.sign[:-1] < 0.0
+    free = -k * spring_m[:-1]
+    before, behind = free - (f + h) * motion.sign[:-1], free - (f + h) * motion.sign[1:]
+    jumps = np.where(turns, np.maximum(behind / np.where(before == 0.0, np.inf, before), 0.0), 1.0)
+    way = np.zeros((len(fitted) + 2, table.z_m_s2.shape[1]))
+    speed = np.zeros_like(way)
+    way[-2], speed[-1] = 1.0, 1.0
+    rows = np.empty((*way.shape[:1], *table.z_m_s2.shape))
+    rows[:, 0] = at_ticks[:, 0] - k * way - d * speed
+    for tick, jump in enumerate(jumps):
+        way, speed = stepped(step, over_ticks[:, tick] / k, way, speed)
+        speed = speed * jump
+        rows[:, tick + 1] = at_ticks[:, tick + 1] - k * way - d * speed
+    if "offset_m_s2" in fitted:
+        rows[list(fitted).index("offset_m_s2")] = 1.0
+    return rows

@@ -1,0 +1,1 @@
+"""Recorded motion as tuning reads it: readings, replay, smoothing, innovations."""

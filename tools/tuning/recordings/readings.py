@@ -1,0 +1,102 @@
+"""What went over CAN, tick by tick: the accelerometers and the crank's angle, and nothing of the truth."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.interface.records import Accelerometer, EncoderEstimates
+from hil.record.bus_reconstruction import heard, tick_numbers
+from hil.record.candump import BusLog
+from hil.record.run_traces import CAN_LOG, read_bus
+from tools.output import BadInputError
+
+FloatArray = NDArray[np.float64]
+
+CLIPPED_SHARE = 0.95
+QUIET_SHARE = 0.2
+"""Of the low range: there both ranges can be read, and the high one's offset shows."""
+BUS_PERIOD_S = 1e-3
+
+
+class Readings(NamedTuple):
+    """A row a tick, shape (n,), without gaps inside `pieces`, which are pairs (first, behind the last).
+
+    `acceleration_m_s2` is the low range, or the high one without its offset where the low one clips.
+    """
+
+    period_s: float
+    acceleration_m_s2: FloatArray
+    housing_m_s2: FloatArray
+    angle_rad: FloatArray
+    pieces: tuple[tuple[int, int], ...]
+
+
+class Ticks(NamedTuple):
+    """The sensors' frames, a row a tick, shape (n,); NaN where none came."""
+
+    period_s: float
+    low_m_s2: FloatArray
+    high_m_s2: FloatArray
+    housing_m_s2: FloatArray
+    position_rev: FloatArray
+    velocity_rev_s: FloatArray
+
+
+def can_log_of(source: Path) -> Path:
+    """The CAN log of a run folder, or the log itself."""
+    path = source / CAN_LOG if source.is_dir() else source
+    if not path.exists():
+        raise BadInputError(f"{path} is not there; give a run folder or a candump log")
+    return path
+
+
+def read(source: Path, low_full_scale_m_s2: float, period_s: float = BUS_PERIOD_S) -> Readings:
+    """The readings of a run folder or of a candump log."""
+    return of_ticks(read_ticks(source, period_s), low_full_scale_m_s2)
+
+
+def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
+    """The sensors' frames of a run folder or of a candump log."""
+    path = can_log_of(source)
+    return ticks_of(read_bus(path), period_s, str(path))
+
+
+def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
+    """Both sensors' frames on one row of ticks."""
+    felt, turned = heard(bus, Accelerometer), heard(bus, EncoderEstimates)
+    if len(felt.t_s) < 2 or len(turned.t_s) < 2:
+        raise BadInputError(
+            f"{name} has {len(felt.t_s)} frames of the accelerometer and {len(turned.t_s)} of the encoder; "
+            "wanted a log of the bench's bus with both"
+        )
+    of_felt, of_turned = tick_numbers(felt.t_s, period_s), tick_numbers(turned.t_s, period_s)
+    first = min(int(of_felt[0]), int(of_turned[0]))
+    count = max(int(of_felt[-1]), int(of_turned[-1])) - first + 1
+    columns = np.full((5, count), np.nan)
+    columns[:3, of_felt - first] = felt.signals[:, :3].T
+    columns[3:, of_turned - first] = turned.signals[:, :2].T
+    return Ticks(period_s, *columns)
+
+
+def count_rev(position_rev: FloatArray) -> float:
+    """The encoder's count, the smallest step between its readings; a count is read where it begins."""
+    places = np.unique(position_rev[np.isfinite(position_rev)])
+    return float(np.min(np.diff(places))) if len(places) > 1 else 0.0
+
+
+def of_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
+    """One reading of both ranges, the angle without its turns; a tick that lacks a sensor ends a piece."""
+    period_s, low, high, housing, position_rev, _ = ticks
+    angle = 2.0 * np.pi * (position_rev + 0.5 * count_rev(position_rev))
+    quiet = np.abs(low) < QUIET_SHARE * low_full_scale_m_s2
+    offset_m_s2 = float(np.median((high - low)[quiet])) if quiet.any() else 0.0
+    clipped = np.abs(low) >= CLIPPED_SHARE * low_full_scale_m_s2
+    acceleration = np.where(clipped, high - offset_m_s2, low)
+    whole = np.isfinite(acceleration) & np.isfinite(angle)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8)))
+    pieces = tuple((int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True))
+    for begin, end in pieces:
+        angle[begin:end] = np.unwrap(angle[begin:end])
+    return Readings(period_s, acceleration, housing, angle, pieces)

@@ -1,0 +1,43 @@
+"""Logs of sampled modules, made by the bench's compiled loop: what goes over CAN by tick, and the truth.
+
+What such a log has less than a run's: no candump text, and no frame is ever late or lost.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.solvers.adaptive.state_layout import IMPACT_TIME
+from tools.campaign.cells import Cell
+from tools.campaign.draws import Drawn
+from tools.campaign.run import run
+from tools.campaign.scenarios import scenario_of, script
+from tools.tuning.recordings.readings import Ticks
+
+FloatArray = NDArray[np.float64]
+
+
+class Truth(NamedTuple):
+    """The striker at t_k, shape (n,), and when it touched down."""
+
+    x_m: FloatArray
+    v_m_s: FloatArray
+    impacts_s: FloatArray
+
+
+RECEIVED = (
+    "inputs.accelerometer.low_m_s2",
+    "inputs.accelerometer.high_m_s2",
+    "inputs.accelerometer.housing_m_s2",
+    "inputs.encoder.position_rev",
+    "inputs.encoder.velocity_rev_s",
+)
+
+
+def record(cell: Cell, drawn: Drawn, duration_s: float) -> tuple[Ticks, Truth]:
+    """A closed loop's log, from power-up on."""
+    scenario = scenario_of("recorded", drawn.tables, cell.firmware, script(cell), duration_s, drawn.run_seed)
+    done = run(scenario, scenario.seed, RECEIVED)
+    ticks = Ticks(scenario.period_s, *(done.firmware[name].copy() for name in RECEIVED))
+    return ticks, Truth(done.true("x_m"), done.true("v_m_s"), done.impacts[:, IMPACT_TIME])
