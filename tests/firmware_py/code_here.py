@@ -21,12 +21,11 @@ def function(code: bytes, name: str, prototype: Any) -> Any:
     """A function of an object file for this machine."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    found = prototype(engine.get_function_address(name))
-    found.engine = engine  # whose end would be the code's
+    linker = llvm.create_lljit_compiler(use_jit_link=True)  # keeps code and constants side by side
+    library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(name)
+    linked = library.link(linker, name)
+    found = prototype(linked[name])
+    found.linked = linked  # whose end would be the code's
     return found
 
 
