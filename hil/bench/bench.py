@@ -11,11 +11,9 @@ import os
 import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,7 @@ from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import addresses_from
 from hil.bench import beginning
 from hil.bench.ending import Outcome, ending_with_a_verdict
-from hil.bench.lockstep import run_lockstep
+from hil.bench.lockstep import Progress, simulate
 from hil.bench.soak import SAMPLE_S, SETTLED_SHARE, MemoryWatch
 from hil.bus import ProvidedBus, join, provide
 from hil.bus.addressed import addressed
@@ -43,12 +41,9 @@ from hil.timing.patient_clock import PatientClock, Row, shared_memory
 from hil.timing.processes import STOP_TIMEOUT_S, Child, Start
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
-Progress = Callable[[float, str], None]
-
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
-WARM_TICKS = 50
 RECORDER = "recorder"
 RECORDER_STOP_S = 30.0
 """It writes what it has not come to while the nodes had the CPU; a slow machine may leave it half a run."""
@@ -143,56 +138,6 @@ def prepare(firmware: Build, clock: ClockName) -> None:
             "give --clock lockstep"
         )
     image(firmware)
-
-
-def in_lockstep(
-    scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress, firmware: Build = "python"
-) -> tuple[Path, Outcome]:
-    """Run in this process and leave the judging to the caller; gives the run folder and how it ended."""
-    outcome = Outcome()
-    with run_folder.claimed(scenario.name, out_dir) as run_dir:
-        beginning.begin(run_dir, scenario, "lockstep", seed)
-        simulate(scenario, run_dir, seed, outcome, progress, firmware)
-        run_folder.write_json(run_dir / "outcome.json", vars(outcome))
-    return run_dir, outcome
-
-
-def simulate(
-    scenario: Scenario,
-    run_dir: Path,
-    seed: int,
-    outcome: Outcome,
-    progress: Progress,
-    firmware: Build = "python",
-) -> None:
-    """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
-    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
-    run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
-    run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
-    progress(0.0, "compiling kernels")
-    warm_lockstep(scenario, firmware)
-    started = time.perf_counter()
-    memory = MemoryWatch({"lockstep": os.getpid()})
-
-    def watched(done: float, doing: str) -> None:
-        memory.sample()
-        progress(done, doing)
-
-    try:
-        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware):
-            outcome.reasons.append(f"no room on the disk for the last {lost} records")
-    finally:
-        outcome.wall_s = time.perf_counter() - started
-    if any(check.name.startswith("memory.") for check in scenario.checks):
-        outcome.memory_growth_mb = memory.growth_mb()
-        outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
-
-
-def warm_lockstep(scenario: Scenario, firmware: Build) -> None:
-    """Compile or load all that a run needs, by a run of a moment that is thrown away."""
-    moment = replace(scenario, duration_s=WARM_TICKS * scenario.period_s, commands=(), faults=())
-    with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(moment, Path(folder), 0, lambda *_: None, firmware)
 
 
 def in_processes(

@@ -5,20 +5,27 @@ t_k + T/2 the firmware ticks on what has arrived; its torque acts from t_{k+1}. 
 the codec between them are those of real time.
 """
 
+import os
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import MakeNode
+from hil.bench import beginning
+from hil.bench.ending import Outcome
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, BusAtOnce, LockstepBus
+from hil.bench.soak import SETTLED_SHARE, MemoryWatch
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessNode
 from hil.faults.clocks import in_turns
 from hil.faults.line import with_faults
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
+from hil.record import run_folder
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
@@ -27,6 +34,7 @@ from hil.timing.loop import LoopTiming
 Progress = Callable[[float, str], None]
 """Called with how much of the run is done, 0…1, and what is being done."""
 
+WARM_TICKS = 50
 PROGRESS_S = 0.5
 """Of simulated time, from one call to the next at most twice that."""
 TIME_RESOLUTION_S = 1e-9
@@ -121,3 +129,53 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
                 progress(tick / scenario.ticks, "running in lockstep")
             tick += 1
     return plant_node.lost_records + firmware_node.lost_records
+
+
+def in_lockstep(
+    scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress, firmware: Build = "python"
+) -> tuple[Path, Outcome]:
+    """Run in this process and leave the judging to the caller; gives the run folder and how it ended."""
+    outcome = Outcome()
+    with run_folder.claimed(scenario.name, out_dir) as run_dir:
+        beginning.begin(run_dir, scenario, "lockstep", seed)
+        simulate(scenario, run_dir, seed, outcome, progress, firmware)
+        run_folder.write_json(run_dir / "outcome.json", vars(outcome))
+    return run_dir, outcome
+
+
+def simulate(
+    scenario: Scenario,
+    run_dir: Path,
+    seed: int,
+    outcome: Outcome,
+    progress: Progress,
+    firmware: Build = "python",
+) -> None:
+    """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
+    bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
+    run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
+    run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
+    progress(0.0, "compiling kernels")
+    warm_lockstep(scenario, firmware)
+    started = time.perf_counter()
+    memory = MemoryWatch({"lockstep": os.getpid()})
+
+    def watched(done: float, doing: str) -> None:
+        memory.sample()
+        progress(done, doing)
+
+    try:
+        if lost := run_lockstep(scenario, run_dir, seed, watched, firmware):
+            outcome.reasons.append(f"no room on the disk for the last {lost} records")
+    finally:
+        outcome.wall_s = time.perf_counter() - started
+    if any(check.name.startswith("memory.") for check in scenario.checks):
+        outcome.memory_growth_mb = memory.growth_mb()
+        outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
+
+
+def warm_lockstep(scenario: Scenario, firmware: Build) -> None:
+    """Compile or load all that a run needs, by a run of a moment that is thrown away."""
+    moment = replace(scenario, duration_s=WARM_TICKS * scenario.period_s, commands=(), faults=())
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(moment, Path(folder), 0, lambda *_: None, firmware)

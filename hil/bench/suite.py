@@ -11,9 +11,10 @@ from typing import Any
 
 from firmware_py.shell.builds import Build
 from hil.bench import beginning, workers
-from hil.bench.bench import Progress, prepare, run_scenario
+from hil.bench.bench import prepare, run_scenario
 from hil.bench.changes import changes
 from hil.bench.ending import Outcome, close, reason_of, was_cut_short
+from hil.bench.lockstep import Progress
 from hil.bench.verdict import unjudged
 from hil.judge import junit, requirements
 from hil.record import run_folder
@@ -21,7 +22,7 @@ from hil.record.run_traces import read_json
 from hil.scenario.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from hil.scenario.seeds import at_another_moment, merged
 from hil.scenario.settings import Settings
-from hil.show.report import write_suite_report
+from hil.show.report.pages import write_suite_report
 from hil.timing.clock import ClockName
 from hil.timing.signals import Interrupted, ending_signals
 

@@ -23,7 +23,7 @@ from hil.record.candump import NO_BUS
 from hil.record.run_folder import RUN_NOTE, VERDICT, clear, write_json
 from hil.record.run_traces import NO_RECORDS, RunTraces, read_json, read_run, read_scenario
 from hil.show.highlights import marks
-from hil.show.report import write_report
+from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
 
 

@@ -20,7 +20,8 @@ from typing import NoReturn
 
 from hil.record.follower import TRACES, Follower
 from hil.record.run_traces import RunTraces, pieces, read_json, read_scenario
-from hil.show.rerun_log import VIEWER_TIMEOUT_S, RunLog, judged
+from hil.show.log_stream import VIEWER_TIMEOUT_S
+from hil.show.rerun_log import RunLog, judged
 from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25

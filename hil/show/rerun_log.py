@@ -8,12 +8,9 @@ One writer serves the recorder, which appends once a second while a run goes on,
 rebuild of a whole run; what it writes depends on the traces alone.
 """
 
-import hashlib
 import json
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -22,7 +19,6 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 import tomli_w
-from numpy.typing import NDArray
 
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
@@ -36,7 +32,6 @@ from hil.judge.reasons import IMPORTED, reasons_of
 from hil.record.candump import BusLog
 from hil.record.firmware_rates import by_rate, signals_of_checks
 from hil.record.frame_tables import FREQUENT, decoded, in_rows
-from hil.record.precision import TIME
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
@@ -57,6 +52,7 @@ from hil.show.highlights import marks, moments
 from hil.show.injected import NONE, Injected, injected, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.limits import Limit, limits
+from hil.show.log_stream import FloatArray, LogStream, colors, dynamic
 from hil.show.verdict_text import verdict_text
 
 BUS_LANES = tuple(
@@ -70,56 +66,11 @@ BUS_LANES = tuple(
 )
 """Of a modelled bus."""
 
-APPLICATION_ID = "vibrohil"
 LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
 """A failed check is marked at this fraction of the run at the latest."""
 ERROR_TICKS = 10
 """The error of the estimate is logged once in this many ticks."""
-VIEWER_TIMEOUT_S = 5.0
-"""A viewer that accepts nothing for this time is given up."""
-
-FloatArray = NDArray[np.float64]
-
-
-def recording_id(run: Mapping[str, Any]) -> str:
-    """The same for the same run, however often its log is written."""
-    parts = (str(run.get(key)) for key in ("scenario", "clock", "bus", "seed", "wall_start_s"))
-    return hashlib.sha256("|".join(parts).encode()).hexdigest()[:32]
-
-
-def colors(rgba: Iterable[int]) -> NDArray[np.uint32]:
-    """Colours as the SDK takes them without guessing."""
-    return np.fromiter(rgba, np.uint32)
-
-
-def struct_of(records: Records, but: str | None = None) -> pa.StructArray:
-    """Records as one Arrow struct each, without the column `but`; dotted names become structs in structs.
-
-    >>> records = np.zeros(1, dtype=[("tick", "i8"), ("state.x_m", "f8")])
-    >>> str(struct_of(records).type)
-    'struct<tick: int64, state: struct<x_m: double>>'
-    """
-    tree: dict[str, Any] = {}
-    for name in records.dtype.names or ():
-        if name == but:
-            continue
-        *path, leaf = name.split(".")
-        branch = tree
-        for part in path:
-            branch = branch.setdefault(part, {})
-        branch[leaf] = np.ascontiguousarray(records[name])
-
-    def build(branch: dict[str, Any]) -> pa.StructArray:
-        arrays = [build(item) if isinstance(item, dict) else pa.array(item) for item in branch.values()]
-        return pa.StructArray.from_arrays(arrays, names=list(branch))
-
-    return build(tree)
-
-
-def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
-    """One struct a row as the component `archetype:record`."""
-    return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
 
 
 def axis_errors(bits: int) -> str:
@@ -141,23 +92,6 @@ def largest_of_each(ticks: int, errors: EstimateErrors) -> EstimateErrors:
     return EstimateErrors(*(values[rows] for values in errors))
 
 
-class Timebase:
-    """Turns simulated seconds into the log's two time columns."""
-
-    def __init__(self, wall_start_s: float) -> None:
-        self.wall_start_ns = round(wall_start_s * 1e9)
-
-    def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
-        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that, if known."""
-        sim_ns = np.round(t_s * 1e9).astype(np.int64)
-        late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
-        wall_ns = self.wall_start_ns + sim_ns + late_ns
-        return [
-            rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
-            rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
-        ]
-
-
 class RunLog:
     """Writes a run's traces to a file, or to an open viewer by its URL; `append` takes what is new.
 
@@ -172,10 +106,6 @@ class RunLog:
         is_over: bool = False,
     ) -> None:
         """`is_over`: the layout comes with the conclusion, and none before."""
-        # A viewer joins what has one identity: the file opened beside the live view must not be its double.
-        identity = recording_id(run) if isinstance(to, Path) else f"{recording_id(run)}-live"
-        self.recording = rr.RecordingStream(APPLICATION_ID, recording_id=identity, send_properties=False)
-        self._flush_s = math.inf
         self._named = signals_of_checks(scenario)
         self._walked = "gait" in scenario.get("scene", {})
         self._contents = Contents(
@@ -185,30 +115,18 @@ class RunLog:
             measured=run.get("clock") != "lockstep",
             imported=run.get("clock") == IMPORTED,
         )
-        blueprint = None if is_over else layout(None, self._contents)
-        if isinstance(to, Path):
-            self.recording.save(to, default_blueprint=blueprint)
-        else:
-            self.recording.connect_grpc(to, default_blueprint=blueprint)
-            self._flush_s = VIEWER_TIMEOUT_S
-        self.time = Timebase(float(run.get("wall_start_s", 0.0)))
+        self.out = LogStream(to, run, None if is_over else layout(None, self._contents))
         self.stop_m: float | None = scenario.get("scene", {}).get("stop", {}).get("position_m")
         self._push_off = push_off(scenario) if self._walked else None
         self._phases: list[tuple[FloatArray, FloatArray]] = []
-        self._declared: set[str] = set()
-        self._last: dict[str, int] = {}
         self._pending_bits: dict[int, float] = {}
-        self._new_events: list[tuple[float, str, str]] = []
         self._end_s = 0.0
-        name = " ".join([run.get("scenario", "run"), *run.get("changes", [])])
-        self.recording.send_recording_name(f"{name} ({run.get('clock', '?')})")
-        self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
-        self._document("about/run", json.dumps(dict(run), indent=2), "json")
-        self._document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
+        self.out.document("about/run", json.dumps(dict(run), indent=2), "json")
+        self.out.document("about/scenario", tomli_w.dumps(dict(scenario)), "toml")
         self._scenario = scenario
         self._run = run
         self._refused = False
-        self.drawing = Drawing(self.recording, self.time.columns, scenario)
+        self.drawing = Drawing(self.out.recording, self.out.time.columns, scenario)
 
     def __enter__(self) -> Self:
         return self
@@ -224,7 +142,7 @@ class RunLog:
     def close(self) -> None:
         """Write what is still pending and the file's footer."""
         self._bus_load(self._pending_bits)
-        self.recording.disconnect()
+        self.out.recording.disconnect()
 
     def append(self, traces: RunTraces) -> None:
         """Log the records of `traces`, all of them new, and hand them to the operating system."""
@@ -238,26 +156,26 @@ class RunLog:
         self._frames(traces.bus.whole())
         self._losses(traces.losses)
         self._bus_errors(traces.bus_errors)
-        self._send_events()
-        self.recording.flush(timeout_sec=self._flush_s)
+        self.out.send_events()
+        self.out.flush()
 
     def conclude(self, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> None:
         """Log what is known once the whole run is over: outcome, verdict, checks, limits, errors, faults."""
-        self._document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
+        self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         reasons = reasons_of(traces)
         text = verdict_text(self._scenario.get("title", "run"), self._run, results, reasons)
-        self._markdown("about/verdict", text)
+        self.out.markdown("about/verdict", text)
         failed = sorted(marks(results, traces, figures))
         for mark in failed:
-            self._events([mark.t_s], [mark.text], "ERROR")
+            self.out.event(mark.t_s, mark.text, "ERROR")
         for mark in sorted(marks(results, traces, figures, passed=True)):
-            self._events([mark.t_s], [mark.text], "INFO")
+            self.out.event(mark.t_s, mark.text, "INFO")
         self._checks(failed)
         faults = injected(self._scenario)
         self._injected(faults)
         self._limits(limits(checks_of(self._scenario), figures, faults[0].from_s if faults else None))
         self._estimate_error(traces)
-        self._send_events()
+        self.out.send_events()
         contents = self._contents._replace(
             impacts=len(traces.impacts) > 0,
             judged=True,
@@ -266,7 +184,7 @@ class RunLog:
             refused=self._refused,
         )
         blueprint = layout(moments(traces, figures, failed), contents)
-        self.recording.send_blueprint(blueprint, make_active=True, make_default=True)
+        self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
 
     def _checks(self, failed: Sequence[Mark]) -> None:
         """The failed checks as a state timeline."""
@@ -284,9 +202,9 @@ class RunLog:
         self._states("states/injected", timeline(faults, self._end_s))
         for fault in faults:
             if fault.from_s <= self._end_s:
-                self._events([fault.from_s], [f"injected: {fault.text}"], "WARN")
+                self.out.event(fault.from_s, f"injected: {fault.text}", "WARN")
             if fault.to_s <= self._end_s:
-                self._events([fault.to_s], [f"injected fault over: {fault.text}"], "INFO")
+                self.out.event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
 
     def _states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
         """A state timeline whose states are words of this run; all are alarms but `none`."""
@@ -294,17 +212,17 @@ class RunLog:
             return
         states = [state for _, state in changes]
         shades = colors(CALM if state == NONE else ALARM for state in states)
-        self._declare(entity, rr.StateConfiguration(values=states, colors=shades))
-        self._send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
+        self.out.declare(entity, rr.StateConfiguration(values=states, colors=shades))
+        self.out.send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
 
     def _limits(self, found: Sequence[Limit]) -> None:
         """The bounds of checks, where their plots show what they bound."""
         for number, limit in enumerate(found):
             entity = f"limits/{limit.plot}/{number}"
             name = f"limit of {limit.name}"
-            self._declare(entity, rr.SeriesLines(names=[name], colors=colors([ALARM]), widths=[1.0]))
+            self.out.declare(entity, rr.SeriesLines(names=[name], colors=colors([ALARM]), widths=[1.0]))
             ends_s = np.array([limit.from_s, limit.to_s])
-            self._send(entity, ends_s, rr.Scalars.columns(scalars=[limit.value] * 2))
+            self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[limit.value] * 2))
 
     def _estimate_error(self, traces: RunTraces) -> None:
         """Estimate less truth; a real bench's log has no truth."""
@@ -318,7 +236,7 @@ class RunLog:
         errors = largest_of_each(ERROR_TICKS, estimate_errors(plant, firmware))
         single = [pa.array(values, pa.float32()) for values in errors[1:]]
         struct = pa.StructArray.from_arrays(single, names=[*errors._fields[1:]])
-        self._send("estimate_error", errors.t_s, dynamic("trace", struct))
+        self.out.send("estimate_error", errors.t_s, dynamic("trace", struct))
 
     # --- one trace each ------------------------------------------------------------------------------
 
@@ -326,29 +244,29 @@ class RunLog:
         if len(records) == 0:
             return
         t_s = column(records, "t_s")
-        self._ticked("plant", records, column(records, "wake_latency_us"))
-        self._lanes(records, PLANT_LANES)
+        self.out.ticked("plant", records, column(records, "wake_latency_us"))
+        self.out.lanes(records, PLANT_LANES)
         self.drawing.truth(records)
         if self.stop_m is not None:
-            self._declare(
+            self.out.declare(
                 "stop",
                 rr.SeriesLines.from_fields(names=["stop"], colors=colors([ALARM]), widths=[1.0]),
             )
-            self._send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
+            self.out.send("stop", t_s[[0, -1]], rr.Scalars.columns(scalars=[self.stop_m] * 2))
         if self._push_off is not None:
             self._gait(records)
-        for at_s, value in self._changes("axis_error", records, "axis_error"):
+        for at_s, value in self.out.changes("axis_error", records, "axis_error"):
             if value != AxisError.NONE:
-                self._events([at_s], [f"drive error: {axis_errors(value)}"], "ERROR")
+                self.out.event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
     def _gait(self, records: Records) -> None:
         """The leg's lane, the window, and the phases that the next pulses are placed at."""
         t_s = column(records, "t_s")
-        self._lanes(records, (LEG_LANE,))
+        self.out.lanes(records, (LEG_LANE,))
         for edge, phase in zip(("from", "to"), self._push_off or (), strict=True):
             entity = f"gait/window/{edge}"
-            self._declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
-            self._send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[phase] * 2))
+            self.out.declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
+            self.out.send(entity, t_s[[0, -1]], rr.Scalars.columns(scalars=[phase] * 2))
         self._phases = [*self._phases[-1:], (t_s, column(records, "gait.phase"))]
 
     def _pulses(self, records: Records) -> None:
@@ -362,62 +280,62 @@ class RunLog:
         inside = self._push_off.holds(phase)
         for entity, which in (("gait/inside", inside), ("gait/outside", ~inside & np.isfinite(phase))):
             if which.any():
-                self._send(entity, at_s[which], rr.Scalars.columns(scalars=phase[which]))
+                self.out.send(entity, at_s[which], rr.Scalars.columns(scalars=phase[which]))
 
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
             return
         rates = by_rate(records, self._named)
-        self._ticked("firmware", rates.every_tick, column(rates.every_tick, "wake_latency_us"))
+        self.out.ticked("firmware", rates.every_tick, column(rates.every_tick, "wake_latency_us"))
         if len(rates.slow):
-            self._ticked("firmware/slow", rates.slow, 0.0)
-        self._lanes(records, FIRMWARE_LANES)
+            self.out.ticked("firmware/slow", rates.slow, 0.0)
+        self.out.lanes(records, FIRMWARE_LANES)
         if self._walked:
-            self._lanes(records, (LEG_ESTIMATED_LANE,))
+            self.out.lanes(records, (LEG_ESTIMATED_LANE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
         seen = records[column(records, "outputs.impact") != 0.0]
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
             speed = column(seen, "outputs.impact_speed_m_s")
-            self._send("impacts/detected", touch_down_s, rr.Scalars.columns(scalars=speed))
+            self.out.send("impacts/detected", touch_down_s, rr.Scalars.columns(scalars=speed))
 
     def _firmware_events(self, records: Records) -> None:
-        for t_s, value in self._changes("mode", records, "outputs.mode"):
+        for t_s, value in self.out.changes("mode", records, "outputs.mode"):
             alarming = value in LATCHED
-            self._events([t_s], [f"mode {state_name(Mode, value)}"], "ERROR" if alarming else "INFO")
-        for t_s, value in self._changes("fault", records, "outputs.fault"):
+            self.out.event(t_s, f"mode {state_name(Mode, value)}", "ERROR" if alarming else "INFO")
+        for t_s, value in self.out.changes("fault", records, "outputs.fault"):
             if value != Fault.NONE:
-                self._events([t_s], [f"fault {state_name(Fault, value)}"], "ERROR")
-        for t_s, value in self._changes("regime", records, "outputs.regime"):
+                self.out.event(t_s, f"fault {state_name(Fault, value)}", "ERROR")
+        for t_s, value in self.out.changes("regime", records, "outputs.regime"):
             bad = value in (Regime.LOST, Regime.CHATTERING, Regime.STUCK)
-            self._events([t_s], [f"regime {state_name(Regime, value)}"], "WARN" if bad else "INFO")
-        for t_s, value in self._changes("limit", records, "outputs.acting_limit"):
+            self.out.event(t_s, f"regime {state_name(Regime, value)}", "WARN" if bad else "INFO")
+        for t_s, value in self.out.changes("limit", records, "outputs.acting_limit"):
             if value not in (ActingLimit.NONE, ActingLimit.SAFE_STATE):
-                self._events([t_s], [f"limit {state_name(ActingLimit, value)}"], "WARN")
+                self.out.event(t_s, f"limit {state_name(ActingLimit, value)}", "WARN")
 
     def _impacts(self, records: Records) -> None:
         if len(records) == 0:
             return
-        self._records("impacts/truth", records)
+        self.out.records("impacts/truth", records)
         self._pulses(records)
         self.drawing.flashes(records)
         if self.stop_m is not None:
             t_s = column(records, "t_s")
-            self._send("impacts/touch_down", t_s, rr.Scalars.columns(scalars=[self.stop_m] * len(t_s)))
+            self.out.send("impacts/touch_down", t_s, rr.Scalars.columns(scalars=[self.stop_m] * len(t_s)))
 
     def _operator(self, records: Records) -> None:
         if len(records) == 0:
             return
-        self._records("operator", records)
+        self.out.records("operator", records)
         targets = dict(zip(column(records, "t_s"), column(records, "target_ratio"), strict=True))
-        for t_s, value in self._changes("request", records, "request"):
+        for t_s, value in self.out.changes("request", records, "request"):
             ratio = f" at r = {targets[t_s]:g}" if value == OperatorRequest.RUN else ""
             request = state_name(OperatorRequest, value)
-            self._events([t_s], [f"operator asks for {request}{ratio}"], "INFO")
-        for t_s, value in self._changes("estop", records, "estop"):
+            self.out.event(t_s, f"operator asks for {request}{ratio}", "INFO")
+        for t_s, value in self.out.changes("estop", records, "estop"):
             if value:
-                self._events([t_s], ["operator: emergency stop"], "ERROR")
+                self.out.event(t_s, "operator: emergency stop", "ERROR")
 
     def _frames(self, bus: BusLog) -> None:
         if len(bus.t_s) == 0:
@@ -428,7 +346,7 @@ class RunLog:
             archetype="frame", components={name: pa.array(values) for name, values in each.items()}
         )
         content = {"content": pa.array(rows.content, pa.binary())}
-        self._send(
+        self.out.send(
             "can/raw",
             rows.t_s,
             [
@@ -448,99 +366,39 @@ class RunLog:
         if not losses:
             return
         from_s = np.array([loss.from_s for loss in losses])
-        self._send("can/lost", from_s, dynamic("loss", pa.array([asdict(loss) for loss in losses])))
+        self.out.send("can/lost", from_s, dynamic("loss", pa.array([asdict(loss) for loss in losses])))
         for loss in losses:
             lost = f"the recorder lost {loss.frames} frames from here to {loss.to_s:.3f} s"
-            self._events([loss.from_s], [lost], "WARN")
+            self.out.event(loss.from_s, lost, "WARN")
 
     def _bus_errors(self, records: Records) -> None:
         """Error counters and states of a modelled bus."""
         if len(records) == 0:
             return
-        self._records("bus_errors", records)
-        self._lanes(records, BUS_LANES)
+        self.out.records("bus_errors", records)
+        self.out.lanes(records, BUS_LANES)
         for lane in BUS_LANES:
             node = lane.column.partition(".")[0]
-            for t_s, value in self._changes(f"events of {node}", records, lane.column):
+            for t_s, value in self.out.changes(f"events of {node}", records, lane.column):
                 if value != ErrorState.ERROR_ACTIVE:
-                    self._events([t_s], [f"bus: {node} is {state_name(ErrorState, value)}"], "WARN")
+                    self.out.event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
 
     def _decoded(self, bus: BusLog) -> None:
         """Signals by the names of the DBC, of frames that no trace holds; `can/rejected`: what is refused."""
         frames = decoded(bus, frozenset() if self._run.get("clock") == IMPORTED else FREQUENT)
         for name, one in frames.by_name.items():
-            self._send(f"can/{name}", bus.t_s[one.rows], dynamic("frame", one.signals))
+            self.out.send(f"can/{name}", bus.t_s[one.rows], dynamic("frame", one.signals))
         if frames.refused:
             self._refused = True
             refused_s = bus.t_s[[row for row, _ in frames.refused]]
             texts = [f"{t_s:.3f} s  {why}" for t_s, (_, why) in zip(refused_s, frames.refused, strict=True)]
             levels = ["WARN"] * len(texts)
-            self._send("can/rejected", refused_s, rr.TextLog.columns(text=texts, level=levels))
+            self.out.send("can/rejected", refused_s, rr.TextLog.columns(text=texts, level=levels))
 
     def _bus_load(self, bits_by_bin: Mapping[int, float]) -> None:
         if bits_by_bin:
             t_s, load = load_over_time(bits_by_bin)
-            self._send("can/load", t_s, rr.Scalars.columns(scalars=load))
-
-    # --- how each kind of thing is written -----------------------------------------------------------
-
-    def _declare(self, entity: str, *what: Any) -> None:
-        """Say once, for all times, how an entity is to be shown."""
-        if entity not in self._declared:
-            self._declared.add(entity)
-            self.recording.log(entity, *what, static=True)
-
-    def _document(self, entity: str, text: str, language: str) -> None:
-        self._markdown(entity, f"```{language}\n{text}\n```")
-
-    def _markdown(self, entity: str, text: str) -> None:
-        self.recording.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
-
-    def _send(self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: Any = 0.0) -> None:
-        self.recording.send_columns(entity, self.time.columns(t_s, late_us), [*columns])
-
-    def _records(self, entity: str, records: Records) -> None:
-        self._send(entity, column(records, "t_s"), dynamic("trace", struct_of(records)))
-
-    def _ticked(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
-        """Records whose times are the timeline's: they are not logged twice."""
-        self._send(entity, column(records, "t_s"), dynamic("trace", struct_of(records, but=TIME)), late_us)
-
-    def _lanes(self, records: Records, lanes: Iterable[Lane]) -> None:
-        for lane in lanes:
-            self._declare(
-                lane.entity,
-                rr.StateConfiguration(
-                    values=[lower_name(state) for state in lane.states],
-                    colors=colors(lane.colors.get(state, ALARM) for state in lane.states),
-                ),
-            )
-            changes = self._changes(lane.entity, records, lane.column)
-            if changes:
-                states = [state_name(lane.states, value) for _, value in changes]
-                times = np.array([t_s for t_s, _ in changes])
-                self._send(lane.entity, times, rr.StateChange.columns(state=states))
-
-    def _changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
-        """Times and new values at which a column of integers differs from the record before."""
-        values = column(records, name).astype(np.int64)
-        if len(values) == 0:
-            return []
-        before = np.concatenate([[self._last.get(key, ~values[0])], values[:-1]])
-        self._last[key] = int(values[-1])
-        at = np.flatnonzero(values != before)
-        return [(float(t), int(v)) for t, v in zip(column(records, "t_s")[at], values[at], strict=True)]
-
-    def _events(self, t_s: Sequence[float], texts: Sequence[str], level: str) -> None:
-        self._new_events += [(at_s, text, level) for at_s, text in zip(t_s, texts, strict=True)]
-
-    def _send_events(self) -> None:
-        """All events since the last call at once: each by itself would cost more than its text."""
-        if self._new_events:
-            t_s, texts, levels = zip(*sorted(self._new_events, key=itemgetter(0)), strict=True)
-            timed = [f"{at_s:.3f} s  {text}" for at_s, text in zip(t_s, texts, strict=True)]
-            self._send("events", np.array(t_s), rr.TextLog.columns(text=timed, level=levels))
-            self._new_events.clear()
+            self.out.send("can/load", t_s, rr.Scalars.columns(scalars=load))
 
 
 def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:

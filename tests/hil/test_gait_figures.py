@@ -14,7 +14,7 @@ from hil.judge.figures import figures_of
 from hil.judge.gait_figures import push_off
 from hil.record.log_reader import tables
 from hil.record.run_traces import read_run
-from hil.show.report_plots import plots, push_off_curve
+from hil.show.report.plots import plots, push_off_curve
 from hil.show.rerun_log import RunLog, rebuild
 from plant_sim.sensors.gait import LegState
 

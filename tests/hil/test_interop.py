@@ -20,7 +20,8 @@ from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.node import FirmwareNode
-from hil.bench.bench import in_lockstep, program, run_scenario
+from hil.bench.bench import program, run_scenario
+from hil.bench.lockstep import in_lockstep
 from hil.bus import provide
 from hil.record import trace
 from hil.scenario.scenario import Scenario, load_scenario

@@ -16,7 +16,8 @@ from hil.record.log_reader import column_hashes, read_traces, repair, tables
 from hil.record.rerun_program import rerun
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.show.highlights import moments
-from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, recording_id, write_log
+from hil.show.log_stream import recording_id
+from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
 
 
 @pytest.fixture(scope="module")

@@ -121,7 +121,7 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     def breaks(*_: object) -> None:
         raise RuntimeError("no compiler")
 
-    monkeypatch.setattr("hil.bench.bench.warm_lockstep", breaks)
+    monkeypatch.setattr("hil.bench.lockstep.warm_lockstep", breaks)
     verdict = judged(case, "lockstep", "auto")
     assert verdict["passed"] is False
     assert verdict["ticks"] == 0

@@ -13,8 +13,8 @@ from hil.bench.verdict import finish
 from hil.judge import junit, requirements
 from hil.judge.figures import figures_of
 from hil.record.rerun_program import rerun
-from hil.show.report import write_suite_report
-from hil.show.report_plots import thinned
+from hil.show.report.pages import write_suite_report
+from hil.show.report.plots import thinned
 
 # What a program that reads the verdict may rely on.
 KEYS = {
@@ -33,7 +33,7 @@ def finished(tmp_path_factory):
 @pytest.fixture
 def without_plots(monkeypatch):
     """Nine tenths of the time a verdict takes are its report's plots."""
-    monkeypatch.setattr("hil.show.report.plots", lambda *_: [])
+    monkeypatch.setattr("hil.show.report.pages.plots", lambda *_: [])
 
 
 class Page(html.parser.HTMLParser):

@@ -12,7 +12,7 @@ from short_run import make_run
 from hil.judge.requirements import trace
 from hil.record import state_timeline
 from hil.record.rerun_program import rerun_environment
-from hil.show.report import write_suite_report
+from hil.show.report.pages import write_suite_report
 from tools.logs import view
 from tools.logs.quiet_viewer import served
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.bench.bench import in_lockstep
+from hil.bench.lockstep import in_lockstep
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools import cli

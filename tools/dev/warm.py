@@ -2,7 +2,7 @@
 
 import time
 
-from hil.bench.bench import warm_lockstep
+from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
 from plant_sim.kernels import cache_folder
 

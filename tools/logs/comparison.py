@@ -21,7 +21,7 @@ from hil.judge.figure_records import CATALOGUE, value_of
 from hil.record.log_reader import MEASURED
 from hil.record.state_timeline import ALARM
 from hil.show.layout import overlay
-from hil.show.rerun_log import APPLICATION_ID, colors
+from hil.show.log_stream import APPLICATION_ID, colors
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")

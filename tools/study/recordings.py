@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from hil.record.state_timeline import ALARM, ESTIMATE, OTHER, TRUTH
-from hil.show.rerun_log import APPLICATION_ID
+from hil.show.log_stream import APPLICATION_ID
 from tools.study.cases import Case
 from tools.study.portraits import Motion, Pair, sample, with_impacts
 from tools.study.sweep import Diagram, Sweep

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hil.bench.bench import in_lockstep
+from hil.bench.lockstep import in_lockstep
 from hil.judge.checks import evaluate
 from hil.judge.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
-from hil.bench.bench import in_lockstep
+from hil.bench.lockstep import in_lockstep
 from hil.scenario.scenario import load_scenario
 from tools.campaign.results import counts_of, values_of
 from tools.progress import Progress

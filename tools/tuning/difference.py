@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
-from hil.bench.bench import in_lockstep
+from hil.bench.lockstep import in_lockstep
 from hil.bench.verdict import judge
 from hil.judge.figure_records import CATALOGUE, value_of
 from hil.judge.figures import figures_from

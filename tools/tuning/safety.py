@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
-from hil.bench.bench import in_lockstep
+from hil.bench.lockstep import in_lockstep
 from hil.bench.verdict import judge
 from hil.judge.figures import figures_from
 from hil.record.run_traces import read_run

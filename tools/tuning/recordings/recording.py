@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from hil.record.state_timeline import ALARM, ESTIMATE, OTHER, TARGET, TRUTH
-from hil.show.rerun_log import APPLICATION_ID
+from hil.show.log_stream import APPLICATION_ID
 from tools.tuning.result import Tuning
 
 COLOURS = (TRUTH, ESTIMATE, OTHER, ALARM, TARGET)

@@ -14,7 +14,7 @@ from hil.judge.gait_figures import phase_error, pulses_of, push_off
 from hil.record.candump import TENTH_S
 from hil.record.run_traces import RunTraces, column
 from hil.record.stored_trace import Records
-from hil.show.canvas import (
+from hil.show.report.canvas import (
     ALARM,
     ESTIMATE,
     FAINT,
@@ -28,7 +28,7 @@ from hil.show.canvas import (
     svg_of,
     thinned,
 )
-from hil.show.course_plot import course
+from hil.show.report.course_plot import course
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from hil.judge import junit
 from hil.judge.figure_records import CATALOGUE, Figures, FigureSpec, value_of
 from hil.record.run_traces import RunTraces
-from hil.show.report_plots import plots
+from hil.show.report.plots import plots
 
 
 class Headline(NamedTuple):
@@ -81,7 +81,7 @@ def tile(headline: Headline, content: Mapping[str, Any]) -> tuple[str, str]:
 def template(name: str) -> Template:
     """One of the templates beside this module."""
     environment = Environment(
-        loader=PackageLoader("hil.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=PackageLoader("hil.show.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     return environment.get_template(name)
 

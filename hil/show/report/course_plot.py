@@ -11,9 +11,9 @@ from hil.record import state_timeline
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import Lane, state_name
 from hil.record.stored_trace import Records
-from hil.show.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Plot, canvas, css, svg_of, thinned
 from hil.show.injected import injected
 from hil.show.limits import limits
+from hil.show.report.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Plot, canvas, css, svg_of, thinned
 
 LEAST_NAMED = 0.08
 """A state that takes less of the run than this has no room for its name."""

@@ -1,0 +1,171 @@
+"""A stream of a log, to a file or an open viewer: columns over two timelines, states, changes, events."""
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from hil.record.precision import TIME
+from hil.record.run_traces import column
+from hil.record.state_timeline import ALARM, Lane, lower_name, state_name
+from hil.record.stored_trace import Records
+
+APPLICATION_ID = "vibrohil"
+VIEWER_TIMEOUT_S = 5.0
+"""A viewer that accepts nothing for this time is given up."""
+
+FloatArray = NDArray[np.float64]
+
+
+def recording_id(run: Mapping[str, Any]) -> str:
+    """The same for the same run, however often its log is written."""
+    parts = (str(run.get(key)) for key in ("scenario", "clock", "bus", "seed", "wall_start_s"))
+    return hashlib.sha256("|".join(parts).encode()).hexdigest()[:32]
+
+
+def colors(rgba: Iterable[int]) -> NDArray[np.uint32]:
+    """Colours as the SDK takes them without guessing."""
+    return np.fromiter(rgba, np.uint32)
+
+
+def struct_of(records: Records, but: str | None = None) -> pa.StructArray:
+    """Records as one Arrow struct each, without the column `but`; dotted names become structs in structs.
+
+    >>> records = np.zeros(1, dtype=[("tick", "i8"), ("state.x_m", "f8")])
+    >>> str(struct_of(records).type)
+    'struct<tick: int64, state: struct<x_m: double>>'
+    """
+    tree: dict[str, Any] = {}
+    for name in records.dtype.names or ():
+        if name == but:
+            continue
+        *path, leaf = name.split(".")
+        branch = tree
+        for part in path:
+            branch = branch.setdefault(part, {})
+        branch[leaf] = np.ascontiguousarray(records[name])
+
+    def build(branch: dict[str, Any]) -> pa.StructArray:
+        arrays = [build(item) if isinstance(item, dict) else pa.array(item) for item in branch.values()]
+        return pa.StructArray.from_arrays(arrays, names=list(branch))
+
+    return build(tree)
+
+
+def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
+    """One struct a row as the component `archetype:record`."""
+    return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
+
+
+class Timebase:
+    """Turns simulated seconds into the log's two time columns."""
+
+    def __init__(self, wall_start_s: float) -> None:
+        self.wall_start_ns = round(wall_start_s * 1e9)
+
+    def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
+        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that, if known."""
+        sim_ns = np.round(t_s * 1e9).astype(np.int64)
+        late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
+        wall_ns = self.wall_start_ns + sim_ns + late_ns
+        return [
+            rr.TimeColumn("sim_time", duration=sim_ns.astype("timedelta64[ns]")),
+            rr.TimeColumn("wall_time", timestamp=wall_ns.astype("datetime64[ns]")),
+        ]
+
+
+class LogStream:
+    """Writes to a file, or to a viewer by its URL, with the layout that it is first shown in."""
+
+    def __init__(self, to: Path | str, run: Mapping[str, Any], blueprint: rrb.Blueprint | None) -> None:
+        # A viewer joins what has one identity: the file opened beside the live view must not be its double.
+        identity = recording_id(run) if isinstance(to, Path) else f"{recording_id(run)}-live"
+        self.recording = rr.RecordingStream(APPLICATION_ID, recording_id=identity, send_properties=False)
+        if isinstance(to, Path):
+            self.recording.save(to, default_blueprint=blueprint)
+        else:
+            self.recording.connect_grpc(to, default_blueprint=blueprint)
+        self._flush_s = math.inf if isinstance(to, Path) else VIEWER_TIMEOUT_S
+        self.time = Timebase(float(run.get("wall_start_s", 0.0)))
+        self._declared: set[str] = set()
+        self._last: dict[str, int] = {}
+        self._new_events: list[tuple[float, str, str]] = []
+        name = " ".join([run.get("scenario", "run"), *run.get("changes", [])])
+        self.recording.send_recording_name(f"{name} ({run.get('clock', '?')})")
+        self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system; RuntimeError of a viewer that is gone or stopped."""
+        self.recording.flush(timeout_sec=self._flush_s)
+
+    def declare(self, entity: str, *what: Any) -> None:
+        """Say once, for all times, how an entity is to be shown."""
+        if entity not in self._declared:
+            self._declared.add(entity)
+            self.recording.log(entity, *what, static=True)
+
+    def document(self, entity: str, text: str, language: str) -> None:
+        """A text of this language, for all times."""
+        self.markdown(entity, f"```{language}\n{text}\n```")
+
+    def markdown(self, entity: str, text: str) -> None:
+        """A page, for all times."""
+        self.recording.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+
+    def send(self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: Any = 0.0) -> None:
+        """Columns with a row at each of `t_s`; `late_us` as `Timebase.columns` has it."""
+        self.recording.send_columns(entity, self.time.columns(t_s, late_us), [*columns])
+
+    def records(self, entity: str, records: Records) -> None:
+        """Records with all their columns."""
+        self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records)))
+
+    def ticked(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
+        """Records whose times are the timeline's: they are not logged twice."""
+        self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records, but=TIME)), late_us)
+
+    def lanes(self, records: Records, lanes: Iterable[Lane]) -> None:
+        """The changes of state timelines."""
+        for lane in lanes:
+            self.declare(
+                lane.entity,
+                rr.StateConfiguration(
+                    values=[lower_name(state) for state in lane.states],
+                    colors=colors(lane.colors.get(state, ALARM) for state in lane.states),
+                ),
+            )
+            changes = self.changes(lane.entity, records, lane.column)
+            if changes:
+                states = [state_name(lane.states, value) for _, value in changes]
+                times = np.array([t_s for t_s, _ in changes])
+                self.send(lane.entity, times, rr.StateChange.columns(state=states))
+
+    def changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
+        """Times and new values at which a column of integers differs from the record before."""
+        values = column(records, name).astype(np.int64)
+        if len(values) == 0:
+            return []
+        before = np.concatenate([[self._last.get(key, ~values[0])], values[:-1]])
+        self._last[key] = int(values[-1])
+        at = np.flatnonzero(values != before)
+        return [(float(t), int(v)) for t, v in zip(column(records, "t_s")[at], values[at], strict=True)]
+
+    def event(self, at_s: float, text: str, level: str) -> None:
+        """A line of the log's text; `send_events` writes it."""
+        self._new_events.append((at_s, text, level))
+
+    def send_events(self) -> None:
+        """All events since the last call at once: each by itself would cost more than its text."""
+        if self._new_events:
+            t_s, texts, levels = zip(*sorted(self._new_events, key=itemgetter(0)), strict=True)
+            timed = [f"{at_s:.3f} s  {text}" for at_s, text in zip(t_s, texts, strict=True)]
+            self.send("events", np.array(t_s), rr.TextLog.columns(text=timed, level=levels))
+            self._new_events.clear()
