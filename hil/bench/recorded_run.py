@@ -6,6 +6,7 @@ Traceback (most recent call last):
 hil.bench.recorded_run.RunError: runs/nowhere.rrd is not there; name a run folder or an .rrd file
 """
 
+import atexit
 import difflib
 import shutil
 import tempfile
@@ -26,7 +27,7 @@ from hil.record.damage import reading
 from hil.record.frame_tables import contiguous
 from hil.record.log_reader import TIMELINES, read_traces, repair
 from hil.record.rerun_program import RerunError
-from hil.record.run_folder import RUNS
+from hil.record.run_folder import RUNS, is_in_use
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, rebuild
 
@@ -52,7 +53,7 @@ def newest_run() -> Path:
 def log_of(run: Path | None) -> Path:
     """The log to open: of a folder, a file, or the newest run; whole, whatever was killed.
 
-    A run that has not ended may still be written to; a copy of its log is opened.
+    A run that has not ended is still written to; a copy of its log is opened, which ends with this process.
     """
     place = newest_run() if run is None else run
     if place.suffix == ".rrd":
@@ -65,10 +66,10 @@ def log_of(run: Path | None) -> Path:
     log = place / LOG_NAME
     if not log.exists():
         return rebuilt(place)
-    if not (place / "outcome.json").exists():
-        copy = Path(tempfile.mkdtemp(prefix="vibrohil-view-")) / LOG_NAME
-        shutil.copyfile(log, copy)
-        log = copy
+    if not (place / "outcome.json").exists() and is_in_use(place):
+        folder = Path(tempfile.mkdtemp(prefix="vibrohil-view-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        log = Path(shutil.copy(log, folder))
     try:
         repair(log)
     except RerunError:

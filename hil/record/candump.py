@@ -20,6 +20,8 @@ IntArray = NDArray[np.int64]
 LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
 BLOCK_BYTES = 1 << 22
 """Some hundred thousand lines."""
+LONGEST_LINE_BYTES = 1 << 10
+"""A file without ends of lines is not kept in memory."""
 TENTH_S = 0.1
 """The load over time is averaged over this long: the period of the slowest cyclic frames."""
 TIME_RESOLUTION_S = 1e-6
@@ -155,7 +157,7 @@ class StoredBus:
                 self._lines += block.count(b"\n")
                 text = left + block
                 end = text.rfind(b"\n") + 1
-                left = text[end:]
+                left = text[end:][-LONGEST_LINE_BYTES:]
                 if end:
                     yield parse_candump(text[:end])
 

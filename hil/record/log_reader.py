@@ -26,13 +26,23 @@ from hil.record.stored_trace import Records, Selected, StoredColumns
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
 """What the machine took; no two runs agree in it."""
+MAGIC = b"RRF2"
+"""How a log begins."""
 ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
+def begins_as_log(path: Path) -> bool:
+    """Whether a file begins as a log does; Rerun's program would read any other to its end, into memory."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
 def is_whole(path: Path) -> bool:
     """Whether a log can be read from its first message to its footer."""
-    return rerun(["rrd", "verify", path]).returncode == 0
+    return begins_as_log(path) and rerun(["rrd", "verify", path]).returncode == 0
 
 
 def repair(path: Path) -> bool:
@@ -42,6 +52,8 @@ def repair(path: Path) -> bool:
     """
     if is_whole(path):
         return False
+    if not begins_as_log(path):
+        raise RerunError(f"{path} is no log of Rerun's: it does not begin as one; rebuild it from the traces")
     mended = path.with_name(f"{path.name}.mended")
     outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
     if outcome.returncode != 0 or not mended.exists():

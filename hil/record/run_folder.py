@@ -99,6 +99,18 @@ def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Itera
         os.close(lock)
 
 
+def is_in_use(folder: Path) -> bool:
+    """Whether a process has claimed the folder."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(lock)
+    return False
+
+
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files that a run writes, and no others."""
     for name in set(MADE_BY_A_RUN) - set(keep):

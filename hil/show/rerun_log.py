@@ -404,11 +404,14 @@ class RunLog:
 def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
     """Write the log of a whole run; the file takes its name once it is whole."""
     unfinished = path.with_name(f"{path.name}.new")
-    with RunLog(unfinished, traces.run, traces.scenario, is_over=True) as log:
-        for piece in pieces(traces):
-            log.append(piece)
-        log.conclude(traces, figures, results)
-    return unfinished.rename(path)
+    try:
+        with RunLog(unfinished, traces.run, traces.scenario, is_over=True) as log:
+            for piece in pieces(traces):
+                log.append(piece)
+            log.conclude(traces, figures, results)
+        return unfinished.rename(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
 
 
 def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:

@@ -1,5 +1,7 @@
 """Damaged files of a run: what is still readable is used, and the rest is said in a sentence."""
 
+import os
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,10 +9,13 @@ import numpy as np
 import pytest
 from run_folder import make_run, write_run
 
+from hil.bench.recorded_run import rebuilt
 from hil.bench.verdict import judge
 from hil.judge.figures import figures_from
-from hil.record.candump import parse_candump
+from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
+from hil.record.log_reader import repair
+from hil.record.rerun_program import RerunError
 from hil.record.run_traces import read_run
 
 FILES = (
@@ -83,6 +88,33 @@ def test_frames_are_read_around_damaged_lines() -> None:
         b"(1.003000) vcan0 080#03\n"
     )
     assert log.t_s.tolist() == [1.0, 1.003]
+
+
+def test_a_file_without_ends_of_lines_is_not_kept_in_memory(tmp_path: Path) -> None:
+    log = tmp_path / "can.log"
+    log.touch()
+    os.truncate(log, 200 << 20)
+    tracemalloc.start()
+    assert StoredBus(log).counts.total == 0
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 40 << 20
+
+
+def test_a_log_that_cannot_be_made_anew_leaves_no_unfinished_one(tmp_path: Path) -> None:
+    run = write_run(make_run(), tmp_path / "run")
+    (run / "run.json").write_text('{"wall_start_s": "noon"}')
+    with pytest.raises(DamagedFileError):
+        rebuilt(run)
+    assert not list(run.glob("*.new"))
+
+
+def test_a_file_that_does_not_begin_as_a_log_is_none(tmp_path: Path) -> None:
+    log = tmp_path / "run.rrd"
+    log.touch()
+    os.truncate(log, 3 << 30)
+    with pytest.raises(RerunError, match="no log"):
+        repair(log)
 
 
 def test_what_has_another_cause_is_no_damage() -> None:

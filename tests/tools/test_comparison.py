@@ -120,6 +120,11 @@ def test_blocks_of_any_length_give_the_difference_of_the_whole_tables(name, rows
         assert first_in_blocks(name, fives, cut) == first_in_table(name, whole, other)
 
 
+def test_times_that_come_twice_in_a_damaged_log_are_compared_once():
+    a, b = table([0.0, 1.0, 2.0], x=[1, 2, 3]), table([0.0, 1.0, 1.0, 2.0, 2.0], x=[1, 2, 5, 4, 4])
+    assert first_in_blocks("plant", [a], [b.slice(0, 2), b.slice(2)]) == Difference(2.0, "plant.x", 3, 4)
+
+
 def test_frames_differ_in_hexadecimal():
     a, b = table([0.0], data=[b"\x01\x02"]), table([0.0], data=[b"\x01\x03"])
     assert first_in_table("can/raw", a, b) == Difference(0.0, "can/raw.data", "0102", "0103")

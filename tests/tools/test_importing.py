@@ -1,7 +1,9 @@
 """Logs of a real bench: all three formats give the same run, and what is not understood is counted."""
 
+import gzip
 import io
 import json
+import sqlite3
 from contextlib import redirect_stdout
 
 import can
@@ -17,6 +19,7 @@ from hil.record.bus_reconstruction import tick_numbers, ticks_seen
 from hil.record.candump import bus_log
 from hil.record.log_reader import tables
 from tools import cli
+from tools.logs import foreign_logs
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED
 
 START_S = 1_700_000_000.0
@@ -154,6 +157,25 @@ def test_what_is_no_log_is_refused(tmp_path, capsys, name, content, complaint):
     assert cli.run(["import", str(tmp_path / name), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_log_that_is_large_once_unpacked_is_refused_before_it_takes_all_memory(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(foreign_logs, "LARGEST_BYTES", 1 << 20)
+    (tmp_path / "bomb.log.gz").write_bytes(gzip.compress(bytes(2 << 20)))
+    (tmp_path / "long.blf").write_bytes(bytes(2 << 20))
+    for name in ("bomb.log.gz", "long.blf"):
+        assert cli.run(["import", str(tmp_path / name), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
+        assert "more than 1 MB" in capsys.readouterr().err
+
+
+def test_a_message_without_a_time_is_refused(tmp_path, capsys):
+    write(tmp_path / "bench.db")
+    with sqlite3.connect(tmp_path / "bench.db") as database:
+        database.execute("UPDATE messages SET ts = NULL")
+    assert cli.run(["import", str(tmp_path / "bench.db"), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
+    assert "the time None" in capsys.readouterr().err
 
 
 GOOD = "(1700000000.000000) can0 00E#CDCC4C3D00000000\n"

@@ -22,7 +22,7 @@ def folder(tmp_path):
     for age_days, (name, verdict) in enumerate(VERDICTS.items()):
         run = tmp_path / name
         run.mkdir(parents=True)
-        (run / "run.json").write_text("{}")
+        (run / "run.json").write_text('{"made_by": "vibrohil"}')
         (run / "verdict.json").write_text(json.dumps(verdict))
         os.utime(run / "run.json", (time.time() - 86_400.0 * age_days,) * 2)
     (tmp_path / "cut").mkdir()
@@ -73,6 +73,15 @@ def test_the_command_lists_chooses_and_prunes(folder, capsys):
     assert (folder / "foreign").exists()
     assert cli.run(["runs", str(folder), "--prune", "old"]) == EXIT_BAD_INPUT
     assert cli.run(["runs", str(folder / "foreign")]) == EXIT_NOTHING_RAN
+
+
+def test_pruning_takes_nothing_that_no_run_has_made(folder, capsys):
+    (folder / "good" / "notes.txt").write_text("mine")
+    assert cli.run(["runs", str(folder), "--prune", "0d", "--json"]) == EXIT_PASSED
+    capsys.readouterr()
+    assert [path.name for path in (folder / "good").iterdir()] == ["notes.txt"]
+    assert (folder / "cut" / "run.json").exists(), "its run.json is another program's"
+    assert not (folder / "suite" / "soft").exists()
 
 
 def test_scenarios_scenes_and_parameters_are_listed_with_their_titles(capsys):

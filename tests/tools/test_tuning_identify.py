@@ -1,6 +1,7 @@
 """Identification from one log: the truth it never saw, within the goals; refusals and warnings."""
 
 import json
+import os
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firmware_py.interface.codec import CODECS
+from firmware_py.interface.records import Accelerometer, EncoderEstimates
 from hil.bench.lockstep import in_lockstep
+from hil.record.candump import BusLog, bus_log
 from hil.scenario.scenario import check_scenario
 from plant_sim.scene import read_scene
 from tools import cli
@@ -18,11 +22,12 @@ from tools.tuning.identification.flights import contacts_of, flights_of, integra
 from tools.tuning.identification.identify import bench_of, identify, tune_identify
 from tools.tuning.identification.impacts import contact_time_s, fit_impact, pulse, seen
 from tools.tuning.identification.laws import Law
-from tools.tuning.recordings.readings import Readings, read
+from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_of
 from tools.tuning.result import Tuning
 
 SPRING_N_M, STOP_M, RESTITUTION = 71.1, 0.1802, 0.47
 BANDWIDTH_HZ = 400.0
+ACCELEROMETER, ENCODER = CODECS[Accelerometer], CODECS[EncoderEstimates]
 
 
 def record(
@@ -272,3 +277,24 @@ def test_the_command(viscous: Path, tmp_path: Path, monkeypatch, capsys) -> None
     assert out.exists()
     assert plot.stat().st_size > 10_000
     assert cli.run(["tune", "identify", str(tmp_path / "nowhere")]) == EXIT_BAD_INPUT
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo.log")
+    with pytest.raises(BadInputError, match="is no file"):
+        read_ticks(tmp_path / "fifo.log")
+
+
+def bus_at(times_s: list[float]) -> BusLog:
+    frames = [ACCELEROMETER.encode(Accelerometer(1.0, 1.0, 0.0)), ENCODER.encode(EncoderEstimates(0.5, 0.0))]
+    return bus_log(
+        np.repeat(times_s, 2),
+        np.array([frame.can_id for frame in frames] * len(times_s)),
+        [frame.data for frame in frames] * len(times_s),
+    )
+
+
+def test_wrong_times_take_no_memory_and_their_order_does_not_matter() -> None:
+    with pytest.raises(BadInputError, match="wrong times"):
+        ticks_of(bus_at([0.001, 0.002, 9e9]), 1e-3)
+    assert len(ticks_of(bus_at([0.001, 0.005, 0.003]), 1e-3).low_m_s2) == 5

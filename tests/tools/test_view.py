@@ -1,5 +1,6 @@
 """Opening a run: whatever was killed it opens, and nobody else can see it."""
 
+import fcntl
 import os
 import signal
 import socket
@@ -85,7 +86,10 @@ def test_a_run_that_goes_on_is_not_touched(log):
     (log.parent / "plant.trace").touch()
     log.write_bytes(log.read_bytes()[:-200])
     before = log.read_bytes()
+    held = os.open(log.parent, os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
     opened = recorded_run.log_of(log.parent)
+    os.close(held)
     assert opened != log
     assert log.read_bytes() == before
     assert rerun(["rrd", "verify", opened]).returncode == 0

@@ -3,7 +3,6 @@
 import json
 import operator
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.judge.figure_records import CATALOGUE, value_of
+from hil.record.run_folder import discard, is_own
 from tools.output import BadInputError
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -117,9 +117,12 @@ def age_s(text: str) -> float:
 
 
 def prune(runs: Iterable[ListedRun], older_than_s: float) -> list[Path]:
-    """Remove the folders of runs that were begun before then, and return them."""
+    """Remove what runs that were begun before then have written, and return their folders.
+
+    A folder stays where anything else is in it, and altogether where no run has made it.
+    """
     latest_s = time.time() - older_than_s
-    old = [run.folder for run in runs if run.begun_s < latest_s]
+    old = [run.folder for run in runs if run.begun_s < latest_s and is_own(run.folder)]
     for folder in old:
-        shutil.rmtree(folder)
+        discard(folder)
     return old

@@ -70,7 +70,7 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
     t_a, t_b = table_a["t_s"].to_numpy(), table_b["t_s"].to_numpy()
     found: Difference | None = None
     if name in TICKED:
-        shared_s, rows_a, rows_b = np.intersect1d(t_a, t_b, assume_unique=True, return_indices=True)
+        shared_s, rows_a, rows_b = np.intersect1d(t_a, t_b, return_indices=True)
         if t_a[-1] != t_b[-1]:
             found = Difference(float(min(t_a[-1], t_b[-1])), f"{name}.t_s", float(t_a[-1]), float(t_b[-1]))
     else:
@@ -115,7 +115,7 @@ def paired(
             return
         if by_time:
             times = a["t_s"].to_numpy(), b["t_s"].to_numpy()
-            _, rows_a, rows_b = np.intersect1d(*times, assume_unique=True, return_indices=True)
+            _, rows_a, rows_b = np.intersect1d(*times, return_indices=True)
         else:
             rows_a = rows_b = np.arange(min(a.num_rows, b.num_rows))
         if len(rows_a):

@@ -27,6 +27,10 @@ COMMENTS = ("#", ";", "//")
 MOST_BAD_LINES = 100
 """A tolerant reading begins anew after each; a log with more of them is of another kind."""
 SHOWN_CHARACTERS = 60
+LATEST_S = 1e11
+"""Of a message: Unix time of the year 5138."""
+LARGEST_BYTES = 64 << 20
+"""Of a log, unpacked: a quarter of an hour of the bus, of which python-can makes a gigabyte."""
 
 
 class BadLine(NamedTuple):
@@ -82,7 +86,9 @@ def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
 def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
     """Read a log of lines."""
     try:
-        content = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
+        with path.open("rb") as stored:
+            content = (gzip.GzipFile(fileobj=stored) if packed else stored).read(LARGEST_BYTES + 1)
+        refuse_large(path, len(content))
         text = content.decode()
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise BadInputError(f"{path} cannot be read as text ({error}); wanted {FORMATS}") from error
@@ -95,7 +101,7 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
         file = CountedLines(lines, left_out)
         try:
             with TEXT_READERS[kind](file) as reader:
-                return ForeignLog(list(reader), bad, text_truncation(kind, text))
+                return ForeignLog(list(map(timed, reader)), bad, text_truncation(kind, text))
         except Exception as error:  # whatever a reader of python-can raises on a bad line
             line = lines[file.number - 1].strip()[:SHOWN_CHARACTERS] if file.number else ""
             bad.append(BadLine(file.number, line, str(error) or type(error).__name__))
@@ -115,13 +121,27 @@ def text_truncation(kind: str, text: str) -> str | None:
     return "its last line has no end" if text and not text.endswith("\n") else None
 
 
+def timed(message: can.Message) -> can.Message:
+    """The message; raises `ValueError` where its time is none, as a damaged file's may be."""
+    if not (isinstance(message.timestamp, int | float) and abs(message.timestamp) < LATEST_S):
+        raise ValueError(f"a message has the time {message.timestamp!r}")
+    return message
+
+
+def refuse_large(path: Path, size: int) -> None:
+    """Raise `BadInputError` for a log of more than LARGEST_BYTES, before its messages take all memory."""
+    if size > LARGEST_BYTES:
+        raise BadInputError(f"{path} holds more than {LARGEST_BYTES >> 20} MB; cut it and import its parts")
+
+
 def read_binary(path: Path, tolerant: bool) -> ForeignLog:
     """Read a log that is no text; a tolerant reading keeps what comes before an error."""
     messages: list[can.Message] = []
+    refuse_large(path, path.stat().st_size)
     try:
         with can.LogReader(path) as reader:
             truncated = blf_truncation(path, reader) if isinstance(reader, can.BLFReader) else None
-            messages.extend(reader)
+            messages.extend(map(timed, reader))
     except Exception as error:  # whatever a reader of python-can raises on a bad file
         if not (tolerant and messages):
             hint = "; --tolerant keeps what comes before" if messages else ""

@@ -72,8 +72,8 @@ def scenes(
 ) -> None:
     """Give scenes, scenarios, parameter files and settings that are damaged at random.
 
-    Each has to end with a verdict or in a sentence: no traceback, at most 20 s of processor time and 2 GB, no
-    file touched but its own.
+    Each has to end with a verdict or in a sentence: no traceback, at most 20 s and 2 GB, no file touched
+    but its own, nothing left behind.
     """
     fuzz_inputs("scenes", count, seed, as_json)
 
@@ -86,8 +86,8 @@ def files(
 ) -> None:
     """Give run folders, logs, traces and CAN logs that are damaged at random to the commands that read them.
 
-    Each has to end with a verdict or in a sentence: no traceback, at most 20 s of processor time and 2 GB, no
-    file touched but its own.
+    Each has to end with a verdict or in a sentence: no traceback, at most 20 s and 2 GB, no file touched
+    but its own, nothing left behind.
     """
     fuzz_inputs("files", count, seed, as_json)
 
@@ -104,6 +104,7 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
     else:
         rows: list[tuple[str, Any, str]] = [
             ("inputs", f"{outcome.inputs:,}, seeds {seed} to {seed + outcome.inputs - 1}", ""),
+            *((f"  {case}", f"{number:,}", "") for case, number in outcome.cases.items()),
             *((f"exit status {status}", number, "") for status, number in sorted(outcome.statuses.items())),
             ("slowest", outcome.slowest_s, "s of processor time"),
             ("largest memory", outcome.largest_mb, "MB"),
@@ -111,7 +112,7 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
         console.print(figure_table(f"fuzz {kind}", rows))
         for failure in outcome.failures:
             console.print(f"[red]seed {failure.seed}[/]", end=" ")
-            said = f"vibrohil {' '.join(failure.arguments)}: {failure.what}"
+            said = f"({failure.case}) vibrohil {' '.join(failure.arguments)}: {failure.what}"
             console.print(said, markup=False, highlight=False)
         console.print("[red]failed[/]" if failures else "[green]passed[/]")
     if failures:

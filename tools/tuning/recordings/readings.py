@@ -18,6 +18,8 @@ CLIPPED_SHARE = 0.95
 QUIET_SHARE = 0.2
 """Of the low range: there both ranges can be read, and the high one's offset shows."""
 BUS_PERIOD_S = 1e-3
+MOST_TICKS_A_FRAME = 100
+"""A log with more of them has a time that is wrong; each takes memory."""
 
 
 class Readings(NamedTuple):
@@ -47,8 +49,8 @@ class Ticks(NamedTuple):
 def can_log_of(source: Path) -> Path:
     """The CAN log of a run folder, or the log itself."""
     path = source / CAN_LOG if source.is_dir() else source
-    if not path.exists():
-        raise BadInputError(f"{path} is not there; give a run folder or a candump log")
+    if not path.is_file():  # to wait for a FIFO, or to read a device to its end, would take for ever
+        raise BadInputError(f"{path} is no file; give a run folder or a candump log")
     return path
 
 
@@ -72,8 +74,14 @@ def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
             "wanted a log of the bench's bus with both"
         )
     of_felt, of_turned = tick_numbers(felt.t_s, period_s), tick_numbers(turned.t_s, period_s)
-    first = min(int(of_felt[0]), int(of_turned[0]))
-    count = max(int(of_felt[-1]), int(of_turned[-1])) - first + 1
+    first = min(int(of_felt.min()), int(of_turned.min()))
+    count = max(int(of_felt.max()), int(of_turned.max())) - first + 1
+    frames = len(felt.t_s) + len(turned.t_s)
+    if count > MOST_TICKS_A_FRAME * frames:
+        raise BadInputError(
+            f"{name} has {frames} frames of the sensors in {count * period_s:.0f} s; wanted some in each "
+            "tick: leave out those with wrong times"
+        )
     columns = np.full((5, count), np.nan)
     columns[:3, of_felt - first] = felt.signals[:, :3].T
     columns[3:, of_turned - first] = turned.signals[:, :2].T
