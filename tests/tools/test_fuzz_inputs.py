@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_an_exception_a_wrong_status_and_what_is_touched_or_left_are_found(
     assert wrong(monkeypatch, tmp_path, lambda _: 3) == "exit status 3"
     assert wrong(monkeypatch, tmp_path, lambda _: 4) == ""
     monkeypatch.setattr(worker, "GONE_S", 0.1)
-    assert "sleep 20" in wrong(monkeypatch, tmp_path, leaving)
+    assert "process" in wrong(monkeypatch, tmp_path, leaving)
     for process in started:
         process.kill()
         process.wait()
@@ -91,6 +92,18 @@ def busy(pipe: Connection, *_: object) -> None:
     pipe.send(("planted", ("busy",)))
     while True:
         pass
+
+
+def compiling(pipe: Connection, _: object, __: object, depth: Any) -> None:
+    depth.value = 1
+    pipe.send(None)
+    pipe.recv()
+    pipe.send(("planted", ("compiling",)))
+    began_s = time.process_time()
+    while time.process_time() < began_s + 1.5:
+        pass
+    pipe.send(worker.Attempt("planted", ("compiling",), 0, ""))
+    time.sleep(60.0)
 
 
 def asleep(pipe: Connection, *_: object) -> None:
@@ -127,6 +140,20 @@ def test_what_hangs_or_grows_is_found_from_outside(
         started.close()
     assert said in watched.attempt.wrong
     assert watched.attempt.case == "planted"
+
+
+def test_the_time_of_compiling_a_kernel_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(worker, "serve", compiling)
+    started = worker.Worker("files", tmp_path)
+    monkeypatch.setattr(worker, "LONGEST_S", 0.5)
+    try:
+        watched = started.run(1)
+    finally:
+        started.close()
+    assert watched.attempt.wrong == ""
+    assert watched.spent_s < 0.5
 
 
 def test_a_seed_repeats_its_damage_and_seeds_differ() -> None:

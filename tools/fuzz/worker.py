@@ -14,20 +14,24 @@ from collections.abc import Callable, Mapping
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from numba.core.event import Listener, register
 
 from hil.record.run_folder import MADE_BY_A_RUN
 from plant_sim.scene import scene_names
 from tools.fuzz import file_cases, scene_cases
 from tools.fuzz.damage import Random
 
+if TYPE_CHECKING:
+    from multiprocessing.sharedctypes import Synchronized
+
 Kind = Literal["scenes", "files"]
 Case = Callable[[Random, Path, Path], list[str]]
 
 LONGEST_S = 20.0
-"""Of processor time; or without any, asleep for something that does not come."""
+"""Of processor time without that of compiling; or without any, asleep for something that does not come."""
 MOST_MEMORY_MB = 2048.0
 GONE_S = 2.0
 LOOK_S = 0.02
@@ -171,15 +175,32 @@ def running_children(pid: int) -> list[str]:
     for child in children_of(pid):
         with contextlib.suppress(OSError):
             words = Path(f"/proc/{child}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-            if words and "resource_tracker" not in words:
+            ended = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+            if not ended and "resource_tracker" not in words:
                 found.append(f"process {words[:200]}")
     return found
 
 
-def serve(pipe: Connection, kind: Kind, good: Path) -> None:
+class Compiling(Listener):
+    """Counts in `depth` how many kernels are being compiled, one within the other."""
+
+    def __init__(self, depth: "Synchronized[int]") -> None:
+        self._depth = depth
+
+    def on_start(self, _: object) -> None:
+        """One more."""
+        self._depth.value += 1
+
+    def on_end(self, _: object) -> None:
+        """One less."""
+        self._depth.value -= 1
+
+
+def serve(pipe: Connection, kind: Kind, good: Path, compiling: "Synchronized[int]") -> None:
     """Run cases whose seeds come in, after loading all kernels of the named scenes."""
     from tools.cli import run
 
+    register("numba:compile", Compiling(compiling))  # type: ignore[no-untyped-call]  # numba has no types
     os.environ.pop("DISPLAY", None)
     os.environ.pop("WAYLAND_DISPLAY", None)
     os.chdir(good)
@@ -237,7 +258,8 @@ class Worker:
     def __init__(self, kind: Kind, good: Path) -> None:
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs, kind, good))
+        self._compiling = context.Value("i", 0)
+        self._process = context.Process(target=serve, args=(theirs, kind, good, self._compiling))
         self._process.start()
         theirs.close()
         self._pipe.recv()
@@ -259,6 +281,8 @@ class Worker:
         while not self._pipe.poll(LOOK_S):
             now_s, largest_mb = processor_s(pid), max(largest_mb, memory_mb(pid))
             if now_s > last_s:
+                if self._compiling.value:  # once for a scene of a new kind, and never again
+                    began_s += now_s - last_s
                 last_s, moved_s = now_s, time.monotonic()
             wrong = ""
             if not self._process.is_alive():
