@@ -28,7 +28,7 @@ from firmware_py.builds.machine_code import (
     raw_assembly,
     retargeted,
 )
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.node.tick import NodeState
 
 PLACELESS = "merged or moved"

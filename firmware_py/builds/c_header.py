@@ -12,7 +12,7 @@ from typing import Any, get_args, get_origin
 
 from firmware_py.builds.flat import Precision, layout, members
 from firmware_py.builds.single_precision import single
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.tick import MAX_RX, NodeState, Tx
 

@@ -12,7 +12,7 @@ from typing import Any, cast
 from numba.core import types
 
 from firmware_py.builds.numba_subset import loader, numba_type, store
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import WordFrame
 from firmware_py.node.tick import NodeState, Rx, tick
 

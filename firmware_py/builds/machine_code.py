@@ -22,7 +22,7 @@ import llvmlite.binding as llvm
 from firmware_py.builds import single_precision
 from firmware_py.builds.cache import cache_folder
 from firmware_py.builds.flat import Precision, in_precision, layout, stored
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.node.tick import INITIAL, NodeState, Tx
 
 TargetName = Literal["cortex-m7", "cortex-m4f", "host", "host-single"]

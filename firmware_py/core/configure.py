@@ -20,7 +20,7 @@ from firmware_py.core.estimation.kalman import ProcessNoise, Row
 from firmware_py.core.numbers import TAU
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.safety import drive_link, monitors
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.packing import GAIT_SENSORS_PERIOD_S
 
 STANDARD_GRAVITY_M_S2 = 9.80665

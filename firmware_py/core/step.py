@@ -18,64 +18,20 @@ from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import NEVER_TICKS, Inputs
 from firmware_py.core.numbers import clamp
 from firmware_py.core.safety import drive_link, monitors, supervisor
+from firmware_py.core.state import Config, Outputs, State
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
     CLOSED_LOOP,
-    INIT,
     MOVING,
-    NO_FAULT,
     NO_LIMIT,
     NO_REFUSAL,
     READY,
     RUN,
     STOPPING,
     ActingLimit,
-    Fault,
-    Mode,
     Refusal,
-    Regime,
 )
-
-
-class Config(NamedTuple):
-    """Everything that is settled before the first tick."""
-
-    tick_s: float
-    drive_link: drive_link.DriveLinkConfig
-    crank: crank.CrankConfig
-    estimator: estimator_state.EstimatorConfig
-    detector: detector.DetectorConfig
-    regime: regime.RegimeConfig
-    start: start.StartConfig
-    hold: hold.HoldConfig
-    speed: speed.SpeedConfig
-    monitors: monitors.MonitorConfig
-    gait: gait.GaitConfig
-    lock: lock.LockConfig
-    therapy: therapy.TherapyConfig
-    identify: identify.IdentifyConfig
-    calm: calm.CalmConfig
-
-
-class State(NamedTuple):
-    """Everything that a tick hands to the next one."""
-
-    crank: crank.CrankState
-    estimator: estimator_state.EstimatorState
-    detector: detector.DetectorState
-    regime: regime.RegimeState
-    start: start.StartState
-    hold: hold.HoldState
-    speed: speed.SpeedState
-    monitors: monitors.MonitorState
-    supervisor: supervisor.SupervisorState
-    drive_link: drive_link.DriveLinkState
-    gait: gait.CycleState
-    lock: lock.LockState
-    therapy: therapy.TherapyState
-    identify: identify.IdentifyState
-    calm: calm.CalmState
 
 
 class Sensed(NamedTuple):
@@ -98,76 +54,6 @@ class Sensed(NamedTuple):
     separation_ticks: int
     impulse_n_s: float
     peak_m_s2: float
-
-
-class Outputs(NamedTuple):
-    """What leaves the core.
-
-    `impact` marks the tick in which a touch-down was found, `impact_age_s` before the sensors' time, at
-    `impact_speed_m_s`; `impact_impulse_n_s` is then the expected impulse. `separation` marks the tick in
-    which the striker left the stop: from then on the impulse is the measured one, and the age has run on with
-    the contact.
-    """
-
-    mode: Mode
-    fault: Fault
-    disarm_reason: int
-    refusal: Refusal
-    regime: Regime
-    acting_limit: ActingLimit
-    torque_n_m: float
-    target_omega_rad_s: float
-    drive_frame: drive_link.DriveFrame
-    impact: bool
-    separation: bool
-    impact_age_s: float
-    impact_speed_m_s: float
-    impact_impulse_n_s: float
-    period_ended: bool
-    period_impacts: int
-    impact_phase_rad: float
-    peak_acceleration_m_s2: float
-
-
-INITIAL = State(
-    crank=crank.INITIAL,
-    estimator=estimator_state.INITIAL,
-    detector=detector.INITIAL,
-    regime=regime.INITIAL,
-    start=start.INITIAL,
-    hold=hold.INITIAL,
-    speed=speed.INITIAL,
-    monitors=monitors.INITIAL,
-    supervisor=supervisor.INITIAL,
-    drive_link=drive_link.INITIAL,
-    gait=gait.INITIAL,
-    lock=lock.INITIAL,
-    therapy=therapy.INITIAL,
-    identify=identify.INITIAL,
-    calm=calm.INITIAL,
-)
-
-
-INITIAL_OUTPUTS = Outputs(
-    mode=INIT,
-    fault=NO_FAULT,
-    disarm_reason=0,
-    refusal=NO_REFUSAL,
-    regime=Regime.UNCERTAIN,
-    acting_limit=ActingLimit.SAFE_STATE,
-    torque_n_m=0.0,
-    target_omega_rad_s=0.0,
-    drive_frame=drive_link.DriveFrame.NOTHING,
-    impact=False,
-    separation=False,
-    impact_age_s=0.0,
-    impact_speed_m_s=0.0,
-    impact_impulse_n_s=0.0,
-    period_ended=False,
-    period_impacts=0,
-    impact_phase_rad=0.0,
-    peak_acceleration_m_s2=0.0,
-)
 
 
 def refused(

@@ -5,171 +5,21 @@ and counted; their source then simply grows older. A gap in a counter is counted
 silence in which the counter may have turned once round, the same number again is no repetition.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
-from firmware_py.core.inputs import (
-    NEVER_TICKS,
-    AccelerometerInput,
-    CoarseInput,
-    DriveInput,
-    EncoderInput,
-    GaitInput,
-    Inputs,
-    OperatorInput,
-    PowerInput,
-)
 from firmware_py.interface import packing
-from firmware_py.interface.enums import axis_state_of, operator_request_of
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.frame import WordFrame
-from firmware_py.interface.records import (
-    Accelerometer,
-    CoarsePosition,
-    DriveHeartbeat,
-    DriveTemperature,
-    EncoderEstimates,
-    GaitSensors,
-    OperatorCommand,
-    ParameterRequest,
-)
+from firmware_py.node.counters import Counters, also_counted, counted, refused
+from firmware_py.node.readings import NEVER, Heard, Received
 
 Item = TypeVar("Item")
-
-NO_COARSE = CoarseInput(0.0, NEVER_TICKS)
-NO_GAIT = GaitInput(0.0, 0.0, heel=False, toe=False, age_ticks=NEVER_TICKS)
-"""What modules without such a sensor read."""
 
 LONGEST_DATED_TICKS = (1 << packing.ACCELEROMETER_COUNTER_BITS) - 2
 """Since the last sample: for as long a sample's counter says when it was sent, give or take a tick."""
 
 REQUESTS = 4
 """Parameter requests that wait for their answers at most; a client waits for one before it asks again."""
-
-
-class Counters(NamedTuple):
-    """Since power-up: frames taken, frames dropped by reason, gaps in rolling counters, skipped ticks, and
-    own frames that found no place in the queue or could not be encoded."""
-
-    frames: int
-    rejected_length: int
-    rejected_crc: int
-    rejected_value: int
-    rejected_repeated: int
-    counter_gaps: int
-    skipped_ticks: int
-    unsent: int
-
-
-class Heard(NamedTuple):
-    """The tick of a source's newest frame, and that frame's rolling counter (−1: none yet).
-
-    `counted_tick` is that of the newest counter, of dropped repetitions too.
-    """
-
-    tick: int
-    counted_tick: int
-    counter: int
-
-
-class Received(NamedTuple):
-    """The newest reading of each source. Of `requests` the first `request_count` wait for an answer."""
-
-    accelerometer: Accelerometer
-    accelerometer_heard: Heard
-    encoder: EncoderEstimates
-    encoder_heard: Heard
-    heartbeat: DriveHeartbeat
-    heartbeat_heard: Heard
-    disarm_reason: int
-    disarm_reason_heard: Heard
-    current_a: float
-    current_heard: Heard
-    temperature: DriveTemperature
-    temperature_heard: Heard
-    voltage_v: float
-    voltage_heard: Heard
-    estop_tick: int
-    command: OperatorCommand
-    command_heard: Heard
-    coarse: CoarsePosition
-    coarse_heard: Heard
-    gait: GaitSensors
-    gait_heard: Heard
-    requests: tuple[ParameterRequest, ParameterRequest, ParameterRequest, ParameterRequest]
-    request_count: int
-    request_heard: Heard
-
-
-NEVER = Heard(-NEVER_TICKS, -NEVER_TICKS, -1)
-NOTHING_YET = Counters(0, 0, 0, 0, 0, 0, 0, 0)
-NO_REQUEST = ParameterRequest(0, 0, 0.0)
-
-INITIAL = Received(
-    accelerometer=Accelerometer(0.0, 0.0, 0.0),
-    accelerometer_heard=NEVER,
-    encoder=EncoderEstimates(0.0, 0.0),
-    encoder_heard=NEVER,
-    heartbeat=DriveHeartbeat(0, 0, 0, 0),
-    heartbeat_heard=NEVER,
-    disarm_reason=0,
-    disarm_reason_heard=NEVER,
-    current_a=0.0,
-    current_heard=NEVER,
-    temperature=DriveTemperature(0.0, 0.0),
-    temperature_heard=NEVER,
-    voltage_v=0.0,
-    voltage_heard=NEVER,
-    estop_tick=-NEVER_TICKS,
-    command=OperatorCommand(0, 0.0, 0.0),
-    command_heard=NEVER,
-    coarse=CoarsePosition(0.0),
-    coarse_heard=NEVER,
-    gait=GaitSensors(0.0, 0.0, 0, 0),
-    gait_heard=NEVER,
-    requests=(NO_REQUEST, NO_REQUEST, NO_REQUEST, NO_REQUEST),
-    request_count=0,
-    request_heard=NEVER,
-)
-
-
-def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
-    """Count a frame that the codec refuses."""
-    frames, length, crc, value, repeated, gaps, skipped, unsent = counters
-    if reason == FrameErrorReason.LENGTH:
-        length += 1
-    elif reason == FrameErrorReason.CRC:
-        crc += 1
-    else:
-        value += 1
-    return Counters(frames, length, crc, value, repeated, gaps, skipped, unsent)
-
-
-def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
-    """Count a frame that the codec accepts."""
-    return Counters(
-        counters.frames if repeated else counters.frames + 1,
-        counters.rejected_length,
-        counters.rejected_crc,
-        counters.rejected_value,
-        counters.rejected_repeated + 1 if repeated else counters.rejected_repeated,
-        counters.counter_gaps + 1 if gap else counters.counter_gaps,
-        counters.skipped_ticks,
-        counters.unsent,
-    )
-
-
-def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counters:
-    """Count skipped ticks and own frames that do not leave."""
-    return Counters(
-        counters.frames,
-        counters.rejected_length,
-        counters.rejected_crc,
-        counters.rejected_value,
-        counters.rejected_repeated,
-        counters.counter_gaps,
-        counters.skipped_ticks + skipped_ticks,
-        counters.unsent + unsent,
-    )
 
 
 def taken(
@@ -340,36 +190,6 @@ def receive(  # noqa: PLR0912, PLR0915 - a table of identifiers, the most freque
     return taken_in, counters
 
 
-def without_requests(received: Received) -> Received:
-    """All parameter requests are answered."""
-    return Received(
-        received.accelerometer,
-        received.accelerometer_heard,
-        received.encoder,
-        received.encoder_heard,
-        received.heartbeat,
-        received.heartbeat_heard,
-        received.disarm_reason,
-        received.disarm_reason_heard,
-        received.current_a,
-        received.current_heard,
-        received.temperature,
-        received.temperature_heard,
-        received.voltage_v,
-        received.voltage_heard,
-        received.estop_tick,
-        received.command,
-        received.command_heard,
-        received.coarse,
-        received.coarse_heard,
-        received.gait,
-        received.gait_heard,
-        received.requests,
-        0,
-        received.request_heard,
-    )
-
-
 def begins_sample(received: Received, tick: int, frame: WordFrame, first_id: int) -> bool:
     """Whether a frame of `tick` belongs to another sample than those received in it so far.
 
@@ -387,96 +207,3 @@ def sampled_tick(before: Heard, received: Received) -> int:
     """When the newest sample was taken, by how far its counter has moved since that of `before`."""
     modulus = 1 << packing.ACCELEROMETER_COUNTER_BITS
     return before.tick + (received.accelerometer_heard.counter - before.counter) % modulus
-
-
-def dated(heard: Heard, tick: int, sampled: int) -> Heard:
-    """The same, of `sampled` if it was received in `tick`."""
-    return Heard(sampled, sampled, heard.counter) if heard.tick == tick else heard
-
-
-def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
-    """The same, with the sensors' readings that were received in `tick` of the earlier tick `sampled`."""
-    return Received(
-        received.accelerometer,
-        dated(received.accelerometer_heard, tick, sampled),
-        received.encoder,
-        dated(received.encoder_heard, tick, sampled),
-        received.heartbeat,
-        received.heartbeat_heard,
-        received.disarm_reason,
-        received.disarm_reason_heard,
-        received.current_a,
-        received.current_heard,
-        received.temperature,
-        received.temperature_heard,
-        received.voltage_v,
-        received.voltage_heard,
-        received.estop_tick,
-        received.command,
-        received.command_heard,
-        received.coarse,
-        dated(received.coarse_heard, tick, sampled),
-        received.gait,
-        dated(received.gait_heard, tick, sampled),
-        received.requests,
-        received.request_count,
-        received.request_heard,
-    )
-
-
-def age(tick: int, heard: Heard) -> int:
-    """Ticks since a source's newest frame, `NEVER_TICKS` at most."""
-    return min(tick - heard.tick, NEVER_TICKS)
-
-
-def inputs_of(received: Received, tick: int, elapsed_ticks: int) -> Inputs:
-    """What the core sees of the world at tick number `tick`."""
-    acceleration, encoder = received.accelerometer, received.encoder
-    command, gait = received.command, received.gait
-    coarse = NO_COARSE
-    if received.coarse_heard.tick >= 0:
-        coarse = CoarseInput(received.coarse.striker_position_m, age(tick, received.coarse_heard))
-    leg = NO_GAIT
-    if received.gait_heard.tick >= 0:
-        leg = GaitInput(
-            gait.shank_rate_rad_s,
-            gait.along_m_s2,
-            gait.heel_contact == 1,
-            gait.toe_contact == 1,
-            age(tick, received.gait_heard),
-        )
-    power_tick = min(
-        received.current_heard.tick, received.temperature_heard.tick, received.voltage_heard.tick
-    )
-    return Inputs(
-        elapsed_ticks,
-        AccelerometerInput(
-            acceleration.striker_low_m_s2,
-            acceleration.striker_high_m_s2,
-            acceleration.housing_m_s2,
-            age(tick, received.accelerometer_heard),
-        ),
-        coarse,
-        EncoderInput(encoder.position_rev, encoder.velocity_rev_s, age(tick, received.encoder_heard)),
-        DriveInput(
-            axis_state_of(received.heartbeat.axis_state),
-            received.heartbeat.axis_error,
-            received.disarm_reason,
-            age(tick, received.heartbeat_heard),
-        ),
-        PowerInput(
-            received.current_a,
-            received.voltage_v,
-            received.temperature.inverter_degc,
-            received.temperature.motor_degc,
-            min(tick - power_tick, NEVER_TICKS),
-        ),
-        OperatorInput(
-            operator_request_of(command.request),
-            command.target_ratio,
-            command.target_impulse_n_s,
-            age(tick, received.command_heard),
-        ),
-        leg,
-        received.estop_tick == tick,
-    )

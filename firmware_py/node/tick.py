@@ -24,24 +24,17 @@ from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.parameters import read_parameter, write_parameter
 from firmware_py.core.safety.drive_link import DriveFrame
-from firmware_py.core.step import INITIAL as INITIAL_CORE
-from firmware_py.core.step import INITIAL_OUTPUTS, Config, Outputs, State, act, sense, unsensed
+from firmware_py.core.state import INITIAL as INITIAL_CORE
+from firmware_py.core.state import INITIAL_OUTPUTS, Config, Outputs, State
+from firmware_py.core.step import act, sense, unsensed
 from firmware_py.interface import packing
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
-from firmware_py.node import receiver, transmitter
-from firmware_py.node.receiver import (
-    LONGEST_DATED_TICKS,
-    Counters,
-    Received,
-    also_counted,
-    begins_sample,
-    inputs_of,
-    receive,
-    sampled_tick,
-    with_sensors_dated,
-)
+from firmware_py.node import readings, transmitter
+from firmware_py.node.counters import NOTHING_YET, Counters, also_counted
+from firmware_py.node.readings import Received, inputs_of, with_sensors_dated
+from firmware_py.node.receiver import LONGEST_DATED_TICKS, begins_sample, receive, sampled_tick
 from firmware_py.node.transmitter import Transmitter
 
 MAX_RX = 64
@@ -85,12 +78,12 @@ MAY_BE_WRITTEN = (INIT, READY, FAULT, E_STOP)
 
 INITIAL = NodeState(
     ticks=0,
-    received=receiver.INITIAL,
-    inputs=inputs_of(receiver.INITIAL, 0, 1),
+    received=readings.INITIAL,
+    inputs=inputs_of(readings.INITIAL, 0, 1),
     core=INITIAL_CORE,
     outputs=INITIAL_OUTPUTS,
     waiting=transmitter.INITIAL,
-    counters=receiver.NOTHING_YET,
+    counters=NOTHING_YET,
 )
 
 
@@ -177,7 +170,7 @@ def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Pa
         lost += 0 if fits else 1
     # Of damaged parameters one is written, and the others are as unknown as before.
     config = config_of(parameters, config.monitors.parameters_damaged)
-    received = receiver.without_requests(received)
+    received = readings.without_requests(received)
     counters = also_counted(state.counters, 0, lost)
     state = NodeState(state.ticks, received, state.inputs, state.core, state.outputs, waiting, counters)
     return parameters, config, state

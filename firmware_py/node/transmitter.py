@@ -11,7 +11,7 @@ from typing import NamedTuple
 from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkConfig
-from firmware_py.core.step import Outputs, State
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface import packing
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
 from firmware_py.interface.frame import WordFrame

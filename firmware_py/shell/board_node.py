@@ -11,7 +11,7 @@ import numpy as np
 from firmware_py.builds import board
 from firmware_py.builds.flat import Memory, Precision, copier, in_precision, layout
 from firmware_py.builds.machine_code import TARGETS
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.node.tick import NodeState, Tx
 from firmware_py.shell.flat_node import FRAME_BYTES, FlatNode
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from firmware_py.builds.entry import entry
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.shell.flat_node import FlatNode
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from firmware_py.builds.flat import Memory, loaded, stored
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.step import Config, Outputs, State
+from firmware_py.core.state import Config, Outputs, State
 from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.node.receiver import Counters
+from firmware_py.node.counters import Counters
 from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
 from firmware_py.shell.node import RECEIVED_IDS, fitting, refuse_other_elapsed
 from firmware_py.shell.parameters import parameters_of, with_overrides

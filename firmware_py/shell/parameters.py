@@ -15,7 +15,7 @@ import tomli_w
 from firmware_py.core.configure import config_of
 from firmware_py.core.parameter_values import ORDERED, Parameters
 from firmware_py.core.parameters import conflict, within_bounds
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.addresses import Addresses, addresses
 from firmware_py.interface.enums import ParameterTier
 from firmware_py.interface.sources.parameter_table import INDEX, TABLE, Parameter

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from firmware_py.builds.flat import layout
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.step import Outputs, State
-from firmware_py.node.receiver import Counters
+from firmware_py.core.state import Outputs, State
+from firmware_py.node.counters import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
 from hil.record.trace import FieldType, TraceWriter

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.shell.parameters import config_from
 from hil.judge.checks import Check
 from hil.scenario.fault_tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted

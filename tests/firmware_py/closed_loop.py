@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.step import Outputs, State
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame

@@ -9,7 +9,7 @@ import llvmlite.binding as llvm
 
 from firmware_py.builds.flat import copier, in_precision
 from firmware_py.builds.machine_code import ENTRY, object_code
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.flat_node import FlatNode
 

@@ -16,7 +16,7 @@ from walker import walk
 
 from firmware_py.builds import cache, flat
 from firmware_py.core.estimation import kalman
-from firmware_py.core.step import INITIAL as STARTED
+from firmware_py.core.state import INITIAL as STARTED
 from firmware_py.core.step import step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest

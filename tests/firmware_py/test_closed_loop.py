@@ -8,7 +8,8 @@ from closed_loop import Bench, scene_with
 from records import HEALTHY, leaves, replaced
 
 from firmware_py.core.safety.drive_link import DriveFrame
-from firmware_py.core.step import INITIAL, Outputs, step
+from firmware_py.core.state import INITIAL, Outputs
+from firmware_py.core.step import step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import (
     MOVING,

@@ -12,7 +12,7 @@ from closed_loop import Bench
 from firmware_py.builds.c_header import config_header, header
 from firmware_py.builds.flat import Precision, in_precision, stored
 from firmware_py.builds.machine_code import object_code, sizes
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame, word_of
 from firmware_py.node.tick import INITIAL, NO_TX
 from firmware_py.shell.builds import node_of

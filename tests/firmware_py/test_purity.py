@@ -6,7 +6,8 @@ import pytest
 from closed_loop import Bench
 from records import leaves
 
-from firmware_py.core.step import Config, Outputs, State, step
+from firmware_py.core.state import Config, Outputs, State
+from firmware_py.core.step import step
 from firmware_py.shell.parameters import config_from
 
 

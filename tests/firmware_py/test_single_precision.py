@@ -14,7 +14,7 @@ from code_here import SingleNode
 from firmware_py.builds.flat import copier, in_precision, loaded, stored
 from firmware_py.builds.machine_code import raw_assembly
 from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrowed, single
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface import packing
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import INITIAL, NodeState

@@ -9,7 +9,7 @@ from PIL import Image
 from run_folder import make_run, write_run
 
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.step import Outputs, State
+from firmware_py.core.state import Outputs, State
 from firmware_py.interface.records import Accelerometer, GaitSensors
 from firmware_py.shell.node import Counters
 from hil.can_model.error_trace import BusErrorRecord

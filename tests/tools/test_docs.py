@@ -8,7 +8,7 @@ from typing import NamedTuple, get_type_hints
 import pytest
 import typer
 
-from firmware_py.core.step import State
+from firmware_py.core.state import State
 from firmware_py.interface.sources.parameter_table import TABLE
 from hil.judge.figure_records import CATALOGUE
 from hil.scenario.scenario import load_scenario

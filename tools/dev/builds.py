@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.core.estimation import kalman
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import node_of
 from firmware_py.shell.node import FirmwareNode

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.builds.flat import layout
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
 from firmware_py.shell import board_node

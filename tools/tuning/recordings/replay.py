@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.numba_subset import register
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput, EncoderInput
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from hil.nodes.compiled import kernel
 from tools.tuning.recordings.readings import Ticks
 

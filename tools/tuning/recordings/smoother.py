@@ -11,7 +11,7 @@ import filterpy.kalman
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.core.step import Config
+from firmware_py.core.state import Config
 from tools.tuning.recordings import replay
 
 FloatArray = NDArray[np.float64]
