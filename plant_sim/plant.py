@@ -23,12 +23,14 @@ from plant_sim.solvers.adaptive.adaptive import (
     NO_GRID,
     NO_SAMPLES,
     advance,
+    refusal,
+)
+from plant_sim.solvers.adaptive.observation import (
     electrical_ledger,
     ledger,
     motion_state,
     observation,
     peak_felt_force_n,
-    refusal,
 )
 from plant_sim.solvers.adaptive.state_layout import (
     ELAPSED,

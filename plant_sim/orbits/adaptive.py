@@ -38,20 +38,23 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, is_soft, origin_m
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
-from plant_sim.solvers.adaptive.motion import CONTACT, FLIGHT, REST, work_place
+from plant_sim.solvers.adaptive.crank import crank_now
 from plant_sim.solvers.adaptive.state_layout import (
     APPROACH,
+    CONTACT,
     CRANK_ANGLE,
+    FLIGHT,
     IMPACT_ANGLE,
     IMPACTS,
     PEAK_FORCE,
+    REST,
     SAMPLES,
     SEEN,
     Memory,
     restart,
+    work_place,
 )
 from plant_sim.solvers.adaptive.state_layout import IMPULSE as IMPACT_IMPULSE
-from plant_sim.solvers.adaptive.transitions import crank_speed
 
 LOOKS = 64
 """Times per drive period at which the motion is looked at for its extremes."""
@@ -72,7 +75,7 @@ def follow_stepwise(
 ) -> Outcome:
     """`orbits.follow_orbit` in `memory`, which was allocated for these parts."""
     carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
-    rows = new_rows(protocol, crank_speed(parts.drive, memory))
+    rows = new_rows(protocol, crank_now(parts.drive, memory).speed_rad_s)
     return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
 
 
@@ -96,7 +99,7 @@ def _(carrier: Stepwise) -> Size:
     striker = parts.striker
     length_m = abs(_shift_m(parts)) + abs(parts.drive.amplitude_m)
     natural_rad_s = math.sqrt(striker.spring_n_m / striker.mass_kg)
-    drive_rad_s = crank_speed(parts.drive, carrier.memory)
+    drive_rad_s = crank_now(parts.drive, carrier.memory).speed_rad_s
     return Size(drive_rad_s, striker.rest_length_m, length_m, natural_rad_s * length_m)
 
 
@@ -109,7 +112,9 @@ def _shift_m(parts: Parts) -> float:
 @law(set_out, Stepwise)
 def _(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: float) -> float:
     parts, memory = carrier.parts, carrier.memory
-    restart(parts, memory, y_m - _shift_m(parts), v_m_s, crank_rad, crank_speed(parts.drive, memory))
+    restart(
+        parts, memory, y_m - _shift_m(parts), v_m_s, crank_rad, crank_now(parts.drive, memory).speed_rad_s
+    )
     return 0.0
 
 

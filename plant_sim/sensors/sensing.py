@@ -24,7 +24,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
 from plant_sim.sensors.models import AccelerometerModel, SensorModels
 from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
-from plant_sim.solvers.adaptive.motion import SPEED, VELOCITY, Vector
+from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
 
 Complex = NDArray[np.complex128]
 

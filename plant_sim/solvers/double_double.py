@@ -10,7 +10,7 @@ import math
 from plant_sim.kernels import jit
 
 TURN_RAD = 2.0 * math.pi
-_TURN_LOW_RAD = 2.4492935982947064e-16  # 2π − TURN_RAD
+TURN_LOW_RAD = 2.4492935982947064e-16  # 2π − TURN_RAD
 _TURNS_PER_RAD = 1.0 / TURN_RAD
 _SPLIT = 134217729.0  # 2²⁷ + 1 halves a significand
 
@@ -71,5 +71,5 @@ def turned(
     if turns != 0.0:
         whole, whole_low = two_product(float(turns), TURN_RAD)
         high, rest = two_sum(high, -whole)
-        low += (rest - whole_low) - turns * _TURN_LOW_RAD
+        low += (rest - whole_low) - turns * TURN_LOW_RAD
     return two_sum(high, low)

@@ -26,12 +26,18 @@ from plant_sim.solvers.adaptive.adaptive import (
     NO_GRID,
     NO_SAMPLES,
     advance,
-    electrical_ledger,
-    peak_felt_force_n,
     refusal,
 )
-from plant_sim.solvers.adaptive.motion import work_place
-from plant_sim.solvers.adaptive.state_layout import ELAPSED, IMPACTS, IMPULSE, PEAK_FORCE, Memory, allocate
+from plant_sim.solvers.adaptive.observation import electrical_ledger, peak_felt_force_n
+from plant_sim.solvers.adaptive.state_layout import (
+    ELAPSED,
+    IMPACTS,
+    IMPULSE,
+    PEAK_FORCE,
+    Memory,
+    allocate,
+    work_place,
+)
 from tools.trade.costs import COST_UNIT, Progress
 
 RATIO = 1.3

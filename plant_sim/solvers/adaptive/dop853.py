@@ -11,10 +11,8 @@ from scipy.integrate import DOP853
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.bernstein import DEGREE
-from plant_sim.solvers.adaptive.motion import Flow, Vector, derivative, state_size, work_place
-
-STAGES = 16
-"""12 of the step, 1 at its end, 3 of the continuous extension."""
+from plant_sim.solvers.adaptive.motion import derivative
+from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Vector, state_size, work_place
 
 A: Vector = np.zeros((STAGES, STAGES))
 A[:12, :12], A[12, :12], A[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA

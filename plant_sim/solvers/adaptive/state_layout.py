@@ -1,4 +1,11 @@
-"""What an advancing module carries from step to step, in arrays that kernels change in place."""
+"""What an advancing module carries from step to step, in arrays that kernels change in place.
+
+The integrated state holds only what the parts have: depth and velocity; the crank's angle and speed with a
+motor; the foot plate's place and velocity with a wearer; with windings their currents and the current loop's
+integrals; then the ledger's integrals: work of the drive, friction, with a stop its loss, with a soft one its
+impulse, with a tilted or moving housing its work, with a wearer the ankle's loss, with windings the work at
+their terminals and the copper's loss. Depth is x − x_stop − p, so that it keeps its digits at the stop.
+"""
 
 import math
 from typing import NamedTuple
@@ -9,15 +16,100 @@ from numpy.typing import NDArray
 from plant_sim.kernels import by_part, law, shared
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.housing import Housing, Moving, Tilted
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import is_soft, origin_m
-from plant_sim.parts.wearer import is_worn
-from plant_sim.parts.winding import DqWinding
-from plant_sim.result import MotionState
+from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, RigidStop, Stop, is_soft, origin_m
+from plant_sim.parts.walking import Walking
+from plant_sim.parts.wearer import Ankle, Wearer, is_worn
+from plant_sim.parts.winding import DqWinding, Winding
+from plant_sim.result import MotionState, Phase
 from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE
-from plant_sim.solvers.adaptive.dop853 import STAGES
-from plant_sim.solvers.adaptive.events import TURN, Scratch
-from plant_sim.solvers.adaptive.motion import Vector, housing_place, integrals, state_size, work_place
+from plant_sim.solvers.double_double import TURN_RAD
+
+Vector = NDArray[np.float64]
+
+FLIGHT, STICK, REST, CONTACT = (int(phase) for phase in Phase)
+
+STAGES = 16
+"""Derivatives a step takes: 12 of the step, 1 at its end, 3 of the continuous extension."""
+
+DEPTH, VELOCITY, ANGLE, SPEED = range(4)
+"""Places of the motion; those of the ledger's integrals follow from `work_place` on."""
+
+
+@by_part
+def motion_size(part: Drive | Wearer | Winding) -> int:
+    """How many quantities of motion a part adds to the striker's two."""
+    return 0
+
+
+@law(motion_size, MotorDrive, Ankle)
+def _(part: MotorDrive | Ankle) -> int:
+    return 2
+
+
+@law(motion_size, DqWinding)
+def _(part: DqWinding) -> int:
+    return 4
+
+
+@by_part
+def ledger_size(part: Stop | Housing | Wearer | Winding) -> int:
+    """How many integrals a part adds to the ledger's two, of drive and friction."""
+    return 0
+
+
+@law(ledger_size, RigidStop, Tilted, Moving, Walking, Ankle)
+def _(part: RigidStop | Tilted | Moving | Walking | Ankle) -> int:
+    return 1
+
+
+@law(ledger_size, KelvinVoigt, HuntCrossley, DqWinding)
+def _(part: KelvinVoigt | HuntCrossley | DqWinding) -> int:
+    return 2
+
+
+@shared
+def plate_place(drive: Drive) -> int:
+    """Place of the foot plate's way in the state, which its velocity follows, where there is a wearer."""
+    return 2 + motion_size(drive)
+
+
+@shared
+def current_place(parts: Parts) -> int:
+    """Place of the windings' currents in the state, where it has them."""
+    return plate_place(parts.drive) + motion_size(parts.wearer)
+
+
+@shared
+def work_place(parts: Parts) -> int:
+    """Place of the drive's work in the state; friction's follows, then the stop's loss and impulse."""
+    return current_place(parts) + motion_size(parts.winding)
+
+
+@shared
+def housing_place(parts: Parts) -> int:
+    """Place of the housing's work in the state, where it is not level and at rest."""
+    return work_place(parts) + 2 + ledger_size(parts.stop)
+
+
+@shared
+def ankle_place(parts: Parts) -> int:
+    """Place of the ankle's loss in the state, where there is a wearer."""
+    return housing_place(parts) + ledger_size(parts.housing)
+
+
+@shared
+def terminal_place(parts: Parts) -> int:
+    """Place of the work at a motor's terminals in the state, where it has windings."""
+    return ankle_place(parts) + ledger_size(parts.wearer)
+
+
+@shared
+def state_size(parts: Parts) -> int:
+    """Length of the integrated state."""
+    return terminal_place(parts) + ledger_size(parts.winding)
+
 
 # Places in Memory.mode.
 (
@@ -101,6 +193,46 @@ SHARE_OF_STRIBECK_SPEED = 1e-3
 """However loose the accuracy: a larger error of velocity would undo the bend of friction near rest."""
 
 
+class Crank(NamedTuple):
+    """The crank at one instant."""
+
+    angle_rad: float
+    speed_rad_s: float
+
+
+class Flow(NamedTuple):
+    """What does not change within one step."""
+
+    phase: int
+    direction: float
+    """Of the striker's sliding, ±1."""
+    damping_s_m: float
+    """λ of the present contact."""
+    angle_rad: float
+    """Of the crank at the step's start."""
+    torque_n_m: float
+    """Commanded to a motor."""
+    crank_direction: float
+    """Of a turning crank with dry loss, ±1; else 0."""
+    crank_stuck: bool
+    time_s: float
+    """At the step's start."""
+    voltage_limited: bool
+    """Whether the bus limits a current loop."""
+
+
+class Scratch(NamedTuple):
+    """Arrays that only event location writes: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3).
+
+    `inner` is the motion within a step, which only windings ask for.
+    """
+
+    poly: Vector
+    press: Vector
+    stack: Vector
+    inner: Vector
+
+
 class Memory(NamedTuple):
     """State and mode, bookkeeping, results, tolerances, and scratch from `k` on."""
 
@@ -167,7 +299,7 @@ def restart(
     held[ELAPSED] = held[ELAPSED_LOW] = 0.0
     held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
     held[LAST_STEP] = held[LAST_MARGIN] = held[DEBT] = 0.0
-    _set_crank(parts.drive, memory, crank_rad % TURN, omega_rad_s)
+    _set_crank(parts.drive, memory, crank_rad % TURN_RAD, omega_rad_s)
 
 
 @by_part
@@ -182,7 +314,7 @@ def _(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -
 
 @law(_set_crank, MotorDrive)
 def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
-    memory.y[2], memory.y[3] = angle_rad, omega_rad_s
+    memory.y[ANGLE], memory.y[SPEED] = angle_rad, omega_rad_s
 
 
 def _scale(parts: Parts, accuracy: float) -> Vector:
@@ -204,7 +336,7 @@ def _scale(parts: Parts, accuracy: float) -> Vector:
         motion += [current, current, alpha * winding.d_inductance_h * current]
         motion += [alpha * winding.q_inductance_h * current]
     force = striker.spring_n_m * max(length, abs(striker.rest_length_m - origin_m(stop, striker)))
-    ledger = [force, force, force, striker.mass_kg * natural][: integrals(stop)]
+    ledger = [force, force, force, striker.mass_kg * natural][: 2 + ledger_size(stop)]
     ledger += [force] * (state_size(parts) - housing_place(parts))
     scale: Vector = share * accuracy * np.array(motion + ledger)
     if isinstance(friction, Stribeck):

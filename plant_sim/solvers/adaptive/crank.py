@@ -1,0 +1,327 @@
+"""The crank: its angle and speed, its share of the derivative, its rest under a dry loss, and leaving it.
+
+J θ'' = T − T_viscous − T_dry − c (x_A + l0 − x) dx_A/dθ. A motor's crank is part of the integrated state; an
+ideal drive's turns as the time does. One with a dry loss sticks: from phase to phase as the striker does, but
+beside it.
+"""
+
+import math
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
+from plant_sim.parts.friction import ROUNDING
+from plant_sim.parts.linkage import crank_torque_n_m, piston_m
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import origin_m
+from plant_sim.parts.winding import DqWinding, Winding, cogging_n_m
+from plant_sim.solvers.adaptive.bernstein import DEGREE, NO_ROOT, NODES, evaluate, interpolate
+from plant_sim.solvers.adaptive.event_location import (
+    CRANK_BREAK,
+    CRANK_HALT,
+    Found,
+    Step,
+    earlier,
+    first_beyond,
+    look_within,
+    root,
+    steepest,
+)
+from plant_sim.solvers.adaptive.state_layout import (
+    ANGLE,
+    CRANK_ANGLE,
+    CRANK_DIRECTION,
+    CRANK_STUCK,
+    SPEED,
+    TURNS,
+    ZERO_CRANK,
+    Crank,
+    Flow,
+    Memory,
+    Vector,
+    current_place,
+)
+from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
+from plant_sim.solvers.adaptive.winding import turning_torque_n_m
+from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
+
+
+@by_part
+def crank_now(drive: Drive, memory: Memory) -> Crank:
+    """The crank at the last step's end."""
+    raise NotImplementedError
+
+
+@law(crank_now, IdealDrive)
+def _(drive: IdealDrive, memory: Memory) -> Crank:
+    return Crank(memory.held[CRANK_ANGLE], drive.omega_rad_s)
+
+
+@law(crank_now, MotorDrive)
+def _(drive: MotorDrive, memory: Memory) -> Crank:
+    return Crank(memory.y[ANGLE], memory.y[SPEED])
+
+
+@by_part
+def crank_in_stage(drive: Drive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+    """The crank `tau_s` after the step's start, where the state is `y`."""
+    raise NotImplementedError
+
+
+@law(crank_in_stage, IdealDrive)
+def _(drive: IdealDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+    return Crank(flow.angle_rad + drive.omega_rad_s * tau_s, drive.omega_rad_s)
+
+
+@law(crank_in_stage, MotorDrive)
+def _(drive: MotorDrive, flow: Flow, tau_s: float, y: Vector) -> Crank:
+    return Crank(y[ANGLE], y[SPEED])
+
+
+@by_part
+def angle_at(drive: Drive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
+    """Crank angle, rad, within a step of `h_s`."""
+    raise NotImplementedError
+
+
+@law(angle_at, IdealDrive)
+def _(drive: IdealDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
+    return flow.angle_rad + drive.omega_rad_s * s * h_s
+
+
+@law(angle_at, MotorDrive)
+def _(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
+    return evaluate(dense[ANGLE], DEGREE, s)
+
+
+@by_part
+def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
+    """Carry the crank's angle over a step, within [0, 2π)."""
+    raise NotImplementedError
+
+
+@law(turn_crank, IdealDrive)
+def _(drive: IdealDrive, memory: Memory, h_s: float) -> None:
+    angle_rad, turns = within_a_turn(memory.held[CRANK_ANGLE] + drive.omega_rad_s * h_s)
+    memory.held[CRANK_ANGLE] = angle_rad
+    memory.mode[TURNS] += turns
+
+
+@law(turn_crank, MotorDrive)
+def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
+    angle_rad, turns = within_a_turn(memory.y[ANGLE])
+    memory.y[ANGLE] = angle_rad
+    memory.mode[TURNS] += turns
+
+
+@subroutine
+def within_a_turn(angle_rad: float) -> tuple[float, int]:
+    """The angle in [0, 2π) and the whole turns taken off: many of them leave no drift."""
+    turns = math.floor(angle_rad / TURN_RAD)
+    if turns == 0:
+        return angle_rad, 0
+    rest = (angle_rad - turns * TURN_RAD) - turns * TURN_LOW_RAD
+    if rest < 0.0:  # by rounding
+        return rest + TURN_RAD, turns - 1
+    return rest, turns
+
+
+@subroutine
+def coupling_n(parts: Parts, angle_rad: float, place_m: float) -> float:
+    """Force, N, of the coupling spring on a striker `place_m` from the stop: c (x_A + l0 − x)."""
+    striker = parts.striker
+    reach = striker.rest_length_m - origin_m(parts.stop, striker)
+    piston = piston_m(parts.linkage, parts.drive.amplitude_m, angle_rad)
+    force_n: float = striker.spring_n_m * (piston + reach - place_m)
+    return force_n
+
+
+@subroutine
+def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
+    """Torque, N m, that the coupling spring takes from the crank, the striker `place_m` from the stop.
+
+    c (x_A + l0 − x) dx_A/dθ.
+    """
+    spring = coupling_n(parts, angle_rad, place_m)
+    return crank_torque_n_m(parts.linkage, spring, parts.drive.amplitude_m, angle_rad)
+
+
+@by_part
+def crank_derivative(
+    drive: Drive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
+) -> float:
+    """Fill in the crank's part of the derivative and the drive's power, W; returns the crank's loss, W."""
+    raise NotImplementedError
+
+
+@law(crank_derivative, IdealDrive)
+def _(
+    drive: IdealDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
+) -> float:
+    out[work] = load_n_m * crank.speed_rad_s
+    return 0.0
+
+
+@law(crank_derivative, MotorDrive)
+def _(
+    drive: MotorDrive, flow: Flow, torque_n_m: float, load_n_m: float, crank: Crank, work: int, out: Vector
+) -> float:
+    if flow.crank_stuck:
+        out[ANGLE] = 0.0
+        out[SPEED] = 0.0
+        out[work] = 0.0
+        return 0.0
+    loss_n_m = drive.viscous_n_m_s * crank.speed_rad_s + drive.dry_n_m * flow.crank_direction
+    out[ANGLE] = crank.speed_rad_s
+    out[SPEED] = (torque_n_m - loss_n_m - load_n_m) / drive.inertia_kg_m2
+    out[work] = torque_n_m * crank.speed_rad_s
+    return loss_n_m * crank.speed_rad_s
+
+
+@by_part
+def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
+    """Kinetic energy, J, of what the motor turns; an ideal drive's is its own affair."""
+    return 0.0
+
+
+@law(rotor_energy_j, MotorDrive)
+def _(drive: MotorDrive, omega_rad_s: float) -> float:
+    return 0.5 * drive.inertia_kg_m2 * omega_rad_s * omega_rad_s
+
+
+@subroutine
+def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+    """Torque, N m, on a crank at rest at `angle_rad`, without its dry loss."""
+    place = current_place(parts)
+    torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, Crank(angle_rad, 0.0), y, place)
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    return torque + cogging_n_m(parts.winding, angle_rad) - load
+
+
+@subroutine
+def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
+    """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss and a net's rounding."""
+    load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    return dry_n_m + ROUNDING * (abs(torque_n_m) + abs(load) + dry_n_m)
+
+
+@by_part
+def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Whether a resting crank stays at rest under this torque, and else which way it turns."""
+    return
+
+
+@law(settle_crank, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    y, mode = memory.y, memory.mode
+    mode[CRANK_STUCK] = 0
+    mode[ZERO_CRANK] = 0
+    if drive.dry_n_m == 0.0:
+        mode[CRANK_DIRECTION] = 0
+        return
+    if y[SPEED] != 0.0:
+        mode[CRANK_DIRECTION] = 1 if y[SPEED] > 0.0 else -1
+        return
+    net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
+    mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
+    mode[ZERO_CRANK] = 1
+    if abs(net) <= crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y):
+        mode[CRANK_DIRECTION] = 0
+        mode[CRANK_STUCK] = 1
+
+
+@by_part
+def halt_or_break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
+    """The crank comes to rest, or breaks away from it."""
+    return
+
+
+@law(halt_or_break_crank, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
+    y, mode = memory.y, memory.mode
+    if event == CRANK_HALT:
+        y[SPEED] = 0.0
+        settle_crank(drive, parts, memory, torque_n_m)
+        return
+    net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
+    mode[CRANK_STUCK] = 0
+    mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
+    mode[ZERO_CRANK] = 2
+
+
+@by_part
+def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+    """Whether the crank could come to rest, or break away, in a step; bounds as in `automaton.may_end`."""
+    return False
+
+
+@law(crank_may_halt, MotorDrive)
+def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+    if drive.dry_n_m == 0.0:
+        return False
+    if flow.crank_stuck:
+        return True
+    twice_mean: float = (y[SPEED] + new[SPEED]) * flow.crank_direction
+    return twice_mean <= h_s * 2.0 * steepest(k, SPEED)
+
+
+@by_part
+def crank_events(drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
+    """The earlier of `found` and the crank's coming to rest, or breaking away from it."""
+    return found
+
+
+@law(crank_events, MotorDrive)
+def _(drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
+    flow = step.flow
+    if drive.dry_n_m == 0.0:
+        return found
+    if not flow.crank_stuck:
+        s = root(step.dense[SPEED], -flow.crank_direction, 0.0, step.zeros.crank, step.scratch)
+        return earlier(found, CRANK_HALT, s)
+    return earlier(found, CRANK_BREAK, _break_event(parts.winding, drive, parts, step))
+
+
+@by_part
+def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) -> float:
+    """First s at which the torque on a resting crank passes `crank_limit_n_m`; the loss holds at it.
+
+    At rest the net torque is linear in the striker's place: net(0) + slope (place − place(0)).
+    """
+    flow, y, scratch = step.flow, step.y, step.scratch
+    place = place_within(parts.wearer, drive, step.dense, scratch.press)
+    slope = crank_load_n_m(parts, y[ANGLE], 0.0) - crank_load_n_m(parts, y[ANGLE], 1.0)
+    net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[ANGLE], 0.0)
+    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)
+    return first_beyond(place, slope, net, limit, scratch)
+
+
+@law(_break_event, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step) -> float:
+    flow, y, values, net = step.flow, step.y, step.scratch.poly, step.scratch.press
+    for i in range(DEGREE + 1):
+        look_within(step.dense, NODES[i], step.scratch)
+        values[i] = crank_net_n_m(parts, flow.torque_n_m, y[ANGLE], step.scratch.inner)
+    interpolate(values, net)
+    limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)
+    return first_beyond(net, 1.0, 0.0, limit, step.scratch)
+
+
+@by_part
+def angle_event(drive: Drive, up_rad: float, down_rad: float, step: Step) -> float:
+    """First s at which the crank reaches `up_rad`, above its angle at the start, or `down_rad`, below it."""
+    raise NotImplementedError
+
+
+@law(angle_event, IdealDrive)
+def _(drive: IdealDrive, up_rad: float, down_rad: float, step: Step) -> float:
+    turn, begin_rad = drive.omega_rad_s * step.h_s, step.flow.angle_rad
+    bound = up_rad - begin_rad if turn > 0.0 else down_rad - begin_rad
+    if abs(bound) > abs(turn):
+        return NO_ROOT
+    return bound / turn
+
+
+@law(angle_event, MotorDrive)
+def _(drive: MotorDrive, up_rad: float, down_rad: float, step: Step) -> float:
+    angle, scratch = step.dense[ANGLE], step.scratch
+    return min(root(angle, 1.0, -up_rad, 0, scratch), root(angle, -1.0, down_rad, 0, scratch))

@@ -1,0 +1,86 @@
+"""Where in a step an event lies, located on the step's continuous extension.
+
+Every condition is a polynomial of the step: depth, velocity, crank speed, or how far the pull on what rests
+is from what holds it. A quantity that starts at zero is divided by s first: its own zero is no event.
+"""
+
+from typing import NamedTuple
+
+from plant_sim.kernels import subroutine
+from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate, first_rise, without_root_at_start
+from plant_sim.solvers.adaptive.state_layout import Flow, Scratch, Vector
+
+NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
+"""Reach the stop; leave it; clear one that let go early, or press into it again; halt; slide; the crank's;
+the bus limits a current loop, or no longer does."""
+
+
+class Zeros(NamedTuple):
+    """How many derivatives, the value included, are zero at the step's start."""
+
+    depth: int
+    velocity: int
+    crank: int
+    voltage: int
+
+
+class Step(NamedTuple):
+    """A step that has been tried: what holds in it, its length, the state before it, the motion within it."""
+
+    flow: Flow
+    zeros: Zeros
+    h_s: float
+    y: Vector
+    dense: Vector
+    scratch: Scratch
+
+
+class Found(NamedTuple):
+    """The first event of a step and where in the step it is, 0 to 1."""
+
+    event: int
+    s: float
+
+
+@subroutine
+def earlier(found: Found, event: int, s: float) -> Found:
+    """`found`, or this event where it comes first."""
+    if s < found.s:
+        return Found(event, s)
+    return found
+
+
+@subroutine
+def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) -> float:
+    """First s at which sign · p(s) + offset, negative at first, reaches 0; `zeros` as in Zeros."""
+    poly = scratch.poly
+    degree = DEGREE
+    for i in range(DEGREE + 1):
+        poly[i] = sign * b[i] + offset
+    while degree > DEGREE - zeros:
+        without_root_at_start(poly, degree)
+        degree -= 1
+    return first_rise(poly, degree, scratch.stack)
+
+
+@subroutine
+def first_beyond(b: Vector, slope: float, offset: float, limit: float, scratch: Scratch) -> float:
+    """First s at which |slope · p(s) + offset|, below the limit at first, passes it."""
+    upward = root(b, slope, offset - limit, 0, scratch)
+    return min(upward, root(b, -slope, -offset - limit, 0, scratch))
+
+
+@subroutine
+def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
+    """The motion within a step, into `scratch.inner`."""
+    for i in range(dense.shape[0]):
+        scratch.inner[i] = evaluate(dense[i], DEGREE, s)
+
+
+@subroutine
+def steepest(k: Vector, place: int) -> float:
+    """Largest slope of a quantity in the step's stages, of either sign."""
+    largest = 0.0
+    for stage in range(12):
+        largest = max(largest, abs(k[stage, place]))
+    return largest

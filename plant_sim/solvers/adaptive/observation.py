@@ -1,0 +1,241 @@
+"""What is read off a module: samples and the largest forces within a step, state and ledgers at its end."""
+
+from typing import NamedTuple
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.drive import Drive
+from plant_sim.parts.housing import is_level
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, stop_force_n
+from plant_sim.parts.wearer import Ankle, Wearer, is_worn
+from plant_sim.parts.winding import DqWinding
+from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
+from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
+from plant_sim.solvers.adaptive.crank import angle_at, crank_now
+from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
+from plant_sim.solvers.adaptive.state_layout import (
+    ACCELERATION,
+    ANGLE_NOW,
+    ANKLE_LOSS,
+    CURRENT,
+    DEPTH,
+    DRIVE_WORK,
+    ELAPSED,
+    FELT_FORCE,
+    FRICTION_LOSS,
+    HOUSING_WORK,
+    IMPACT_LOSS,
+    MOTOR_TORQUE,
+    PEAK,
+    PEAK_FELT,
+    PHASE_NOW,
+    PLACE_NOW,
+    REST,
+    SAMPLES,
+    SPEED_NOW,
+    STICK,
+    STOP_FORCE,
+    STORED,
+    VELOCITY,
+    VELOCITY_NOW,
+    Flow,
+    Memory,
+    Vector,
+    ankle_place,
+    current_place,
+    housing_place,
+    terminal_place,
+    work_place,
+)
+from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
+from plant_sim.solvers.adaptive.stop import in_touch
+from plant_sim.solvers.adaptive.wearer import closing_m_s, felt_force_n, from_stop_m, plate_at
+from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_current_a, turning_torque_n_m
+
+GOLDEN = 0.6180339887498949
+GOLDEN_CUTS = 20
+"""They narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
+
+
+class StopForce(NamedTuple):
+    """The force of a soft stop in a contact."""
+
+    parts: Parts
+    damping_s_m: float
+
+
+class FeltForce(NamedTuple):
+    """The force of a worn module on its wearer."""
+
+    wearer: Ankle
+    drive: Drive
+
+
+@by_part
+def force_at(force: StopForce | FeltForce, dense: Vector, s: float) -> float:
+    """The force within a step, N."""
+    raise NotImplementedError
+
+
+@law(force_at, StopForce)
+def _(force: StopForce, dense: Vector, s: float) -> float:
+    parts = force.parts
+    depth = max(evaluate(dense[DEPTH], DEGREE, s), 0.0)
+    closing = evaluate(dense[VELOCITY], DEGREE, s) - plate_at(parts.wearer, parts.drive, dense, s)[1]
+    return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), closing, force.damping_s_m)
+
+
+@law(force_at, FeltForce)
+def _(force: FeltForce, dense: Vector, s: float) -> float:
+    place, velocity = plate_at(force.wearer, force.drive, dense, s)
+    return abs(force.wearer.stiffness_n_m * place + force.wearer.damping_n_s_m * velocity)
+
+
+@subroutine
+def follow_contact(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
+    """The largest force of the contact so far, over the used share of a step."""
+    contact = memory.contact
+    contact[PEAK] = _largest(StopForce(parts, damping_s_m), memory.dense, share, contact[PEAK])
+
+
+@by_part
+def follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> None:
+    """The largest force on the wearer so far, over the used share of a step."""
+    return
+
+
+@law(follow_felt, Ankle)
+def _(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
+    contact = memory.contact
+    contact[PEAK_FELT] = _largest(FeltForce(wearer, drive), memory.dense, share, contact[PEAK_FELT])
+
+
+@subroutine
+def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n: float) -> float:
+    """The largest force so far: the largest of five on the step, refined by golden section."""
+    best, best_s = -1.0, 0.0
+    for i in range(5):
+        s = share * 0.25 * i
+        force_n = force_at(force, dense, s)
+        if force_n > best:
+            best, best_s = force_n, s
+    if best > before_n:
+        low, high = max(best_s - 0.25 * share, 0.0), min(best_s + 0.25 * share, share)
+        for _ in range(GOLDEN_CUTS):
+            cut = GOLDEN * (high - low)
+            if force_at(force, dense, high - cut) > force_at(force, dense, low + cut):
+                high = low + cut
+            else:
+                low = high - cut
+        return max(best, force_at(force, dense, 0.5 * (low + high)))
+    return before_n
+
+
+@subroutine
+def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
+    """Samples at times up to now, which the steps' have not reached: depth from the scene's stop, v, θ."""
+    mode = memory.mode
+    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] <= start_s + memory.held[ELAPSED]:
+        row = samples[mode[SAMPLES]]
+        row[0], row[1] = from_stop_m(parts.wearer, parts.drive, memory.y), memory.y[1]
+        row[2] = crank_now(parts.drive, memory).angle_rad
+        mode[SAMPLES] += 1
+
+
+@subroutine
+def sample_step(
+    parts: Parts, memory: Memory, flow: Flow, h_s: float, used_s: float, grid_s: Vector, samples: Vector
+) -> None:
+    """Samples at times within the used part of a step."""
+    mode, dense = memory.mode, memory.dense
+    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < flow.time_s + used_s:
+        row = samples[mode[SAMPLES]]
+        s = (grid_s[mode[SAMPLES]] - flow.time_s) / h_s
+        row[0] = evaluate(dense[DEPTH], DEGREE, s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
+        row[1] = evaluate(dense[VELOCITY], DEGREE, s)
+        row[2] = angle_at(parts.drive, flow, s, h_s, dense)
+        mode[SAMPLES] += 1
+
+
+@subroutine
+def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
+    """What can be read off the module now."""
+    y, observed = memory.y, memory.observed
+    flow = flow_now(parts, memory, torque_n_m, time_s)
+    observed[PLACE_NOW] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
+    observed[VELOCITY_NOW] = y[1]
+    derivative(parts, flow, 0.0, y, memory.k[0])
+    observed[ACCELERATION] = memory.k[0, 1]
+    observed[STOP_FORCE] = 0.0
+    if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
+        observed[STOP_FORCE] = stop_force_n(
+            parts.stop,
+            elastic_force_n(parts.stop, y[0]),
+            closing_m_s(parts.wearer, parts.drive, y),
+            flow.damping_s_m,
+        )
+    crank, winding, place = crank_now(parts.drive, memory), parts.winding, current_place(parts)
+    observed[CURRENT] = turning_current_a(winding, parts.drive, torque_n_m, crank, y, place)
+    observed[MOTOR_TORQUE] = turning_torque_n_m(winding, parts.drive, torque_n_m, crank, y, place)
+    observed[FELT_FORCE] = felt_force_n(parts.wearer, parts.drive, y)
+    work = work_place(parts)
+    observed[DRIVE_WORK] = y[work]
+    observed[STORED] = stored_energy_j(parts, flow.phase, y, crank)
+    observed[FRICTION_LOSS] = y[work + 1]
+    if is_soft(parts.stop) or is_rigid(parts.stop):
+        observed[IMPACT_LOSS] = y[work + 2]
+    if not is_level(parts.housing):
+        observed[HOUSING_WORK] = y[housing_place(parts)]
+    if is_worn(parts.wearer):
+        observed[ANKLE_LOSS] = y[ankle_place(parts)]
+    observed[ANGLE_NOW] = crank.angle_rad
+    observed[SPEED_NOW] = crank.speed_rad_s
+    observed[PHASE_NOW] = flow.phase
+    if flow.phase == REST and held_force_n(parts, crank.angle_rad, y, time_s) < dry_limit_n(parts):
+        observed[PHASE_NOW] = STICK  # friction holds it there, the stop does not have to
+
+
+_PHASES = tuple(Phase)
+
+
+def observation(memory: Memory, stored_before_j: float) -> Observation:
+    """The module as `memory` has it; the ledger counts from when `stored_before_j` was stored."""
+    *values, phase = memory.observed.tolist()
+    values[STORED] -= stored_before_j
+    return Observation._make((*values, _PHASES[int(phase)]))
+
+
+def motion_state(now: Observation, t_s: float) -> MotionState:
+    """The motion in `now`."""
+    return MotionState(t_s, now.x_m, now.v_m_s, now.crank_rad, now.omega_rad_s, now.phase)
+
+
+def ledger(now: Observation) -> EnergyLedger:
+    """The ledger in `now`."""
+    return EnergyLedger(
+        drive_work_j=now.drive_work_j,
+        stored_change_j=now.stored_j,
+        friction_j=now.friction_j,
+        impact_loss_j=now.impact_loss_j,
+        housing_work_j=now.housing_work_j,
+        ankle_j=now.ankle_j,
+    )
+
+
+def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
+    """Largest force on the wearer so far, N; None where nobody wears the module."""
+    return float(memory.contact[PEAK_FELT]) if is_worn(parts.wearer) else None
+
+
+def electrical_ledger(parts: Parts, memory: Memory) -> ElectricalLedger | None:
+    """Where the energy at the motor's terminals went so far; None where its windings are not modelled."""
+    if not isinstance(parts.winding, DqWinding):
+        return None
+    terminal, currents = terminal_place(parts), current_place(parts)
+    i_d, i_q = memory.y[currents : currents + 2].tolist()
+    return ElectricalLedger(
+        work_j=float(memory.y[terminal]),
+        shaft_j=float(memory.y[work_place(parts)]),
+        copper_j=float(memory.y[terminal + 1]),
+        magnetic_j=magnetic_energy_j(parts.winding, i_d, i_q),
+    )

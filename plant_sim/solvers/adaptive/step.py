@@ -1,0 +1,165 @@
+"""One step: as long as its error and the parts allow, up to an event at most, and what is noted of it.
+
+A step ends at the first event on its continuous extension, which Bernstein coefficients find however many
+there are; it is then repeated up to there, so that the state at an event has the step's own accuracy.
+"""
+
+import math
+
+from plant_sim.kernels import subroutine
+from plant_sim.parts.housing import smooth_for_s
+from plant_sim.parts.parts import Parts
+from plant_sim.sensors.sensing import Probe, is_sensing, sense_step
+from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
+from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
+from plant_sim.solvers.adaptive.dop853 import attempt, extend
+from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Found, Step, Zeros
+from plant_sim.solvers.adaptive.motion import derivative, flow_now
+from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
+from plant_sim.solvers.adaptive.state_layout import (
+    CONTACT,
+    DEBT,
+    ELAPSED,
+    ELAPSED_LOW,
+    LAST_MARGIN,
+    LAST_STEP,
+    SAMPLES,
+    SEEN,
+    STEP_CONTACT,
+    STEP_FREE,
+    ZERO_CRANK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    Flow,
+    Memory,
+    Vector,
+    state_size,
+)
+from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
+from plant_sim.solvers.adaptive.winding import current_s, voltage_zeros
+from plant_sim.solvers.cost import debt
+from plant_sim.solvers.double_double import two_sum
+
+LEAST_ERROR = 1e-6
+"""Of a step, in tolerances; a smaller one, as of rest, says nothing of the next step."""
+
+
+@subroutine
+def take_step(
+    parts: Parts,
+    probe: Probe,
+    memory: Memory,
+    torque_n_m: float,
+    start_s: float,
+    duration_s: float,
+    grid_s: Vector,
+    samples: Vector,
+) -> float:
+    """One step, up to an event at most; returns its length, s, or −1 where no step is small enough."""
+    y, mode, held, new = memory.y, memory.mode, memory.held, memory.new
+    k, trial, dense = memory.k, memory.trial, memory.dense
+    begin_s = start_s + held[ELAPSED]
+    flow = flow_now(parts, memory, torque_n_m, begin_s)
+    scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
+    place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
+    remaining = (duration_s - held[ELAPSED]) - held[ELAPSED_LOW]
+    longest = 1.0 / max(
+        math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg),
+        abs(crank_now(parts.drive, memory).speed_rad_s),
+    )
+    longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
+    longest = min(longest, current_s(parts.winding, parts.drive))
+    derivative(parts, flow, 0.0, y, k[0])
+    attempts = 0.0
+    while True:
+        h = min(held[place], longest, remaining)
+        attempts += 1.0
+        error = attempt(parts, flow, h, y, scale, k, trial, new)
+        if error <= 1.0:
+            break
+        held[place] = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
+        if held[place] < 1e-12 * longest:
+            return -1.0
+    _choose_next(held, place, h, error)
+
+    zeros = Zeros(
+        mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK], voltage_zeros(parts.winding, memory)
+    )
+    used: float = h
+    event = NONE
+    has_sample = mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + h
+    is_checked = may_end(parts, flow, h, y, new, k, zeros)
+    if is_sensing(probe) or has_sample or is_checked:
+        extend(parts, flow, h, y, new, k, trial, dense)
+    if is_checked:
+        found = first_event(parts, Step(flow, zeros, h, y, dense, memory.scratch))
+        event = found.event
+        if event != NONE:
+            used = _repeat(parts, flow, found, h, memory)
+    if flow.phase == CONTACT:
+        follow_contact(parts, memory, flow.damping_s_m, used / h)
+    follow_felt(parts.wearer, parts.drive, memory, used / h)
+    sense_step(probe, parts, dense, h, used, begin_s)
+    if has_sample:
+        sample_step(parts, memory, flow, h, used, grid_s, samples)
+
+    for i in range(state_size(parts)):
+        y[i] = new[i]
+    turn_crank(parts.drive, memory, used)
+    mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
+    _pass_time(memory, flow.phase, used, remaining, duration_s)
+    if used < remaining:  # what ends a call is as short as the caller asked for
+        held[DEBT] = debt(held[DEBT], attempts, used / longest)
+    if event != NONE:
+        held[LAST_STEP] = 0.0
+        apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
+    return used
+
+
+@subroutine
+def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, duration_s: float) -> None:
+    """Book `used_s` seconds in a phase, of the `remaining_s` up to `duration_s`."""
+    held = memory.held
+    if used_s > 0.0:
+        memory.mode[SEEN] |= 1 << phase
+    elapsed_s, rest_s = two_sum(held[ELAPSED], held[ELAPSED_LOW] + used_s)
+    is_end = used_s == remaining_s
+    held[ELAPSED] = duration_s if is_end else elapsed_s
+    held[ELAPSED_LOW] = 0.0 if is_end else rest_s
+
+
+@subroutine
+def _choose_next(held: Vector, place: int, h_s: float, error: float) -> None:
+    """Length of the next step: the error's, and no longer than the trend of the last two allows.
+
+    Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): where friction stiffens towards rest
+    every second step would else be refused.
+    """
+    margin = _eighth_root(1.0 / max(error, LEAST_ERROR))
+    growth = 0.9 * margin
+    if held[LAST_STEP] > 0.0:
+        growth *= min(h_s / held[LAST_STEP] * margin / held[LAST_MARGIN], 1.0)
+    growth = min(growth, 5.0)
+    held[place] = max(held[place], h_s * growth) if growth > 1.0 else h_s * growth
+    held[LAST_STEP], held[LAST_MARGIN] = h_s, margin
+
+
+@subroutine
+def _eighth_root(value: float) -> float:
+    """By how much a step may grow for an error of the method's order that shrinks to 1/value."""
+    return math.sqrt(math.sqrt(math.sqrt(value)))
+
+
+@subroutine
+def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) -> float:
+    """Step again, up to the event only; a touch-down is then polished on the step itself."""
+    y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
+    used = found.s * h_s
+    attempt(parts, flow, used, y, memory.scale, k, trial, new)
+    closing = closing_m_s(parts.wearer, parts.drive, new)
+    if found.event == TOUCH and closing != 0.0:
+        correction = -new[0] / closing
+        if abs(correction) < 1e-3 * used:
+            used = min(used + correction, h_s)
+            attempt(parts, flow, used, y, memory.scale, k, trial, new)
+    return used

@@ -1,0 +1,226 @@
+"""A striker at rest: what holds it, when it breaks away, and which way it sets off.
+
+It sticks by dry friction, or rests on a rigid stop. The law of friction is in `plant_sim.parts.friction`.
+"""
+
+import math
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.friction import ROUNDING, static_limit_n
+from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2, housing_m_s3
+from plant_sim.parts.linkage import crank_torque_n_m, sine_at
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
+from plant_sim.parts.walking import Walking
+from plant_sim.parts.wearer import Ankle, Wearer
+from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
+from plant_sim.solvers.adaptive.event_location import Step, root
+from plant_sim.solvers.adaptive.state_layout import (
+    CONTACT,
+    DIRECTION,
+    FLIGHT,
+    IN_CONTACT,
+    IN_IMPACT,
+    PHASE,
+    REST,
+    STICK,
+    ZERO_DEPTH,
+    ZERO_VELOCITY,
+    Memory,
+    Scratch,
+    Vector,
+)
+from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
+from plant_sim.solvers.adaptive.wearer import from_stop_m
+from plant_sim.solvers.double_double import TURN_RAD
+
+NEAR_RAD = 1e-9
+"""A crank this close to where a striker breaks away is there."""
+
+
+@subroutine
+def dry_limit_n(parts: Parts) -> float:
+    """Largest force, N, by which dry friction holds the striker; 0 where nothing sticks."""
+    return static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
+
+
+@subroutine
+def held_force_n(parts: Parts, angle_rad: float, y: Vector, time_s: float) -> float:
+    """Force, N, on a striker at rest there, without dry friction and a rigid stop."""
+    spring = coupling_n(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
+    inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return spring - elastic_force_n(parts.stop, max(y[0], 0.0)) - inertia
+
+
+@subroutine
+def held_limit_n(parts: Parts, y: Vector, time_s: float) -> float:
+    """Largest `held_force_n` on a striker that stays at rest: friction's limit and the force's rounding."""
+    striker, stop = parts.striker, parts.stop
+    limit = dry_limit_n(parts)
+    reach = abs(striker.rest_length_m - origin_m(stop, striker))
+    reach += abs(from_stop_m(parts.wearer, parts.drive, y))
+    spring = striker.spring_n_m * (parts.drive.amplitude_m + reach)
+    inertia = striker.mass_kg * abs(housing_m_s2(parts.housing, time_s))
+    return limit + ROUNDING * (spring + elastic_force_n(stop, max(y[0], 0.0)) + inertia + limit)
+
+
+@subroutine
+def _release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) -> tuple[float, float]:
+    """Next crank angles above and below the present one, rad, at which a resting striker breaks away.
+
+    The spring's pull c (x_A + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
+    away from it), by more than its rounding where the piston turns round. Angles within NEAR_RAD are passed
+    over: whoever comes to rest there has been dealt with. For a housing that does not move, whatever its
+    tilt.
+    """
+    striker, stop, amplitude = parts.striker, parts.stop, parts.drive.amplitude_m
+    if amplitude == 0.0:
+        return math.inf, -math.inf
+    limit = dry_limit_n(parts)
+    reach = striker.rest_length_m - origin_m(stop, striker) - depth_m
+    held = elastic_force_n(stop, max(depth_m, 0.0)) / striker.spring_n_m - reach
+    held += striker.mass_kg * housing_m_s2(parts.housing, 0.0) / striker.spring_n_m
+    high = sine_at(parts.linkage, amplitude, held + limit / striker.spring_n_m)
+    low = sine_at(parts.linkage, amplitude, held - limit / striker.spring_n_m)
+    turning = 1.0 - ROUNDING * (1.0 + (abs(held) + limit / striker.spring_n_m) / amplitude)
+    up, down = math.inf, -math.inf
+    if phase == STICK and abs(high) < turning:
+        rising = math.asin(high)
+        up = min(up, _next(rising, angle_rad))
+        down = max(down, -_next(rising - math.pi, -angle_rad))
+    if abs(low) < turning:
+        falling = math.pi - math.asin(low)
+        up = min(up, _next(falling, angle_rad))
+        down = max(down, -_next(falling - math.pi, -angle_rad))
+    return up, down
+
+
+@subroutine
+def _next(angle_rad: float, after_rad: float) -> float:
+    """The first of angle + 2π n that is greater than `after_rad`."""
+    turns = math.floor((after_rad + NEAR_RAD - angle_rad) / TURN_RAD) + 1.0
+    return angle_rad + turns * TURN_RAD
+
+
+@by_part
+def release_event(housing: Housing, parts: Parts, step: Step) -> float:
+    """First s at which a resting striker breaks away."""
+    raise NotImplementedError
+
+
+@law(release_event, Level, Tilted)
+def _(housing: Level | Tilted, parts: Parts, step: Step) -> float:
+    up, down = _release_angles(parts, step.flow.phase, step.flow.angle_rad, step.y[0])
+    return angle_event(parts.drive, up, down, step)
+
+
+@law(release_event, Moving, Walking)
+def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
+    """The pull and the housing's push together, as a polynomial: over a radian good to 1e-9 of them."""
+    flow, h_s = step.flow, step.h_s
+    values, pull = step.scratch.poly, step.scratch.press
+    largest = 0.0
+    for i in range(DEGREE + 1):
+        angle = angle_at(parts.drive, flow, NODES[i], h_s, step.dense)
+        values[i] = held_force_n(parts, angle, step.y, flow.time_s + NODES[i] * h_s)
+        largest = max(largest, abs(values[i]))
+    interpolate(values, pull)
+    limit = dry_limit_n(parts) + ROUNDING * largest
+    down = _break(pull, -1.0, limit, step.scratch)
+    return min(down, _break(pull, 1.0, limit, step.scratch)) if flow.phase == STICK else down
+
+
+@subroutine
+def _break(pull: Vector, sign: float, limit_n: float, scratch: Scratch) -> float:
+    """First s at which sign · pull passes the limit; one that is held beyond it has to grow for that."""
+    beyond_n = max(sign * pull[0] - limit_n, 0.0)
+    return root(pull, sign, -limit_n - beyond_n, 1 if beyond_n > 0.0 else 0, scratch)
+
+
+@subroutine
+def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
+    """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
+    y, mode = memory.y, memory.mode
+    net = _set_off_force_n(parts.wearer, parts, memory, time_s)
+    dry = dry_limit_n(parts)
+    rounding = held_limit_n(parts, y, time_s) - dry
+    growth, near = _pull_growth(parts.housing, parts, memory, time_s)
+    near = max(near, rounding) if growth != 0.0 else rounding
+    is_on_stop = is_rigid(parts.stop) and y[0] == 0.0
+    breaks_forward = not is_on_stop and (net > dry + near or (net > dry - near and growth > 0.0))
+    breaks_back = net < -dry - near or (net < near - dry and growth < 0.0)
+    if not breaks_forward and not breaks_back and (is_on_stop or dry > 0.0):
+        mode[PHASE] = REST if is_on_stop else STICK
+        return
+    forward = breaks_forward
+    if breaks_forward == breaks_back:  # free, and without a pull
+        forward = growth > 0.0 or (growth == 0.0 and net >= 0.0)
+    _set_off(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
+
+
+@by_part
+def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float) -> float:
+    """Force, N, that says which way a striker at rest sets off."""
+    return held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+
+
+@law(_set_off_force_n, Ankle)
+def _(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
+    force_n = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+    if memory.y[0] == 0.0:  # at a plate at rest, which the housing moves along as it does the striker
+        force_n += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return force_n
+
+
+@by_part
+def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    """Growth of the pull on a resting striker with time, N/s, and how much it changes near by, N.
+
+    So near the limit the growth decides; it is twice NEAR_RAD, so that no release is passed over. Where the
+    piston turns round there is no growth to speak of: nothing breaks away there on its own.
+    """
+    raise NotImplementedError
+
+
+@law(_pull_growth, Level, Tilted)
+def _(housing: Level | Tilted, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    crank, spring_n_m = crank_now(parts.drive, memory), parts.striker.spring_n_m
+    if abs(math.cos(crank.angle_rad)) < 1e-4:
+        return 0.0, 0.0
+    per_rad = crank_torque_n_m(parts.linkage, spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
+    return per_rad * crank.speed_rad_s, abs(per_rad) * 2.0 * NEAR_RAD
+
+
+@law(_pull_growth, Moving, Walking)
+def _(housing: Moving | Walking, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
+    crank, striker = crank_now(parts.drive, memory), parts.striker
+    per_rad = crank_torque_n_m(parts.linkage, striker.spring_n_m, parts.drive.amplitude_m, crank.angle_rad)
+    shaken = striker.mass_kg * housing_m_s3(housing, time_s)
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    growth = per_rad * crank.speed_rad_s - shaken
+    return growth, (abs(per_rad) + abs(shaken) / natural) * 2.0 * NEAR_RAD
+
+
+@subroutine
+def release(parts: Parts, memory: Memory, time_s: float) -> None:
+    """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
+    net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+    forward = net > 0.0 and memory.mode[PHASE] == STICK
+    _set_off(parts, memory, time_s, forward, 2)
+
+
+@subroutine
+def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
+    """Slide on from v = 0, of whose derivatives, v included, `zeros` are zero."""
+    y, mode = memory.y, memory.mode
+    mode[DIRECTION] = 1 if forward else -1
+    mode[ZERO_VELOCITY] = zeros
+    if mode[IN_IMPACT] == IN_CONTACT:
+        mode[PHASE] = CONTACT
+        return
+    mode[PHASE] = FLIGHT
+    if y[0] == 0.0 and not forward:
+        mode[ZERO_DEPTH] = zeros + 1
+    elif is_soft(parts.stop) and y[0] == 0.0:
+        open_contact(parts, memory, time_s, zeros + leaving_zeros(parts.stop))

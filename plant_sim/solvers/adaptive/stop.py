@@ -1,0 +1,224 @@
+"""What a stop adds: the events that begin and end an impact, what each does, and the impact's record.
+
+A rigid stop's impact takes no time; a soft one's is a contact. The stop's law of force is in
+`plant_sim.parts.stop`.
+"""
+
+import math
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import (
+    HuntCrossley,
+    KelvinVoigt,
+    RigidStop,
+    Stop,
+    contact_rate_rad_s,
+    damping_s_m,
+    elastic_energy_j,
+    restitution,
+)
+from plant_sim.parts.wearer import contact_mass_kg
+from plant_sim.sensors.sensing import Probe, sense_jump
+from plant_sim.solvers.adaptive.bernstein import DEGREE
+from plant_sim.solvers.adaptive.crank import crank_now
+from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier, root
+from plant_sim.solvers.adaptive.state_layout import (
+    APPROACH,
+    CONTACT,
+    DAMPING,
+    DEPTH,
+    DIRECTION,
+    FLIGHT,
+    IMPACT_ANGLE,
+    IMPACT_TIME,
+    IMPACTS,
+    IMPULSE,
+    IMPULSE_BEFORE,
+    IN_CONTACT,
+    IN_IMPACT,
+    LEAVE_SPEED,
+    LET_GO,
+    NO_IMPACT,
+    PEAK,
+    PEAK_FORCE,
+    PHASE,
+    REBOUND,
+    STICK,
+    TOUCH_ANGLE,
+    TOUCH_SPEED,
+    TOUCH_TIME,
+    ZERO_DEPTH,
+    Memory,
+    work_place,
+)
+from plant_sim.solvers.adaptive.wearer import closing_m_s
+
+
+@subroutine
+def in_touch(phase: int, depth_m: float) -> bool:
+    """Whether a soft stop presses on the striker in this phase."""
+    return phase == CONTACT or (phase == STICK and depth_m > 0.0)
+
+
+@by_part
+def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
+    """The earlier of `found` and the stop's own event."""
+    return found
+
+
+@law(stop_events, RigidStop)
+def _(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
+    if step.flow.phase != FLIGHT:
+        return found
+    return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.zeros.depth, step.scratch))
+
+
+@law(stop_events, HuntCrossley)
+def _(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
+    depth, zeros = step.dense[DEPTH], step.zeros.depth
+    if step.flow.phase == FLIGHT:
+        return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))
+    if step.flow.phase == CONTACT:
+        return earlier(found, LEAVE, root(depth, -1.0, 0.0, zeros, step.scratch))
+    return found
+
+
+@law(stop_events, KelvinVoigt)
+def _(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
+    slope_s = stop.damping_n_s_m / stop.stiffness_n_m
+    phase, zeros, scratch = step.flow.phase, step.zeros.depth, step.scratch
+    depth, press = step.dense[DEPTH], scratch.press
+    beyond = phase == FLIGHT and depth[0] > 0.0
+    if phase == FLIGHT and not beyond:
+        return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
+    if phase not in (FLIGHT, CONTACT):
+        return found
+    if beyond:
+        found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
+    for i in range(DEGREE + 1):
+        press[i] = depth[i] + slope_s * closing_m_s(parts.wearer, parts.drive, step.dense[:, i])  # F/K
+    if beyond:
+        return earlier(found, PRESS, root(press, 1.0, 0.0, zeros, scratch))
+    return earlier(found, LEAVE, root(press, -1.0, 0.0, zeros, scratch))
+
+
+@by_part
+def leaving_zeros(stop: Stop) -> int:
+    """How many derivatives of what ends a contact are zero where it begins, at depth 0 with some speed."""
+    return 1
+
+
+@law(leaving_zeros, KelvinVoigt)
+def _(stop: KelvinVoigt) -> int:
+    return 0 if stop.damping_n_s_m > 0.0 else 1
+
+
+@subroutine
+def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
+    """Newton's law: v⁺ = −k v⁻."""
+    mass, k = parts.striker.mass_kg, restitution(parts.stop)
+    v = memory.y[1]
+    memory.y[1] = -k * v
+    memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
+    memory.mode[DIRECTION] = -1
+    memory.mode[ZERO_DEPTH] = 1
+    _record(
+        memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts.drive, memory).angle_rad
+    )
+    sense_jump(probe, (1.0 + k) * v)
+
+
+@subroutine
+def come_to_rest(parts: Parts, memory: Memory) -> None:
+    """A rebound at a rigid stop is spent: its energy goes with the impacts'."""
+    loss = 0.5 * parts.striker.mass_kg * memory.y[1] * memory.y[1]
+    memory.y[work_place(parts) + 2] += loss
+    memory.y[1] = 0.0
+
+
+@subroutine
+def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
+    """Meet a soft stop; `zeros` derivatives of what ends the contact are zero there."""
+    y, mode, contact = memory.y, memory.mode, memory.contact
+    mode[PHASE] = CONTACT
+    mode[IN_IMPACT] = IN_CONTACT
+    mode[ZERO_DEPTH] = zeros
+    speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
+    contact[TOUCH_TIME] = time_s
+    contact[TOUCH_SPEED] = speed
+    contact[TOUCH_ANGLE] = crank_now(parts.drive, memory).angle_rad
+    contact[DAMPING] = damping_s_m(parts.stop, speed)
+    # In a stiff stop an error of position weighs as much as one of velocity does within the contact.
+    mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
+    rate = contact_rate_rad_s(parts.stop, mass, speed)
+    memory.contact_scale[0] = min(memory.scale[0], memory.contact_scale[1] / rate)
+    contact[PEAK] = 0.0
+    contact[IMPULSE_BEFORE] = y[work_place(parts) + 3]
+
+
+@subroutine
+def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
+    """Meet a stop that let go early and has not yet been cleared: it holds its spring's energy again.
+
+    The contact that it had let go of goes on.
+    """
+    memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
+    if memory.mode[IN_IMPACT] == NO_IMPACT:
+        open_contact(parts, memory, time_s, 1)
+        return
+    memory.mode[PHASE] = CONTACT
+    memory.mode[IN_IMPACT] = IN_CONTACT
+    memory.mode[ZERO_DEPTH] = 1
+
+
+@subroutine
+def leave(parts: Parts, memory: Memory) -> None:
+    """The stop no longer presses; what one that lets go early still holds is lost in its relaxing.
+
+    The impact ends where the striker clears the stop's surface: until then it may be pressed again.
+    """
+    y, mode = memory.y, memory.mode
+    lets_go_early = leaving_zeros(parts.stop) == 0
+    if not lets_go_early:
+        y[0] = 0.0
+    y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
+    mode[PHASE] = FLIGHT
+    mode[IN_IMPACT] = LET_GO
+    closing = closing_m_s(parts.wearer, parts.drive, y)
+    mode[ZERO_DEPTH] = 1 if closing < 0.0 else 2
+    memory.contact[LEAVE_SPEED] = closing
+    if not lets_go_early:
+        record_contact(parts, memory)
+
+
+@subroutine
+def record_contact(parts: Parts, memory: Memory) -> None:
+    """The impact that a contact was, once it is over."""
+    contact = memory.contact
+    memory.mode[IN_IMPACT] = NO_IMPACT
+    _record(
+        memory,
+        contact[TOUCH_TIME],
+        contact[TOUCH_SPEED],
+        contact[LEAVE_SPEED],
+        memory.y[work_place(parts) + 3] - contact[IMPULSE_BEFORE],
+        contact[PEAK],
+        contact[TOUCH_ANGLE],
+    )
+
+
+@subroutine
+def _record(
+    memory: Memory,
+    time_s: float,
+    approach_m_s: float,
+    rebound_m_s: float,
+    impulse_n_s: float,
+    peak_force_n: float,
+    angle_rad: float,
+) -> None:
+    row = memory.impacts[memory.mode[IMPACTS]]
+    row[IMPACT_TIME], row[APPROACH], row[REBOUND] = time_s, approach_m_s, rebound_m_s
+    row[IMPULSE], row[PEAK_FORCE], row[IMPACT_ANGLE] = impulse_n_s, peak_force_n, angle_rad
+    memory.mode[IMPACTS] += 1

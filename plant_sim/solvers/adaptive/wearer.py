@@ -1,0 +1,129 @@
+"""What a wearer adds: the foot plate's place p and velocity, m_f (p'' + a_b) = F_stop − k_a p − d_a p'.
+
+Without one the stop is fixed to the housing, and p = 0.
+"""
+
+import math
+
+from plant_sim.kernels import by_part, law
+from plant_sim.parts.drive import Drive
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.wearer import Ankle, Wearer
+from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
+from plant_sim.solvers.adaptive.state_layout import DEPTH, Vector, ankle_place, plate_place
+
+
+@by_part
+def from_stop_m(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """The striker's place from where the scene puts the stop, m."""
+    depth_m: float = y[0]
+    return depth_m
+
+
+@law(from_stop_m, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    place_m: float = y[0] + y[plate_place(drive)]
+    return place_m
+
+
+@by_part
+def closing_m_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """The striker's velocity against the stop's surface, m/s: how fast depth grows."""
+    v_m_s: float = y[1]
+    return v_m_s
+
+
+@law(closing_m_s, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    v_m_s: float = y[1] - y[plate_place(drive) + 1]
+    return v_m_s
+
+
+@by_part
+def place_within(wearer: Wearer, drive: Drive, dense: Vector, out: Vector) -> Vector:
+    """Bernstein coefficients of `from_stop_m` over a step; `out` is scratch for them."""
+    depth: Vector = dense[DEPTH]
+    return depth
+
+
+@law(place_within, Ankle)
+def _(wearer: Ankle, drive: Drive, dense: Vector, out: Vector) -> Vector:
+    for i in range(DEGREE + 1):
+        out[i] = from_stop_m(wearer, drive, dense[:, i])
+    return out
+
+
+@by_part
+def plate_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
+    """The plate's place, m, and velocity, m/s, within a step."""
+    return 0.0, 0.0
+
+
+@law(plate_at, Ankle)
+def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
+    place = plate_place(drive)
+    return evaluate(dense[place], DEGREE, s), evaluate(dense[place + 1], DEGREE, s)
+
+
+@by_part
+def felt_force_n(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """Force of spring and damper of the ankle on the wearer, N: k_a p + d_a p'."""
+    return 0.0
+
+
+@law(felt_force_n, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    place = plate_place(drive)
+    force_n: float = wearer.stiffness_n_m * y[place] + wearer.damping_n_s_m * y[place + 1]
+    return force_n
+
+
+@by_part
+def plate_momentum_n_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """m_f p', N s."""
+    return 0.0
+
+
+@law(plate_momentum_n_s, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    momentum_n_s: float = wearer.plate_kg * y[plate_place(drive) + 1]
+    return momentum_n_s
+
+
+@by_part
+def plate_energy_j(wearer: Wearer, drive: Drive, y: Vector) -> float:
+    """Energy of plate and ankle spring, J."""
+    return 0.0
+
+
+@law(plate_energy_j, Ankle)
+def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
+    p, v = y[plate_place(drive)], y[plate_place(drive) + 1]
+    energy_j: float = 0.5 * (wearer.plate_kg * v * v + wearer.stiffness_n_m * p * p)
+    return energy_j
+
+
+@by_part
+def plate_derivative(wearer: Wearer, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+    """Fill in the plate's part of the derivative and the ankle's loss."""
+    return
+
+
+@law(plate_derivative, Ankle)
+def _(wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Vector) -> None:
+    place = plate_place(parts.drive)
+    v = y[place + 1]
+    out[place] = v
+    out[place + 1] = (push_n - felt_force_n(wearer, parts.drive, y)) / wearer.plate_kg - a_b
+    out[ankle_place(parts)] = wearer.damping_n_s_m * v * v
+
+
+@by_part
+def ankle_s(wearer: Wearer) -> float:
+    """How long a step may be for the ankle's sake, s: a radian of its oscillation at most."""
+    return math.inf
+
+
+@law(ankle_s, Ankle)
+def _(wearer: Ankle) -> float:
+    return math.sqrt(wearer.plate_kg / wearer.stiffness_n_m)

@@ -1,0 +1,310 @@
+"""What windings add: their currents, the torque that turns the crank, and the bus that limits their loop.
+
+Windings in the rotor's frame have i_d, i_q and the two integrals of the current loop at `current_place` of
+the state; at `terminal_place` the work at their terminals and what of it heats the copper.
+"""
+
+import math
+from typing import NamedTuple
+
+from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.parts.drive import Drive, MotorDrive, motor_current_a, motor_torque_n_m
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.winding import (
+    DqWinding,
+    Winding,
+    asked_current_a,
+    flux_wb,
+    mean_flux_wb,
+    voltage_limit_v,
+)
+from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.adaptive.event_location import (
+    LIMIT,
+    UNLIMIT,
+    Found,
+    Step,
+    earlier,
+    look_within,
+    root,
+    steepest,
+)
+from plant_sim.solvers.adaptive.state_layout import (
+    SPEED,
+    VOLTAGE_LIMITED,
+    ZERO_VOLTAGE,
+    Crank,
+    Flow,
+    Memory,
+    Vector,
+    current_place,
+    terminal_place,
+)
+
+STABLE = 4.5
+"""h |λ| at which DOP853 damps a real pole well; its stability ends at about 6."""
+
+
+class Voltages(NamedTuple):
+    """In the rotor's frame, V."""
+
+    d: float
+    q: float
+
+
+@by_part
+def turning_current_a(
+    winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
+) -> float:
+    """The current, A, that makes torque: i_q; it settles at once where the windings are not modelled."""
+    return motor_current_a(drive, torque_n_m, crank.speed_rad_s)
+
+
+@law(turning_current_a, DqWinding)
+def _(winding: DqWinding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int) -> float:
+    current_a: float = y[place + 1]
+    return current_a
+
+
+@by_part
+def turning_torque_n_m(
+    winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
+) -> float:
+    """The torque of the motor's current on the crank, N m, where `torque_n_m` is asked for."""
+    return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
+
+
+@law(turning_torque_n_m, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive, torque_n_m: float, crank: Crank, y: Vector, place: int) -> float:
+    i_d, i_q = y[place], y[place + 1]
+    saliency_h = winding.d_inductance_h - winding.q_inductance_h
+    # T = 3/2 p (ψ i_q + (L_d − L_q) i_d i_q)
+    flux = flux_wb(winding, drive, crank.angle_rad)
+    torque: float = 1.5 * drive.pole_pairs * (flux + saliency_h * i_d) * i_q
+    return torque
+
+
+@subroutine
+def asked_voltages(
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
+) -> Voltages:
+    """What the current loop asks of the inverter, V."""
+    i_d, i_q, u_d, u_q = y[place], y[place + 1], y[place + 2], y[place + 3]
+    electrical = drive.pole_pairs * omega_rad_s
+    L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
+    return Voltages(
+        u_d - alpha * L_d * i_d - electrical * L_q * i_q,
+        u_q
+        + alpha * L_q * (asked_current_a(drive, torque_n_m) - i_q)
+        + electrical * (L_d * i_d + mean_flux_wb(drive)),
+    )
+
+
+@subroutine
+def voltage_excess(
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
+) -> float:
+    """|v*|² − V²/3, V²: above 0 where the bus limits the current loop."""
+    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y, place)
+    limit = voltage_limit_v(drive)
+    return asked.d * asked.d + asked.q * asked.q - limit * limit
+
+
+@by_part
+def winding_derivative(
+    winding: Winding, drive: Drive, parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector
+) -> None:
+    """Fill in the windings' part of the derivative."""
+    return
+
+
+@law(winding_derivative, DqWinding)
+def _(
+    winding: DqWinding, drive: MotorDrive, parts: Parts, flow: Flow, crank: Crank, y: Vector, out: Vector
+) -> None:
+    place, account = current_place(parts), terminal_place(parts)
+    torque_n_m, omega_rad_s = flow.torque_n_m, crank.speed_rad_s
+    i_d, i_q = y[place], y[place + 1]
+    L_d, L_q, R = winding.d_inductance_h, winding.q_inductance_h, drive.resistance_ohm
+    asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y, place)
+    share = 1.0
+    if flow.voltage_limited:
+        share = voltage_limit_v(drive) / math.sqrt(asked.d * asked.d + asked.q * asked.q)
+    v_d, v_q = share * asked.d, share * asked.q
+    electrical = drive.pole_pairs * omega_rad_s
+    out[place] = (v_d - R * i_d + electrical * L_q * i_q) / L_d
+    out[place + 1] = (
+        v_q - R * i_q - electrical * (L_d * i_d + flux_wb(winding, drive, crank.angle_rad))
+    ) / L_q
+    # u' = α R (i* − i) + (R/L)(v − v*): nothing is added up that the bus cannot give
+    alpha_R = winding.bandwidth_rad_s * R
+    out[place + 2] = -alpha_R * i_d + R / L_d * (v_d - asked.d)
+    out[place + 3] = alpha_R * (asked_current_a(drive, torque_n_m) - i_q) + R / L_q * (v_q - asked.q)
+    out[account] = 1.5 * (v_d * i_d + v_q * i_q)
+    out[account + 1] = 1.5 * R * (i_d * i_d + i_q * i_q)
+
+
+@by_part
+def voltage_may_end(
+    winding: Winding, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
+) -> bool:
+    """Whether the loop could ask for more than the bus has within a step: bounds as of other events.
+
+    Of slopes within ± S, |g| is at most (|g0| + |g1| + S h) / 2.
+    """
+    return False
+
+
+@law(voltage_may_end, DqWinding)
+def _(
+    winding: DqWinding,
+    drive: MotorDrive,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    new: Vector,
+    k: Vector,
+) -> bool:
+    if flow.voltage_limited:
+        return True
+    place, torque_n_m = current_place(parts), flow.torque_n_m
+    steep_d, steep_q, steep_speed = steepest(k, place), steepest(k, place + 1), steepest(k, SPEED)
+    steep_u_d, steep_u_q = steepest(k, place + 2), steepest(k, place + 3)
+    L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
+    h = 2.0 * h_s
+    fastest = drive.pole_pairs * (max(abs(y[SPEED]), abs(new[SPEED])) + h * steep_speed)
+    most_d = max(abs(y[place]), abs(new[place])) + h * steep_d
+    most_q = max(abs(y[place + 1]), abs(new[place + 1])) + h * steep_q
+    faster = drive.pole_pairs * steep_speed
+    change_d = steep_u_d + alpha * L_d * steep_d + L_q * (faster * most_q + fastest * steep_q)
+    change_q = (
+        steep_u_q
+        + alpha * L_q * steep_q
+        + L_d * (faster * most_d + fastest * steep_d)
+        + faster * mean_flux_wb(drive)
+    )
+    before = asked_voltages(winding, drive, torque_n_m, y[SPEED], y, place)
+    after = asked_voltages(winding, drive, torque_n_m, new[SPEED], new, place)
+    d = 0.5 * (abs(before.d) + abs(after.d) + h * change_d)
+    q = 0.5 * (abs(before.q) + abs(after.q) + h * change_q)
+    limit = voltage_limit_v(drive)
+    reached: bool = d * d + q * q >= limit * limit
+    return reached
+
+
+@by_part
+def current_s(winding: Winding, drive: Drive) -> float:
+    """How long a step may be for the windings' sake, s: the method is stable to h λ = −6 or so."""
+    return math.inf
+
+
+@law(current_s, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive) -> float:
+    """The loop's poles are −α and, where the integral cancels them, −R/L_d and −R/L_q."""
+    cancelled = drive.resistance_ohm / min(winding.d_inductance_h, winding.q_inductance_h)
+    return STABLE / max(winding.bandwidth_rad_s, cancelled)
+
+
+@subroutine
+def stays_within_voltage(
+    winding: DqWinding, drive: MotorDrive, torque_n_m: float, dense: Vector, place: int
+) -> bool:
+    """Whether a step's Bernstein coefficients, in whose hull it lies, prove that the bus never limits it."""
+    i_d, i_q = _largest(dense[place]), _largest(dense[place + 1])
+    u_d, u_q = _largest(dense[place + 2]), _largest(dense[place + 3])
+    electrical = drive.pole_pairs * _largest(dense[SPEED])
+    L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
+    d = u_d + alpha * L_d * i_d + electrical * L_q * i_q
+    q = u_q + alpha * L_q * (abs(asked_current_a(drive, torque_n_m)) + i_q)
+    q += electrical * (L_d * i_d + mean_flux_wb(drive))
+    limit = voltage_limit_v(drive)
+    within: bool = d * d + q * q < limit * limit
+    return within
+
+
+@subroutine
+def _largest(b: Vector) -> float:
+    largest = 0.0
+    for i in range(b.size):
+        largest = max(largest, abs(b[i]))
+    return largest
+
+
+def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:
+    """Energy of the currents' own fields, J: 3/4 (L_d i_d² + L_q i_q²)."""
+    return 0.75 * (winding.d_inductance_h * i_d * i_d + winding.q_inductance_h * i_q * i_q)
+
+
+@by_part
+def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    """Whether the bus limits the current loop from now on, the torque asked for being this."""
+    return
+
+
+@law(settle_voltage, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
+    place, y = current_place(parts), memory.y
+    excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, place)
+    memory.mode[VOLTAGE_LIMITED] = 1 if excess > 0.0 else 0
+    memory.mode[ZERO_VOLTAGE] = 0
+
+
+@by_part
+def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
+    """The bus begins, or ends, to limit the current loop."""
+    return
+
+
+@law(limit_voltage, DqWinding)
+def _(winding: DqWinding, memory: Memory, event: int) -> None:
+    memory.mode[VOLTAGE_LIMITED] = 1 if event == LIMIT else 0
+    memory.mode[ZERO_VOLTAGE] = 1
+
+
+@by_part
+def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
+    """Whether the bus limits a current loop now."""
+    return False
+
+
+@law(is_voltage_limited, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> bool:
+    limited: bool = memory.mode[VOLTAGE_LIMITED] == 1
+    return limited
+
+
+@by_part
+def voltage_zeros(winding: Winding, memory: Memory) -> int:
+    """How many derivatives of the voltage's excess are zero at the step's start; forgets them."""
+    return 0
+
+
+@law(voltage_zeros, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> int:
+    zeros: int = memory.mode[ZERO_VOLTAGE]
+    memory.mode[ZERO_VOLTAGE] = 0
+    return zeros
+
+
+@by_part
+def voltage_events(winding: Winding, drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
+    """The earlier of `found` and the bus's beginning, or ending, to limit the current loop."""
+    return found
+
+
+@law(voltage_events, DqWinding)
+def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
+    flow, dense, scratch = step.flow, step.dense, step.scratch
+    values, excess = scratch.poly, scratch.press
+    place = current_place(parts)
+    if not flow.voltage_limited and stays_within_voltage(winding, drive, flow.torque_n_m, dense, place):
+        return found
+    for i in range(DEGREE + 1):
+        look_within(dense, NODES[i], scratch)
+        omega = scratch.inner[SPEED]
+        values[i] = voltage_excess(winding, drive, flow.torque_n_m, omega, scratch.inner, place)
+    interpolate(values, excess)
+    if flow.voltage_limited:
+        return earlier(found, UNLIMIT, root(excess, -1.0, 0.0, step.zeros.voltage, scratch))
+    return earlier(found, LIMIT, root(excess, 1.0, 0.0, step.zeros.voltage, scratch))
