@@ -162,7 +162,7 @@ def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
 # --- places -------------------------------------------------------------------------------------------
 
 
-def strange_file(random: Random, mine: Path, good: Path) -> list[str]:
+def special_file(random: Random, mine: Path, good: Path) -> list[str]:
     """What is no file of its kind, or no file at all, for every command that reads one."""
     endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".csv", ".trc", ".db", ".mf4", "")
     path = mine / f"mine{chosen(random, endings)}"

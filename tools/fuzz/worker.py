@@ -47,7 +47,7 @@ CASES: Mapping[Kind, Mapping[str, tuple[float, Case]]] = {
         "scenario, bytes": (1.0, scene_cases.scenario_bytes),
         "scenario, --set": (1.5, scene_cases.run_setting),
         "parameter file": (1.5, scene_cases.parameter_file),
-        "strange file": (1.0, scene_cases.strange_file),
+        "special file": (1.0, scene_cases.special_file),
         "place to write to": (0.5, scene_cases.output_place),
     },
     "files": {
@@ -83,7 +83,7 @@ def case_of(kind: Kind, random: Random) -> tuple[str, Case]:
 def attempt(
     kind: Kind, seed: int, good: Path, begun: Callable[[str, tuple[str, ...]], None] = lambda *_: None
 ) -> Attempt:
-    """One case, run in this process; its name and command line are told to `begun` before it runs."""
+    """One case, run in this process; its name and command line go to `begun` before it runs."""
     from tools.cli import run
 
     random = np.random.default_rng(seed)
