@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil.bench import bench
 from hil.bench.compare_suites import compare, read_suite
 from hil.bench.suite import Case, judged, run_suite, scenarios_for
 from hil.judge.checks import Check, within
@@ -87,7 +86,7 @@ def test_a_run_that_breaks_off_has_failed_and_says_why(
     def breaks(*_: object, **__: object) -> None:
         raise RuntimeError("no step is small enough")
 
-    monkeypatch.setattr(bench, "run_lockstep", breaks)
+    monkeypatch.setattr("hil.bench.lockstep.run_lockstep", breaks)
     verdict = judged(Case(load_scenario("operator-lost"), 1, tmp_path / "run", False), "lockstep", "auto")
     assert verdict["passed"] is False
     assert verdict["reasons"][0] == "broke off: RuntimeError: no step is small enough"
