@@ -49,6 +49,8 @@ class Ticks(NamedTuple):
 def can_log_of(source: Path) -> Path:
     """The CAN log of a run folder, or the log itself."""
     path = source / CAN_LOG if source.is_dir() else source
+    if not path.exists():
+        raise BadInputError(f"{path} is not there; give a run folder or a candump log")
     if not path.is_file():  # to wait for a FIFO, or to read a device to its end, would take for ever
         raise BadInputError(f"{path} is no file; give a run folder or a candump log")
     return path
