@@ -176,7 +176,8 @@ def one_kill(kill: Kill) -> list[str]:
         temporary.mkdir()
         (folder / "killed.toml").write_text(SCENARIO)
         program = Path(sys.executable).with_name("vibrohil")
-        command = [str(program), "run", str(folder / "killed.toml"), "--out", str(run_dir)]
+        heeding = ["env", "--default-signal=HUP"]  # under nohup too
+        command = [*heeding, str(program), "run", str(folder / "killed.toml"), "--out", str(run_dir)]
         environment = {key: value for key, value in os.environ.items() if key != "XDG_RUNTIME_DIR"}
         bench = subprocess.Popen(
             [*command, "--clock", kill.clock, "--bus", "local"],
