@@ -112,7 +112,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
     from hil.record.damage import DamagedFileError
     from hil.record.rerun_program import RerunError
     from hil.record.run_folder import RunFolderError
-    from hil.record.trace import TraceError
+    from hil.record.traces.trace import TraceError
     from hil.timing.processes import ChildRefusalError
     from plant_sim.text_input import TextInputError
 

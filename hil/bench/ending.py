@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.verdict import amend, finish, prejudge
-from hil.record import run_folder, trace
+from hil.record import run_folder
+from hil.record.traces import trace
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 

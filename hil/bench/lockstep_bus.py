@@ -9,7 +9,7 @@ from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.can_model.error_trace import BusErrorRecord, NodeErrors, errors_of
 from hil.can_model.in_process import ModelledInProcessBus
-from hil.record.trace import TraceWriter
+from hil.record.traces.trace import TraceWriter
 from hil.scenario.fault_tables import Babbling, BusOff, Disturbed, Fault, ModelledFault
 from hil.timing.clock import NS_PER_S
 

@@ -20,8 +20,8 @@ import numpy as np
 import pyarrow as pa
 
 from hil.bench.verdict import judge
-from hil.judge.figure_records import Figures, TrueImpact
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
+from hil.judge.figures.records import Figures, TrueImpact
 from hil.record import log_reader
 from hil.record.damage import reading
 from hil.record.frame_tables import contiguous

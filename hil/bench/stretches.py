@@ -34,8 +34,8 @@ from hil.nodes.closed_loop import (
     run,
 )
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
-from hil.record.firmware_trace import moves_to
-from hil.record.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.firmware_trace import moves_to
+from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
 from hil.scenario.fault_tables import (
     ClockJitter,
     ClockJumped,
@@ -130,7 +130,7 @@ class Stretches:
     ) -> None:
         """`to_plant`: where the bus keeps the frames that the plant takes next.
 
-        `columns`: what is kept of the firmware, a packed structured type as in `hil.record.firmware_trace`.
+        `columns`: what is kept of the firmware, a packed type as in `hil.record.traces.firmware_trace`.
         """
         self._scenario = scenario
         self._plant = plant

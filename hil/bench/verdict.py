@@ -15,8 +15,8 @@ from typing import Any
 
 from hil.judge import junit
 from hil.judge.checks import CheckResult, checks_of, evaluate
-from hil.judge.figure_records import Figures, incomplete
-from hil.judge.figures import LONGEST_HOLD_MS, figures_from
+from hil.judge.figures.figures import LONGEST_HOLD_MS, figures_from
+from hil.judge.figures.records import Figures, incomplete
 from hil.judge.reasons import reasons_of
 from hil.record import provenance
 from hil.record.candump import NO_BUS

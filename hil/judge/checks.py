@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from hil.judge.figure_records import CATALOGUE, incomplete, value_of
+from hil.judge.figures.records import CATALOGUE, incomplete, value_of
 from hil.judge.requirements import requirements
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
 
@@ -24,7 +24,7 @@ Value = bool | int | float | str
 class Check(BaseModel):
     """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the value wanted.
 
-    With an `expression` it is a figure of one's own (`hil.judge.own_figures`), of any name and unit, taken
+    With an `expression` it is a figure of one's own (`hil.judge.figures.own`), of any name and unit, taken
     from `from_s` to `to_s`.
 
     `unit`, where given, must be the figure's own: a bound in millimetres on a figure in metres is refused.
@@ -58,7 +58,7 @@ class Check(BaseModel):
             raise ValueError(f"check {self.name!r}: a run has such a figure already; give yours another name")
         if not self.from_s < self.to_s:
             raise ValueError(f"check {self.name!r}: from_s = {self.from_s} is not before to_s = {self.to_s}")
-        from hil.judge.own_figures import refuse_unknown  # noqa: PLC0415 - most scenarios have none
+        from hil.judge.figures.own import refuse_unknown  # noqa: PLC0415 - most scenarios have none
 
         refuse_unknown(self.expression)
         return self
@@ -118,7 +118,7 @@ def within(check: Check, value: Any) -> bool:
 
 def own_value(check: Check, traces: RunTraces) -> float | None:
     """The value of a figure of one's own."""
-    from hil.judge.own_figures import Window, own_figure  # noqa: PLC0415 - most scenarios have none
+    from hil.judge.figures.own import Window, own_figure  # noqa: PLC0415 - most scenarios have none
 
     assert check.expression is not None
     return own_figure(check.expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.record.run_traces import column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 
 FloatArray = NDArray[np.float64]
 

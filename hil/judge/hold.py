@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection, true_regime
 from hil.record.run_traces import column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 
 FloatArray = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from hil.faults.processes import FIRMWARE, PLANT
 from hil.nodes.plant import ACCEPTED_IDS
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner, empty
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.trace import bring_home
+from hil.record.traces.trace import bring_home
 from hil.scenario.fault_tables import Fault
 from hil.scenario.operator import OPERATOR_PERIOD_S, OperatorNode
 from hil.scenario.scenario import load_scenario, refuse_other_periods

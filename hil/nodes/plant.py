@@ -30,7 +30,7 @@ from hil.drive.node import (
 )
 from hil.drive.reports import NOTHING, Reports, first_reports, look, report_ticks, take, ticks_of
 from hil.faults.plant import PlantFaults
-from hil.record.plant_trace import PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import Fault
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.plant import Impact, Plant

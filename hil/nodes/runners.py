@@ -16,9 +16,9 @@ from hil.faults.memory import ParameterMemory
 from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
 from hil.nodes.resync import Waking
-from hil.record.firmware_trace import FirmwareTrace
-from hil.record.plant_trace import ImpactRecord, PlantRecord
-from hil.record.trace import TraceWriter
+from hil.record.traces.firmware_trace import FirmwareTrace
+from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.trace import TraceWriter
 from hil.scenario.fault_tables import Fault
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
 from hil.timing.loop import LoopTiming

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hil.record.run_traces import NO_RECORDS, column
-from hil.record.stored_trace import Columns, Records
+from hil.record.traces.stored_trace import Columns, Records
 
 SLOW_TICKS = 10
 SLOW_BLOCKS = (

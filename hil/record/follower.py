@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from hil.record import trace
 from hil.record.candump import BusLog, parse_candump
-from hil.record.precision import TICKED, kept
 from hil.record.run_traces import NO_RECORDS
-from hil.record.stored_trace import Records
+from hil.record.traces import trace
+from hil.record.traces.precision import TICKED, kept
+from hil.record.traces.stored_trace import Records
 
 TRACES = ("plant", "firmware", "impacts", "operator")
 

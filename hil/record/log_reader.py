@@ -18,10 +18,10 @@ from rerun.chunk import RrdReader
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from hil.record.candump import NO_BUS, BusCounts, BusLog, counted, joined_logs
 from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
-from hil.record.precision import NS_PER_S, TIME
 from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
-from hil.record.stored_trace import Records, Selected, StoredColumns
+from hil.record.traces.precision import NS_PER_S, TIME
+from hil.record.traces.stored_trace import Records, Selected, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})

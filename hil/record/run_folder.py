@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from hil.record import trace
 from hil.record.run_traces import CAN_LOG
+from hil.record.traces import trace
 
 RUNS = Path("runs")
 RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from hil.record.candump import NO_BUS, Bus, BusCounts, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
-from hil.record.precision import TICKED
-from hil.record.stored_trace import PIECE_RECORDS, Records, StoredTrace
+from hil.record.traces.precision import TICKED
+from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, CALM, ESTIMATE, TRUTH
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 
 FloatArray = NDArray[np.float64]
 TimeColumns = Callable[[FloatArray], list[rr.TimeColumn]]

@@ -6,9 +6,9 @@ import numpy as np
 
 from hil.judge import detection
 from hil.judge.checks import CheckResult
-from hil.judge.figure_records import Figures
+from hil.judge.figures.records import Figures
 from hil.record.run_traces import RunTraces, column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 from hil.show.layout import Mark, Moments
 from hil.show.verdict_text import measured
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hil.judge.checks import Check
-from hil.judge.figure_records import Figures
+from hil.judge.figures.records import Figures
 
 WHOLE, HOLD, AFTER_FAULT, AFTER_STOP = "whole run", "hold", "after the fault", "after the stop"
 

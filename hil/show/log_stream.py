@@ -13,10 +13,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from hil.record.precision import TIME
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, Lane, lower_name, state_name
-from hil.record.stored_trace import Records
+from hil.record.traces.precision import TIME
+from hil.record.traces.stored_trace import Records
 
 APPLICATION_ID = "vibrohil"
 VIEWER_TIMEOUT_S = 5.0

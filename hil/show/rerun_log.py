@@ -22,12 +22,12 @@ import tomli_w
 
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
-from hil.judge.bus_figures import bits_by_tenth, load_over_time
 from hil.judge.checks import CheckResult, checks_of, evaluate
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
-from hil.judge.figure_records import Figures
-from hil.judge.figures import figures_from
-from hil.judge.gait_figures import push_off
+from hil.judge.figures.bus import bits_by_tenth, load_over_time
+from hil.judge.figures.figures import figures_from
+from hil.judge.figures.gait import push_off
+from hil.judge.figures.records import Figures
 from hil.judge.reasons import IMPORTED, reasons_of
 from hil.record.candump import BusLog
 from hil.record.firmware_rates import by_rate, signals_of_checks
@@ -46,7 +46,7 @@ from hil.record.state_timeline import (
     lower_name,
     state_name,
 )
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 from hil.show.drawing import Drawing
 from hil.show.highlights import marks, moments
 from hil.show.injected import NONE, Injected, injected, timeline

@@ -26,8 +26,8 @@ from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import fitting
 from firmware_py.shell.parameters import config_from
-from hil.record.firmware_trace import FirmwareTrace
-from hil.record.trace import read
+from hil.record.traces.firmware_trace import FirmwareTrace
+from hil.record.traces.trace import read
 from hil.timing.loop import LoopTiming
 
 

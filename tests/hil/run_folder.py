@@ -16,7 +16,7 @@ import tomli_w
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, Regime
 from firmware_py.interface.records import Accelerometer, SetInputTorque
-from hil.record.trace import TraceWriter
+from hil.record.traces.trace import TraceWriter
 
 STOP_M = 0.18
 TRAVEL_M = 0.16

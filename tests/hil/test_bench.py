@@ -17,7 +17,7 @@ import pytest
 
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
-from hil.record import trace
+from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, load_scenario
 from hil.timing.processes import BAD_INPUT_STATUS, Child, ChildError, ChildRefusalError
 from tools.output import EXIT_BAD_INPUT

@@ -20,7 +20,7 @@ from firmware_py.shell.parameters import config_from
 from hil.bench.bench import run_scenario
 from hil.bench.lockstep import run_lockstep
 from hil.judge.decisions import decisions_of, differences
-from hil.record.trace import read
+from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from tools import cli, doctor
 from tools.budget import budget

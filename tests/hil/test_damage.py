@@ -11,7 +11,7 @@ from run_folder import make_run, write_run
 
 from hil.bench.recorded_run import rebuilt
 from hil.bench.verdict import judge
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
 from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
 from hil.record.log_reader import repair

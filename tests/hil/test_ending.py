@@ -19,8 +19,8 @@ from hil.bench.bench import run_scenario
 from hil.bench.soak import prolonged
 from hil.bench.suite import run_suite
 from hil.judge import junit
-from hil.record import trace
-from hil.record.trace import TraceWriter
+from hil.record.traces import trace
+from hil.record.traces.trace import TraceWriter
 from hil.scenario.scenario import check_scenario, load_scenario, read_scenario
 from hil.timing.loop import FixedRateLoop
 from tools.output import EXIT_INTERRUPTED
@@ -233,7 +233,7 @@ def test_a_trace_without_room_counts_what_it_loses(
     def full(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("hil.record.trace.WINDOW_BYTES", 4096)
+    monkeypatch.setattr("hil.record.traces.trace.WINDOW_BYTES", 4096)
     with TraceWriter(tmp_path / "x.trace", [("t_s", float)]) as writer:
         monkeypatch.setattr("os.posix_fallocate", full)
         for tick in range(2000):

@@ -25,11 +25,11 @@ from hil.faults.physics import torque_share
 from hil.faults.plant import TurnCounter
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
-from hil.judge.figures import figures_of
+from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
-from hil.record import trace
-from hil.record.plant_trace import ImpactRecord
 from hil.record.run_folder import note
+from hil.record.traces import trace
+from hil.record.traces.plant_trace import ImpactRecord
 from hil.scenario.fault_tables import AnyFault, Fault, PhaseLoss
 from hil.scenario.scenario import ScenarioError, check_scenario, read_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings

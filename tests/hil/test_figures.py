@@ -20,7 +20,7 @@ from run_folder import (
 
 from firmware_py.interface.enums import Fault, Mode, Regime
 from hil.judge import detection, true_regime
-from hil.judge.figures import figures_of
+from hil.judge.figures.figures import figures_of
 from hil.record.candump import parse_candump
 from hil.record.run_traces import column
 

@@ -9,9 +9,9 @@ from test_rerun_log import part
 
 from firmware_py.interface.enums import GaitState, Mode
 from hil.bench.verdict import finish
-from hil.judge.figure_records import GaitFigures
-from hil.judge.figures import figures_of
-from hil.judge.gait_figures import push_off
+from hil.judge.figures.figures import figures_of
+from hil.judge.figures.gait import push_off
+from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
 from hil.record.run_traces import read_run
 from hil.show.report.plots import plots, push_off_curve

@@ -23,7 +23,7 @@ from firmware_py.shell.node import FirmwareNode
 from hil.bench.bench import program, run_scenario
 from hil.bench.lockstep import in_lockstep
 from hil.bus import provide
-from hil.record import trace
+from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, load_scenario
 
 LOST = 'script.faults=[{kind="dropped",at_s=2.2,frames=["Accelerometer"]}]'

@@ -15,9 +15,9 @@ from firmware_py.shell.node import Counters
 from hil.can_model.error_trace import BusErrorRecord
 from hil.record import state_timeline as lanes
 from hil.record.firmware_rates import is_slow
-from hil.record.plant_trace import ImpactRecord, PlantRecord
 from hil.record.rerun_program import rerun_environment, rerun_program
-from hil.record.trace import flatten
+from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.trace import flatten
 from hil.scenario.operator import OperatorRecord
 from hil.show import layout
 from hil.show.rerun_log import rebuild

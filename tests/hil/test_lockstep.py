@@ -8,9 +8,9 @@ import pytest
 from hil.bench.beginning import begin
 from hil.bench.lockstep import run_lockstep
 from hil.judge.checks import evaluate
-from hil.judge.figures import figures_of
-from hil.record import trace
+from hil.judge.figures.figures import figures_of
 from hil.record.run_folder import note
+from hil.record.traces import trace
 from hil.scenario.scenario import Scenario, check_scenario, load_scenario, read_scenario
 from hil.scenario.settings import apply_settings
 

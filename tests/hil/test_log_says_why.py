@@ -15,11 +15,11 @@ from hil.bench.verdict import finish
 from hil.can_model.error_trace import BusErrorRecord, NodeErrors
 from hil.can_model.fault_confinement import ErrorState
 from hil.judge.checks import Check
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
 from hil.record.log_reader import documents, read_traces, tables
 from hil.record.rerun_program import RerunError
 from hil.record.run_traces import read_run
-from hil.record.trace import TraceWriter
+from hil.record.traces.trace import TraceWriter
 from hil.show import layout, rerun_log
 from hil.show.limits import Limit, limits
 from hil.show.rerun_log import ERROR_TICKS, rebuild

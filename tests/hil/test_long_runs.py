@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from run_folder import END_S, T_S, make_run, write_run
 
-from hil.record import trace
-from hil.record.trace import TraceWriter
+from hil.record.traces import trace
+from hil.record.traces.trace import TraceWriter
 
 MINUTES = 3, 6
 JUDGE = """

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from hil.judge.checks import Check, evaluate
-from hil.judge.own_figures import Window, own_figure
+from hil.judge.figures.own import Window, own_figure
 from hil.record.candump import NO_BUS
 from hil.record.run_traces import NO_RECORDS, RunTraces
 

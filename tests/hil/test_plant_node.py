@@ -13,7 +13,7 @@ from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
 from hil.drive.axis import is_armed
 from hil.nodes.plant import PlantNode
-from hil.record.plant_trace import PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.plant import Plant
 from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene

@@ -15,7 +15,7 @@ from firmware_py.interface.records import SetInputTorque
 from hil.bus import join, provide
 from hil.record.log_reader import column_hashes, read_traces, repair
 from hil.record.run_traces import read_bus, read_run
-from hil.record.trace import TraceWriter
+from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
 from hil.timing.processes import Child, Start
 

@@ -9,7 +9,7 @@ from run_folder import END_S, STOP_M, T_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault, Mode
 from hil.judge.checks import CheckResult
-from hil.judge.figures import figures_from, figures_of
+from hil.judge.figures.figures import figures_from, figures_of
 from hil.record.candump import bus_log
 from hil.record.firmware_rates import SLOW_TICKS
 from hil.record.log_reader import column_hashes, read_traces, repair, tables

@@ -16,8 +16,8 @@ from hil.bench.lockstep import run_lockstep
 from hil.bench.stretches import has_stretches, quiet_until_s, word_frame
 from hil.bus.can_log import CanLog
 from hil.nodes.closed_loop import LINE_BYTES, log_line
-from hil.record import trace
-from hil.record.firmware_trace import moves_to
+from hil.record.traces import trace
+from hil.record.traces.firmware_trace import moves_to
 from hil.scenario.scenario import check_scenario, read_scenario
 from hil.scenario.settings import apply_settings
 

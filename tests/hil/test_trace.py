@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from hil.record import trace
+from hil.record.traces import trace
 
 
 class Mode(IntEnum):
@@ -100,7 +100,7 @@ WRITE_FOREVER = """
 import sys
 from itertools import count
 from pathlib import Path
-from hil.record import trace
+from hil.record.traces import trace
 trace.WINDOW_BYTES = 20_000
 writer = trace.TraceWriter(Path(sys.argv[1]), [("tick", int), ("twice", float)])
 print("writing", flush=True)

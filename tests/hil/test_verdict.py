@@ -11,7 +11,7 @@ from run_folder import make_run, write_run
 
 from hil.bench.verdict import finish
 from hil.judge import junit, requirements
-from hil.judge.figures import figures_of
+from hil.judge.figures.figures import figures_of
 from hil.record.rerun_program import rerun
 from hil.show.report.pages import write_suite_report
 from hil.show.report.plots import thinned

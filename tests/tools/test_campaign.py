@@ -13,14 +13,14 @@ from scipy.stats import binomtest
 from hil.timing.signals import Interrupted
 from tools.campaign import processes
 from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
-from tools.campaign.cells import cells_of
-from tools.campaign.draws import Disturbance, Mismatch, draw, mismatch_of
-from tools.campaign.outcome import Outcome
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
 from tools.campaign.statistics import distribution, wilson
-from tools.campaign.walk_cells import WalkCell, course_of, drawn_walk, walk_cells
-from tools.campaign.walks import ended_s
+from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.draws import Disturbance, Mismatch, draw, mismatch_of
+from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.walk_cells import WalkCell, course_of, drawn_walk, walk_cells
+from tools.campaign.trial.walk_judge import ended_s
 from tools.cli import run
 from tools.commands.testing.campaign import histogram, is_kept
 from tools.output import EXIT_BAD_INPUT, BadInputError, plain

@@ -8,16 +8,16 @@ import pytest
 
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
-from hil.record.plant_trace import ImpactRecord, PlantRecord
-from hil.record.trace import read
+from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS
-from tools.campaign.cells import cells_of
-from tools.campaign.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
-from tools.campaign.run import run as run_loop
-from tools.campaign.scenarios import trial_of
+from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
+from tools.campaign.trial.run import run as run_loop
+from tools.campaign.trial.scenarios import trial_of
 from tools.cli import run
 from tools.commands.testing.campaign import keep_trial
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED

@@ -10,7 +10,7 @@ import typer
 
 from firmware_py.core.state import State
 from firmware_py.interface.sources.parameter_table import TABLE
-from hil.judge.figure_records import CATALOGUE
+from hil.judge.figures.records import CATALOGUE
 from hil.scenario.scenario import load_scenario
 from tools import cli
 from tools.dev import reference

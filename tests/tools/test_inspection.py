@@ -11,8 +11,8 @@ from pyarrow import csv, feather, parquet
 from short_run import make_run
 
 from hil.bench.recorded_run import open_run
-from hil.record import trace
 from hil.record.run_traces import read_bus
+from hil.record.traces import trace
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tools import cli
-from tools.campaign.outcome import Outcome
+from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_PASSED
 from tools.tuning import safety, start
 from tools.tuning.aims import FloatArray, starts_of

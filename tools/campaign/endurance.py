@@ -10,11 +10,11 @@ import numpy as np
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.shell.parameters import config_from
 from hil.bench.stretches import records_of
-from hil.record.firmware_trace import columns_of
-from hil.record.plant_trace import PlantRecord
+from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.operator import Command, Request
-from tools.campaign.cells import cells_of
-from tools.campaign.scenarios import scenario_of
+from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.scenarios import scenario_of
 
 CONDITIONS = ((("viscous",), (1.1,), (0.0,)),)
 COVARIANCE = tuple(

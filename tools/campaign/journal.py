@@ -13,8 +13,8 @@ from typing import Any, Self
 
 from hil.record import provenance
 from hil.record.run_folder import RUNS
-from tools.campaign.cells import Cell
-from tools.campaign.outcome import Outcome
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.outcome import Outcome
 
 
 class Journal:

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from tools.campaign.cells import Cell
 from tools.campaign.journal import Journal
-from tools.campaign.outcome import Outcome
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.outcome import Outcome
 from tools.jobs import running
 
 BATCHES_A_WORKER = 16
@@ -29,7 +29,7 @@ class Batch(NamedTuple):
 
 def run_batch(batch: Batch) -> list[Outcome]:
     """Run some trials, in a worker."""
-    from tools.campaign.trials import run_trial
+    from tools.campaign.trial.judges import run_trial
 
     return [
         run_trial(batch.campaign, batch.cells, batch.numbers, batch.seed, trial) for trial in batch.trials

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from tools.campaign.campaigns import Campaign, Goal
-from tools.campaign.cells import Cell
-from tools.campaign.draws import FIRST_CAMPAIGN_SEED
-from tools.campaign.outcome import Outcome
 from tools.campaign.statistics import Distribution, distribution, wilson
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.draws import FIRST_CAMPAIGN_SEED
+from tools.campaign.trial.outcome import Outcome
 
 BINS = 12
 

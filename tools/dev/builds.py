@@ -27,7 +27,7 @@ from hil.bench.lockstep import run_lockstep
 from hil.bench.suite import PROCESSES
 from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.nodes.warm import warm_firmware, warm_plant
-from hil.record.trace import read
+from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario, load_scenario, scenario_names
 
 

@@ -29,9 +29,9 @@ from firmware_py.shell.compiled_node import CompiledNode
 from hil.bench.lockstep import in_lockstep
 from hil.bench.verdict import judge
 from hil.judge.decisions import Decisions, decisions_of
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
 from hil.record.run_traces import read_run
-from hil.record.trace import read
+from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario, load_scenario, scenario_names
 
 POSITION, SPEED, TORQUE = "core.estimator.x_m", "core.estimator.v_m_s", "outputs.torque_n_m"

@@ -17,7 +17,7 @@ from firmware_py.interface import codec, enums
 from firmware_py.interface.sources.dbc import database
 from firmware_py.interface.sources.layout import Signal, SignalKind
 from firmware_py.interface.sources.parameter_table import TABLE
-from hil.judge.figure_records import CATALOGUE
+from hil.judge.figures.records import CATALOGUE
 from hil.judge.requirements import requirements
 from hil.scenario import fault_tables as tables
 from hil.scenario.scenario import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hil.judge.figure_records import CATALOGUE, value_of
+from hil.judge.figures.records import CATALOGUE, value_of
 from hil.record.run_folder import discard, is_own
 from tools.output import BadInputError
 

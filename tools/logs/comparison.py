@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from hil.bench.recorded_run import Run
-from hil.judge.figure_records import CATALOGUE, value_of
+from hil.judge.figures.records import CATALOGUE, value_of
 from hil.record.log_reader import MEASURED
 from hil.record.state_timeline import ALARM
 from hil.show.layout import overlay

@@ -14,7 +14,7 @@ from hil.judge.reasons import IMPORTED
 from hil.record import run_folder
 from hil.record.bus_reconstruction import FIELDS, ticks_seen
 from hil.record.run_traces import read_bus
-from hil.record.trace import TraceWriter
+from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
 from tools.logs.foreign_logs import FORMATS, read_log
 from tools.output import BadInputError

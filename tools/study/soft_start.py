@@ -114,12 +114,12 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     from firmware_py.interface.enums import Mode
     from firmware_py.shell.parameters import config_from
     from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
-    from tools.campaign.cells import Cell
-    from tools.campaign.draws import LARGEST_RUN_SEED
-    from tools.campaign.reference import JUDGED_S, instant_start_captures
-    from tools.campaign.run import run
-    from tools.campaign.scenarios import RUN_S, scenario_of, script
-    from tools.campaign.trials import lost_by
+    from tools.campaign.trial.cells import Cell
+    from tools.campaign.trial.draws import LARGEST_RUN_SEED
+    from tools.campaign.trial.judges import lost_by
+    from tools.campaign.trial.reference import JUDGED_S, instant_start_captures
+    from tools.campaign.trial.run import run
+    from tools.campaign.trial.scenarios import RUN_S, scenario_of, script
 
     case, ratio, size = Case(**spec["case"]), spec["ratio"], spec["size"]
     nominal = nominal_of(case)

@@ -8,7 +8,7 @@ from typing import Any
 
 from hil.bench.lockstep import in_lockstep
 from hil.judge.checks import evaluate
-from hil.judge.figures import figures_of
+from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.scenario.scenario import Scenario, check_scenario, read_scenario
 from tools.trade.costs import Progress

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.campaign.outcome import Outcome
+from tools.campaign.trial.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
 

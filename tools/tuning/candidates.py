@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from tools.campaign.campaigns import CAMPAIGNS, Condition
-from tools.campaign.cells import cells_of
-from tools.campaign.draws import FIRST_CAMPAIGN_SEED
-from tools.campaign.outcome import Outcome
 from tools.campaign.processes import Batch, batches, run_batch
+from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.draws import FIRST_CAMPAIGN_SEED
+from tools.campaign.trial.outcome import Outcome
 from tools.jobs import Runner, running
 from tools.output import BadInputError
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
-from tools.campaign.outcome import Outcome
 from tools.campaign.results import counts_of, shares_of, values_of
+from tools.campaign.trial.outcome import Outcome
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.result import Merit, Tuning, tuned

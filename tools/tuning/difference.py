@@ -9,8 +9,8 @@ from typing import Any
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
 from hil.bench.lockstep import in_lockstep
 from hil.bench.verdict import judge
-from hil.judge.figure_records import CATALOGUE, value_of
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
+from hil.judge.figures.records import CATALOGUE, value_of
 from hil.record.run_traces import read_run
 from hil.scenario.parameter_file import read_document, values_of
 from hil.scenario.scenario import load_scenario

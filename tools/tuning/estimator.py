@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
-from tools.campaign.cells import LAWS, Cell, scene_of
-from tools.campaign.draws import Mismatch, draw
 from tools.campaign.processes import environment
+from tools.campaign.trial.cells import LAWS, Cell, scene_of
+from tools.campaign.trial.draws import Mismatch, draw
 from tools.jobs import running
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates

@@ -13,7 +13,7 @@ from typing import Any
 from firmware_py.shell.parameters import ParameterError, with_overrides
 from hil.bench.lockstep import in_lockstep
 from hil.bench.verdict import judge
-from hil.judge.figures import figures_from
+from hil.judge.figures.figures import figures_from
 from hil.record.run_traces import read_run
 from hil.scenario.parameter_file import nested
 from hil.scenario.scenario import check_scenario, read_scenario

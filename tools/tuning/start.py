@@ -28,9 +28,9 @@ import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.campaigns import NO_IMPULSE, Condition
-from tools.campaign.outcome import Outcome
 from tools.campaign.processes import Batch
 from tools.campaign.statistics import wilson
+from tools.campaign.trial.outcome import Outcome
 from tools.jobs import Runner
 from tools.tuning.aims import (
     CAPTURE_S,

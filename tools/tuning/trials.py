@@ -22,10 +22,10 @@ import numpy as np
 
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
-from tools.campaign.cells import LAWS, Cell, scene_of
-from tools.campaign.draws import Mismatch, draw
 from tools.campaign.processes import environment
 from tools.campaign.statistics import wilson
+from tools.campaign.trial.cells import LAWS, Cell, scene_of
+from tools.campaign.trial.draws import Mismatch, draw
 from tools.jobs import running
 
 SECONDS = 60.0

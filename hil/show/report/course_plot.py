@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil.judge.checks import checks_of
-from hil.judge.figure_records import Figures
+from hil.judge.figures.records import Figures
 from hil.record import state_timeline
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import Lane, state_name
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 from hil.show.injected import injected
 from hil.show.limits import limits
 from hil.show.report.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Plot, canvas, css, svg_of, thinned

@@ -11,7 +11,7 @@ import tomli_w
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from hil.judge import junit
-from hil.judge.figure_records import CATALOGUE, Figures, FigureSpec, value_of
+from hil.judge.figures.records import CATALOGUE, Figures, FigureSpec, value_of
 from hil.record.run_traces import RunTraces
 from hil.show.report.plots import plots
 

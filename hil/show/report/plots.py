@@ -8,12 +8,12 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from hil.judge import detection
-from hil.judge.bus_figures import bits_by_tenth, load_over_time
-from hil.judge.figure_records import Figures
-from hil.judge.gait_figures import phase_error, pulses_of, push_off
+from hil.judge.figures.bus import bits_by_tenth, load_over_time
+from hil.judge.figures.gait import phase_error, pulses_of, push_off
+from hil.judge.figures.records import Figures
 from hil.record.candump import TENTH_S
 from hil.record.run_traces import RunTraces, column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 from hil.show.report.canvas import (
     ALARM,
     ESTIMATE,

@@ -89,7 +89,7 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
 
 def show_figures(logged: "Run") -> None:
     """Print every figure with its meaning, the checks, and what tables there are."""
-    from hil.judge.figure_records import CATALOGUE, value_of
+    from hil.judge.figures.records import CATALOGUE, value_of
     from tools.commands.testing.run import show_checks
 
     shown = Table(title=str(logged.log), title_justify="left", show_header=False, box=None, pad_edge=False)

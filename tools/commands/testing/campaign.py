@@ -12,8 +12,8 @@ from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, prin
 from tools.progress import counted_progress
 
 if TYPE_CHECKING:
-    from tools.campaign.outcome import Outcome
-    from tools.campaign.scenarios import Trial
+    from tools.campaign.trial.outcome import Outcome
+    from tools.campaign.trial.scenarios import Trial
 
 BARS = " ▁▂▃▄▅▆▇█"
 MOST_FAILURES = 20
@@ -95,12 +95,12 @@ def run_campaign(
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS
-    from tools.campaign.cells import cells_of
     from tools.campaign.processes import run_all
-    from tools.campaign.reference import refuse_other_drives
     from tools.campaign.results import result_of
-    from tools.campaign.scenarios import trial_of
-    from tools.campaign.walk_cells import walk_cells
+    from tools.campaign.trial.cells import cells_of
+    from tools.campaign.trial.reference import refuse_other_drives
+    from tools.campaign.trial.scenarios import trial_of
+    from tools.campaign.trial.walk_cells import walk_cells
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials

@@ -17,7 +17,7 @@ from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, read_scene
-from tools.campaign.draws import DEFAULT_SEED, Mismatch, draw
+from tools.campaign.trial.draws import DEFAULT_SEED, Mismatch, draw
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse.gate import Gate, initial, step
 from tools.study.pulse.judging import COLUMNS, GATED, JUDGED, Walked, judged

@@ -12,7 +12,7 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Impact, Plant
 from plant_sim.scene import Scene, load_scene
-from tools.campaign.draws import DEFAULT_SEED
+from tools.campaign.trial.draws import DEFAULT_SEED
 from tools.study.cases import Case, case
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.orbits import State

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.solvers.adaptive.state_layout import IMPACT_TIME
-from tools.campaign.cells import Cell
-from tools.campaign.draws import Drawn
-from tools.campaign.run import run
-from tools.campaign.scenarios import scenario_of, script
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.draws import Drawn
+from tools.campaign.trial.run import run
+from tools.campaign.trial.scenarios import scenario_of, script
 from tools.tuning.recordings.readings import Ticks
 
 FloatArray = NDArray[np.float64]

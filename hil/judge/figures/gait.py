@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
 from hil.judge import detection
-from hil.judge.figure_records import GaitFigures
+from hil.judge.figures.records import GaitFigures
 from hil.record.run_traces import RunTraces, column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 from plant_sim.sensors.gait import LegState
 
 FloatArray = NDArray[np.float64]

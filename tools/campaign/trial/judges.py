@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
 from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
-from tools.campaign.cells import Cell
-from tools.campaign.outcome import Outcome
-from tools.campaign.reference import LONGEST_GAP, goes_on, instant_start_captures, reference, would_be_lost
-from tools.campaign.run import Run, run
-from tools.campaign.scenarios import RUN_S, SETTLED_S, Trial, trial_of
-from tools.campaign.walks import judge_walk
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.reference import (
+    LONGEST_GAP,
+    goes_on,
+    instant_start_captures,
+    reference,
+    would_be_lost,
+)
+from tools.campaign.trial.run import Run, run
+from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Trial, trial_of
+from tools.campaign.trial.walk_judge import judge_walk
 
 FloatArray = NDArray[np.float64]
 

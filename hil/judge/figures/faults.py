@@ -7,14 +7,14 @@ import numpy as np
 
 from firmware_py.interface.enums import MOVING, Fault, Mode
 from hil.judge import detection
-from hil.judge.figure_records import (
+from hil.judge.figures.records import (
     FaultFigures,
     LatchedFigures,
     SafeStateFigures,
 )
 from hil.judge.hold import FloatArray, Window, capture
 from hil.record.run_traces import RunTraces, column
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 
 NO_TORQUE_N_M = 1e-3
 """Below this the motor is off: 1/5 of its dry friction, which then holds it."""

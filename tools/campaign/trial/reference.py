@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.record.plant_trace import PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop

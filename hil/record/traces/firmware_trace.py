@@ -14,7 +14,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.node.counters import Counters
 from firmware_py.node.tick import NodeState
 from firmware_py.shell.node import Node
-from hil.record.trace import FieldType, TraceWriter
+from hil.record.traces.trace import FieldType, TraceWriter
 from hil.timing.loop import LoopTiming
 
 OF_A_WALK = ("gait", "lock")

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
-from tools.campaign.cells import Cell
-from tools.campaign.draws import Drawn, disturbance_of, draw, mismatch_of
-from tools.campaign.walk_cells import WalkCell, drawn_walk
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.draws import Drawn, disturbance_of, draw, mismatch_of
+from tools.campaign.trial.walk_cells import WalkCell, drawn_walk
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
 """The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""

@@ -1,7 +1,7 @@
 """The judge of the campaign `walk`: somebody walks, and the firmware follows; against the truth.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
-stride. Pulses after a stop or a stumble count until a pause (`hil.judge.gait_figures.following`); those that
+stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.following`); those that
 the leg's own motion makes after it are counted separately.
 """
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from firmware_py.core.control.gait_lock import LockConfig
 from firmware_py.interface.enums import Fault, Mode
 from hil.judge.detection import WEAKEST_V_M_S
-from hil.judge.gait_figures import following
+from hil.judge.figures.gait import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.sensors.gait import phases_at
 from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
-from tools.campaign.cells import Cell
-from tools.campaign.outcome import Outcome
-from tools.campaign.run import Run
-from tools.campaign.scenarios import Trial
-from tools.campaign.walk_cells import PRESETS, WalkCell
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.run import Run
+from tools.campaign.trial.scenarios import Trial
+from tools.campaign.trial.walk_cells import PRESETS, WalkCell
 
 FloatArray = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from hil.scenario.scenario import read_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
-from tools.campaign.cells import Cell
-from tools.campaign.draws import Drawn, draw, mismatch_of
+from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.draws import Drawn, draw, mismatch_of
 from tools.output import BadInputError
 
 COURSES = ("steady", "change", "stop", "stumble")

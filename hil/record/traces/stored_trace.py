@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.record import trace
-from hil.record.precision import kept, kept_column, kept_type
+from hil.record.traces import trace
+from hil.record.traces.precision import kept, kept_column, kept_type
 
 MOST_IN_MEMORY_BYTES = 32 << 20
 """Of the copied columns; with more they go to the disk."""
@@ -121,7 +121,7 @@ class StoredColumns(ABC):
 class StoredTrace(StoredColumns):
     """The records of a trace as they are when it is opened.
 
-    `exact`: as the trace has them, not as the log keeps them (`hil.record.precision`).
+    `exact`: as the trace has them, not as the log keeps them (`hil.record.traces.precision`).
     """
 
     def __init__(self, path: Path, exact: bool = False) -> None:

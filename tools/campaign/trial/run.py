@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
 from hil.bench.stretches import records_of
-from hil.record.firmware_trace import columns_of
-from hil.record.plant_trace import PlantRecord
+from hil.record.traces.firmware_trace import columns_of
+from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.scenario import Scenario
 from plant_sim.parts.parts import Parts
 

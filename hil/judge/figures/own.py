@@ -15,11 +15,11 @@ import numpy as np
 from asteval import Interpreter
 from numpy.typing import NDArray
 
-from hil.record.firmware_trace import fields_of
-from hil.record.plant_trace import PlantRecord
 from hil.record.run_traces import column
-from hil.record.stored_trace import Records
-from hil.record.trace import flatten
+from hil.record.traces.firmware_trace import fields_of
+from hil.record.traces.plant_trace import PlantRecord
+from hil.record.traces.stored_trace import Records
+from hil.record.traces.trace import flatten
 
 Signal = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection
-from hil.judge.bus_figures import mean_load
 from hil.judge.estimate_error import estimate_errors
-from hil.judge.fault_figures import (
+from hil.judge.figures.bus import mean_load
+from hil.judge.figures.faults import (
     drive_end,
     fault_figures,
     first_fault,
@@ -22,7 +22,8 @@ from hil.judge.fault_figures import (
     safe_state_figures,
     torque_after,
 )
-from hil.judge.figure_records import (
+from hil.judge.figures.gait import gait_figures
+from hil.judge.figures.records import (
     DetectorFigures,
     EstimateFigures,
     FeltFigures,
@@ -36,11 +37,10 @@ from hil.judge.figure_records import (
     Spread,
     TrueImpact,
 )
-from hil.judge.gait_figures import gait_figures
 from hil.judge.hold import FloatArray, Window, hold_motion, hold_window
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
-from hil.record.stored_trace import Records
+from hil.record.traces.stored_trace import Records
 
 DEFAULT_PERIOD_S = 1e-3
 """The bus's tick, where the run does not say otherwise."""

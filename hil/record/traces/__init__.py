@@ -1,0 +1,1 @@
+"""Traces: what each process knew at each of its ticks, as fixed records, and their reading back."""
