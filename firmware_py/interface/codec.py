@@ -8,15 +8,14 @@ from typing import Any, Generic, TypeVar
 from firmware_py.interface import packing, records
 from firmware_py.interface.errors import FrameError, FrameErrorReason
 from firmware_py.interface.frame import Frame, bytes_of, word_of
+from firmware_py.interface.layout import Layout, Signal, read_layouts, snake
 from firmware_py.interface.refusals import unencodable, unusable
-from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.generate import checked_hints, snake
-from firmware_py.interface.sources.layout import Layout, Signal, layout_of
 
 __all__ = ["CODECS", "CODEC_BY_ID", "FrameCodec", "FrameError", "FrameErrorReason", "decode", "encode"]
 
 R = TypeVar("R", bound=tuple[Any, ...])
 
+LAYOUTS = read_layouts()
 _OK = FrameErrorReason.NONE
 
 
@@ -71,8 +70,7 @@ class FrameCodec(Generic[R]):
 
 
 def _codec(record: type[R]) -> FrameCodec[R]:
-    layout = layout_of(database().get_message_by_name(record.__name__))
-    checked_hints(layout, record)
+    layout = LAYOUTS[record.__name__]
     return FrameCodec(
         record=record,
         layout=layout,

@@ -6,7 +6,7 @@ from typing import Any
 
 from firmware_py.interface.errors import FrameError, FrameErrorReason
 from firmware_py.interface.float32 import FLOAT32_MAX, float32_of
-from firmware_py.interface.sources.layout import Layout, Signal, SignalKind
+from firmware_py.interface.layout import Layout, Signal, SignalKind
 
 
 def unusable(layout: Layout, data: bytes, reason: FrameErrorReason) -> FrameError:

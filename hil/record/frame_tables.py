@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
+from firmware_py.interface.layout import SignalKind
 from firmware_py.interface.records import (
     Accelerometer,
     DriveCurrent,
@@ -21,7 +22,6 @@ from firmware_py.interface.records import (
     SetInputTorque,
     StrikerEstimate,
 )
-from firmware_py.interface.sources.layout import SignalKind
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
 
 FREQUENT = frozenset(

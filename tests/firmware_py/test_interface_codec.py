@@ -28,6 +28,7 @@ from firmware_py.interface.codec import (
 )
 from firmware_py.interface.enums import AxisError, AxisState, Mode
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.layout import Signal, SignalKind, read_layouts
 from firmware_py.interface.records import (
     Accelerometer,
     ClearErrors,
@@ -41,7 +42,7 @@ from firmware_py.interface.records import (
 )
 from firmware_py.interface.sources import generate
 from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.layout import LayoutError, Signal, SignalKind
+from firmware_py.interface.sources.layout import LayoutError
 
 ALL = list(CODECS.values())
 PROTECTED = [codec for codec in ALL if codec.protected]
@@ -221,7 +222,7 @@ def test_a_record_whose_fields_are_not_the_messages_signals() -> None:
         striker_position_mm: float
 
     with pytest.raises(LayoutError, match=r"signals \['striker_position_m'\], but the record has"):
-        codecs._codec(CoarsePosition)
+        generate.checked_hints(read_layouts()["CoarsePosition"], CoarsePosition)
 
 
 def test_no_record_of_the_bus() -> None:
@@ -337,8 +338,13 @@ def test_an_unknown_identifier() -> None:
 
 def test_the_checked_in_codec_is_what_the_dbc_gives() -> None:
     """Up to its layout, which is ruff's; `firmware_py.interface.sources.generate` writes it again."""
-    written = ast.parse(generate.TARGET.read_text(encoding="utf-8"))
+    written = ast.parse(generate.PACKING.read_text(encoding="utf-8"))
     assert ast.dump(written) == ast.dump(ast.parse(generate.source()))
+
+
+def test_the_checked_in_layouts_are_what_the_dbc_gives() -> None:
+    assert generate.LAYOUTS.read_text(encoding="utf-8") == generate.layouts_source()
+    assert read_layouts() == {layout.name: layout for _, layout in generate.frames()}
 
 
 @given(coded=coded_records())

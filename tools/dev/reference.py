@@ -14,8 +14,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from firmware_py.interface import codec, enums
+from firmware_py.interface.layout import Signal, SignalKind
 from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.layout import Signal, SignalKind
 from firmware_py.interface.sources.parameter_table import TABLE
 from hil.judge.figures.records import CATALOGUE
 from hil.judge.requirements import requirements

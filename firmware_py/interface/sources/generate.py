@@ -1,21 +1,25 @@
-"""Writes `packing.py`, the codec of every frame in the firmware's subset, out of `vibro.dbc`.
+"""Writes the codec out of `vibro.dbc`: `packing.py`, in the firmware's subset, and `layouts.toml`.
 
     python -m firmware_py.interface.sources.generate
 
 A codec that loops over a description of its signals costs several times what the packing does, and a
-microcontroller has no description; so each frame gets the few lines that someone would write by hand. A test
-holds the checked-in file against what this module writes; `ruff format` lays its lines out.
+microcontroller has no description; so each frame gets the few lines that someone would write by hand. The
+bench needs the description too, for messages and tables, but not a parser of DBC files in every process. A
+test holds the checked-in files against what this module writes; `ruff format` lays their lines out.
 """
 
+import json
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from firmware_py.interface import records
 from firmware_py.interface.crc import INITIAL, TABLE
+from firmware_py.interface.layout import Layout, Signal, SignalKind, snake, span
 from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.layout import Layout, LayoutError, Signal, SignalKind, layout_of, span
+from firmware_py.interface.sources.layout import LayoutError, layout_of
 
-TARGET = Path(__file__).parents[1] / "packing.py"
+PACKING = Path(__file__).parents[1] / "packing.py"
+LAYOUTS = Path(__file__).parents[1] / "layouts.toml"
 
 HEADER = '''"""Records to 64-bit words and back: written by `generate.py` out of `vibro.dbc`; do not edit.
 
@@ -37,16 +41,41 @@ from firmware_py.interface.records import (
 '''
 
 
-def source() -> str:
-    """The text of `packing.py`."""
+def frames() -> list[tuple[type[Any], Layout]]:
+    """Each record of the bus with its frame's layout, in the order of their identifiers."""
     kinds = [
         kind
         for kind in vars(records).values()
         if isinstance(kind, type) and kind.__module__ == records.__name__
     ]
     pairs = [(kind, layout_of(database().get_message_by_name(kind.__name__))) for kind in kinds]
-    pairs.sort(key=lambda pair: pair[1].can_id)
-    text = HEADER + "".join(f"    {name},\n" for name in sorted(kind.__name__ for kind in kinds)) + ")\n\n"
+    return sorted(pairs, key=lambda pair: pair[1].can_id)
+
+
+def layouts_source() -> str:
+    """The text of `layouts.toml`."""
+    text = "# The layout of every frame by name: written by `generate.py` out of `vibro.dbc`; do not edit.\n"
+    for _, layout in frames():
+        fields = {name: value for name, value in layout._asdict().items() if value is not None}
+        name, signals = fields.pop("name"), fields.pop("signals")
+        text += f"\n[{name}]\n" + "".join(f"{one} = {toml(fields[one])}\n" for one in fields)
+        for signal in signals.values():
+            each = signal._asdict() | {"kind": signal.kind.value, "values": sorted(signal.values)}
+            inline = ", ".join(f"{one} = {toml(each[one])}" for one in each if one != "name")
+            text += f"signals.{signal.name} = {{ {inline} }}\n"
+    return text
+
+
+def toml(value: object) -> str:
+    """A number, a truth value, a list of numbers or a plain word, which TOML writes as JSON does."""
+    return json.dumps(value)
+
+
+def source() -> str:
+    """The text of `packing.py`."""
+    pairs = frames()
+    names = sorted(kind.__name__ for kind, _ in pairs)
+    text = HEADER + "".join(f"    {name},\n" for name in names) + ")\n\n"
     text += "OK = FrameErrorReason.NONE\nLENGTH = FrameErrorReason.LENGTH\nCRC = FrameErrorReason.CRC\n"
     text += "RANGE = FrameErrorReason.RANGE\nENUMERATION = FrameErrorReason.ENUMERATION\n"
     text += "NOT_FINITE = FrameErrorReason.NOT_FINITE\n"
@@ -55,11 +84,6 @@ def source() -> str:
     for kind, layout in pairs:
         text += "\n\n" + pack_source(layout, kind) + "\n\n" + unpack_source(layout, kind)
     return text
-
-
-def snake(name: str) -> str:
-    """`SetInputTorque` as `set_input_torque`."""
-    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
 
 
 def constants(layout: Layout) -> str:
@@ -256,4 +280,5 @@ def _to_value(signal: Signal, is_real: bool) -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(source(), encoding="utf-8")
+    PACKING.write_text(source(), encoding="utf-8")
+    LAYOUTS.write_text(layouts_source(), encoding="utf-8")

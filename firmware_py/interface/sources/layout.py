@@ -1,76 +1,17 @@
-"""A frame's layout as plain numbers: what `vibro.dbc` says of a message, checked for the codec.
+"""What `vibro.dbc` says of a message as a frame's layout, checked for the codec.
 
 Rules that keep the codec simple, and that this module enforces: little-endian; no offsets; a protected frame
 ends in its rolling counter and, as its last byte, its CRC.
 """
 
-import math
-from enum import Enum
-from typing import NamedTuple
-
 from cantools.database.can import Message
 from cantools.database.can import Signal as DbcSignal
+
+from firmware_py.interface.layout import Layout, Signal, SignalKind, span
 
 
 class LayoutError(ValueError):
     """`vibro.dbc` breaks a rule of the codec."""
-
-
-class SignalKind(Enum):
-    """How a signal's value is treated; the DBC's attribute `SignalKind`."""
-
-    QUANTITY = "Quantity"  # scaled, and saturates at its range
-    ENUMERATION = "Enumeration"  # one of the listed values
-    FLAGS = "Flags"  # any combination of bits
-    EXACT = "Exact"  # a whole number that saturating would falsify
-    COUNTER = "Counter"
-    CRC = "Crc"
-
-
-class Signal(NamedTuple):
-    """One signal. Its physical value is `counts`·`scale`; a float's counts are the value itself.
-
-    `start` is its lowest bit in the frame's 64-bit word, `bits` its width.
-    """
-
-    name: str
-    kind: SignalKind
-    unit: str
-    is_float: bool
-    is_signed: bool
-    start: int
-    bits: int
-    scale: float
-    low_counts: int
-    high_counts: int
-    values: frozenset[int]
-
-    @property
-    def low(self) -> float:
-        """Smallest value in the signal's unit; what a reading clipped at the bottom decodes to."""
-        return -math.inf if self.is_float else self.low_counts * self.scale
-
-    @property
-    def high(self) -> float:
-        """Largest value in the signal's unit; what a reading clipped at the top decodes to."""
-        return math.inf if self.is_float else self.high_counts * self.scale
-
-
-class Layout(NamedTuple):
-    """A message: identity, timing, and its signals by name, counter and CRC left out."""
-
-    name: str
-    can_id: int
-    length: int
-    sender: str | None
-    period_s: float | None
-    counter_bits: int  # 0: carries neither counter nor CRC
-    signals: dict[str, Signal]
-
-    @property
-    def protected(self) -> bool:
-        """Whether the frame carries a rolling counter and a CRC-8."""
-        return self.counter_bits > 0
 
 
 def layout_of(message: Message) -> Layout:
@@ -134,11 +75,6 @@ def _range(where: str, dbc: DbcSignal) -> tuple[int, int]:
     if low_counts < lowest or high_counts > highest:
         raise LayoutError(f"{where}: range [{dbc.minimum}|{dbc.maximum}] does not fit {dbc.length} bits")
     return low_counts, high_counts
-
-
-def span(is_signed: bool, bits: int) -> tuple[int, int]:
-    """Counts that this number of bits can hold."""
-    return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
 
 
 def _counter_bits(message: Message, protection: dict[SignalKind, Signal]) -> int:
