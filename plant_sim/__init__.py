@@ -8,10 +8,10 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from plant_sim.plant import Impact as Impact
     from plant_sim.plant import Plant as Plant
     from plant_sim.plant import PlantError as PlantError
     from plant_sim.result import EnergyLedger as EnergyLedger
+    from plant_sim.result import Impact as Impact
     from plant_sim.result import MotionState as MotionState
     from plant_sim.result import Observation as Observation
     from plant_sim.result import Phase as Phase
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from plant_sim.simulation import simulate as simulate
 
 _NAMES = {
-    "plant": ("Impact", "Plant", "PlantError"),
-    "result": ("EnergyLedger", "MotionState", "Observation", "Phase", "SimulationResult"),
+    "plant": ("Plant", "PlantError"),
+    "result": ("EnergyLedger", "Impact", "MotionState", "Observation", "Phase", "SimulationResult"),
     "scene": ("Scene", "SceneError", "load_scene", "scene_names"),
     "simulation": ("SimulationError", "simulate"),
 }

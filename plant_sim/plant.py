@@ -11,7 +11,7 @@ from plant_sim.parts.housing import housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.walking import Walking
-from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
+from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation, Phase
 from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
@@ -56,20 +56,6 @@ IMPACTS_A_CALL = 64
 
 class PlantError(ValueError):
     """A call that the plant cannot answer."""
-
-
-class Impact(NamedTuple):
-    """One impact. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
-
-    `peak_force_n` is nan at a rigid stop, which has none.
-    """
-
-    t_s: float
-    v_m_s: float
-    v_after_m_s: float
-    impulse_n_s: float
-    peak_force_n: float
-    crank_rad: float
 
 
 class Lent(NamedTuple):

@@ -56,6 +56,20 @@ class Observation(NamedTuple):
     phase: Phase
 
 
+class Impact(NamedTuple):
+    """One impact. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
+
+    `peak_force_n` is nan at a rigid stop, which has none.
+    """
+
+    t_s: float
+    v_m_s: float
+    v_after_m_s: float
+    impulse_n_s: float
+    peak_force_n: float
+    crank_rad: float
+
+
 @dataclass(frozen=True, slots=True)
 class EnergyLedger:
     """drive_work + housing_work = stored_change + friction + impact_loss + ankle, all in joules.

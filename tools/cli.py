@@ -144,15 +144,20 @@ def board_errors() -> tuple[type[Exception], ...]:
     return (BoardError,)
 
 
+def say_error(label: str, message: str, as_json: bool) -> None:
+    """Print an error for people and, where asked for, in JSON."""
+    progress_console.print(label, style="bold red", end=" ")
+    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
+    if as_json:
+        print_json({"error": message})
+
+
 def refuse(message: str, as_json: bool) -> int:
     """Say what was wrong with the input, in a sentence and, where asked for, in JSON."""
     if len(message) > LONGEST_MESSAGE:  # what was given may be a megabyte
         half = LONGEST_MESSAGE // 2
         message = f"{message[:half]} … {message[-half:]}"
-    progress_console.print("error:", style="bold red", end=" ")
-    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
-    if as_json:
-        print_json({"error": message})
+    say_error("error:", message, as_json)
     return EXIT_BAD_INPUT
 
 
@@ -168,10 +173,7 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
         sys.stderr.write(text)
     summary = " ".join(traceback.format_exception_only(error)[-1].split())
     message = f"{summary} (a defect of vibrohil; its traceback: {where})"
-    progress_console.print("internal error:", style="bold red", end=" ")
-    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
-    if as_json:
-        print_json({"error": message})
+    say_error("internal error:", message, as_json)
     return EXIT_INTERNAL_ERROR
 
 

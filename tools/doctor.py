@@ -32,11 +32,6 @@ PERIOD_NS = 1_000_000
 WAKE_UPS = 2000
 WAKE_LIMIT_US = 500.0
 """Half a period: a firmware tick that starts later than that has lost the time of the plant's."""
-SCHEDULERS = {
-    "deadline": "SCHED_DEADLINE: each loop has its share of a CPU",
-    "fifo": "SCHED_FIFO: each loop comes before ordinary processes",
-    "ordinary": "refused: any busy process delays the loops",
-}
 VULKAN_DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
 
 Answer = TypeVar("Answer")

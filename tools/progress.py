@@ -17,6 +17,11 @@ Progress = Callable[[float | None, str], None]
 """Called with the fraction that is done, None where nobody knows how much is left, and what is being done."""
 
 
+def counting(progress: Progress, doing: str) -> Callable[[int, int], None]:
+    """`progress` for work that says how much of how much is done."""
+    return lambda done, total: progress(done / total, doing)
+
+
 @contextmanager
 def shown_progress() -> Iterator[Progress]:
     """Gives `progress(fraction, doing)`.

@@ -90,9 +90,10 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
             stack.callback(node.close)
         stretches = None
         if build == "compiled" and make is None and isinstance(to_plant, InProcessNode):
-            from hil.bench.stretches import stretches_of  # noqa: PLC0415 - imports the compiled firmware
+            from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports the compiled firmware
 
-            stretches = stretches_of(scenario, plant_node, firmware_node, operator, can_log, to_plant)
+            nodes = Nodes(plant_node, firmware_node, operator, to_plant)
+            stretches = stretches_of(scenario, nodes, can_log)
         tick = 0
         while tick < scenario.ticks:
             ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)

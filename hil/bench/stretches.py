@@ -35,7 +35,7 @@ from hil.nodes.closed_loop import (
 )
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record.traces.firmware_trace import moves_to
-from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import (
     ClockJitter,
     ClockJumped,
@@ -52,6 +52,7 @@ from hil.scenario.fault_tables import (
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
+from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
 
@@ -105,7 +106,7 @@ class Records(NamedTuple):
     """What a stretch leaves; views of buffers that the next stretch writes over.
 
     plant: numbers in the order of `PlantRecord`, a row a tick. firmware: the columns that were asked for, a
-    record a tick. impacts: numbers in the order of `ImpactRecord`, a row for each that has ended, times from
+    record a tick. impacts: numbers in the order of `Impact`, a row for each that has ended, times from
     when the plant was switched on. can_log: lines.
     """
 
@@ -115,35 +116,29 @@ class Records(NamedTuple):
     can_log: NDArray[np.uint8]
 
 
+class Nodes(NamedTuple):
+    """The nodes of lockstep; `to_plant` is where the bus keeps the frames that the plant takes next."""
+
+    plant: PlantRunner
+    firmware: FirmwareRunner
+    operator: OperatorRunner
+    to_plant: InProcessNode
+
+
 class Stretches:
     """Runs stretches of one scenario on the nodes of lockstep."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        plant: PlantRunner,
-        firmware: FirmwareRunner,
-        operator: OperatorRunner,
-        to_plant: InProcessNode,
-        columns: Any,
-        is_logged: bool,
-    ) -> None:
-        """`to_plant`: where the bus keeps the frames that the plant takes next.
-
-        `columns`: what is kept of the firmware, a packed type as in `hil.record.traces.firmware_trace`.
-        """
+    def __init__(self, scenario: Scenario, nodes: Nodes, columns: Any, is_logged: bool) -> None:
+        """`columns`: what is kept of the firmware, a packed type as in `hil.record.traces.firmware_trace`."""
         self._scenario = scenario
-        self._plant = plant
-        self._firmware = firmware
-        self._operator = operator
-        self._to_plant = to_plant
+        self._plant, self._firmware, self._operator, self._to_plant = nodes
         self._period_ns = round(scenario.period_s * NS_PER_S)
         self._firmware_rows = np.zeros(LONGEST_TICKS, columns)
         self._buffers = Buffers(
             plant=np.zeros((LONGEST_TICKS, len(PlantRecord._fields))),
             firmware=self._firmware_rows.view(np.uint8),
             moves=moves_to(columns),
-            impacts=np.zeros((LONGEST_TICKS, len(ImpactRecord._fields))),
+            impacts=np.zeros((LONGEST_TICKS, len(Impact._fields))),
             can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
             used=np.zeros(3, np.int64),
         )
@@ -261,23 +256,14 @@ class Stretches:
 class RecordedStretches:
     """Stretches whose records go into the traces and the log of lockstep."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        plant: PlantRunner,
-        firmware: FirmwareRunner,
-        operator: OperatorRunner,
-        can_log: CanLog,
-        to_plant: InProcessNode,
-    ) -> None:
-        """`to_plant`: where the bus keeps the frames that the plant takes next."""
+    def __init__(self, scenario: Scenario, nodes: Nodes, can_log: CanLog) -> None:
         self._period_s = scenario.period_s
         self._walks = scenario.scene.gait is not None
-        self._plant = plant
-        self._firmware = firmware
+        self._plant = nodes.plant
+        self._firmware = nodes.firmware
         self._can_log = can_log
-        self._plant_rows = np.zeros(LONGEST_TICKS, plant.columns)
-        self._stretches = Stretches(scenario, plant, firmware, operator, to_plant, firmware.columns, True)
+        self._plant_rows = np.zeros(LONGEST_TICKS, nodes.plant.columns)
+        self._stretches = Stretches(scenario, nodes, nodes.firmware.columns, True)
         self.ticks_from = self._stretches.ticks_from
 
     def run(self, tick: int, ticks: int, operator_period: int) -> int:
@@ -317,7 +303,8 @@ def records_of(scenario: Scenario, seed: int, columns: Any) -> Iterator[Records]
         scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=CompiledNode
     )
     operator = OperatorRunner(scenario.commands, pace, bus.join(listening=False), None)
-    stretches = Stretches(scenario, plant, firmware, operator, to_plant, columns, is_logged=False)
+    nodes = Nodes(plant, firmware, operator, to_plant)
+    stretches = Stretches(scenario, nodes, columns, is_logged=False)
     tick = operator_period = 0
     while tick < scenario.ticks:
         ticks = stretches.ticks_from(tick)
@@ -326,15 +313,6 @@ def records_of(scenario: Scenario, seed: int, columns: Any) -> Iterator[Records]
         tick += ticks
 
 
-def stretches_of(
-    scenario: Scenario,
-    plant: PlantRunner,
-    firmware: FirmwareRunner,
-    operator: OperatorRunner,
-    can_log: CanLog,
-    to_plant: InProcessNode,
-) -> RecordedStretches | None:
+def stretches_of(scenario: Scenario, nodes: Nodes, can_log: CanLog) -> RecordedStretches | None:
     """The stretches of a run on these nodes; None where it has none."""
-    if not has_stretches(scenario):
-        return None
-    return RecordedStretches(scenario, plant, firmware, operator, can_log, to_plant)
+    return RecordedStretches(scenario, nodes, can_log) if has_stretches(scenario) else None

@@ -8,12 +8,9 @@ solved in each group of neighbours on its own.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 WEAKEST_V_M_S = 0.05
 """A touch-down slower than this need not be seen; seeing it is no false alarm either."""

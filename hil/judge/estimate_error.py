@@ -3,12 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.record.run_traces import column
 from hil.record.traces.stored_trace import Records
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 
 class EstimateErrors(NamedTuple):

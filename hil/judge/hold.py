@@ -3,17 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Mode, Regime
 from hil.judge import detection, true_regime
 from hil.record.run_traces import column
 from hil.record.traces.stored_trace import Records
-
-FloatArray = NDArray[np.float64]
-
-
-BoolArray = NDArray[np.bool_]
+from plant_sim.arrays import BoolArray, FloatArray
 
 
 class Window(NamedTuple):

@@ -8,12 +8,9 @@ jitter in their phase never moves one into the neighbouring period.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Regime
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from plant_sim.arrays import FloatArray, IntArray
 
 TAIL = 0.5
 """The fraction of the window, at its end, that decides; what came before says whether impacts were lost."""

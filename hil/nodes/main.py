@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses, bus_id
@@ -15,6 +16,7 @@ from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus import Bus, join, provide
 from hil.bus.addressed import addressed
+from hil.bus.base import NodeBus
 from hil.bus.wire import MAX_STANDARD_ID, REMOTE_FLAG
 from hil.faults.clocks import ClockFaults, FaultyClock
 from hil.faults.line import with_faults
@@ -39,19 +41,50 @@ FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender 
 """All that the firmware listens to."""
 
 
-def firmware_main(
-    scenario: str | None,
-    settings: Sequence[str],
-    bus: str,
-    out_dir: Path | None,
-    seed: int,
-    sync: bool,
-    until_s: float | None,
-    again: bool = False,
-    build: Build = "python",
-) -> None:
-    """`vibrohil firmware`: the controller on `bus`, with a scenario's parameters or its defaults."""
-    if sync:
+class NodeProcess(NamedTuple):
+    """How a node runs: on which bus, into which folder, from whose start, until when.
+
+    `sync`: others start it, and say when. `again`: it replaces a node that ended, and continues its trace.
+    """
+
+    bus: str
+    out_dir: Path | None
+    seed: int
+    sync: bool
+    again: bool
+    until_s: float | None
+
+    def run(
+        self,
+        name: str,
+        make: Callable[[Pace, NodeBus, int], FirmwareRunner | PlantRunner],
+        period_s: float,
+        offset: float,
+        accept: Collection[int],
+        places: Addresses,
+        faults: Sequence[Fault],
+    ) -> None:
+        """Join, start and run the node that `make` makes of pace, bus and first tick.
+
+        `offset`: how many periods late it begins. `accept`: the identifiers that it takes.
+        """
+        pace = Pace(period_s, self.until_s)
+        start = await_restart() if self.again else Start(0)
+        if self.out_dir is not None:
+            self.out_dir.mkdir(parents=True, exist_ok=True)
+        with joined(self.bus, accept, places) as node_bus:
+            faulty_bus, tell_bus = with_faults(node_bus, name, faults, self.seed)
+            runner = make(pace, faulty_bus, start.first_tick)
+            clock_faults = ClockFaults(faults, name, self.seed)
+            begin = start if self.again else await_start(self.sync)
+            run_loop(runner, pace, offset, node_bus, begin, tell_bus, clock_faults, self.sync)
+        if self.out_dir is not None and not self.sync:
+            bring_home(self.out_dir)
+
+
+def firmware_main(scenario: str | None, settings: Sequence[str], process: NodeProcess, build: Build) -> None:
+    """`vibrohil firmware`: the controller on a bus, with a scenario's parameters or its defaults."""
+    if process.sync:
         belong_to_parent()
     faults: Sequence[Fault] = ()
     walks = True
@@ -61,55 +94,33 @@ def firmware_main(
         loaded = load_scenario(scenario, settings)
         parameters, faults = loaded.parameters, loaded.faults
         walks = loaded.scene.gait is not None
-    pace = Pace(config_from(parameters).tick_s, until_s)
-    refuse_other_periods(pace.period_s)
+    period_s = config_from(parameters).tick_s
+    refuse_other_periods(period_s)
     warm_firmware(parameters, build)
-    start = await_restart() if again else Start(0)
-    if out_dir is not None:
-        out_dir.mkdir(parents=True, exist_ok=True)
-    with joined(bus, FIRMWARE_IDS, addresses_from(parameters)) as node_bus:
-        faulty_bus, tell_bus = with_faults(node_bus, FIRMWARE, faults, seed)
-        runner = FirmwareRunner(
-            parameters, pace, faulty_bus, out_dir, faults, seed, start.first_tick, walks, node_of(build)
-        )
-        clock_faults = ClockFaults(faults, FIRMWARE, seed)
-        run_loop(
-            runner, pace, 0.5, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
-        )
-    if out_dir is not None and not sync:
-        bring_home(out_dir)
+
+    def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
+        out_dir, seed = process.out_dir, process.seed
+        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node_of(build))
+
+    process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
 
 
-def plant_main(
-    scenario: str,
-    settings: Sequence[str],
-    bus: str,
-    out_dir: Path | None,
-    seed: int,
-    sync: bool,
-    until_s: float | None,
-    again: bool = False,
-) -> None:
-    """`vibrohil plant`: the module of a scenario's scene on `bus`, with its drive and its sensors."""
-    if sync:
+def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> None:
+    """`vibrohil plant`: the module of a scenario's scene on a bus, with its drive and its sensors."""
+    if process.sync:
         belong_to_parent()
     loaded = load_scenario(scenario, settings)
-    pace = Pace(loaded.period_s, until_s)
-    refuse_other_periods(pace.period_s)
+    places = addresses_from(loaded.parameters)
+    refuse_other_periods(loaded.period_s)
     warm_plant(loaded.scene)
-    start = await_restart() if again else Start(0)
-    if out_dir is not None:
-        out_dir.mkdir(parents=True, exist_ok=True)
-    with joined(bus, ACCEPTED_IDS, addresses_from(loaded.parameters)) as node_bus:
-        faulty_bus, tell_bus = with_faults(node_bus, PLANT, loaded.faults, seed)
-        runner = PlantRunner(loaded.scene, seed, pace, faulty_bus, out_dir, loaded.faults, start.first_tick)
-        runner.node.node_id = addresses_from(loaded.parameters).drive_node
-        clock_faults = ClockFaults(loaded.faults, PLANT, seed)
-        run_loop(
-            runner, pace, 0.0, node_bus, start if again else await_start(sync), tell_bus, clock_faults, sync
-        )
-    if out_dir is not None and not sync:
-        bring_home(out_dir)
+
+    def make(pace: Pace, bus: NodeBus, first_tick: int) -> PlantRunner:
+        out_dir, faults = process.out_dir, loaded.faults
+        runner = PlantRunner(loaded.scene, process.seed, pace, bus, out_dir, faults, first_tick)
+        runner.node.node_id = places.drive_node
+        return runner
+
+    process.run(PLANT, make, loaded.period_s, 0.0, ACCEPTED_IDS, places, loaded.faults)
 
 
 def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:

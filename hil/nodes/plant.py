@@ -33,7 +33,8 @@ from hil.faults.plant import PlantFaults
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import Fault
 from plant_sim.parts.drive import MotorDrive
-from plant_sim.plant import Impact, Plant
+from plant_sim.plant import Plant
+from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.scene_tables import AxisTable, MotorTable
 from plant_sim.sensors.gait import GaitTruth

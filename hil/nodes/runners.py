@@ -17,11 +17,12 @@ from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
 from hil.nodes.resync import Waking
 from hil.record.traces.firmware_trace import FirmwareTrace
-from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import TraceWriter
 from hil.scenario.fault_tables import Fault
 from hil.scenario.operator import Command, OperatorNode, OperatorRecord
 from hil.timing.loop import LoopTiming
+from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
 
@@ -73,7 +74,7 @@ class PlantRunner:
             again = first_tick > 0
             expected = 0 if again else pace.ticks or 0
             self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed)
-            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", ImpactRecord)], resume=again)
+            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
 
     def restart(self, tick: int) -> None:
         """Throw the node away and make it anew, for `tick` to be its first one."""

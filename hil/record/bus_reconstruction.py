@@ -7,13 +7,11 @@ estimate, the torque, and the reported impacts; each holds its last value until 
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface import codec
 from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
 from hil.record.candump import BusLog
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray, IntArray
 
 
 class Heard(NamedTuple):
@@ -80,10 +78,10 @@ def held(frames: Heard, t_s: FloatArray) -> FloatArray:
     return values
 
 
-def tick_numbers(t_s: FloatArray, period_s: float) -> NDArray[np.int64]:
+def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
     """Which tick each of `t_s` belongs to; a tick's middle lies where the frames gather."""
     phase = np.angle(np.mean(np.exp(2j * np.pi * t_s / period_s))) / (2.0 * np.pi)
-    numbers: NDArray[np.int64] = np.floor(t_s / period_s - phase + 0.5).astype(np.int64)
+    numbers: IntArray = np.floor(t_s / period_s - phase + 0.5).astype(np.int64)
     return np.maximum(numbers, 0)
 
 

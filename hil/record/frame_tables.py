@@ -23,6 +23,7 @@ from firmware_py.interface.records import (
     StrikerEstimate,
 )
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
+from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 FREQUENT = frozenset(
     record.__name__
@@ -32,8 +33,6 @@ FREQUENT = frozenset(
 
 CRC_TABLE = np.frombuffer(TABLE, np.uint8)
 
-FloatArray = NDArray[np.float64]
-
 
 class FrameRows(NamedTuple):
     """Frames in rows: when each row begins in s, the number of its frames and its bytes, shapes (rows,).
@@ -42,7 +41,7 @@ class FrameRows(NamedTuple):
     """
 
     t_s: FloatArray
-    counts: NDArray[np.int64]
+    counts: IntArray
     content: list[bytes]
     after_ns: NDArray[np.int32]
     can_id: NDArray[np.uint32]
@@ -120,7 +119,7 @@ def signal_array(values: Sequence[float]) -> pa.Array:
     return pa.array(values, pa.float32() if isinstance(values[0], float) else None)
 
 
-def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
     """Which frames, shape (n, 8), decode without an error; of some others their codec has to say."""
     valid = np.ones(len(data), bool)
     if codec.protected:
@@ -143,7 +142,7 @@ def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> NDArray[np.
     return valid
 
 
-def refused_rows(bus: BusLog, codec: FrameCodec[Any], rows: NDArray[np.int64]) -> Iterator[tuple[int, str]]:
+def refused_rows(bus: BusLog, codec: FrameCodec[Any], rows: IntArray) -> Iterator[tuple[int, str]]:
     """The rows of frames of one identifier that are refused, and why."""
     whole = bus.length[rows] == codec.length
     starts = bus.starts[rows[whole]]

@@ -1,6 +1,5 @@
-"""A log read back: its columns, the traces it holds, hashes to compare by, and the repair of a cut one."""
+"""A log read back: its columns, the traces it holds, and the repair of a cut one."""
 
-import hashlib
 import json
 import re
 import tomllib
@@ -365,29 +364,3 @@ def read_traces(path: Path) -> RunTraces:
         bus_errors=small("/bus_errors"),
         losses=losses_of(table(path, "/can/lost")) if "/can/lost" in known else [],
     )
-
-
-def content_bytes(values: NDArray[Any]) -> bytes:
-    """What a hash is taken of: the numbers' bytes, or text and blobs with their lengths."""
-    if values.dtype != object:
-        return values.tobytes()
-    blobs = [value if isinstance(value, bytes) else str(value).encode() for value in values.tolist()]
-    return b"".join(len(blob).to_bytes(4, "little") + blob for blob in blobs)
-
-
-def column_hashes(path: Path) -> dict[str, str]:
-    """A hash of each column on the simulated timeline, by `entity:column`, however the rows were chunked.
-
-    Left out are the wall clock and what the machine took, so that two runs of one seed in lockstep agree.
-    """
-    hashes = {}
-    for entity in names(path):
-        rows = table(path, entity)
-        for name in rows.column_names:
-            if name in TIMELINES and name != "sim_time":
-                continue
-            for column, values in leaves(name, contiguous(rows[name])):
-                if column.rpartition(".")[2] in MEASURED:
-                    continue
-                hashes[f"{entity}:{column}"] = hashlib.sha256(content_bytes(values)).hexdigest()
-    return hashes

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.record.candump import NO_BUS, Bus, BusCounts, BusLog, StoredBus
 from hil.record.damage import DamagedFileError, reading
 from hil.record.traces.precision import TICKED
 from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 CAN_LOG = "can.log"
 """The frames of a run, as candump writes them."""

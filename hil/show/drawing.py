@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, CALM, ESTIMATE, TRUTH
 from hil.record.traces.stored_trace import Records
+from plant_sim.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 TimeColumns = Callable[[FloatArray], list[rr.TimeColumn]]
 
 EVERY_TICKS = 20

@@ -3,6 +3,7 @@
 Plots pick fields out of the traces' records, so names, units and colours of the series live here.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import rerun.blueprint as rrb
@@ -218,6 +219,7 @@ OUTSIDE = "outside: the impact of another turn of the stride"
 
 def gait(detail_s: tuple[float, float] | None) -> Any:
     """The wearer's cycle, true and estimated, and where in it the pulses come."""
+    close_up = partial(plot, span_s=detail_s, legend=None)
     return shares(
         rrb.Vertical,
         lanes("The leg: true, estimated", "leg", "leg_estimated"),
@@ -250,30 +252,22 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
         ),
         rrb.Horizontal(
-            plot(
+            close_up(
                 "Felt by the wearer, close up [N]",
                 Line("/plant", "felt_force_n", "felt", "N", OTHER),
-                span_s=detail_s,
-                legend=None,
             ),
-            plot(
+            close_up(
                 "Push-off: the ankle's moment, close up [N m/kg]",
                 Line("/plant", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
-                span_s=detail_s,
-                legend=None,
             ),
-            plot(
+            close_up(
                 "Shank's rate, close up [rad/s]",
                 Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
                 Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
-                span_s=detail_s,
-                legend=None,
             ),
-            plot(
+            close_up(
                 "Along the striker's axis, close up [m/s²]",
                 Line("/plant", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
-                span_s=detail_s,
-                legend=None,
             ),
         ),
         by=(4, 7, 5, 5),

@@ -17,12 +17,11 @@ from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, Lane, lower_name, state_name
 from hil.record.traces.precision import TIME
 from hil.record.traces.stored_trace import Records
+from plant_sim.arrays import FloatArray
 
 APPLICATION_ID = "vibrohil"
 VIEWER_TIMEOUT_S = 5.0
 """A viewer that accepts nothing for this time is given up."""
-
-FloatArray = NDArray[np.float64]
 
 
 def recording_id(run: Mapping[str, Any]) -> str:

@@ -10,10 +10,10 @@ rebuild of a whole run; what it writes depends on the traces alone.
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -52,8 +52,9 @@ from hil.show.highlights import marks, moments
 from hil.show.injected import NONE, Injected, injected, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.limits import Limit, limits
-from hil.show.log_stream import FloatArray, LogStream, colors, dynamic
+from hil.show.log_stream import LogStream, colors, dynamic
 from hil.show.verdict_text import verdict_text
+from plant_sim.arrays import FloatArray
 
 BUS_LANES = tuple(
     Lane(
@@ -127,17 +128,6 @@ class RunLog:
         self._run = run
         self._refused = False
         self.drawing = Drawing(self.out.recording, self.out.time.columns, scenario)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Write what is still pending and the file's footer."""
@@ -405,7 +395,7 @@ def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence
     """Write the log of a whole run; the file takes its name once it is whole."""
     unfinished = path.with_name(f"{path.name}.new")
     try:
-        with RunLog(unfinished, traces.run, traces.scenario, is_over=True) as log:
+        with closing(RunLog(unfinished, traces.run, traces.scenario, is_over=True)) as log:
             for piece in pieces(traces):
                 log.append(piece)
             log.conclude(traces, figures, results)

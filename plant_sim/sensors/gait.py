@@ -5,8 +5,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from plant_sim.kernels import jit
 from plant_sim.parts.walking import (
     BEGIN_S,
@@ -27,8 +27,6 @@ from plant_sim.parts.walking import (
     row_at,
 )
 from plant_sim.sensors.models import GaitSensorModel
-
-FloatArray = NDArray[np.float64]
 
 FULL_SHARE = 0.3
 """Of its full size: a motion that is larger loads the foot as walking does, a smaller one as standing."""

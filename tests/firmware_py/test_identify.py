@@ -11,7 +11,7 @@ from firmware_py.core.estimation import estimator_state, identify
 from firmware_py.core.estimation.identify import IdentifyState, Normal, Sample
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
-from plant_sim.plant import Impact
+from plant_sim.result import Impact
 
 CONFIG = config_from({}).identify
 STRIKER = config_from({}).estimator.striker

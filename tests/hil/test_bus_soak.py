@@ -3,13 +3,13 @@
 import random
 
 import pytest
+from bus_soak import soak
 
 from firmware_py.interface.frame import Frame
 from hil.can_model.bits import frame_bits
 from hil.can_model.core import advance, queue
 from hil.can_model.message_set import ALL_SENDERS, ONE_ERROR, TICK_NS, bus_streams
 from hil.can_model.schedulability import ErrorModel, Stream, response_times
-from hil.can_model.soak import soak
 from hil.can_model.state import BusState, NodeState
 
 BIT_NS = 1000

@@ -29,11 +29,11 @@ from hil.judge.figures.figures import figures_of
 from hil.nodes.plant import PlantNode
 from hil.record.run_folder import note
 from hil.record.traces import trace
-from hil.record.traces.plant_trace import ImpactRecord
 from hil.scenario.fault_tables import AnyFault, Fault, PhaseLoss
 from hil.scenario.scenario import ScenarioError, check_scenario, read_scenario, refuse_modelled_bus
 from hil.scenario.settings import apply_settings
 from hil.timing.loop import FixedRateLoop, LoopTiming
+from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.sensors.readings import SensorReading
 
@@ -441,7 +441,7 @@ def test_the_force_after_a_fault_is_that_of_impacts_after_it(
     at_s = np.array([2.5, 3.5])[: len(peaks_n)]
     made_up.impacts.clear()
     made_up.impacts.update(
-        {name: np.ones(len(at_s)) for name in ImpactRecord._fields}
+        {name: np.ones(len(at_s)) for name in Impact._fields}
         | {"t_s": at_s, "peak_force_n": np.array(peaks_n)}
     )
     assert figures_of(write_run(made_up, tmp_path)).after_fault.peak_force_n == expected_n

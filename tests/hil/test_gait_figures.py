@@ -1,6 +1,7 @@
 """A walk with known answers: figures of the phase, of pulses in and out of the window, and of its end."""
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -183,7 +184,7 @@ def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:
     traces = read_run(folder)
     whole = tables(rebuild(folder))
     path = tmp_path / "pieces.rrd"
-    with RunLog(path, traces.run, traces.scenario) as log:
+    with closing(RunLog(path, traces.run, traces.scenario)) as log:
         for start in range(7):
             piece, late = part(traces, start, start + 1.0), part(traces, start - 0.1, start + 0.9)
             log.append(dataclasses.replace(piece, impacts=late.impacts))

@@ -16,12 +16,13 @@ from hil.can_model.error_trace import BusErrorRecord
 from hil.record import state_timeline as lanes
 from hil.record.firmware_rates import is_slow
 from hil.record.rerun_program import rerun_environment, rerun_program
-from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten
 from hil.scenario.operator import OperatorRecord
 from hil.show import layout
 from hil.show.rerun_log import rebuild
 from hil.timing.loop import LoopTiming
+from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 
 WIDTH, HEIGHT = 1280, 800
@@ -36,7 +37,7 @@ WRITTEN = {
     "/firmware": columns(
         ("inputs", Inputs), ("state", State), ("outputs", Outputs), ("counters", Counters), ("", LoopTiming)
     ),
-    "/impacts/truth": columns(("", ImpactRecord)),
+    "/impacts/truth": columns(("", Impact)),
     "/bus_errors": columns(("", BusErrorRecord)),
     "/estimate_error": {"x_m", "v_m_s"},
     "/operator": columns(("", OperatorRecord)),

@@ -8,12 +8,13 @@ import sys
 import time
 
 import pytest
+from log_hashes import column_hashes
 from run_folder import T_S, make_run, write_run, write_trace
 
 from firmware_py.interface import codec
 from firmware_py.interface.records import SetInputTorque
 from hil.bus import join, provide
-from hil.record.log_reader import column_hashes, read_traces, repair
+from hil.record.log_reader import read_traces, repair
 from hil.record.run_traces import read_bus, read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild

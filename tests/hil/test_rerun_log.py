@@ -1,10 +1,12 @@
 """The log: all of the traces, read back; the same whoever wrote it; mended when cut."""
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from log_hashes import column_hashes
 from run_folder import END_S, STOP_M, T_S, make_run, write_run
 
 from firmware_py.interface.enums import Fault, Mode
@@ -12,7 +14,7 @@ from hil.judge.checks import CheckResult
 from hil.judge.figures.figures import figures_from, figures_of
 from hil.record.candump import bus_log
 from hil.record.firmware_rates import SLOW_TICKS
-from hil.record.log_reader import column_hashes, read_traces, repair, tables
+from hil.record.log_reader import read_traces, repair, tables
 from hil.record.rerun_program import rerun
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.show.highlights import moments
@@ -81,7 +83,7 @@ def test_ticks_are_logged_in_single_precision_and_books_at_100_hz(tmp_path):
         folder = write_run(made_up, tmp_path / f"{len(named)}")
         traces = read_run(folder)
         path = tmp_path / f"{len(named)}.rrd"
-        with RunLog(path, traces.run, traces.scenario) as log:
+        with closing(RunLog(path, traces.run, traces.scenario)) as log:
             log.append(traces)
         logged = read_traces(path).firmware
         gains = (1.0 / (slow + 3.0)).astype(np.float32)
@@ -177,7 +179,7 @@ def test_the_same_traces_give_the_same_columns(run_dir, log_path, tmp_path):
 def test_a_log_written_in_pieces_holds_the_same_as_one_written_at_once(run_dir, log_path, tmp_path):
     traces = read_run(run_dir)
     path = tmp_path / LOG_NAME
-    with RunLog(path, traces.run, traces.scenario) as log:
+    with closing(RunLog(path, traces.run, traces.scenario)) as log:
         for start_s in np.arange(0.0, END_S + 1.0, 0.73):
             log.append(part(traces, start_s, start_s + 0.73))
     live, whole = column_hashes(path), column_hashes(log_path)

@@ -8,9 +8,10 @@ import pytest
 
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
-from hil.record.traces.plant_trace import ImpactRecord, PlantRecord
+from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
+from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS
@@ -40,7 +41,7 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
     assert len(impacts) == len(done.impacts) > 10
     for name in PlantRecord._fields:
         np.testing.assert_array_equal(done.true(name), plant[name], err_msg=name)
-    for column, name in enumerate(ImpactRecord._fields):
+    for column, name in enumerate(Impact._fields):
         np.testing.assert_array_equal(done.impacts[:, column], impacts[name], err_msg=name)
     for name in done.firmware.dtype.names or ():
         if name in firmware.dtype.names:  # a run in which nobody walks records no gait

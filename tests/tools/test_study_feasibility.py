@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from plant_sim.plant import Impact
+from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from tools.cli import app
 from tools.output import BadInputError

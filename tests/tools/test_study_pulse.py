@@ -11,7 +11,7 @@ from firmware_py.core.control import spin_down as calm
 from firmware_py.shell.parameters import config_from
 from hil.scenario.scenario import read_scenario
 from plant_sim.parts.walking import Walking
-from plant_sim.plant import Impact
+from plant_sim.result import Impact
 from plant_sim.scene import load_scene, read_scene
 from tools.cli import app
 from tools.output import BadInputError

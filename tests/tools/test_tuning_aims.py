@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tools.tuning.aims import AIMS, FloatArray, choose, differing, is_worse
+from plant_sim.arrays import FloatArray
+from tools.tuning.aims import AIMS, choose, differing, is_worse
 
 COUNT = 400
 

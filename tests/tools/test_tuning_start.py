@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plant_sim.arrays import FloatArray
 from tools import cli
 from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_PASSED
 from tools.tuning import safety, start
-from tools.tuning.aims import FloatArray, starts_of
+from tools.tuning.aims import starts_of
 from tools.tuning.start import (
     DEFAULT,
     SPACE,

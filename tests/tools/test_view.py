@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from tools.output import BadInputError
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     path = tmp_path / LOG_NAME
-    with RunLog(path, {"scenario": "empty"}, {"title": "An empty run"}) as writer:
+    with closing(RunLog(path, {"scenario": "empty"}, {"title": "An empty run"})) as writer:
         writer.append(RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS))
     return path
 

@@ -4,10 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 CONFIDENCE = 0.95
 RESAMPLES = 1000

@@ -4,7 +4,7 @@ A test holds the pages up to date.
 """
 
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -188,7 +188,7 @@ def choices_of(annotation: Any) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
-def keys_of(model: type[BaseModel]) -> str:
+def keys_of(fields: Mapping[str, FieldInfo]) -> str:
     """The keys of one table of a file."""
     rows = (
         row(
@@ -197,7 +197,7 @@ def keys_of(model: type[BaseModel]) -> str:
             bounds_of(field) or "—",
             (field.description or "") + choices_of(field.annotation),
         )
-        for name, field in model.model_fields.items()
+        for name, field in fields.items()
     )
     return table(["key", "default", "bounds", "meaning"], rows)
 
@@ -220,7 +220,7 @@ def scenes() -> str:
         parts.append(f"## {heading}")
         for model in found:
             name = model.__name__.removesuffix("Table")
-            parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model)]
+            parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
     parts.append(
         "## Sizes\n\nEvery number has a largest size, and one that has to be above 0 a smallest one, by the "
         "unit at the end of its key; the first row that fits holds."
@@ -271,19 +271,14 @@ def faults() -> str:
         parts.append(f"## {heading}")
         for kind in kinds:
             name = kind.model_fields["kind"].annotation
-            keys = [
-                row(
-                    f"`{key}`",
-                    default_of(field),
-                    bounds_of(field) or "—",
-                    (field.description or "") + choices_of(field.annotation),
-                )
+            own = {
+                key: field
                 for key, field in kind.model_fields.items()
                 if key not in ("kind", "at_s") and (key != "duration_s" or field.is_required())
-            ]
+            }
             parts.append(f"### {get_args(name)[0]}\n\n{first_sentences(kind)}")
-            if keys:
-                parts.append(table(["key", "default", "bounds", "meaning"], iter(keys)))
+            if own:
+                parts.append(keys_of(own))
             rows = [
                 row(f"`{one.name}`", reaction_of(one))
                 for one in scenarios

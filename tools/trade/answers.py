@@ -5,14 +5,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from tools.trade.cases import Case
 
 LEAST_IMPACT_M_S = 1e-3
 """Chatter's last bounces are without number; what is slower is not counted."""
-
-FloatArray = NDArray[np.float64]
 
 
 class Answer(NamedTuple):

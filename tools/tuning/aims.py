@@ -9,11 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import FloatArray
 from tools.campaign.trial.outcome import Outcome
-
-FloatArray = NDArray[np.float64]
 
 FAILED, IMPACT, CAPTURE_S, ENERGY_J = range(4)
 """Rows of starts: 1 for one that fails, largest impact by the steady one, time and energy to capture."""

@@ -17,7 +17,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.bench.lockstep import in_lockstep
 from hil.scenario.scenario import load_scenario
 from tools.campaign.results import counts_of, values_of
-from tools.progress import Progress
+from tools.progress import Progress, counting
 from tools.tuning import detector, estimator, start, trials
 from tools.tuning.candidates import FRESH_SEED, run_candidates
 from tools.tuning.identification.identify import tune_identify
@@ -240,15 +240,8 @@ def margins_of(
 
 
 def _of_speed(effort: Effort, progress: Progress, workers: int | None) -> Margin:
-    held = run_candidates(
-        "hold",
-        [{}, NO_FEED_FORWARD],
-        FRESH_SEED,
-        effort.hold_trials,
-        lambda done, total: progress(done / total, "margin of speed"),
-        workers,
-        (HOLD_RATIO,),
-    )
+    both, noted = [{}, NO_FEED_FORWARD], counting(progress, "margin of speed")
+    held = run_candidates("hold", both, FRESH_SEED, effort.hold_trials, noted, workers, (HOLD_RATIO,))
     default, naive = (float(np.median(values_of(outcomes).get("ripple", [np.nan]))) for outcomes in held)
     return Margin("speed", "crank's speed ripple in the hold", "%", default, naive, "no load fed forward")
 
@@ -257,7 +250,7 @@ def _of_identify(folder: Path, effort: Effort, progress: Progress, workers: int 
     identified = trials.run_trials(
         effort.identify_trials,
         folder / "identify-trials.jsonl",
-        progress=lambda done, total: progress(done / total, "margin of identify"),
+        progress=counting(progress, "margin of identify"),
         workers=workers,
     )
     errors = (
@@ -269,14 +262,8 @@ def _of_identify(folder: Path, effort: Effort, progress: Progress, workers: int 
 
 
 def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Margin:
-    detected = run_candidates(
-        "detect",
-        [{}, TIMID_FLOOR],
-        FRESH_SEED,
-        effort.detector_trials,
-        lambda done, total: progress(done / total, "margin of detector"),
-        workers,
-    )
+    both, noted = [{}, TIMID_FLOOR], counting(progress, "margin of detector")
+    detected = run_candidates("detect", both, FRESH_SEED, effort.detector_trials, noted, workers)
     costs = []
     for outcomes in detected:
         counts = counts_of(outcomes)

@@ -25,10 +25,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
+from plant_sim.arrays import FloatArray
 from tools.campaign.processes import environment
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
 from tools.campaign.trial.draws import Mismatch, draw
@@ -38,8 +38,6 @@ from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, 
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.trials import ONE_THREAD_EACH
-
-FloatArray = NDArray[np.float64]
 
 NOISE, MEMORY, STOP = "estimator.velocity_noise_m_s", "estimator.model_memory_s", "estimator.stop_std_m"
 FLOOR = "estimator.model_std_m_s2"
@@ -104,7 +102,6 @@ class Worth(NamedTuple):
     flight: float
     stop: float
     white_flight: float
-    white_stop: float
     noise_m_s2: float
 
 
@@ -196,7 +193,7 @@ def weigh(source: Source) -> Worth:
     # White noise n has second differences of variance 6 n²; the median's share of a normal's spread.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
     noise_m_s2 = float(np.nanmedian(bends)) / 0.6745 / math.sqrt(6.0)
-    return Worth(worth(y), worth(nu), whiteness(y[::every]), whiteness(nu), noise_m_s2)
+    return Worth(worth(y), worth(nu), whiteness(y[::every]), noise_m_s2)
 
 
 def score(source: Source, combinations: Sequence[dict[str, float]]) -> list[Score]:

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
+from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
 from tools.tuning.result import Merit, Tuning, tuned
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 BANDWIDTH_HZ = 21.7
@@ -79,20 +79,6 @@ class SpeedDesign:
     disk_margin: float
     disk_gain_db: float
     disk_phase_deg: float
-
-
-def design_speed_loop(
-    inertia_kg_m2: float = DEFAULTS["motor.inertia_kg_m2"],
-    viscous_n_m_s: float = DEFAULTS["motor.viscous_n_m_s"],
-    tick_s: float = DEFAULTS["control.tick_s"],
-    tracker_rad_s: float = DEFAULTS["crank.bandwidth_rad_s"],
-    crossover_rad_s: float = 100.0,
-    integral_ratio: float = 6.25,
-) -> SpeedDesign:
-    """Gains for a crossover near `crossover_rad_s`, and the margins of the loop as it runs."""
-    nominal = NominalDrive(inertia_kg_m2, viscous_n_m_s, tick_s, tracker_rad_s)
-    gain_p, gain_i = gains(nominal, crossover_rad_s, integral_ratio)
-    return margins(nominal, _rounded(gain_p), _rounded(gain_i))
 
 
 def gains(nominal: NominalDrive, crossover_rad_s: float, integral_ratio: float) -> tuple[float, float]:

@@ -23,12 +23,12 @@ from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
 from hil.bus.base import NodeBus
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
+from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.scene import load_scene, read_scene
 from tools.output import BadInputError
 from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import NominalDrive, respond
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 SCENE = "table1-motor-soft"
@@ -86,7 +86,7 @@ class PushedBus:
         return TORQUE.encode(SetInputTorque(commanded + float(self._push_n_m[tick])), 0)
 
 
-def lines_of(turn_hz: float, window_s: float) -> NDArray[np.int64]:
+def lines_of(turn_hz: float, window_s: float) -> IntArray:
     """Which multiples of 1/window carry a sine: even by octaves, midway between harmonics of the turn."""
     wanted_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, LINES)
     between_hz = (np.floor(wanted_hz / turn_hz) + 0.5) * turn_hz

@@ -27,23 +27,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
+from plant_sim.arrays import FloatArray
 from tools.campaign.campaigns import NO_IMPULSE, Condition
 from tools.campaign.processes import Batch
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.outcome import Outcome
 from tools.jobs import Runner
-from tools.tuning.aims import (
-    CAPTURE_S,
-    ENERGY_J,
-    FAILED,
-    IMPACT,
-    FloatArray,
-    choose,
-    differing,
-    hardest,
-    late,
-    starts_of,
-)
+from tools.tuning.aims import CAPTURE_S, ENERGY_J, FAILED, IMPACT, choose, differing, hardest, late, starts_of
 from tools.tuning.candidates import (
     FRESH_SEED,
     TUNING_SEED,

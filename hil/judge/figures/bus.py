@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.record.candump import TENTH_S, BusCounts
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 BITRATE_BIT_S = 1e6
 """Of the bench's classic CAN bus."""

@@ -12,9 +12,10 @@ from hil.judge.figures.records import (
     LatchedFigures,
     SafeStateFigures,
 )
-from hil.judge.hold import FloatArray, Window, capture
+from hil.judge.hold import Window, capture
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
+from plant_sim.arrays import FloatArray
 
 NO_TORQUE_N_M = 1e-3
 """Below this the motor is off: 1/5 of its dry friction, which then holds it."""

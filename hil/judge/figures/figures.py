@@ -37,10 +37,11 @@ from hil.judge.figures.records import (
     Spread,
     TrueImpact,
 )
-from hil.judge.hold import FloatArray, Window, hold_motion, hold_window
+from hil.judge.hold import Window, hold_motion, hold_window
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
+from plant_sim.arrays import FloatArray
 
 DEFAULT_PERIOD_S = 1e-3
 """The bus's tick, where the run does not say otherwise."""

@@ -12,7 +12,6 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface.enums import MOVING, Mode
 from firmware_py.shell.parameters import config_from
@@ -20,10 +19,8 @@ from hil.judge import detection
 from hil.judge.figures.records import GaitFigures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
+from plant_sim.arrays import BoolArray, FloatArray
 from plant_sim.sensors.gait import LegState
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SETTLING_STRIDES = 4
 """Strides of a hold that its crank may take to get into step."""

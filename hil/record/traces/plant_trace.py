@@ -1,4 +1,4 @@
-"""What the plant's traces hold: a record a tick, and one of each impact."""
+"""What the plant's trace holds: a record a tick; that of the impacts holds `plant_sim.result.Impact`."""
 
 from typing import NamedTuple
 
@@ -34,14 +34,3 @@ class PlantRecord(NamedTuple):
     housing_m_s2: float
     encoder_position_rev: float
     encoder_velocity_rev_s: float
-
-
-class ImpactRecord(NamedTuple):
-    """One impact that has ended; the time is the touch-down's."""
-
-    t_s: float
-    v_m_s: float
-    v_after_m_s: float
-    impulse_n_s: float
-    peak_force_n: float
-    crank_rad: float

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from plant_sim.arrays import FloatArray, IntArray
+
+Counts = IntArray
 
 INK, FAINT = "var(--ink)", "var(--faint)"
 """The page's own colours, which differ in the dark."""

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hil.record import state_timeline
-from hil.show.report.axes import Axes, FloatArray
+from hil.show.report.axes import Axes
+from plant_sim.arrays import FloatArray
 
 
 def css(rgba: int) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.judge import detection
 from hil.judge.figures.bus import bits_by_tenth, load_over_time
@@ -26,8 +25,7 @@ from hil.show.report.canvas import (
     thinned,
 )
 from hil.show.report.course_plot import course
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import BoolArray, FloatArray
 
 PORTRAIT_PERIODS = 12
 
@@ -268,7 +266,7 @@ def push_off_curve(plant: Records) -> tuple[FloatArray, FloatArray]:
     return walked.astype(np.float64) + 0.5, sums[walked] / counts[walked]
 
 
-def _held(t_s: FloatArray, figures: Figures) -> NDArray[np.bool_]:
+def _held(t_s: FloatArray, figures: Figures) -> BoolArray:
     """Which times lie within the hold."""
     if figures.hold_start_s is None or figures.hold_end_s is None:
         return np.zeros(len(t_s), bool)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from hil.judge import detection, true_regime
+from plant_sim.arrays import FloatArray
 from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
@@ -23,8 +23,6 @@ from tools.campaign.trial.reference import (
 from tools.campaign.trial.run import Run, run
 from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Trial, trial_of
 from tools.campaign.trial.walk_judge import judge_walk
-
-FloatArray = NDArray[np.float64]
 
 TRANSIENT_S = 1.5
 """After the command: how long impacts are the sampled start's own and not the drive's doing."""

@@ -10,20 +10,18 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.record.traces.plant_trace import PlantRecord
+from plant_sim.arrays import FloatArray
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop
-from plant_sim.plant import Impact, Plant
-from plant_sim.result import MotionState, Phase
+from plant_sim.plant import Plant
+from plant_sim.result import Impact, MotionState, Phase
 from plant_sim.scene import Scene
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
 from tools.output import BadInputError
-
-FloatArray = NDArray[np.float64]
 
 FLYWHEEL_KG_M2 = 1e4
 """The module, whose mean load is below 0.1 N m, changes its speed by less than 0.001 rad/s in a minute."""

@@ -13,9 +13,8 @@ from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.scenario import Scenario
+from plant_sim.arrays import FloatArray
 from plant_sim.parts.parts import Parts
-
-FloatArray = NDArray[np.float64]
 
 SIGNALS = (
     "outputs.mode",

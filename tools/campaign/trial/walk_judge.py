@@ -6,7 +6,6 @@ the leg's own motion makes after it are counted separately.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.core.control.gait_lock import LockConfig
 from firmware_py.interface.enums import Fault, Mode
@@ -20,8 +19,6 @@ from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.run import Run
 from tools.campaign.trial.scenarios import Trial
 from tools.campaign.trial.walk_cells import PRESETS, WalkCell
-
-FloatArray = NDArray[np.float64]
 
 SETTLED_S = 5.0
 SOFTEST_N, HARDEST_N = 10.0, 40.0

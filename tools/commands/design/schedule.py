@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, print_json
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def schedule(
             metavar="DRIVE,OWN",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
     from hil.can_model.bits import BitRateError

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import BadInputError, console, figure_table, print_json
 from tools.outputs import PICTURES, file_option
 
@@ -33,7 +34,7 @@ def simulate(
     plot: Annotated[
         Path | None, file_option("Draw position and phase portrait into this file.", PICTURES)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Simulate the plant alone and list its impacts."""
     from hil.scenario.settings import apply_settings

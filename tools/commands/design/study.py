@@ -20,6 +20,7 @@ from tools.commands.design.study_output import (
     show_sweep,
     without_nan,
 )
+from tools.commands.options import Json
 from tools.output import BadInputError, console, figure_table
 from tools.outputs import RECORDINGS, file_option, folder_option
 
@@ -38,7 +39,6 @@ study = typer.Typer(
 )
 
 Out = Annotated[Path, folder_option("Folder of figures and results; a killed study goes on there.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Cores = Annotated[int | None, typer.Option(help="Cores of this machine to use; all by default.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")

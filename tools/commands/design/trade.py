@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import console, figure, print_json
 from tools.outputs import PICTURES, file_option
 from tools.progress import shown_progress
@@ -36,7 +37,7 @@ def trade(
         file_option("Write this page instead: every extreme by every method. Takes minutes.", (".md",)),
     ] = None,
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Measure solvers, peers, fidelity, control rate and builds: error against cost, in one run."""
     from tools.trade import builds, control_rate, fidelity, heyoka_peer, pictures

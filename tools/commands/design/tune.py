@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 import typer
 
 from tools.commands.design.tune_tables import show, show_check, show_difference, show_trials
+from tools.commands.options import Json
 from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json
 from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
-from tools.progress import Progress, counted_progress, shown_progress
+from tools.progress import Progress, counted_progress, counting, shown_progress
 
 if TYPE_CHECKING:
     from tools.tuning.figures.views import Shown
@@ -36,7 +37,6 @@ Rrd = Annotated[
 Seed = Annotated[int | None, typer.Option(help="Seed of the trials to choose on, below 10000.", min=0)]
 FreshSeed = Annotated[int | None, typer.Option(help="Seed of the trials to judge on, from 10000 on.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -272,7 +272,7 @@ def detector(
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
-            progress=lambda done, total: progress(done / total, "trials"),
+            progress=counting(progress, "trials"),
             **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
         ),
         draw_detector,
@@ -314,7 +314,7 @@ def estimator(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_estimator(
             logs or (),
-            progress=lambda done, total: progress(done / total, "logs"),
+            progress=counting(progress, "logs"),
             **given(
                 modules=modules, fresh_trials=fresh_trials, seed=seed, fresh_seed=fresh_seed, workers=workers
             ),
@@ -354,7 +354,7 @@ def start(
         Outputs(out, plot, rrd, force, as_json),
         lambda progress: tune_start(
             journal or out.with_suffix(".journal"),
-            progress=lambda done, total: progress(done / total, "trials"),
+            progress=counting(progress, "trials"),
             **given(
                 candidates=candidates,
                 trials=trials,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.logs.changes import show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
 from tools.outputs import RECORDINGS, file_option
@@ -29,7 +30,7 @@ def compare(
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Show the figures of two runs side by side and the first moment at which they differ.
 

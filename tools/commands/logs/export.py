@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from tools.commands.options import Json
 from tools.output import console, figure_table, print_json
 from tools.outputs import new_option, refuse_existing
 
@@ -25,7 +26,7 @@ def export(
     out: Annotated[
         Path | None, new_option("What to write; by default frames.KIND in the run's folder.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Write every frame of a run, decoded by vibro.dbc, with units, for MDF, MCAP or table programs."""
     from hil.bench.recorded_run import open_run

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from tools.commands.options import Json
 from tools.output import console, figure_table, print_json
 from tools.outputs import folder_option
 
@@ -27,7 +28,7 @@ def import_log(
     tolerant: Annotated[
         bool, typer.Option("--tolerant", help="Leave out lines that cannot be read, and list them.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Make a run folder of a CAN log, to view and to inspect like a run; it holds no truth."""
     from tools.logs.importing import import_log as make_run

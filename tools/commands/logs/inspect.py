@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import (
     BadInputError,
     console,
@@ -40,7 +41,7 @@ def inspect(
     ] = None,
     plot: Annotated[Path | None, file_option("Draw signals into this file.", PICTURES)] = None,
     signal: Annotated[list[str] | None, typer.Option(help="What to draw, TABLE.COLUMN; repeatable.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Recompute a run's figures and verdict from its log, or take tables and plots out of it."""
     from hil.bench.recorded_run import open_run

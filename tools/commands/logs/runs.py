@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def runs(
         str | None,
         typer.Option("--prune", help="Remove the runs of the table that are older than this, such as 30d."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """List the runs with their verdicts and key figures."""
     from tools.logs.catalogue import age_s, chosen, listed, prune

@@ -1,10 +1,9 @@
 """`vibrohil doctor`: what this machine can and can't do, with the remedy."""
 
-from typing import Annotated
-
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import EXIT_CHECK_FAILED, console, print_json
 
 
@@ -13,7 +12,7 @@ def register(app: typer.Typer) -> None:
     app.command()(doctor)
 
 
-def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False) -> None:
+def doctor(as_json: Json = False) -> None:
     """Report what this machine can run, and what to install for the rest; exits with 1 where nothing runs."""
     from tools.doctor import checks as run_checks
     from tools.doctor import conclude

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import console, print_json
 
 
@@ -25,7 +26,7 @@ def list_names(
     what: Annotated[
         Literal["scenarios", "scenes", "parameters"], typer.Argument(help="What to list.")
     ] = "scenarios",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """List the scenarios, the scenes or the firmware's parameters, each with its title."""
     found = list({"scenarios": scenarios, "scenes": scenes, "parameters": parameters}[what]())

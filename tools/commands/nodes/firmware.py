@@ -7,6 +7,7 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
+from tools.commands.options import Again, Json, NodeBus, Sync, Until
 from tools.output import console, print_json
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -56,7 +57,7 @@ def build(
     ],
     out: Annotated[Path, folder_option("The folder for the object file and its headers.")],
     change: Change = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Make an object file of the firmware, a C header for it and one with its config; it takes no C compiler.
 
@@ -100,7 +101,7 @@ def budget(
     target: Annotated[
         Literal["cortex-m7", "cortex-m4f"], typer.Option(help="The emulated processor.")
     ] = "cortex-m7",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Measure what the firmware takes of an emulated Cortex-M: flash, RAM, stack, instructions a tick."""
     from tools.budget import budget as measure
@@ -126,7 +127,7 @@ def budget(
 @firmware.command()
 def node(
     scenario: Scenario = None,
-    bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
+    bus: NodeBus = "auto",
     build: Annotated[
         Literal["python", "compiled"],
         typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
@@ -134,25 +135,12 @@ def node(
     out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
     change: Change = None,
     seed: Annotated[int, typer.Option(help="Seed of what faults break at random.", min=0)] = 1,
-    sync: Annotated[
-        bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
-    ] = False,
-    again: Annotated[
-        bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
-    ] = False,
-    until: Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")] = None,
+    sync: Sync = False,
+    again: Again = False,
+    until: Until = None,
 ) -> None:
     """Run the controller as one CAN node at 1 kHz; the command of `vibrohil firmware` where none is named."""
-    from hil.nodes.main import firmware_main
+    from hil.nodes.main import NodeProcess, firmware_main
 
-    firmware_main(
-        scenario,
-        settings=change or [],
-        bus=bus,
-        out_dir=out,
-        seed=seed,
-        sync=sync,
-        until_s=until,
-        again=again,
-        build=build,
-    )
+    process = NodeProcess(bus, out, seed, sync, again, until)
+    firmware_main(scenario, change or [], process, build)

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from tools.commands.options import NodeBus
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the program."""
@@ -12,7 +14,7 @@ def register(app: typer.Typer) -> None:
 
 def operator(
     scenario: Annotated[str, typer.Argument(help="The scenario whose script to play.")],
-    bus: Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")] = "auto",
+    bus: NodeBus = "auto",
     change: Annotated[
         list[str] | None, typer.Option("--set", help="Change a value: script.…=VALUE; repeatable.")
     ] = None,

@@ -8,6 +8,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, print_json
 from tools.progress import counted_progress
 
@@ -58,7 +59,7 @@ def campaign(
         typer.Option(help="Write trials as scenarios below runs/: failures, all, or a trial's number."),
     ] = None,
     ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run many closed loops over sampled modules and starts, and judge them by their goals."""
     if name == "endurance":

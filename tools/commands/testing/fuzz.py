@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from tools.commands.options import Json
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json
 from tools.progress import counted_progress
 
@@ -30,7 +31,7 @@ def progress_of(what: str, count: int) -> AbstractContextManager[Callable[[int],
 def frames(
     count: Annotated[int, typer.Option(help="Frames at the two inputs together.")] = 1_000_000,
     seed: Annotated[int, typer.Option(help="Of the first life; each next one has the next seed.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Throw random and mutated frames at firmware and plant while they do their work.
 
@@ -68,7 +69,7 @@ def frames(
 def scenes(
     count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
     seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Give scenes, scenarios, parameter files and settings that are damaged at random.
 
@@ -82,7 +83,7 @@ def scenes(
 def files(
     count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
     seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Give run folders, logs, traces and CAN logs that are damaged at random to the commands that read them.
 
@@ -123,7 +124,7 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
 def kills(
     count: Annotated[int, typer.Option(help="Runs that are killed.")] = 200,
     seed: Annotated[int, typer.Option(help="Of their order and moments.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Send each process of a run each signal that ends or stops it, at each stage, also while it is judged.
 

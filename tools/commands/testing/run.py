@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.output import (
     BadInputError,
     console,
@@ -66,7 +67,7 @@ def run(
     live: Annotated[
         bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run one scenario, record every signal, and judge it."""
     from hil.bench.bench import run_scenario

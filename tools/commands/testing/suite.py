@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
+from tools.commands.options import Json
 from tools.logs.changes import baseline_result, show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json
 from tools.outputs import folder_option
@@ -54,7 +55,7 @@ def suite(
         typer.Option(help="Show what differs from this suite: its folder, or previous for the newest one."),
     ] = None,
     jobs: Annotated[int, typer.Option(help="In lockstep: runs at once.", min=1)] = 2,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
     from hil.bench.suite import run_suite

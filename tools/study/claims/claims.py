@@ -38,8 +38,6 @@ UNDER_PARAMETERS = "reproduced-under-parameters"
 
 
 FORCE_LOW_N, FORCE_HIGH_N = 10.0, 40.0
-SMOOTH = 0.95
-"""Uncertainty exponent above which a border of cells of this size is called a line."""
 
 SAME_SHAPE = 0.98
 """Correlation above which two motions are said to have the same shape."""

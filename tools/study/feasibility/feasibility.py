@@ -23,7 +23,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.plant import Impact, Plant
+from plant_sim.plant import Plant
+from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene
 from tools.study import store, work
 from tools.study.cases import AMPLITUDES_M, SPRINGS_N_M, STATIC_OVER_SLIDING

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from plant_sim.parts.walking import BEGIN_S, Walking, cycles_at, row_at
-from plant_sim.plant import Impact
+from plant_sim.result import Impact
 from tools.study.feasibility.feasibility import SOFTEST_M_S, Driven, pulses_n
 from tools.study.pulse.gate import WINDOW_MIDDLE
 

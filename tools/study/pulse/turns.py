@@ -10,7 +10,8 @@ import pyarrow as pa
 
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.walking import Walking
-from plant_sim.plant import Impact, Plant
+from plant_sim.plant import Plant
+from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene
 from tools.campaign.trial.draws import DEFAULT_SEED
 from tools.study.cases import Case, case

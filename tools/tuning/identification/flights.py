@@ -18,12 +18,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plant_sim.arrays import BoolArray, FloatArray
 from tools.tuning.recordings.readings import Readings
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 DROP_M_S2 = 4.0
 """A touch-down: the reading falls by more within two ticks. A dry guide with μ = 0.3 turns 5.9 slowly."""

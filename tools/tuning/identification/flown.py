@@ -20,15 +20,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.core.estimation.kalman import Transition
 from firmware_py.core.estimation.striker_model import free_flight
+from plant_sim.arrays import BoolArray, FloatArray
 from tools.tuning.identification.flights import CRANK, Flight
 from tools.tuning.identification.laws import FEWEST_SAMPLES, OUTLYING, Law, Rise, Striker, begun
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PASSES = 6
 """Of Gauss–Newton; from the linear equations' values the third changes nothing that matters."""

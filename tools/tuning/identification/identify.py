@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
@@ -25,6 +24,7 @@ from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import heard
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import LARGEST_RATIO
+from plant_sim.arrays import FloatArray
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
 from tools.output import BadInputError
@@ -58,8 +58,6 @@ from tools.tuning.identification.laws import (
 from tools.tuning.recordings.readings import Readings, can_log_of, read
 from tools.tuning.result import Merit, Tuning, Value, tuned
 from tools.tuning.safety import Bench
-
-FloatArray = NDArray[np.float64]
 
 RESAMPLES = 500
 NORMAL_95 = 1.96

@@ -18,13 +18,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import butter, lfilter
 
 from firmware_py.core.estimation.detector import hertz_dissipation
-
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 STEP = 0.02
 """Of the curve, in S; a contact lasts some 4 S."""

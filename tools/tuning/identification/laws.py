@@ -20,11 +20,11 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, lstsq, solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
 
 from firmware_py.core.estimation.striker_model import free_flight
+from plant_sim.arrays import BoolArray, FloatArray
 from tools.tuning.identification.flights import (
     CRANK,
     CURVE,
@@ -36,9 +36,6 @@ from tools.tuning.identification.flights import (
     Flight,
     integrals,
 )
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 REGRESSORS = 6
 READING = REGRESSORS

@@ -8,10 +8,9 @@ about 0 is informative; a constant one is a single witness.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-FloatArray = NDArray[np.float64]
+from plant_sim.arrays import FloatArray
 
 HIGHEST_NIS = 25.0
 """Counted as 5 sigma at most, so that one impact that was not recognised decides nothing."""

@@ -4,15 +4,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.interface.records import Accelerometer, EncoderEstimates
 from hil.record.bus_reconstruction import heard, tick_numbers
 from hil.record.candump import BusLog
 from hil.record.run_traces import CAN_LOG, read_bus
+from plant_sim.arrays import FloatArray
 from tools.output import BadInputError
-
-FloatArray = NDArray[np.float64]
 
 CLIPPED_SHARE = 0.95
 QUIET_SHARE = 0.2

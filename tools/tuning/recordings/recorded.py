@@ -5,17 +5,13 @@ What such a log has less than a run's: no candump text, and no frame is ever lat
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from plant_sim.arrays import FloatArray
 from plant_sim.solvers.adaptive.state_layout import IMPACT_TIME
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.draws import Drawn
 from tools.campaign.trial.run import run
 from tools.campaign.trial.scenarios import scenario_of, script
 from tools.tuning.recordings.readings import Ticks
-
-FloatArray = NDArray[np.float64]
 
 
 class Truth(NamedTuple):

@@ -5,18 +5,17 @@ less than a count of the encoder. The kernel calls the firmware's core and nothi
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.builds.numba_subset import register
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput, EncoderInput
 from firmware_py.core.state import Config
 from hil.nodes.compiled import kernel
+from plant_sim.arrays import FloatArray
 from tools.tuning.recordings.readings import Ticks
 
 register()
 
-FloatArray = NDArray[np.float64]
 
 (
     X,

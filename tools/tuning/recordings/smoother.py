@@ -9,12 +9,10 @@ from typing import NamedTuple
 
 import filterpy.kalman
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.core.state import Config
+from plant_sim.arrays import FloatArray
 from tools.tuning.recordings import replay
-
-FloatArray = NDArray[np.float64]
 
 SMALLEST = 1e-16
 """On P's diagonal, so that it can be inverted."""

@@ -1,0 +1,15 @@
+"""Options that several commands share."""
+
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
+Sync = Annotated[
+    bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
+]
+Again = Annotated[
+    bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
+]
+Until = Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")]
