@@ -12,7 +12,6 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from plant_sim.gait_tables import GaitTable
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
 from plant_sim.parts.housing import Housing, Level, Moving, Tilted
@@ -30,8 +29,10 @@ from plant_sim.parts.striker import Striker
 from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
 from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
-from plant_sim.quantities import LARGEST_SPEED_RAD_S
-from plant_sim.scene_tables import (
+from plant_sim.strides import draw_strides
+from plant_sim.tables.gait_tables import GaitTable
+from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
+from plant_sim.tables.scene_tables import (
     CONTACT_REFERENCE_SPEED_M_S,
     AxisTable,
     CoulombTable,
@@ -55,8 +56,7 @@ from plant_sim.scene_tables import (
     WearerTable,
     WindingTable,
 )
-from plant_sim.sensor_tables import SensorsTable
-from plant_sim.strides import draw_strides
+from plant_sim.tables.sensor_tables import SensorsTable
 from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import complaints, nearest
 

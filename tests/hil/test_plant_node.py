@@ -17,8 +17,8 @@ from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.plant import Plant
 from plant_sim.result import Observation
 from plant_sim.scene import load_scene, read_scene
-from plant_sim.scene_tables import AxisTable
 from plant_sim.sensors.readings import SensorReading
+from plant_sim.tables.scene_tables import AxisTable
 
 ARM = Frame(0x07, struct.pack("<I", AxisState.CLOSED_LOOP_CONTROL) + bytes(4))
 

@@ -5,14 +5,14 @@ from typing import Any, get_args
 import pytest
 from test_scene import changed
 
-from plant_sim import scene_tables
 from plant_sim.plant import Plant
-from plant_sim.quantities import quantity_of
 from plant_sim.scene import SceneError, load_scene, scene_names
-from plant_sim.scene_tables import Table
 from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive.state_layout import DEBT
 from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt
+from plant_sim.tables import scene_tables
+from plant_sim.tables.quantities import quantity_of
+from plant_sim.tables.scene_tables import Table
 
 TABLES = [
     thing for thing in vars(scene_tables).values() if isinstance(thing, type) and issubclass(thing, Table)

@@ -28,8 +28,8 @@ from hil.scenario.scenario import (
     load_scenario,
     scenario_names,
 )
-from plant_sim import scene_tables
-from plant_sim.quantities import QUANTITIES
+from plant_sim.tables import scene_tables
+from plant_sim.tables.quantities import QUANTITIES
 from tools.cli import app
 
 PLACE = Path("docs/reference")

@@ -6,8 +6,8 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from plant_sim.parts.walking import TOE_OFF
-from plant_sim.scene_tables import Table
 from plant_sim.strides import Pace, Trip, Walk
+from plant_sim.tables.scene_tables import Table
 
 
 class PaceTable(Table):

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from plant_sim.quantities import quantity_of
+from plant_sim.tables.quantities import quantity_of
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
