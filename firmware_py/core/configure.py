@@ -163,7 +163,6 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             fewest_flights=identify.FEWEST_FLIGHTS,
             largest_spring=identify.LARGEST_SPRING,
             largest_friction=identify.LARGEST_FRICTION,
-            largest_restitution=identify.LARGEST_RESTITUTION,
             spring_step=p.identify_spring_step,
             friction_step=p.identify_friction_step,
             prior_spring=_square(identify.NOISE_M_S2 / identify.SPRING_STD),

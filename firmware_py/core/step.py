@@ -207,9 +207,7 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
     holding = mode == RUN and state.start.stage == start.HOLD
     identify_now = state.identify
     contact = sensed.contact
-    if config.identify.enabled and (
-        contact.touch_down or contact.separation or estimate.flight.ticks % identify.SAMPLE_TICKS == 0
-    ):
+    if config.identify.enabled and (contact.touch_down or estimate.flight.ticks % identify.SAMPLE_TICKS == 0):
         identify_now = identify.step(
             config.identify,
             config.estimator.striker,

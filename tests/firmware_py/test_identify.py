@@ -11,7 +11,6 @@ from firmware_py.core.estimation import estimator_state, identify
 from firmware_py.core.estimation.identify import IdentifyState, Normal, Sample
 from firmware_py.interface.enums import Mode
 from firmware_py.shell.parameters import config_from
-from plant_sim.result import Impact
 
 CONFIG = config_from({}).identify
 STRIKER = config_from({}).estimator.striker
@@ -99,14 +98,6 @@ def test_the_model_follows_slowly_and_goes_back_where_nothing_is_held() -> None:
     assert (estimate.spring_share, estimate.friction_share) == (0.0, 0.0)
 
 
-def test_restitution_is_the_mean_of_the_impacts_and_an_odd_one_does_not_count() -> None:
-    state = identify.INITIAL
-    for impact in (0.55, 0.57, 0.95, 0.56):
-        state = identify._after_impact(CONFIG, state, impact)
-    assert state.restitution == pytest.approx(0.56)
-    assert state.impacts == 3
-
-
 WET = (
     {},
     scene_with(
@@ -121,26 +112,11 @@ DRY = (
 )
 
 
-RETURNED: dict[tuple[bool, int], list[float]] = {}
-"""What the stop truly gave back of each impact: the spring's pull in the contact is part of it."""
-
-
 @cache
 def held(dry: bool, mode: int) -> Bench:
     """A module that is not nominal, 22 s from the start on; its last 6 s are kept."""
     parameters, scene = DRY if dry else WET
     bench = Bench({**parameters, "identify.mode": mode}, scene, ratio=0.95 if dry else 1.1).started()
-    take = bench.plant.take_impacts
-
-    def noting() -> list[Impact]:
-        impacts = take()
-        RETURNED[dry, mode] = [
-            *RETURNED.get((dry, mode), []),
-            *(-impact.v_after_m_s / impact.v_m_s for impact in impacts),
-        ]
-        return impacts
-
-    bench.plant.take_impacts = noting  # type: ignore[method-assign]
     bench.run(16.0, keep=False)
     assert bench.node.outputs.mode == Mode.RUN
     bench.run(6.0)
@@ -153,7 +129,6 @@ def test_the_truth_is_found(dry: bool, spring: float, friction: float) -> None:
     assert state.identify.spring == pytest.approx(spring, abs=0.003)
     assert state.identify.friction == pytest.approx(friction, abs=0.08)
     assert state.estimator.spring_share == pytest.approx(state.identify.spring, abs=1e-6)
-    assert state.identify.restitution == pytest.approx(np.mean(RETURNED[dry, 2][-8:]), abs=0.02)
 
 
 def rms_mm(bench: Bench) -> float:

@@ -58,6 +58,15 @@ The filter's written-out form does that: as many of filterpy's calls would take 
 LONGEST_TRAPEZOID_TICKS = 5
 """The readings before and after a longer gap say nothing of an impact in it: half of a soft one fits in."""
 
+STILL_M_S = 0.05
+"""Slower, the striker may be stuck, unless the estimate is no better than that: then within its 2 σ."""
+
+LONGEST_SLIDE = 5
+"""An estimate that unsure takes this many times as long to call the striker stuck.
+
+A slide beside a crank that is still slow, where nothing pulls either, is over by then.
+"""
+
 STILL_VARIANCE = 1e-4
 """Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
 
@@ -251,7 +260,8 @@ def correct(
             estimate = _newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < strange_ticks <= config.noise.strange_ticks:
         of_state_m_s2 = predicted.of_state_m_s2
-        stuck = still_ticks > config.noise.still_ticks
+        waits = 1 if 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)) < STILL_M_S else LONGEST_SLIDE
+        stuck = still_ticks > waits * config.noise.still_ticks
         if stuck:
             estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
             known = _known(config, state, estimate, angle_rad, omega_rad_s)
@@ -393,7 +403,8 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
     pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
-    still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < 0.05
+    slow_m_s = at_least(2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)), STILL_M_S)
+    still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < slow_m_s
     return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 
 

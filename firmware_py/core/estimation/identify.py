@@ -1,4 +1,4 @@
-"""What spring and friction really are, from the flights between impacts, and what the stop gives back.
+"""What spring and friction really are, from the flights between impacts.
 
     z = −(1 + p) (c/m) (x − l0 − x_A) − (1 + f) R(x') + b,   R = (b/m) x' + μ g sign x'
 
@@ -9,7 +9,6 @@ Nothing of it depends on what the estimator makes of x, so feeding p and f to th
 
 Flights add up and are forgotten over `memory` of them. Each new one first judges the values before it:
 only where that explains it better than the parameters do, p and f are handed on, slowly and within bounds.
-The restitution is the impacts' mean of −x'⁺/x'⁻; nothing uses it.
 """
 
 from typing import NamedTuple
@@ -33,8 +32,6 @@ LARGEST_SPRING = 0.1
 """Of c: 5 % of the natural frequency."""
 LARGEST_FRICTION = 0.5
 """Of b or mu, known to +-30 % and +-10 %."""
-LARGEST_RESTITUTION = 0.15
-"""An impact further off the mean is misjudged."""
 NOISE_M_S2 = 0.03
 """Of a sample: the sensor's and its integral's."""
 SPRING_STD = 0.03
@@ -59,7 +56,6 @@ class IdentifyConfig(NamedTuple):
     fewest_flights: int
     largest_spring: float
     largest_friction: float
-    largest_restitution: float
     spring_step: float
     friction_step: float
     prior_spring: float
@@ -122,8 +118,6 @@ class IdentifyState(NamedTuple):
     gain: float
     spring: float
     friction: float
-    impacts: int
-    restitution: float
 
 
 _NO_SAMPLE = Sample(0.0, 0.0, 0.0, 0.0)
@@ -140,8 +134,6 @@ INITIAL = IdentifyState(
     gain=0.0,
     spring=0.0,
     friction=0.0,
-    impacts=0,
-    restitution=0.0,
 )
 
 
@@ -239,8 +231,6 @@ def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -
         state.gain,
         state.spring,
         state.friction,
-        state.impacts,
-        state.restitution,
     )
 
 
@@ -274,27 +264,6 @@ def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
         gain,
         spring,
         friction,
-        state.impacts,
-        state.restitution,
-    )
-
-
-def _after_impact(config: IdentifyConfig, state: IdentifyState, impact: float) -> IdentifyState:
-    """At a separation: `impact` is −x'⁺/x'⁻."""
-    if not abs(impact - state.restitution) <= (1.0 if state.impacts == 0 else config.largest_restitution):
-        return state
-    impacts = min(state.impacts + 1, 1_000_000)
-    return IdentifyState(
-        state.pending,
-        state.has_pending,
-        state.sums,
-        state.normal,
-        state.flights,
-        state.gain,
-        state.spring,
-        state.friction,
-        impacts,
-        state.restitution + (impact - state.restitution) / min(impacts, config.memory),
     )
 
 
@@ -324,11 +293,9 @@ def step(
     angle_rad: float,
     omega_rad_s: float,
 ) -> IdentifyState:
-    """One tick of those in which a sample is due or a contact begins or ends."""
+    """One tick of those in which a sample is due or a contact begins."""
     if contact.touch_down:
         return _flown(config, state)
-    if contact.separation and contact.measured and holding and contact.approach_speed_m_s > SLOWEST_M_S:
-        return _after_impact(config, state, -estimate.v_m_s / contact.approach_speed_m_s)
     ticks = estimate.flight.ticks
     if ticks < 0 or ticks % SAMPLE_TICKS != 0 or not holding:
         return state
