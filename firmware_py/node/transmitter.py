@@ -46,7 +46,10 @@ EVENTS = 4
 class Impact(NamedTuple):
     """An impact to report, whose age counts on while its frame waits."""
 
-    touch_down_ticks: float
+    tick: int
+    """In which it came to be known."""
+    age_s: float
+    """Of its touch-down at that tick's samples."""
     approach_speed_m_s: float
     impulse_n_s: float
 
@@ -97,7 +100,7 @@ class Transmitter(NamedTuple):
 
 IDLE = Cyclic(-NEVER_TICKS, NOT_WAITING)
 NO_EVENT = FaultEvent(0, 0, 0)
-NO_IMPACT = Impact(0.0, 0.0, 0.0)
+NO_IMPACT = Impact(0, 0.0, 0.0, 0.0)
 NO_ANSWER = ParameterValue(0, 0, 0.0, 0)
 NO_FRAME = WordFrame(0, 0, 0)
 
@@ -167,12 +170,8 @@ def queued(
     ) = waiting
     lost = 0
     if outputs.separation:
-        # Half a tick: from the sensors' time to this tick's.
-        one = Impact(
-            tick - outputs.impact_age_s / tick_s - 0.5,
-            outputs.impact_speed_m_s,
-            max(outputs.impact_impulse_n_s, 0.0),
-        )
+        impulse_n_s = max(outputs.impact_impulse_n_s, 0.0)
+        one = Impact(tick, outputs.impact_age_s, outputs.impact_speed_m_s, impulse_n_s)
         if impact_count < EVENTS:
             impacts = with_one(impacts, impact_count, one)
             impact_count += 1
@@ -345,8 +344,9 @@ def next_frame(  # noqa: PLR0915 - one frame after the other
         fault_count -= 1
         faults_sent += 1
     elif impact_count > 0:
-        touch_down_ticks, approach_speed_m_s, impulse_n_s = impacts[0]
-        event = ImpactEvent((tick - touch_down_ticks) * tick_s, approach_speed_m_s, impulse_n_s)
+        known_tick, age_s, approach_speed_m_s, impulse_n_s = impacts[0]
+        age_s += (tick - known_tick + 0.5) * tick_s  # half a tick: from the sensors' time to the tick's
+        event = ImpactEvent(age_s, approach_speed_m_s, impulse_n_s)
         word, sendable = packing.pack_impact_event(event, impacts_sent)
         frame = WordFrame(packing.IMPACT_EVENT_ID, packing.IMPACT_EVENT_LENGTH, word)
         impacts = (impacts[1], impacts[2], impacts[3], NO_IMPACT)
