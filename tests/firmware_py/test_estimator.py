@@ -245,6 +245,25 @@ def test_a_dry_guide_widens_what_the_model_is_trusted_with() -> None:
     assert one.p_xx > other.p_xx
 
 
+@pytest.mark.parametrize(
+    ("v_m_s", "variance", "after"),
+    [(0.03, 1e-4, 31), (0.03, 1e-2, 152), (0.12, 1e-2, 152), (0.12, 1e-4, math.inf)],
+)
+def test_an_unsure_velocity_is_called_none_later_and_from_further_off(
+    v_m_s: float, variance: float, after: float
+) -> None:
+    """A striker that slides beside a slow crank is pulled by nothing either, but only for a while."""
+    config = config_from({"friction.mu": 0.2}).estimator
+    state = tick(config, estimator_state.INITIAL, 0.0)._replace(v_m_s=v_m_s, p_vv=variance)
+    steps_m_s = []
+    for _ in range(160):
+        before_m_s = state.v_m_s
+        state = tick(config, state, 0.0)
+        steps_m_s.append(abs(state.v_m_s - before_m_s))
+    found = int(np.argmax(steps_m_s)) + 1 if max(steps_m_s) > 0.01 else math.inf
+    assert found == pytest.approx(after, abs=3)
+
+
 def test_nothing_is_believed_before_the_first_reading() -> None:
     config = config_from({}).estimator
     state = tick(config, estimator_state.INITIAL, 0.0, age=NEVER_TICKS)
