@@ -56,6 +56,8 @@ LLVM_REGION_BUDGET = 10_000
 MOST_ARGUMENTS = 100
 """A function with more is inlined: numba passes each number of a record by itself, and LLVM cannot compile a
 call with kilobytes of arguments for ARM."""
+FRAMING = "9interface7framing"
+"""In a mangled name: what is inlined too, as each frame's length and counter are then numbers in the code."""
 WRAPPER = """
 define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx) {{
   %returned = alloca i64
@@ -143,7 +145,8 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
         if not symbol.is_declaration and symbol.name not in kept_names:
             symbol.linkage = "internal"
     for function in module.functions:
-        if not function.is_declaration and len(list(function.arguments)) > MOST_ARGUMENTS:
+        wanted = FRAMING in function.name or len(list(function.arguments)) > MOST_ARGUMENTS
+        if wanted and not function.is_declaration:
             function.add_function_attribute("alwaysinline")
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
     options.slp_vectorization = options.loop_vectorization = False

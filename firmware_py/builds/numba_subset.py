@@ -21,7 +21,7 @@ import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members
 from firmware_py.core.estimation import kalman
-from firmware_py.interface import enums, float32, packing
+from firmware_py.interface import enums, float32, framing, packing, unpacking
 from firmware_py.interface.enums import AxisState, OperatorRequest
 
 _tuple: Any = types.BaseTuple.from_types
@@ -55,7 +55,7 @@ def register(inlined: bool = True) -> None:
 
 def subset() -> Iterator[ModuleType]:
     """The modules of the subset."""
-    yield packing
+    yield from (framing, packing, unpacking)
     for package in (firmware_py.core, firmware_py.node):
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             yield importlib.import_module(found.name)

@@ -21,7 +21,7 @@ from firmware_py.core.numbers import TAU
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.safety import drive_link, monitors
 from firmware_py.core.state import Config
-from firmware_py.interface.packing import GAIT_SENSORS_PERIOD_S
+from firmware_py.interface.kinds import GAIT_SENSORS
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -280,7 +280,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
         gait=gait.GaitConfig(
             tick_s=tick_s,
             stale_ticks=_in_ticks(p.watchdog_gait_s, tick_s),
-            edge_age_s=0.5 * GAIT_SENSORS_PERIOD_S,
+            edge_age_s=0.5 * GAIT_SENSORS.period_s,
             strike_phase=gait.STRIKE_PHASE,
             shortest_s=gait.SHORTEST_STRIDE_S,
             longest_s=gait.LONGEST_STRIDE_S,

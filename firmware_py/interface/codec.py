@@ -1,13 +1,13 @@
-"""Records to frames and back, as the bench uses them: `packing.py` with identity, timing and errors."""
+"""Records to frames and back, as the bench uses them: the generated codec with identity and errors."""
 
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from firmware_py.interface import packing, records
+from firmware_py.interface import packing, records, unpacking
 from firmware_py.interface.errors import FrameError, FrameErrorReason
-from firmware_py.interface.frame import Frame, bytes_of, word_of
+from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.layout import Layout, Signal, read_layouts, snake
 from firmware_py.interface.refusals import unencodable, unusable
 
@@ -23,7 +23,7 @@ _OK = FrameErrorReason.NONE
 class FrameCodec(Generic[R]):
     """One frame: who sends it and how often, and the way between its record and its bytes.
 
-    `pack` and `unpack` are the functions of `packing.py`, which refuse by status; `encode` and `decode` raise
+    `pack` and `unpack` are the functions of those files, which refuse by status; `encode` and `decode` raise
     `FrameError` with the signal to blame.
     """
 
@@ -35,7 +35,7 @@ class FrameCodec(Generic[R]):
     period_s: float | None  # None: sent on an event
     protected: bool  # carries a rolling counter and a CRC-8
     signals: Mapping[str, Signal]
-    pack: Callable[[R, int], tuple[int, bool]]
+    pack: Callable[[R, int], tuple[WordFrame, bool]]
     unpack: Callable[[int, int], tuple[R, FrameErrorReason]]
 
     def encode(self, record: R, counter: int = 0) -> Frame:
@@ -45,8 +45,8 @@ class FrameCodec(Generic[R]):
         or `.high`; NaN, infinities and values that are not listed are refused.
         """
         try:
-            word, sendable = self.pack(record, counter)
-            data = bytes_of(word, self.length)
+            frame, sendable = self.pack(record, counter)
+            data = bytes_of(frame.word, self.length)
         except (TypeError, ValueError, OverflowError, struct.error) as error:
             raise unencodable(self.layout, _fields(self.record), record) from error
         if not sendable:
@@ -81,7 +81,7 @@ def _codec(record: type[R]) -> FrameCodec[R]:
         protected=layout.protected,
         signals=layout.signals,
         pack=getattr(packing, f"pack_{snake(layout.name)}"),
-        unpack=getattr(packing, f"unpack_{snake(layout.name)}"),
+        unpack=getattr(unpacking, f"unpack_{snake(layout.name)}"),
     )
 
 

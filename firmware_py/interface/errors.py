@@ -14,6 +14,8 @@ class FrameErrorReason(IntEnum):
     NOT_FINITE = 5
     NOT_A_NUMBER = 6
     UNKNOWN_ID = 7
+    VALUE = 8
+    """One of RANGE, ENUMERATION and NOT_FINITE; which, is found for messages alone."""
 
 
 class FrameError(ValueError):

@@ -27,7 +27,7 @@ from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Config, Outputs, State
 from firmware_py.core.step import act, sense, unsensed
-from firmware_py.interface import packing
+from firmware_py.interface import kinds, packing
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
@@ -109,8 +109,7 @@ def transmitted(
     elif transmitter.any_waits(waiting):
         waiting, other = transmitter.next_frame(config.tick_s, waiting, tick, core, now)
         lost += 1 if other.can_id == 0 else 0
-    word, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
-    torque = WordFrame(packing.SET_INPUT_TORQUE_ID, packing.SET_INPUT_TORQUE_LENGTH, word)
+    torque, _ = packing.pack_set_input_torque(SetInputTorque(now.torque_n_m), 0)
     return waiting, lost, Tx(1 if other.can_id == 0 else 2, torque, other)
 
 
@@ -125,7 +124,7 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     for index in range(rx.frame_count + 1):
         is_end = index == rx.frame_count
         frame = transmitter.NO_FRAME if is_end else rx.frames[index]
-        if first_id == 0 and frame.can_id in (packing.ACCELEROMETER_ID, packing.ENCODER_ESTIMATES_ID):
+        if first_id == 0 and frame.can_id in (kinds.ACCELEROMETER.can_id, kinds.ENCODER_ESTIMATES.can_id):
             first_id = frame.can_id
         if is_end or (late and begins_sample(received, now, frame, first_id)):
             # The sample so far is complete: the newest one is of now, those before of their own time.

@@ -12,11 +12,12 @@ from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface import packing
+from firmware_py.interface import kinds, packing
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.records import (
     ClearErrors,
+    DriveEstop,
     FaultEvent,
     FirmwareHeartbeat,
     GaitReport,
@@ -196,13 +197,13 @@ def queued(
         report = regime_report(outputs)
         regime = Cyclic(tick, place)
         place += 1
-    if is_due(estimate, tick, packing.STRIKER_ESTIMATE_PERIOD_S, tick_s):
+    if is_due(estimate, tick, kinds.STRIKER_ESTIMATE.period_s, tick_s):
         estimate = Cyclic(tick, place)
         place += 1
-    if is_due(heartbeat, tick, packing.FIRMWARE_HEARTBEAT_PERIOD_S, tick_s):
+    if is_due(heartbeat, tick, kinds.FIRMWARE_HEARTBEAT.period_s, tick_s):
         heartbeat = Cyclic(tick, place)
         place += 1
-    if has_gait and is_due(gait, tick, packing.GAIT_REPORT_PERIOD_S, tick_s):
+    if has_gait and is_due(gait, tick, kinds.GAIT_REPORT.period_s, tick_s):
         gait = Cyclic(tick, place)
         place += 1
     return (
@@ -259,24 +260,19 @@ def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitt
 def drive_frame(config: DriveLinkConfig, kind: DriveFrame, position_rev: float) -> WordFrame:
     """The content of a frame that the drive link sends."""
     if kind == DriveFrame.ESTOP:
-        return WordFrame(packing.DRIVE_ESTOP_ID, packing.DRIVE_ESTOP_LENGTH, 0)
+        return packing.pack_drive_estop(DriveEstop(), 0)[0]
     if kind == DriveFrame.CONTROLLER_MODE:
-        word, _ = packing.pack_set_controller_mode(SetControllerMode(TORQUE_CONTROL, PASSTHROUGH), 0)
-        return WordFrame(packing.SET_CONTROLLER_MODE_ID, packing.SET_CONTROLLER_MODE_LENGTH, word)
+        return packing.pack_set_controller_mode(SetControllerMode(TORQUE_CONTROL, PASSTHROUGH), 0)[0]
     if kind == DriveFrame.LIMITS:
         limits = SetLimits(config.speed_limit_rad_s / TAU, config.current_limit_a)
-        word, _ = packing.pack_set_limits(limits, 0)
-        return WordFrame(packing.SET_LIMITS_ID, packing.SET_LIMITS_LENGTH, word)
+        return packing.pack_set_limits(limits, 0)[0]
     if kind == DriveFrame.CLEAR_ERRORS:
-        word, _ = packing.pack_clear_errors(ClearErrors(0), 0)
-        return WordFrame(packing.CLEAR_ERRORS_ID, packing.CLEAR_ERRORS_LENGTH, word)
+        return packing.pack_clear_errors(ClearErrors(0), 0)[0]
     if kind == DriveFrame.RE_ZERO:
         # Whole turns only: the crank's angle stays what it is.
-        word, _ = packing.pack_set_absolute_position(SetAbsolutePosition(fraction(position_rev)), 0)
-        return WordFrame(packing.SET_ABSOLUTE_POSITION_ID, packing.SET_ABSOLUTE_POSITION_LENGTH, word)
+        return packing.pack_set_absolute_position(SetAbsolutePosition(fraction(position_rev)), 0)[0]
     state = CLOSED_LOOP.value if kind == DriveFrame.CLOSED_LOOP else AXIS_IDLE.value
-    word, _ = packing.pack_set_axis_state(SetAxisState(state), 0)
-    return WordFrame(packing.SET_AXIS_STATE_ID, packing.SET_AXIS_STATE_LENGTH, word)
+    return packing.pack_set_axis_state(SetAxisState(state), 0)[0]
 
 
 def first_place(waiting: Transmitter) -> int:
@@ -311,7 +307,7 @@ def gait_report(state: State) -> GaitReport:
     )
 
 
-def next_frame(  # noqa: PLR0915 - one frame after the other
+def next_frame(
     tick_s: float, waiting: Transmitter, tick: int, state: State, outputs: Outputs
 ) -> tuple[Transmitter, WordFrame]:
     """Take the frame whose turn it is; `NO_FRAME` for one that cannot be encoded."""
@@ -338,8 +334,7 @@ def next_frame(  # noqa: PLR0915 - one frame after the other
     frame, sendable = NO_FRAME, True
     first = first_place(waiting)
     if fault_count > 0:
-        word, sendable = packing.pack_fault_event(faults[0], faults_sent)
-        frame = WordFrame(packing.FAULT_EVENT_ID, packing.FAULT_EVENT_LENGTH, word)
+        frame, sendable = packing.pack_fault_event(faults[0], faults_sent)
         faults = (faults[1], faults[2], faults[3], NO_EVENT)
         fault_count -= 1
         faults_sent += 1
@@ -347,27 +342,23 @@ def next_frame(  # noqa: PLR0915 - one frame after the other
         known_tick, age_s, approach_speed_m_s, impulse_n_s = impacts[0]
         age_s += (tick - known_tick + 0.5) * tick_s  # half a tick: from the sensors' time to the tick's
         event = ImpactEvent(age_s, approach_speed_m_s, impulse_n_s)
-        word, sendable = packing.pack_impact_event(event, impacts_sent)
-        frame = WordFrame(packing.IMPACT_EVENT_ID, packing.IMPACT_EVENT_LENGTH, word)
+        frame, sendable = packing.pack_impact_event(event, impacts_sent)
         impacts = (impacts[1], impacts[2], impacts[3], NO_IMPACT)
         impact_count -= 1
         impacts_sent += 1
     elif first == refusal_place:
-        word, sendable = packing.pack_fault_event(
+        frame, sendable = packing.pack_fault_event(
             FaultEvent(Fault.REQUEST_REFUSED.value, 0, refusal), faults_sent
         )
-        frame = WordFrame(packing.FAULT_EVENT_ID, packing.FAULT_EVENT_LENGTH, word)
         refusal_place = NOT_WAITING
         faults_sent += 1
     elif first == regime.place:
-        word, sendable = packing.pack_regime_report(report, regimes)
-        frame = WordFrame(packing.REGIME_REPORT_ID, packing.REGIME_REPORT_LENGTH, word)
+        frame, sendable = packing.pack_regime_report(report, regimes)
         regime = Cyclic(regime.due_tick, NOT_WAITING)
         regimes += 1
     elif first == estimate.place:
         now = StrikerEstimate(state.estimator.x_m, state.estimator.v_m_s, state.crank.omega_rad_s)
-        word, sendable = packing.pack_striker_estimate(now, estimates)
-        frame = WordFrame(packing.STRIKER_ESTIMATE_ID, packing.STRIKER_ESTIMATE_LENGTH, word)
+        frame, sendable = packing.pack_striker_estimate(now, estimates)
         estimate = Cyclic(estimate.due_tick, NOT_WAITING)
         estimates += 1
     elif first == heartbeat.place:
@@ -378,18 +369,15 @@ def next_frame(  # noqa: PLR0915 - one frame after the other
             outputs.regime.value,
             outputs.target_omega_rad_s,
         )
-        word, sendable = packing.pack_firmware_heartbeat(beat, heartbeats)
-        frame = WordFrame(packing.FIRMWARE_HEARTBEAT_ID, packing.FIRMWARE_HEARTBEAT_LENGTH, word)
+        frame, sendable = packing.pack_firmware_heartbeat(beat, heartbeats)
         heartbeat = Cyclic(heartbeat.due_tick, NOT_WAITING)
         heartbeats += 1
     elif first == gait.place:
-        word, sendable = packing.pack_gait_report(gait_report(state), gaits)
-        frame = WordFrame(packing.GAIT_REPORT_ID, packing.GAIT_REPORT_LENGTH, word)
+        frame, sendable = packing.pack_gait_report(gait_report(state), gaits)
         gait = Cyclic(gait.due_tick, NOT_WAITING)
         gaits += 1
     elif first == answer_place:
-        word, sendable = packing.pack_parameter_value(answers[0], values)
-        frame = WordFrame(packing.PARAMETER_VALUE_ID, packing.PARAMETER_VALUE_LENGTH, word)
+        frame, sendable = packing.pack_parameter_value(answers[0], values)
         answers = (answers[1], answers[2], answers[3], NO_ANSWER)
         answer_count -= 1
         answer_place = NOT_WAITING

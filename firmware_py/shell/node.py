@@ -11,25 +11,25 @@ from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.state import Config, Outputs, State
-from firmware_py.interface import packing
+from firmware_py.interface import kinds
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.node.counters import Counters
 from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
 
 RECEIVED_IDS = (
-    packing.ACCELEROMETER_ID,
-    packing.COARSE_POSITION_ID,
-    packing.ENCODER_ESTIMATES_ID,
-    packing.DRIVE_HEARTBEAT_ID,
-    packing.DRIVE_ERRORS_ID,
-    packing.DRIVE_CURRENT_ID,
-    packing.DRIVE_TEMPERATURE_ID,
-    packing.DRIVE_SUPPLY_ID,
-    packing.DRIVE_ESTOP_ID,
-    packing.OPERATOR_COMMAND_ID,
-    packing.PARAMETER_REQUEST_ID,
-    packing.GAIT_SENSORS_ID,
+    kinds.ACCELEROMETER.can_id,
+    kinds.COARSE_POSITION.can_id,
+    kinds.ENCODER_ESTIMATES.can_id,
+    kinds.DRIVE_HEARTBEAT.can_id,
+    kinds.DRIVE_ERRORS.can_id,
+    kinds.DRIVE_CURRENT.can_id,
+    kinds.DRIVE_TEMPERATURE.can_id,
+    kinds.DRIVE_SUPPLY.can_id,
+    kinds.DRIVE_ESTOP.can_id,
+    kinds.OPERATOR_COMMAND.can_id,
+    kinds.PARAMETER_REQUEST.can_id,
+    kinds.GAIT_SENSORS.can_id,
 )
 """The identifiers that the firmware listens to; frames with others are not counted."""
 

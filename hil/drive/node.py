@@ -7,7 +7,7 @@ that is not modelled ends with the result INVALID_STATE. Both stand in the heart
 
 import struct
 
-from firmware_py.interface import packing
+from firmware_py.interface import kinds, packing, unpacking
 from firmware_py.interface.addresses import NODE_IDS
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.frame import Frame, WordFrame
@@ -26,14 +26,14 @@ from hil.drive.reports import CURRENT, ERRORS, HEARTBEAT, SUPPLY, TEMPERATURE
 from plant_sim.kernels import shared
 
 COMMAND_IDS = (
-    packing.DRIVE_ESTOP_ID,
-    packing.SET_AXIS_STATE_ID,
-    packing.SET_CONTROLLER_MODE_ID,
-    packing.SET_INPUT_VELOCITY_ID,
-    packing.SET_INPUT_TORQUE_ID,
-    packing.SET_LIMITS_ID,
-    packing.CLEAR_ERRORS_ID,
-    packing.SET_ABSOLUTE_POSITION_ID,
+    kinds.DRIVE_ESTOP.can_id,
+    kinds.SET_AXIS_STATE.can_id,
+    kinds.SET_CONTROLLER_MODE.can_id,
+    kinds.SET_INPUT_VELOCITY.can_id,
+    kinds.SET_INPUT_TORQUE.can_id,
+    kinds.SET_LIMITS.can_id,
+    kinds.CLEAR_ERRORS.can_id,
+    kinds.SET_ABSOLUTE_POSITION.can_id,
 )
 """The identifiers of the drive's commands that are modelled."""
 NOT_MODELLED_IDS = (0x004, 0x00C, 0x011, 0x012, 0x013, 0x016, 0x01A, 0x01B, 0x01F)
@@ -45,15 +45,15 @@ HALF, WHOLE = 4, 8
 VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID = 0x000, 0x006, 0x7E6
 TORQUES_ID, POWERS_ID = 0x01C, 0x01D
 REPORT_OF_REQUEST = {
-    packing.DRIVE_CURRENT_ID: CURRENT,
-    packing.DRIVE_HEARTBEAT_ID: HEARTBEAT,
-    packing.DRIVE_ERRORS_ID: ERRORS,
-    packing.DRIVE_TEMPERATURE_ID: TEMPERATURE,
-    packing.DRIVE_SUPPLY_ID: SUPPLY,
+    kinds.DRIVE_CURRENT.can_id: CURRENT,
+    kinds.DRIVE_HEARTBEAT.can_id: HEARTBEAT,
+    kinds.DRIVE_ERRORS.can_id: ERRORS,
+    kinds.DRIVE_TEMPERATURE.can_id: TEMPERATURE,
+    kinds.DRIVE_SUPPLY.can_id: SUPPLY,
 }
 REQUEST_IDS = (
     *REPORT_OF_REQUEST,
-    *(packing.ENCODER_ESTIMATES_ID, VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID, TORQUES_ID, POWERS_ID),
+    *(kinds.ENCODER_ESTIMATES.can_id, VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID, TORQUES_ID, POWERS_ID),
 )
 """What a client may ask for, by a remote frame or an empty one."""
 VERSION = Frame(VERSION_ID, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
@@ -104,36 +104,36 @@ def obey(  # noqa: PLR0912 - one command after the other
     """
     can_id, length, word = frame
     reason = FrameErrorReason.NONE
-    if can_id == packing.SET_INPUT_TORQUE_ID:
-        torque, reason = packing.unpack_set_input_torque(meant_length(length), word)
+    if can_id == kinds.SET_INPUT_TORQUE.can_id:
+        torque, reason = unpacking.unpack_set_input_torque(meant_length(length), word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_torque(drive, torque.torque_n_m)
-    elif can_id == packing.SET_AXIS_STATE_ID:
-        state, reason = packing.unpack_set_axis_state(WHOLE, word)
+    elif can_id == kinds.SET_AXIS_STATE.can_id:
+        state, reason = unpacking.unpack_set_axis_state(WHOLE, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.request_state(drive, state.requested_state)
-        elif reason == FrameErrorReason.ENUMERATION:
+        elif reason == FrameErrorReason.VALUE:
             drive, reason = axis.request_state(drive, UNDEFINED), FrameErrorReason.NONE
-    elif can_id == packing.SET_CONTROLLER_MODE_ID:
-        mode, reason = packing.unpack_set_controller_mode(length, word)
+    elif can_id == kinds.SET_CONTROLLER_MODE.can_id:
+        mode, reason = unpacking.unpack_set_controller_mode(length, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_mode(drive, mode.control_mode, mode.input_mode)
-        elif reason == FrameErrorReason.ENUMERATION:
+        elif reason == FrameErrorReason.VALUE:
             drive, reason = axis.set_mode(drive, VOLTAGE_CONTROL, INACTIVE), FrameErrorReason.NONE
-    elif can_id == packing.SET_LIMITS_ID:
-        limits, reason = packing.unpack_set_limits(length, word)
+    elif can_id == kinds.SET_LIMITS.can_id:
+        limits, reason = unpacking.unpack_set_limits(length, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_limits(config, drive, limits.velocity_limit_rev_s, limits.current_limit_a)
-    elif can_id == packing.CLEAR_ERRORS_ID:
+    elif can_id == kinds.CLEAR_ERRORS.can_id:
         drive = axis.clear_errors(drive)
-    elif can_id == packing.DRIVE_ESTOP_ID:
+    elif can_id == kinds.DRIVE_ESTOP.can_id:
         drive = axis.disarm(drive, ESTOP_REQUESTED)
-    elif can_id == packing.SET_INPUT_VELOCITY_ID:
-        velocity, reason = packing.unpack_set_input_velocity(length, word)
+    elif can_id == kinds.SET_INPUT_VELOCITY.can_id:
+        velocity, reason = unpacking.unpack_set_input_velocity(length, word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_velocity(drive, velocity.velocity_rev_s, velocity.torque_feedforward_n_m)
-    elif can_id == packing.SET_ABSOLUTE_POSITION_ID:
-        position, reason = packing.unpack_set_absolute_position(meant_length(length), word)
+    elif can_id == kinds.SET_ABSOLUTE_POSITION.can_id:
+        position, reason = unpacking.unpack_set_absolute_position(meant_length(length), word)
         if reason == FrameErrorReason.NONE:
             drive = axis.set_position(drive, position.position_rev, encoder_position_rev)
     elif can_id < NODE_IDS and NOT_MODELLED >> can_id & 1:
@@ -145,16 +145,11 @@ def obey(  # noqa: PLR0912 - one command after the other
 def report_frame(config: DriveConfig, drive: DriveState, telemetry: Telemetry, report: int) -> WordFrame:
     """The frame of one of the reports of `hil.drive.reports`."""
     if report == CURRENT:
-        word, _ = packing.pack_drive_current(messages.current(config, drive, telemetry), 0)
-        return WordFrame(packing.DRIVE_CURRENT_ID, packing.DRIVE_CURRENT_LENGTH, word)
+        return packing.pack_drive_current(messages.current(config, drive, telemetry), 0)[0]
     if report == HEARTBEAT:
-        word, _ = packing.pack_drive_heartbeat(messages.heartbeat(drive), 0)
-        return WordFrame(packing.DRIVE_HEARTBEAT_ID, packing.DRIVE_HEARTBEAT_LENGTH, word)
+        return packing.pack_drive_heartbeat(messages.heartbeat(drive), 0)[0]
     if report == ERRORS:
-        word, _ = packing.pack_drive_errors(messages.errors(drive), 0)
-        return WordFrame(packing.DRIVE_ERRORS_ID, packing.DRIVE_ERRORS_LENGTH, word)
+        return packing.pack_drive_errors(messages.errors(drive), 0)[0]
     if report == TEMPERATURE:
-        word, _ = packing.pack_drive_temperature(messages.temperature(config, drive), 0)
-        return WordFrame(packing.DRIVE_TEMPERATURE_ID, packing.DRIVE_TEMPERATURE_LENGTH, word)
-    word, _ = packing.pack_drive_supply(messages.supply(config, telemetry), 0)
-    return WordFrame(packing.DRIVE_SUPPLY_ID, packing.DRIVE_SUPPLY_LENGTH, word)
+        return packing.pack_drive_temperature(messages.temperature(config, drive), 0)[0]
+    return packing.pack_drive_supply(messages.supply(config, telemetry), 0)[0]

@@ -231,8 +231,7 @@ def log_line(buffer: Bytes, start: int, t_us: int, frame: WordFrame) -> int:
 def accelerometer_frame(reading: SensorReading, counter: int) -> WordFrame:
     """The accelerometers' sample."""
     sample = Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2)
-    word, _ = packing.pack_accelerometer(sample, counter)
-    return WordFrame(packing.ACCELEROMETER_ID, packing.ACCELEROMETER_LENGTH, word)
+    return packing.pack_accelerometer(sample, counter)[0]
 
 
 @shared
@@ -241,15 +240,13 @@ def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
     estimates = messages.encoder_estimates(
         drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
     )
-    word, _ = packing.pack_encoder_estimates(estimates, 0)
-    return WordFrame(packing.ENCODER_ESTIMATES_ID, packing.ENCODER_ESTIMATES_LENGTH, word)
+    return packing.pack_encoder_estimates(estimates, 0)[0]
 
 
 @shared
 def coarse_frame(position_m: float, counter: int) -> WordFrame:
     """The coarse sensor's sample."""
-    word, _ = packing.pack_coarse_position(CoarsePosition(position_m), counter)
-    return WordFrame(packing.COARSE_POSITION_ID, packing.COARSE_POSITION_LENGTH, word)
+    return packing.pack_coarse_position(CoarsePosition(position_m), counter)[0]
 
 
 @shared

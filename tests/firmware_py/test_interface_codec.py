@@ -27,7 +27,7 @@ from firmware_py.interface.codec import (
     encode,
 )
 from firmware_py.interface.enums import AxisError, AxisState, Mode
-from firmware_py.interface.frame import Frame
+from firmware_py.interface.frame import Frame, bytes_of
 from firmware_py.interface.layout import Signal, SignalKind, read_layouts
 from firmware_py.interface.records import (
     Accelerometer,
@@ -338,31 +338,40 @@ def test_an_unknown_identifier() -> None:
 
 def test_the_checked_in_codec_is_what_the_dbc_gives() -> None:
     """Up to its layout, which is ruff's; `firmware_py.interface.sources.generate` writes it again."""
-    written = ast.parse(generate.PACKING.read_text(encoding="utf-8"))
-    assert ast.dump(written) == ast.dump(ast.parse(generate.source()))
+    for file, text in generate.sources().items():
+        written = (generate.INTERFACE / file).read_text(encoding="utf-8")
+        if file.endswith(".py"):
+            assert ast.dump(ast.parse(written)) == ast.dump(ast.parse(text))
+        else:
+            assert written == text
 
 
-def test_the_checked_in_layouts_are_what_the_dbc_gives() -> None:
-    assert generate.LAYOUTS.read_text(encoding="utf-8") == generate.layouts_source()
+def test_the_layouts_that_are_read_are_the_dbcs() -> None:
     assert read_layouts() == {layout.name: layout for _, layout in generate.frames()}
 
 
 @given(coded=coded_records())
 def test_a_word_is_the_frames_data(coded: tuple[FrameCodec[Any], Any, int]) -> None:
     codec, record, counter = coded
-    word, sendable = codec.pack(record, counter)
+    (can_id, length, word), sendable = codec.pack(record, counter)
     assert sendable
+    assert (can_id, length) == (codec.can_id, codec.length)
     data = codec.encode(record, counter).data
     assert word.to_bytes(8, "little", signed=True) == data.ljust(8, b"\0")
     assert codec.unpack(codec.length, word) == (codec.decode(data), FrameErrorReason.NONE)
 
 
 @given(codec=st.sampled_from(ALL), word=st.integers(-(2**63), 2**63 - 1), length=st.integers(0, 8))
-def test_no_word_raises_and_a_refused_one_gives_zeros(codec: FrameCodec[Any], word: int, length: int) -> None:
+def test_no_word_raises_and_each_is_judged(codec: FrameCodec[Any], word: int, length: int) -> None:
     record, reason = codec.unpack(length, word)
     assert type(record) is codec.record
-    if reason is not FrameErrorReason.NONE:
-        assert set(record) <= {0}
+    data = bytes_of(word, length)
+    if reason is FrameErrorReason.NONE:
+        assert codec.decode(data) == record
+    else:
+        with pytest.raises(FrameError) as refused:
+            codec.decode(data)
+        assert (refused.value.reason is FrameErrorReason.LENGTH) == (length != codec.length)
 
 
 @given(values=st.lists(st.floats() | st.integers(-(2**40), 2**40), min_size=7, max_size=7))
@@ -373,7 +382,7 @@ def test_packing_never_raises_and_what_is_not_sendable_is_an_empty_word(values: 
             value if hint is float else (int(value) if math.isfinite(value) else 7)
             for value, hint in zip(values, hints.values(), strict=False)
         ]
-        word, sendable = codec.pack(codec.record(*taken), 3)
+        (_, _, word), sendable = codec.pack(codec.record(*taken), 3)
         assert -(2**63) <= word < 2**63
         if sendable:
             assert codec.unpack(codec.length, word)[1] is FrameErrorReason.NONE

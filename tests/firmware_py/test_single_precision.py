@@ -15,7 +15,7 @@ from firmware_py.builds.flat import copier, in_precision, loaded, stored
 from firmware_py.builds.machine_code import raw_assembly
 from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrowed, single
 from firmware_py.core.state import Config
-from firmware_py.interface import packing
+from firmware_py.interface import kinds
 from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import INITIAL, NodeState
 from firmware_py.shell.compiled_node import CompiledNode
@@ -174,4 +174,4 @@ def test_after_a_day_it_sends_what_it_sends_at_first() -> None:
     driven([first, later], look)
     assert later.memory["ticks"][0] == first.memory["ticks"][0] + A_DAY_TICKS
     assert len(sent) > 5_000
-    assert sum(frame.can_id == packing.IMPACT_EVENT_ID for frame in sent) > 3
+    assert sum(frame.can_id == kinds.IMPACT_EVENT.can_id for frame in sent) > 3

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from firmware_py.interface import codec, packing
+from firmware_py.interface import codec, unpacking
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame, WordFrame
 from firmware_py.node import tick
@@ -56,7 +56,7 @@ def test_a_torque_beyond_its_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_exception_is_found_and_its_life_can_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    unpack = packing.unpack_drive_temperature
+    unpack = unpacking.unpack_drive_temperature
 
     def touchy(length: int, word: int) -> Any:
         record, reason = unpack(length, word)
@@ -64,7 +64,7 @@ def test_an_exception_is_found_and_its_life_can_be_repeated(monkeypatch: pytest.
             raise OverflowError("too hot to count")
         return record, reason
 
-    monkeypatch.setattr(packing, "unpack_drive_temperature", touchy)
+    monkeypatch.setattr(unpacking, "unpack_drive_temperature", touchy)
     found = fuzz.fuzz(300_000, 1).failures[0]
     assert found.what == "OverflowError: too hot to count"
     assert fuzz.one_life(found.seed).failures == (found,)

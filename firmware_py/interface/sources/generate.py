@@ -1,4 +1,4 @@
-"""Writes the codec out of `vibro.dbc`: `packing.py`, in the firmware's subset, and `layouts.toml`.
+"""Writes the codec out of `vibro.dbc`: `kinds.py`, `packing.py`, `unpacking.py` and `layouts.toml`.
 
     python -m firmware_py.interface.sources.generate
 
@@ -18,26 +18,39 @@ from firmware_py.interface.layout import Layout, Signal, SignalKind, snake, span
 from firmware_py.interface.sources.dbc import database
 from firmware_py.interface.sources.layout import LayoutError, layout_of
 
-PACKING = Path(__file__).parents[1] / "packing.py"
-LAYOUTS = Path(__file__).parents[1] / "layouts.toml"
+INTERFACE = Path(__file__).parents[1]
 
-HEADER = '''"""Records to 64-bit words and back: written by `generate.py` out of `vibro.dbc`; do not edit.
+KINDS = '''"""Identity and timing of every frame: written by `generate.py` out of `vibro.dbc`; do not edit."""
 
-A frame's data is a signed 64-bit word: byte 0 in the lowest bits, unused high bytes 0. All of it is the
-firmware's subset, so that one source runs interpreted, compiled and on a microcontroller.
+from firmware_py.interface.framing import FrameKind
 
-`pack_x(record, counter)` gives `(word, sendable)`. Quantities saturate at full scale, in counts; a record
-with NaN, an infinity or a value outside its list is not sendable, and its word is 0. Frames without a
-rolling counter ignore `counter`.
+'''
+
+PACKING = '''"""Records to frames: written by `generate.py` out of `vibro.dbc`; do not edit.
+
+`pack_x(record, counter)` gives `(frame, sendable)`. Quantities saturate at full scale, in counts; a record
+with NaN, an infinity or a value outside its list is not sendable, and its frame's word is 0. Frames without
+a rolling counter ignore `counter`. All of it is the firmware's subset, as in `unpacking.py`, so that one
+source runs interpreted, compiled and on a microcontroller.
+"""
+
+from math import isfinite
+
+from firmware_py.interface import kinds, records
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.framing import float32_counts, framed, is_float32, saturated, signed
+'''
+
+UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`; do not edit.
+
 `unpack_x(length, word)` gives `(record, reason)`; the record may be used only if the reason is NONE.
 """
 
 from math import isfinite
 
-from firmware_py.interface.crc import TABLE
+from firmware_py.interface import kinds, records
 from firmware_py.interface.errors import FrameErrorReason
-from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
-from firmware_py.interface.records import (
+from firmware_py.interface.framing import float32_at, judged, signed
 '''
 
 
@@ -71,88 +84,54 @@ def toml(value: object) -> str:
     return json.dumps(value)
 
 
-def source() -> str:
-    """The text of `packing.py`."""
-    pairs = frames()
-    names = sorted(kind.__name__ for kind, _ in pairs)
-    text = HEADER + "".join(f"    {name},\n" for name in names) + ")\n\n"
-    text += "OK = FrameErrorReason.NONE\nLENGTH = FrameErrorReason.LENGTH\nCRC = FrameErrorReason.CRC\n"
-    text += "RANGE = FrameErrorReason.RANGE\nENUMERATION = FrameErrorReason.ENUMERATION\n"
-    text += "NOT_FINITE = FrameErrorReason.NOT_FINITE\n"
-    for _, layout in pairs:
-        text += "\n" + constants(layout)
-    for kind, layout in pairs:
-        text += "\n\n" + pack_source(layout, kind) + "\n\n" + unpack_source(layout, kind)
-    return text
+def sources() -> dict[str, str]:
+    """The text of each file by its name; up to the layout of its lines, which is ruff's."""
+    packs = (pack_source(layout, kind) for kind, layout in frames())
+    unpacks = (unpack_source(layout, kind) for kind, layout in frames())
+    return {
+        "kinds.py": KINDS + "".join(constant(layout) for _, layout in frames()),
+        "packing.py": "\n\n".join([PACKING, *packs]),
+        "unpacking.py": "\n\n".join([UNPACKING, *unpacks]),
+        "layouts.toml": layouts_source(),
+    }
 
 
-def constants(layout: Layout) -> str:
+def constant(layout: Layout) -> str:
     """Identity and timing of a frame."""
-    name = snake(layout.name).upper()
-    text = f"{name}_ID = 0x{layout.can_id:03X}\n{name}_LENGTH = {layout.length}\n"
-    if layout.period_s is not None:
-        text += f"{name}_PERIOD_S = {layout.period_s!r}\n"
-    if layout.protected:
-        text += f"{name}_COUNTER_BITS = {layout.counter_bits}\n"
-    return text
+    register = TABLE[INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
+    period_s = layout.period_s or 0.0
+    numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
+    return f"{snake(layout.name).upper()} = FrameKind({numbers})\n"
 
 
 def pack_source(layout: Layout, kind: type[Any]) -> str:
-    """The text of `pack_x(record, counter) -> (word, sendable)`."""
+    """The text of `pack_x(record, counter) -> (frame, sendable)`."""
     hints = checked_hints(layout, kind)
-    name = layout.name
+    name = snake(layout.name)
     lines = [
-        f"def pack_{snake(name)}({'record' if hints else '_record'}: {name}, "
-        f"{'counter' if layout.protected else '_counter'}: int) -> tuple[int, bool]:"
+        f"def pack_{name}({'record' if hints else '_record'}: records.{layout.name}, counter: int) -> "
+        "tuple[WordFrame, bool]:"
     ]
     if hints:
         lines += [f"    {', '.join(hints) if len(hints) > 1 else f'({next(iter(hints))},)'} = record"]
-        conditions = " and ".join(_sendable(layout.signals[field]) for field in hints)
-        lines += [f"    if not ({conditions}):", "        return 0, False"]
-    terms = []
-    for field, signal in layout.signals.items():
-        lines += _to_counts(signal, hints[field] is float)
-        terms.append(_placed(signal, f"{field}_counts" if _has_counts(signal) else field))
-    if layout.protected:
-        start = 8 * (layout.length - 1) - layout.counter_bits
-        terms.append(f"(counter & {(1 << layout.counter_bits) - 1}) << {start}")
-    if not layout.protected:
-        lines += [f"    return {' | '.join(terms) or '0'}, True"]
-        return "\n".join(lines) + "\n"
-    lines += [f"    word = {' | '.join(terms)}", *_lanes(layout.length - 1), *_crc_lines(layout)]
-    top = 8 * (layout.length - 1)
-    sealed = f"(crc ^ 128) - 128 << {top}" if layout.length == 8 else f"crc << {top}"
-    lines += [f"    return word | {sealed}, True"]
-    return "\n".join(lines) + "\n"
+    word = " | ".join(_placed(signal, hints[field]) for field, signal in layout.signals.items()) or "0"
+    sendable = " and ".join(_sendable(layout.signals[field]) for field in hints) or "True"
+    lines += [f"    word = {word}", f"    sendable = {sendable}"]
+    return "\n".join([*lines, f"    return framed(kinds.{name.upper()}, word, counter, sendable)\n"])
 
 
 def unpack_source(layout: Layout, kind: type[Any]) -> str:
     """The text of `unpack_x(length, word) -> (record, reason)`."""
     hints = checked_hints(layout, kind)
-    name = layout.name
-    empty = f"NO_{snake(name).upper()}"
-    zeros = ", ".join("0.0" if hint is float else "0" for hint in hints.values())
+    name = snake(layout.name)
     lines = [
-        f"{empty} = {name}({zeros})",
-        "",
-        "",
-        f"def unpack_{snake(name)}(length: int, {'word' if hints else '_word'}: int) -> "
-        f"tuple[{name}, FrameErrorReason]:",
-        f"    if length != {layout.length}:",
-        f"        return {empty}, LENGTH",
+        f"def unpack_{name}(length: int, word: int) -> tuple[records.{layout.name}, FrameErrorReason]:",
+        *(f"    {field} = {_from_word(signal)}" for field, signal in layout.signals.items()),
     ]
-    lanes: dict[int, str] = {}
-    if layout.protected:
-        lines += _lanes(layout.length) + _crc_lines(layout)
-        last = layout.length - 1
-        lines += [f"    if crc != {_byte(last)}:", f"        return {empty}, CRC"]
-        lanes = {16 * lane: f"lane_{lane}" for lane in range((layout.length + 1) // 2)}
-    for field, signal in layout.signals.items():
-        lines += [f"    {field} = {_from_word(signal, lanes)}"]
-        lines += _checks(signal, empty)
+    listed = " and ".join(filter(None, map(_received, layout.signals.values()))) or "True"
     values = ", ".join(_to_value(layout.signals[field], hints[field] is float) for field in hints)
-    lines += [f"    return {name}({values}), OK"]
-    return "\n".join(lines) + "\n"
+    lines += [f"    reason = judged(kinds.{name.upper()}, length, word, {listed})"]
+    return "\n".join([*lines, f"    return records.{layout.name}({values}), reason\n"])
 
 
 def checked_hints(layout: Layout, kind: type[Any]) -> dict[str, type[Any]]:
@@ -167,11 +146,10 @@ def checked_hints(layout: Layout, kind: type[Any]) -> dict[str, type[Any]]:
 
 def _sendable(signal: Signal) -> str:
     """Condition under which the field's value can be sent."""
-    name = signal.name
     if signal.is_float:
-        return f"-FLOAT32_OVERFLOW < {name} < FLOAT32_OVERFLOW"
+        return f"is_float32({signal.name})"
     if signal.kind is SignalKind.QUANTITY:
-        return f"isfinite({name})"
+        return f"isfinite({signal.name})"
     return _listed(signal)
 
 
@@ -185,91 +163,43 @@ def _listed(signal: Signal) -> str:
     return f"{signal.low_counts} <= {signal.name} <= {signal.high_counts}"
 
 
-def _has_counts(signal: Signal) -> bool:
-    return signal.is_float or signal.kind is SignalKind.QUANTITY
-
-
-def _to_counts(signal: Signal, is_real: bool) -> list[str]:
-    """Lines that turn the field's value into its counts."""
-    name = signal.name
-    counts = f"{name}_counts"
+def _received(signal: Signal) -> str:
+    """Condition that received counts are the signal's; empty if its bits hold nothing else."""
     if signal.is_float:
-        return [f"    {counts} = float32_bits({name})"]
-    if signal.kind is not SignalKind.QUANTITY:
-        return []
-    low, high = signal.low_counts, signal.high_counts
-    scaled, lines = name, []
-    if signal.scale != 1:
-        scaled = f"{name}_scaled"
-        lines = [f"    {scaled} = {name} / {signal.scale!r}"]
-    within = f"round({scaled})" if is_real else scaled
-    beyond = f"{high} if {scaled} > 0 else {low}"
-    return [*lines, f"    {counts} = {within} if {low} < {scaled} < {high} else ({beyond})"]
+        return f"isfinite({signal.name})"
+    everything = span(signal.is_signed, signal.bits)
+    is_any = signal.kind is not SignalKind.ENUMERATION and everything == (
+        signal.low_counts,
+        signal.high_counts,
+    )
+    return "" if is_any else _listed(signal)
 
 
-def _placed(signal: Signal, counts: str) -> str:
-    """Expression of the counts in their place within the word."""
-    mask = (1 << signal.bits) - 1
-    at = signal.start
-    if at + signal.bits == 64:
+def _placed(signal: Signal, hint: type[Any]) -> str:
+    """Expression of the field's counts in their place within the word."""
+    counts, is_signed = signal.name, signal.is_signed
+    if signal.is_float:
+        counts, is_signed = f"float32_counts({signal.name})", False
+    elif signal.kind is SignalKind.QUANTITY:
+        scaled = f"{signal.name} / {signal.scale!r}" if signal.scale != 1 else signal.name
+        scaled = scaled if hint is float or signal.scale != 1 else f"float({signal.name})"
+        counts = f"saturated({scaled}, {signal.low_counts}, {signal.high_counts})"
+    if signal.start + signal.bits == 64:
         # The word is signed: its top bit is a sign.
-        if signal.is_signed and not signal.is_float:
-            return f"{counts} << {at}"
-        half = 1 << signal.bits - 1
-        return f"({counts} ^ 0x{half:X}) - 0x{half:X} << {at}"
-    if signal.is_signed and not signal.is_float:
-        return f"({counts} & 0x{mask:X}) << {at}" if at else f"{counts} & 0x{mask:X}"
-    return f"{counts} << {at}" if at else counts
+        counts = counts if is_signed else f"signed({counts}, {signal.bits})"
+    elif is_signed:
+        counts = f"({counts} & 0x{(1 << signal.bits) - 1:X})"
+    return (
+        f"{counts} << {signal.start}" if signal.start else counts.strip("()") if counts[0] == "(" else counts
+    )
 
 
-def _lanes(byte_count: int) -> list[str]:
-    """Lines that split the word's first bytes into lanes of 16 bits."""
-    shifted = (f"word >> {16 * lane}" if lane else "word" for lane in range((byte_count + 1) // 2))
-    return [f"    lane_{lane} = {one} & 0xFFFF" for lane, one in enumerate(shifted)]
-
-
-def _byte(index: int) -> str:
-    return f"lane_{index // 2} >> 8" if index % 2 else f"lane_{index // 2} & 0xFF"
-
-
-def _crc_lines(layout: Layout) -> list[str]:
-    """Lines that leave the checksum of all bytes but the last in `crc`."""
-    lines = []
-    register = str(TABLE[INITIAL ^ (layout.can_id & 0xFF)])
-    for index in range(0, layout.length - 1, 2):
-        step = f"TABLE[{register} ^ {_byte(index)}]"
-        if index + 1 < layout.length - 1:
-            step = f"TABLE[{step} ^ {_byte(index + 1)}]"
-        last = index + 2 >= layout.length - 1
-        lines.append(f"    crc = {step}{' ^ 0xFF' if last else ''}")
-        register = "crc"
-    return lines
-
-
-def _from_word(signal: Signal, lanes: dict[int, str]) -> str:
+def _from_word(signal: Signal) -> str:
     """Expression of the counts out of the word; of a float, its value."""
-    at, bits = signal.start, signal.bits
-    mask = (1 << bits) - 1
-    raw = lanes.get(at, "") if bits == 16 else ""
-    if not raw:
-        raw = f"word >> {at} & 0x{mask:X}" if at else f"word & 0x{mask:X}"
+    raw = f"word >> {signal.start}" if signal.start else "word"
     if signal.is_float:
-        return f"float32_of({raw})"
-    if signal.is_signed:
-        half = 1 << bits - 1
-        return f"({raw} ^ 0x{half:X}) - 0x{half:X}"
-    return raw
-
-
-def _checks(signal: Signal, empty: str) -> list[str]:
-    """Lines that refuse counts which the signal cannot have; none if its bits hold nothing else."""
-    if signal.is_float:
-        return [f"    if not isfinite({signal.name}):", f"        return {empty}, NOT_FINITE"]
-    if signal.kind is SignalKind.ENUMERATION:
-        return [f"    if not ({_listed(signal)}):", f"        return {empty}, ENUMERATION"]
-    if (signal.low_counts, signal.high_counts) == span(signal.is_signed, signal.bits):
-        return []
-    return [f"    if not ({_listed(signal)}):", f"        return {empty}, RANGE"]
+        return f"float32_at({raw})"
+    return f"signed({raw}, {signal.bits})" if signal.is_signed else f"{raw} & 0x{(1 << signal.bits) - 1:X}"
 
 
 def _to_value(signal: Signal, is_real: bool) -> str:
@@ -280,5 +210,5 @@ def _to_value(signal: Signal, is_real: bool) -> str:
 
 
 if __name__ == "__main__":
-    PACKING.write_text(source(), encoding="utf-8")
-    LAYOUTS.write_text(layouts_source(), encoding="utf-8")
+    for file, text in sources().items():
+        (INTERFACE / file).write_text(text, encoding="utf-8")

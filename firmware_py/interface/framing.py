@@ -1,0 +1,91 @@
+"""What all frames have in common: length, rolling counter, CRC-8, and how numbers lie in them."""
+
+from typing import NamedTuple
+
+from firmware_py.interface.crc import FINAL_XOR, TABLE
+from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.float32 import FLOAT32_OVERFLOW, float32_bits, float32_of
+from firmware_py.interface.frame import WordFrame
+
+
+class FrameKind(NamedTuple):
+    """One identifier's frames; `length` in bytes.
+
+    `period_s` is 0 where they are sent on an event, `counter_bits` where they carry neither counter nor CRC.
+    `register` is the CRC's after the identifier.
+    """
+
+    can_id: int
+    length: int
+    period_s: float
+    counter_bits: int
+    register: int
+
+
+def checksum(kind: FrameKind, word: int) -> int:
+    """The CRC-8 over the identifier's low byte and all bytes but the last; without a loop: it runs often."""
+    last = kind.length - 1
+    register = kind.register
+    if last >= 2:
+        register = TABLE[TABLE[register ^ word & 0xFF] ^ word >> 8 & 0xFF]
+    if last >= 4:
+        register = TABLE[TABLE[register ^ word >> 16 & 0xFF] ^ word >> 24 & 0xFF]
+    if last >= 6:
+        register = TABLE[TABLE[register ^ word >> 32 & 0xFF] ^ word >> 40 & 0xFF]
+    if last % 2 == 1:
+        register = TABLE[register ^ word >> 8 * (last - 1) & 0xFF]
+    return register ^ FINAL_XOR
+
+
+def counter_of(kind: FrameKind, word: int) -> int:
+    """The rolling counter: the bits that end where the last byte, the CRC, begins."""
+    return word >> 8 * (kind.length - 1) - kind.counter_bits & (1 << kind.counter_bits) - 1
+
+
+def framed(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[WordFrame, bool]:
+    """`(frame, sendable)` of a record's word; with counter and CRC, if it carries them; 0 if not sendable."""
+    if not sendable:
+        return WordFrame(kind.can_id, kind.length, 0), False
+    if kind.counter_bits > 0:
+        top = 8 * (kind.length - 1)
+        word |= (counter & (1 << kind.counter_bits) - 1) << top - kind.counter_bits
+        sealed = checksum(kind, word)
+        word |= (signed(sealed, 8) if kind.length == 8 else sealed) << top
+    return WordFrame(kind.can_id, kind.length, word), True
+
+
+def judged(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorReason:
+    """Why a frame of this kind must not be used. `listed`: each of its signals may have the value it has."""
+    if length != kind.length:
+        return FrameErrorReason.LENGTH
+    if kind.counter_bits > 0 and checksum(kind, word) != word >> 8 * (kind.length - 1) & 0xFF:
+        return FrameErrorReason.CRC
+    return FrameErrorReason.NONE if listed else FrameErrorReason.VALUE
+
+
+def saturated(counts: float, low: int, high: int) -> int:
+    """The whole number nearest to `counts`, or the end of the range that it is beyond; NaN gives `low`."""
+    if low < counts < high:
+        return round(counts)
+    return high if counts > 0 else low
+
+
+def signed(raw: int, bits: int) -> int:
+    """The lowest `bits` of `raw` as a number in two's complement."""
+    half = 1 << bits - 1
+    return (raw & (1 << bits) - 1 ^ half) - half
+
+
+def is_float32(value: float) -> bool:
+    """Whether a float32 holds a number as large as this one."""
+    return -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
+
+
+def float32_counts(value: float) -> int:
+    """The 32 bits of the nearest float32; 0 for what none holds."""
+    return float32_bits(value) if is_float32(value) else 0
+
+
+def float32_at(raw: int) -> float:
+    """The value of the lowest 32 bits of `raw`; NaN and the infinities included."""
+    return float32_of(raw & 0xFFFFFFFF)
