@@ -30,6 +30,12 @@ def finished(tmp_path_factory):
     return run_dir, finish(run_dir)
 
 
+@pytest.fixture
+def without_plots(monkeypatch):
+    """Nine tenths of the time a verdict takes are its report's plots."""
+    monkeypatch.setattr("hil.show.report.pages.plots", lambda *_: [])
+
+
 class Page(html.parser.HTMLParser):
     """What a page refers to and says, and whether its tags close."""
 
@@ -80,6 +86,7 @@ def test_finishing_again_changes_nothing(finished, tmp_path):
     assert finish(run_dir) == verdict
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path):
     made_up = make_run()
     made_up.scenario["checks"] = [
@@ -101,6 +108,7 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
     }
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("frames", [0, 800])
 def test_what_the_recorder_lost_is_told_and_no_check_passes_on_it(tmp_path, frames):
     made_up = make_run()
@@ -124,6 +132,7 @@ def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
     assert figures_of(write_run(made_up, tmp_path)).log.frames_lost is None
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     made_up = make_run()
     made_up.impacts = {name: values[:0] for name, values in made_up.impacts.items()}
@@ -134,6 +143,7 @@ def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     assert "capture_s is not there, wanted ≤ 10 s" in (tmp_path / "junit.xml").read_text()
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace", "outcome.json"])
 def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(tmp_path, lost):
     run_dir = write_run(make_run(), tmp_path)
@@ -145,6 +155,7 @@ def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(
     assert rerun(["rrd", "verify", run_dir / "run.rrd"]).returncode == 0
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_dead_process_fails_the_run_with_the_reason(tmp_path):
     made_up = make_run()
     made_up.outcome["reasons"] = ["firmware was killed by SIGKILL at 4.00 s"]
@@ -172,6 +183,7 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     assert len(text) < 1_500_000
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_the_report_escapes_what_a_scenario_says(tmp_path):
     made_up = make_run()
     made_up.scenario["title"] = "<script>alert(1)</script>"
@@ -204,6 +216,7 @@ def test_a_thinned_curve_keeps_its_extremes():
     assert thin_t[np.argmax(thin_x)] == t[12_345]
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize(("held", "named"), [(5, True), (40, True), (1, False)])
 def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, held, named):
     made_up = make_run()
@@ -219,6 +232,7 @@ def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, h
     assert (stall in html.unescape((tmp_path / "report.html").read_text())) is named
 
 
+@pytest.mark.usefixtures("without_plots")
 def test_a_stall_of_the_host_fails_no_run_that_meets_its_checks(tmp_path):
     made_up = make_run()
     kept = np.setdiff1d(np.arange(len(made_up.firmware["tick"])), np.arange(3000, 3010))

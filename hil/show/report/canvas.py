@@ -1,13 +1,16 @@
-"""What every plot of a report is drawn with: colours, a figure with its axes, thinned curves."""
+"""What every plot of a report is drawn with: colours, style, thinned curves, inline SVG."""
 
+import io
 import itertools
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from hil.record import state_timeline
-from hil.show.report.axes import Axes
 from plant_sim.arrays import FloatArray
 
 
@@ -21,12 +24,37 @@ def css(rgba: int) -> str:
 
 
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM, GOOD = map(css, state_timeline.PALETTE)
+INK, FAINT = "#010203", "#040506"
+"""Stand-ins for the page's own colours, which differ in the dark."""
 MOST_POINTS = 2400
 """A curve has no more points than a wide screen has pixels to show them."""
-LEFT_PX, RIGHT_PX, BOTTOM_PX, TOP_PX = 72, 10, 44, 10
-"""Margins for an axis with its name."""
-BELOW_PX = 14
-"""From one plot to the next below."""
+LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.75, 0.1, 0.45, 0.1
+"""Margins for an axis with its name, in inches: to have them computed takes as long again as to draw."""
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "vibrohil",
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": FAINT,
+    "grid.alpha": 0.25,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "path.simplify_threshold": 0.5,
+}
 
 
 class Plot(NamedTuple):
@@ -39,69 +67,38 @@ class Plot(NamedTuple):
     """Whether two of its kind stand side by side."""
 
 
-def thinned(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """At most `MOST_POINTS` rows, the extremes of `values` among them; all of shape (n,)."""
+def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
+    """Rows of at most `MOST_POINTS`, the extremes of the first of `values` among them; all of shape (n,)."""
     if len(t) <= MOST_POINTS:
-        return t, values
+        return (t, *values)
     edges = np.linspace(0, len(t), MOST_POINTS // 2 + 1).astype(int)
     rows: list[int] = []
     for low, high in itertools.pairwise(edges.tolist()):
-        block = values[low:high]
+        block = values[0][low:high]
         rows += sorted({low + int(np.argmin(block)), low + int(np.argmax(block))})
-    return t[rows], values[rows]
+    return (t[rows], *(value[rows] for value in values))
 
 
-class Figure:
-    """Axes on a drawing of this width and height in pixels; `name`: a word for what it shows."""
-
-    def __init__(self, name: str, width: float, height: float) -> None:
-        self.name, self.width, self.height = name, width, height
-        self.axes: list[Axes] = []
-
-    def add(self, left: float, top: float, width: float, height: float) -> Axes:
-        """One more rectangle."""
-        self.axes.append(Axes(left, top, width, height))
-        return self.axes[-1]
-
-    def stacked(
-        self,
-        *heights: float,
-        left: float = LEFT_PX,
-        right: float = RIGHT_PX,
-        top: float = TOP_PX,
-    ) -> list[Axes]:
-        """Axes of these relative heights one below the other, which share the lowest one's scale of x."""
-        free = self.height - top - BOTTOM_PX - BELOW_PX * (len(heights) - 1)
-        found: list[Axes] = []
-        for share in heights:
-            height = free * share / sum(heights)
-            found.append(self.add(left, top, self.width - left - right, height))
-            top += height + BELOW_PX
-        for axes in found[:-1]:
-            axes.x, axes.numbers_x = found[-1].x, False
-        return found
-
-    def beside(self, count: int) -> list[Axes]:
-        """This number of axes side by side."""
-        width = self.width / count
-        return [
-            self.add(
-                number * width + LEFT_PX, TOP_PX, width - LEFT_PX - RIGHT_PX, self.height - TOP_PX - BOTTOM_PX
-            )
-            for number in range(count)
-        ]
-
-    def on_the_right_of(self, axes: Axes) -> Axes:
-        """A second scale of y for the same rectangle, on its right."""
-        second = self.add(axes.left, axes.top, axes.width, axes.height)
-        second.x, second.on_the_right, second.numbers_x = axes.x, True, False
-        return second
-
-    def svg(self) -> str:
-        """The figure as an SVG element whose colours follow the page."""
-        drawn: Sequence[str] = [axes.svg(f"{self.name}-{number}") for number, axes in enumerate(self.axes)]
-        size = f'viewBox="0 0 {self.width:g} {self.height:g}" width="{self.width:g}" height="{self.height:g}"'
-        return (
-            f'<svg xmlns="http://www.w3.org/2000/svg" {size} '
-            f'font-family="sans-serif" stroke-linejoin="round">{"".join(drawn)}</svg>'
+@contextmanager
+def canvas(width: float, height: float) -> Iterator[Figure]:
+    """An empty figure in the report's style, sizes in inches at 96 pixels."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, height))
+        figure.subplots_adjust(
+            left=LEFT_IN / width,
+            right=1.0 - RIGHT_IN / width,
+            bottom=BOTTOM_IN / height,
+            top=1.0 - TOP_IN / height,
+            hspace=0.12,
+            wspace=0.3,
         )
+        yield figure
+
+
+def svg_of(figure: Figure) -> str:
+    """The figure as an SVG element whose colours follow the page."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    return text.replace(INK, "var(--ink)").replace(FAINT, "var(--faint)").strip()

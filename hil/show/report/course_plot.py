@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from hil.judge.checks import checks_of
 from hil.judge.figures.records import Figures
@@ -12,13 +13,10 @@ from hil.record.state_timeline import Lane, state_name
 from hil.record.traces.stored_trace import Records
 from hil.show.injected import injected
 from hil.show.limits import limits
-from hil.show.report.axes import DASHED, Axes, stroke
-from hil.show.report.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Figure, Plot, css, thinned
+from hil.show.report.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Plot, canvas, css, svg_of, thinned
 
 LEAST_NAMED = 0.08
 """A state that takes less of the run than this has no room for its name."""
-BAR = np.array([[-0.4, 0.4]])
-"""Above and below the middle of a state's row."""
 STRIPS = ("states/mode", "states/regime")
 
 
@@ -26,44 +24,47 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     """The whole run: modes, regime and injected faults; impacts, crank speed and torque with their limits."""
     faults = injected(traces.scenario)
     bounds = limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None)
-    figure = Figure("course", 920, 540)
-    states, speeds, crank, torque = figure.stacked(1.0, 1.0, 1.0, 1.0)
-    lanes = [lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in STRIPS]
-    for row, lane in enumerate(lanes):
-        strip(states, row, lane, traces.firmware, figures.duration_s)
-    for fault in faults:
-        end_s = fault.from_s + max(
-            min(fault.to_s, figures.duration_s) - fault.from_s, 0.002 * figures.duration_s
-        )
-        states.boxes(np.array([[fault.from_s, end_s]]), len(lanes) + BAR, ALARM)
-    states.y_names = [lane.entity.removeprefix("states/") for lane in lanes] + ["injected"] * bool(faults)
-    states.y.fixed = (len(states.y_names) - 0.5, -0.5)
-    states.grid = False
-    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
-    reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
-    speeds.points(column(traces.impacts, "t_s"), column(traces.impacts, "v_m_s"), TRUTH, "true")
-    speeds.points(reported_s, column(seen, "outputs.impact_speed_m_s"), ESTIMATE, "reported", cross=True)
-    speeds.y_label = "v⁻ [m/s]"
-    plant_s, firmware_s = column(traces.plant, "t_s"), column(traces.firmware, "t_s")
-    crank.curve(*thinned(plant_s, column(traces.plant, "omega_rad_s")), TRUTH, "true")
-    target = column(traces.firmware, "outputs.target_omega_rad_s")
-    crank.curve(*thinned(firmware_s, target), TARGET, "target", dash=DASHED)
-    crank.y_label = "Ω [rad/s]"
-    given = column(traces.plant, "motor_torque_n_m")
-    torque.curve(*thinned(plant_s, given), TRUTH, "motor", width=1.0)
-    asked = column(traces.firmware, "outputs.torque_n_m")
-    torque.curve(*thinned(firmware_s, asked), ESTIMATE, "asked for", width=1.0)
-    torque.y_label, torque.x_label = "torque [N m]", "simulated time [s]"
-    plots_of = {"impact_speed": speeds, "speed": crank, "torque": torque}
-    for bound in bounds:
-        if (axes := plots_of.get(bound.plot)) is not None:
-            look = stroke(ALARM, 1.2, DASHED)
-            axes.segments((bound.from_s, bound.value), (bound.to_s, bound.value), look)
-    for axes in (speeds, crank, torque):
-        axes.legend = "upper left"
-    if figures.latched.at_s is not None:
-        for axes in (states, speeds, crank, torque):
-            axes.across(figures.latched.at_s, ALARM, upright=True, width=1.3)
+    with canvas(9.6, 5.6) as figure:
+        states, speeds, crank, torque = figure.subplots(4, 1, sharex=True)
+        rows = [
+            lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in ("states/mode", "states/regime")
+        ]
+        for row, lane in enumerate(rows):
+            strip(states, row, lane, traces.firmware, figures.duration_s)
+        for fault in faults:
+            width_s = max(min(fault.to_s, figures.duration_s) - fault.from_s, 0.002 * figures.duration_s)
+            states.broken_barh([(fault.from_s, width_s)], (len(rows) - 0.4, 0.8), color=ALARM)
+        names = [lane.entity.removeprefix("states/") for lane in rows] + ["injected"] * bool(faults)
+        states.set_yticks(range(len(names)), names)
+        states.invert_yaxis()
+        states.grid(visible=False)
+        seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
+        reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
+        touched_s = column(traces.impacts, "t_s")
+        speeds.plot(touched_s, column(traces.impacts, "v_m_s"), "o", color=TRUTH, ms=4, label="true")
+        reported = column(seen, "outputs.impact_speed_m_s")
+        speeds.plot(reported_s, reported, "x", color=ESTIMATE, ms=4, label="reported")
+        speeds.set(ylabel="v⁻ [m/s]")
+        plant_s, firmware_s = column(traces.plant, "t_s"), column(traces.firmware, "t_s")
+        crank.plot(*thinned(plant_s, column(traces.plant, "omega_rad_s")), color=TRUTH, lw=0.9, label="true")
+        target = column(traces.firmware, "outputs.target_omega_rad_s")
+        crank.plot(*thinned(firmware_s, target), color=TARGET, ls="--", lw=0.9, label="target")
+        crank.set(ylabel="Ω [rad/s]")
+        given = column(traces.plant, "motor_torque_n_m")
+        torque.plot(*thinned(plant_s, given), color=TRUTH, lw=0.7, label="motor")
+        asked = column(traces.firmware, "outputs.torque_n_m")
+        torque.plot(*thinned(firmware_s, asked), color=ESTIMATE, lw=0.7, label="asked for")
+        torque.set(ylabel="torque [N m]", xlabel="simulated time [s]")
+        plots_of = {"impact_speed": speeds, "speed": crank, "torque": torque}
+        for bound in bounds:
+            if (axes := plots_of.get(bound.plot)) is not None:
+                axes.hlines(bound.value, bound.from_s, bound.to_s, color=ALARM, lw=0.9, ls="--")
+        for axes in (speeds, crank, torque):
+            axes.legend(loc="upper left", ncols=2)
+        if figures.latched.at_s is not None:
+            for axes in (states, speeds, crank, torque):
+                axes.axvline(figures.latched.at_s, color=ALARM, lw=1.0)
+        svg = svg_of(figure)
     latched = (
         ""
         if figures.latched.at_s is None
@@ -75,7 +76,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
         f"{figures.impact_count} touch-downs. Dashed: limits of checks."
         + (f" Injected: {injected_text}." if faults else "")
         + latched,
-        figure.svg(),
+        svg,
     )
 
 
@@ -90,6 +91,7 @@ def strip(axes: Axes, row: int, lane: Lane, records: Records, end_s: float) -> N
         value = int(values[at])
         known = [state for state in lane.states if state.value == value]
         shade = css(lane.colors.get(known[0], state_timeline.ALARM) if known else state_timeline.ALARM)
-        axes.boxes(np.array([[from_s, to_s]]), row + BAR, shade)
+        axes.broken_barh([(from_s, to_s - from_s)], (row - 0.4, 0.8), color=shade)
         if to_s - from_s > LEAST_NAMED * end_s:
-            axes.word(from_s, row, state_name(lane.states, value), "#ffffff")
+            name = state_name(lane.states, value)
+            axes.text(from_s, row, f" {name}", va="center", fontsize=8.0, color="#ffffff", clip_on=True)

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from hil.judge import detection
 from hil.judge.figures.bus import bits_by_tenth, load_over_time
@@ -11,23 +13,30 @@ from hil.judge.figures.records import Figures
 from hil.record.candump import TENTH_S
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
-from hil.show.report.axes import DASHED, DOTTED, FAINT, INK, stroke
 from hil.show.report.canvas import (
     ALARM,
     ESTIMATE,
+    FAINT,
     GOOD,
-    LEFT_PX,
+    INK,
     OTHER,
     TARGET,
     TRUTH,
-    Figure,
     Plot,
+    canvas,
+    svg_of,
     thinned,
 )
 from hil.show.report.course_plot import course
 from plant_sim.arrays import BoolArray, FloatArray
 
 PORTRAIT_PERIODS = 12
+
+
+def nothing(axes: Axes, text: str) -> None:
+    """Say on an empty plot why it is empty."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=INK)
+    axes.set_axis_off()
 
 
 def within(records: Records, start_s: float, end_s: float) -> Records:
@@ -48,30 +57,36 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
     start_s, end_s = run_up(traces, figures)
     plant, firmware = within(traces.plant, start_s, end_s), within(traces.firmware, start_s, end_s)
     touched = within(traces.impacts, start_s, end_s)
-    figure = Figure("start-up", 920, 480)
-    position, speed, crank = figure.stacked(2.0, 1.0, 1.0)
-    estimated = thinned(column(firmware, "t_s"), 1e3 * column(firmware, "state.estimator.x_m"))
-    position.curve(*estimated, ESTIMATE, "estimate")
-    position.curve(*thinned(column(plant, "t_s"), 1e3 * column(plant, "x_m")), TRUTH, "true position")
-    if (stop_m := stop_of(traces)) is not None:
-        position.across(1e3 * stop_m, ALARM, label="stop", width=1.3)
-    position.y_label = "x [mm]"
-    position.legend = "lower left"
-    touched_s, touched_m_s = column(touched, "t_s"), column(touched, "v_m_s")
-    speed.segments((touched_s, np.zeros_like(touched_s)), (touched_s, touched_m_s), stroke(TRUTH, 1.0))
-    speed.points(touched_s, touched_m_s, TRUTH)
-    speed.y.from_zero = True
-    speed.y_label = "v⁻ [m/s]"
-    crank.curve(*thinned(column(plant, "t_s"), column(plant, "omega_rad_s")), TRUTH, "true", width=1.6)
-    target = column(firmware, "outputs.target_omega_rad_s")
-    crank.curve(*thinned(column(firmware, "t_s"), target), TARGET, "target", width=1.6, dash=DASHED)
-    crank.y_label, crank.x_label = "Ω [rad/s]", "simulated time [s]"
-    crank.legend = "lower right"
-    for axes in (position, speed, crank):
-        if figures.hold_start_s is not None:
-            axes.across(figures.hold_start_s, INK, upright=True, dash=DOTTED)
-        if figures.capture_s is not None:
-            axes.across(figures.capture_s, GOOD, upright=True, dash=DOTTED)
+    with canvas(9.6, 5.0) as figure:
+        position, speed, crank = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.0, 1.0])
+        estimated = thinned(column(firmware, "t_s"), 1e3 * column(firmware, "state.estimator.x_m"))
+        position.plot(*estimated, color=ESTIMATE, lw=0.9, label="estimate")
+        t_s, x_mm = thinned(column(plant, "t_s"), 1e3 * column(plant, "x_m"))
+        position.plot(t_s, x_mm, color=TRUTH, lw=0.9, label="true position")
+        if (stop_m := stop_of(traces)) is not None:
+            position.axhline(1e3 * stop_m, color=ALARM, lw=1.0, label="stop")
+        position.set_ylabel("x [mm]")
+        position.legend(loc="lower left", ncols=3)
+        speed.vlines(column(touched, "t_s"), 0.0, column(touched, "v_m_s"), color=TRUTH, lw=0.8)
+        speed.plot(column(touched, "t_s"), column(touched, "v_m_s"), ".", color=TRUTH, ms=4)
+        speed.set_ylim(bottom=0.0)
+        speed.set_ylabel("v⁻ [m/s]")
+        crank.plot(*thinned(column(plant, "t_s"), column(plant, "omega_rad_s")), color=TRUTH, label="true")
+        crank.plot(
+            *thinned(column(firmware, "t_s"), column(firmware, "outputs.target_omega_rad_s")),
+            color=TARGET,
+            ls="--",
+            label="target",
+        )
+        crank.set_ylabel("Ω [rad/s]")
+        crank.set_xlabel("simulated time [s]")
+        crank.legend(loc="lower right", ncols=2)
+        for axes in (position, speed, crank):
+            if figures.hold_start_s is not None:
+                axes.axvline(figures.hold_start_s, color=INK, lw=0.8, ls=":")
+            if figures.capture_s is not None:
+                axes.axvline(figures.capture_s, color=GOOD, lw=0.8, ls=":")
+        svg = svg_of(figure)
     captured = (
         "Never captured."
         if figures.capture_s is None
@@ -80,7 +95,7 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
     return Plot(
         "Start-up",
         f"From the first motion to just after the run-up (dotted). {captured}",
-        figure.svg(),
+        svg,
     )
 
 
@@ -100,20 +115,19 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot | None:
     start_s = max(figures.hold_start_s, figures.hold_end_s - span_s)
     estimated = within(traces.firmware, start_s, figures.hold_end_s)
     truth = within(traces.plant, start_s, figures.hold_end_s)
-    figure = Figure("portrait", 450, 345)
-    (axes,) = figure.beside(1)
-    for records, x, v, color, label in (
-        (estimated, "state.estimator.x_m", "state.estimator.v_m_s", ESTIMATE, "estimate"),
-        (truth, "x_m", "v_m_s", TRUTH, "truth"),
-    ):
-        axes.curve(1e3 * column(records, x), column(records, v), color, label, width=1.0)
-    if (stop_m := stop_of(traces)) is not None:
-        axes.across(1e3 * stop_m, ALARM, upright=True, label="stop", width=1.3)
-    axes.x_label, axes.y_label = "x [mm]", "v [m/s]"
-    axes.legend = "upper left"
-    return Plot(
-        "Phase portrait", f"The last {PORTRAIT_PERIODS} drive periods of the hold.", figure.svg(), half=True
-    )
+    with canvas(4.7, 3.6) as figure:
+        axes = figure.subplots()
+        for records, x, v, color, label in (
+            (estimated, "state.estimator.x_m", "state.estimator.v_m_s", ESTIMATE, "estimate"),
+            (truth, "x_m", "v_m_s", TRUTH, "truth"),
+        ):
+            axes.plot(1e3 * column(records, x), column(records, v), color=color, lw=0.7, label=label)
+        if (stop_m := stop_of(traces)) is not None:
+            axes.axvline(1e3 * stop_m, color=ALARM, lw=1.0, label="stop")
+        axes.set(xlabel="x [mm]", ylabel="v [m/s]")
+        axes.legend(loc="upper left")
+        svg = svg_of(figure)
+    return Plot("Phase portrait", f"The last {PORTRAIT_PERIODS} drive periods of the hold.", svg, half=True)
 
 
 def distributions(traces: RunTraces, _: Figures) -> Plot | None:
@@ -133,20 +147,21 @@ def distributions(traces: RunTraces, _: Figures) -> Plot | None:
     ]
     if not shown:
         return None
-    figure = Figure("distributions", 307 * len(shown), 250)
-    for axes, (values, color, label) in zip(figure.beside(len(shown)), shown, strict=True):
-        spread = float(np.ptp(values)) or max(abs(float(values[0])) * 0.02, 1e-9)
-        middle = 0.5 * float(values.min() + values.max())
-        half = max(spread, 0.02 * abs(middle)) * 0.55
-        counts, edges = np.histogram(values, bins=24, range=(middle - half, middle + half))
-        axes.bars(counts, edges, color)
-        axes.y.from_zero = axes.whole_y = True
-        axes.x_label = label
-    figure.axes[0].y_label = "impacts"
+    with canvas(3.2 * len(shown), 2.6) as figure:
+        all_axes = figure.subplots(1, len(shown), squeeze=False)[0]
+        for axes, (values, color, label) in zip(all_axes, shown, strict=True):
+            spread = float(np.ptp(values)) or max(abs(float(values[0])) * 0.02, 1e-9)
+            middle = 0.5 * float(values.min() + values.max())
+            half = max(spread, 0.02 * abs(middle)) * 0.55
+            axes.hist(values, bins=24, range=(middle - half, middle + half), color=color)
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
+            axes.set_xlabel(label)
+        all_axes[0].set_ylabel("impacts")
+        svg = svg_of(figure)
     return Plot(
         "Detection and impacts",
         "From touch-down to the tick that reports it; how fast, how hard.",
-        figure.svg(),
+        svg,
         half=len(shown) == 1,
     )
 
@@ -167,80 +182,97 @@ def timing(traces: RunTraces, figures: Figures) -> Plot | None:
     columns = len(measured) + bool(whole)
     if not columns:
         return None
-    figure = Figure("timing", 307 * columns, 250)
-    all_axes = figure.beside(columns)
-    for axes, (label, samples) in zip(all_axes, measured, strict=False):
-        axes.x.is_log = axes.y.is_log = True
-        positive = [(sample[sample > 0.0], color, loop) for sample, color, loop in samples]
-        every = np.concatenate([sample for sample, _, _ in positive])
-        bins = np.geomspace(0.9 * every.min(), 1.1 * every.max(), 60)
-        for sample, color, loop in positive:
-            axes.outline(np.histogram(sample, bins)[0], bins, color, loop)
-        axes.x_label, axes.y_label = label, "ticks"
-        axes.legend = "upper right"
-    if whole:
-        t_s, fraction = load_over_time(whole)
-        all_axes[-1].curve(t_s, 100.0 * fraction, OTHER)
-        all_axes[-1].x_label, all_axes[-1].y_label = "simulated time [s]", "bus load [%]"
-        all_axes[-1].y.from_zero = True
+    with canvas(3.2 * columns, 2.6) as figure:
+        all_axes = list(figure.subplots(1, columns, squeeze=False)[0])
+        for axes, (label, samples) in zip(all_axes, measured, strict=False):
+            positive = [(sample[sample > 0.0], color, loop) for sample, color, loop in samples]
+            every = np.concatenate([sample for sample, _, _ in positive])
+            bins = np.geomspace(0.9 * every.min(), 1.1 * every.max(), 60).tolist()
+            for sample, color, loop in positive:
+                axes.hist(sample, bins=bins, histtype="step", color=color, label=loop)
+            axes.set(xscale="log", yscale="log", xlabel=label, ylabel="ticks")
+            axes.legend(loc="upper right")
+        if whole:
+            t_s, fraction = load_over_time(whole)
+            all_axes[-1].plot(t_s, 100.0 * fraction, color=OTHER, lw=0.9)
+            all_axes[-1].set(xlabel="simulated time [s]", ylabel="bus load [%]")
+            all_axes[-1].set_ylim(bottom=0.0)
+        svg = svg_of(figure)
     loops_text = f"{figures.loops.plant.overruns} and {figures.loops.firmware.overruns} ticks skipped"
     title = "Clockwork and bus" if measured else "Bus"
     caption = f"Plant and firmware: {loops_text}." if measured else "Its load."
-    return Plot(title, caption, figure.svg(), half=columns == 1)
+    return Plot(title, caption, svg, half=columns == 1)
 
 
 def walk(traces: RunTraces, figures: Figures) -> Plot:
     """Where in the gait cycle the pulses come, and how far off the estimated phase is."""
     window = push_off(traces.scenario)
     pulses = pulses_of(traces.plant, traces.impacts)
-    figure = Figure("walk", 920, 400)
-    top, middle = 28.0, 460.0
-    histogram, cycle = figure.stacked(1.0, 2.0, right=middle + 20.0, top=top)
-    felt, error = figure.stacked(1.0, 2.0, left=middle + 30.0 + LEFT_PX, top=top)
-    for axes in (histogram, cycle):
-        axes.band(100.0 * window.start, 100.0 * window.end, GOOD, 0.18)
-    known = np.isfinite(pulses.phase)
-    inside = window.holds(pulses.phase)
-    held = _held(pulses.t_s, figures)
-    edges = np.linspace(0.0, 100.0, 41)
-    within_window = np.histogram(100.0 * pulses.phase[held & inside], edges)[0]
-    outside = np.histogram(100.0 * pulses.phase[held & known & ~inside], edges)[0]
-    histogram.bars(within_window, edges, GOOD)
-    histogram.bars(outside, edges, ALARM, below=within_window)
-    histogram.y_label = "in the hold"
-    histogram.y.from_zero = histogram.whole_y = True
-    ankle = figure.on_the_right_of(histogram)
-    ankle.curve(*push_off_curve(traces.plant), TRUTH, width=1.6)
-    ankle.y_label, ankle.y_color = "ankle [N m/kg]", TRUTH
-    for which, cross, color, label in (
-        (inside, False, GOOD, "pulse in the window"),
-        (known & ~inside, True, ALARM, "outside: of another turn of the stride"),
-    ):
-        cycle.points(100.0 * pulses.phase[which], pulses.t_s[which], color, label, cross)
-    cycle.x_label, cycle.y_label = "gait cycle [%]", "simulated time [s]"
-    cycle.x.fixed, cycle.y.fixed = (0.0, 100.0), (figures.duration_s, 0.0)
-    # Pulses may be anywhere in both plots: the legend stands over them.
-    histogram.legend, histogram.named = "above", cycle.named
-    if traces.is_worn:
-        felt.curve(
-            *thinned(column(traces.plant, "t_s"), column(traces.plant, "felt_force_n")), TRUTH, width=1.0
+    with canvas(9.6, 4.2) as figure:
+        figure.subplots_adjust(top=0.93)
+        grid = figure.add_gridspec(2, 2, height_ratios=[1.0, 2.0])
+        histogram_axes = figure.add_subplot(grid[0, 0])
+        cycle = figure.add_subplot(grid[1, 0], sharex=histogram_axes)
+        felt = figure.add_subplot(grid[0, 1])
+        error = figure.add_subplot(grid[1, 1], sharex=felt)
+        felt.tick_params(labelbottom=False)
+        for axes in (histogram_axes, cycle):
+            axes.axvspan(100.0 * window.start, 100.0 * window.end, color=GOOD, alpha=0.18, lw=0.0)
+        known = np.isfinite(pulses.phase)
+        inside = window.holds(pulses.phase)
+        held = _held(pulses.t_s, figures)
+        histogram_axes.hist(
+            [100.0 * pulses.phase[held & inside], 100.0 * pulses.phase[held & known & ~inside]],
+            bins=np.linspace(0.0, 100.0, 41).tolist(),
+            stacked=True,
+            color=[GOOD, ALARM],
         )
-        felt.y_label = "felt [N]"
-    else:
-        felt.say("nobody wears the module")
-    t_s, off = phase_error(traces.plant, traces.firmware)
-    if len(t_s):
-        error.curve(*thinned(t_s, 100.0 * off), ESTIMATE, width=1.0)
-    error.across(0.0, FAINT)
-    error.x_label, error.y_label = "simulated time [s]", "phase error [% of the cycle]"
-    error.y.fixed = (-15.0, 15.0)
-    for axes in (felt, error):
-        if figures.hold_start_s is not None and figures.hold_end_s is not None:
-            axes.band(figures.hold_start_s, figures.hold_end_s, TARGET, 0.12)
+        histogram_axes.set_ylabel("in the hold")
+        histogram_axes.yaxis.set_major_locator(MaxNLocator(nbins=3, integer=True))
+        histogram_axes.tick_params(labelbottom=False)
+        ankle = histogram_axes.twinx()
+        ankle.plot(*push_off_curve(traces.plant), color=TRUTH, lw=1.2)
+        ankle.set_ylabel("ankle [N m/kg]", color=TRUTH)
+        ankle.grid(visible=False)
+        ankle.spines["right"].set_visible(True)
+        for which, marker, color, label in (
+            (inside, "o", GOOD, "pulse in the window"),
+            (known & ~inside, "x", ALARM, "outside: of another turn of the stride"),
+        ):
+            cycle.plot(100.0 * pulses.phase[which], pulses.t_s[which], marker, color=color, ms=4, label=label)
+        cycle.set(xlabel="gait cycle [%]", ylabel="simulated time [s]", xlim=(0.0, 100.0))
+        cycle.set_ylim(figures.duration_s, 0.0)
+        # Pulses may be anywhere in both plots: the legend stands over them.
+        histogram_axes.legend(
+            *cycle.get_legend_handles_labels(),
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=2,
+            borderaxespad=0.0,
+        )
+        if traces.is_worn:
+            felt.plot(
+                *thinned(column(traces.plant, "t_s"), column(traces.plant, "felt_force_n")),
+                color=TRUTH,
+                lw=0.7,
+            )
+            felt.set_ylabel("felt [N]")
+        else:
+            nothing(felt, "nobody wears the module")
+        t_s, off = phase_error(traces.plant, traces.firmware)
+        if len(t_s):
+            error.plot(*thinned(t_s, 100.0 * off), color=ESTIMATE, lw=0.7)
+        error.axhline(0.0, color=FAINT, lw=0.8)
+        error.set(xlabel="simulated time [s]", ylabel="phase error [% of the cycle]")
+        error.set_ylim(-15.0, 15.0)
+        for axes in (felt, error):
+            if figures.hold_start_s is not None and figures.hold_end_s is not None:
+                axes.axvspan(figures.hold_start_s, figures.hold_end_s, color=TARGET, alpha=0.12, lw=0.0)
         if figures.gait.end_s is not None:
-            axes.across(figures.gait.end_s, INK, upright=True, dash=DOTTED)
-    if figures.gait.end_s is not None:
-        cycle.across(figures.gait.end_s, INK, dash=DOTTED)
+            for axes in (felt, error):
+                axes.axvline(figures.gait.end_s, color=INK, lw=0.8, ls=":")
+            cycle.axhline(figures.gait.end_s, color=INK, lw=0.8, ls=":")
+        svg = svg_of(figure)
     found = figures.gait
     text = (
         "No stride was held."
@@ -250,9 +282,7 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
     )
     text += " The curve is the ankle's moment over the body's mass, which pushes off."
     ending = "" if found.end is None else f" The dotted line is the {found.end}."
-    return Plot(
-        "Pulses over the gait cycle", f"{text} The hold is shaded on the right.{ending}", figure.svg()
-    )
+    return Plot("Pulses over the gait cycle", f"{text} The hold is shaded on the right.{ending}", svg)
 
 
 def push_off_curve(plant: Records) -> tuple[FloatArray, FloatArray]:
