@@ -21,8 +21,9 @@ import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members
 from firmware_py.core.estimation import kalman
-from firmware_py.interface import enums, float32, framing, packing, unpacking
+from firmware_py.interface import enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
+from firmware_py.interface.generated import packing, unpacking
 
 _tuple: Any = types.BaseTuple.from_types
 

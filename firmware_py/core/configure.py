@@ -21,7 +21,7 @@ from firmware_py.core.numbers import TAU
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.safety import drive_link, monitors
 from firmware_py.core.state import Config
-from firmware_py.interface.kinds import GAIT_SENSORS
+from firmware_py.interface.generated.kinds import GAIT_SENSORS
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from firmware_py.interface import packing, records, unpacking
+from firmware_py.interface import records
 from firmware_py.interface.errors import FrameError, FrameErrorReason
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.interface.generated import packing, unpacking
 from firmware_py.interface.layout import Layout, Signal, read_layouts, snake
 from firmware_py.interface.refusals import unencodable, unusable
 

@@ -76,7 +76,7 @@ def snake(name: str) -> str:
 
 def read_layouts() -> dict[str, Layout]:
     """The layout of every frame by its name, as `sources.generate` took them out of `vibro.dbc`."""
-    text = files("firmware_py.interface").joinpath("layouts.toml").read_text(encoding="utf-8")
+    text = files("firmware_py.interface.generated").joinpath("layouts.toml").read_text(encoding="utf-8")
     return {name: _layout(name, table) for name, table in tomllib.loads(text).items()}
 
 

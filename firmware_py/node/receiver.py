@@ -7,10 +7,10 @@ silence in which the counter may have turned once round, the same number again i
 
 from typing import TypeVar
 
-from firmware_py.interface import kinds, unpacking
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import FrameKind, counter_of
+from firmware_py.interface.generated import kinds, unpacking
 from firmware_py.node.counters import Counters, also_counted, counted, refused
 from firmware_py.node.readings import NEVER, Heard, Received
 

@@ -27,9 +27,9 @@ from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Config, Outputs, State
 from firmware_py.core.step import act, sense, unsensed
-from firmware_py.interface import kinds, packing
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
 from firmware_py.node import readings, transmitter
 from firmware_py.node.counters import NOTHING_YET, Counters, also_counted

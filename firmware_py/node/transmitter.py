@@ -12,9 +12,9 @@ from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface import kinds, packing
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
 from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.generated import kinds, packing
 from firmware_py.interface.records import (
     ClearErrors,
     DriveEstop,

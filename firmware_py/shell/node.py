@@ -11,8 +11,8 @@ from firmware_py.core.configure import config_of
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.state import Config, Outputs, State
-from firmware_py.interface import kinds
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
+from firmware_py.interface.generated import kinds
 from firmware_py.node.counters import Counters
 from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides

@@ -7,10 +7,10 @@ that is not modelled ends with the result INVALID_STATE. Both stand in the heart
 
 import struct
 
-from firmware_py.interface import kinds, packing, unpacking
 from firmware_py.interface.addresses import NODE_IDS
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.interface.generated import kinds, packing, unpacking
 from hil.drive import axis, messages
 from hil.drive.axis import (
     BAD_CONFIG,

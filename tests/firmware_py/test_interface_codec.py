@@ -339,7 +339,7 @@ def test_an_unknown_identifier() -> None:
 def test_the_checked_in_codec_is_what_the_dbc_gives() -> None:
     """Up to its layout, which is ruff's; `firmware_py.interface.sources.generate` writes it again."""
     for file, text in generate.sources().items():
-        written = (generate.INTERFACE / file).read_text(encoding="utf-8")
+        written = (generate.GENERATED / file).read_text(encoding="utf-8")
         if file.endswith(".py"):
             assert ast.dump(ast.parse(written)) == ast.dump(ast.parse(text))
         else:

@@ -15,8 +15,8 @@ from firmware_py.builds.flat import copier, in_precision, loaded, stored
 from firmware_py.builds.machine_code import raw_assembly
 from firmware_py.builds.single_precision import _NUMBER, REPLACED, narrowed, single
 from firmware_py.core.state import Config
-from firmware_py.interface import kinds
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated import kinds
 from firmware_py.node.tick import INITIAL, NodeState
 from firmware_py.shell.compiled_node import CompiledNode
 from firmware_py.shell.flat_node import FlatNode

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from firmware_py.interface import codec, unpacking
+from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.frame import Frame, WordFrame
+from firmware_py.interface.generated import unpacking
 from firmware_py.node import tick
 from hil.drive import axis as drive
 from tools.cli import run

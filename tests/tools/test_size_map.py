@@ -77,6 +77,11 @@ def test_the_map_holds_all_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert printed["bytes"]["code"] - sum(found["code"].values()) in range(64)  # what aligns functions
     for part in ("config", "state"):
         assert sum(found[part].values()) == printed["bytes"][part]
-    for module in ("core.estimation.estimator", "node.receiver", "core.elementary", "interface.unpacking"):
+    for module in (
+        "core.estimation.estimator",
+        "node.receiver",
+        "core.elementary",
+        "interface.generated.unpacking",
+    ):
         assert 500 < found["code"][module] < 20_000
     assert "float x_m;" in (tmp_path / "b" / "vibro_firmware.h").read_text()

@@ -59,13 +59,9 @@ LONGEST_TRAPEZOID_TICKS = 5
 """The readings before and after a longer gap say nothing of an impact in it: half of a soft one fits in."""
 
 STILL_M_S = 0.05
-"""Slower, the striker may be stuck, unless the estimate is no better than that: then within its 2 σ."""
-
+"""Slower, the striker may be stuck; and within 2 σ, where the estimate is no better than that."""
 LONGEST_SLIDE = 5
-"""An estimate that unsure takes this many times as long to call the striker stuck.
-
-A slide beside a crank that is still slow, where nothing pulls either, is over by then.
-"""
+"""Times as long it then takes: beside a crank that is still slow, a slide is not pulled either."""
 
 STILL_VARIANCE = 1e-4
 """Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""

@@ -18,7 +18,7 @@ from firmware_py.interface.layout import Layout, Signal, SignalKind, snake, span
 from firmware_py.interface.sources.dbc import database
 from firmware_py.interface.sources.layout import LayoutError, layout_of
 
-INTERFACE = Path(__file__).parents[1]
+GENERATED = Path(__file__).parents[1] / "generated"
 
 KINDS = '''"""Identity and timing of every frame: written by `generate.py` out of `vibro.dbc`; do not edit."""
 
@@ -36,9 +36,10 @@ source runs interpreted, compiled and on a microcontroller.
 
 from math import isfinite
 
-from firmware_py.interface import kinds, records
+from firmware_py.interface import records
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import float32_counts, framed, is_float32, saturated, signed
+from firmware_py.interface.generated import kinds
 '''
 
 UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`; do not edit.
@@ -48,9 +49,10 @@ UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`
 
 from math import isfinite
 
-from firmware_py.interface import kinds, records
+from firmware_py.interface import records
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.framing import float32_at, judged, signed
+from firmware_py.interface.generated import kinds
 '''
 
 
@@ -211,4 +213,4 @@ def _to_value(signal: Signal, is_real: bool) -> str:
 
 if __name__ == "__main__":
     for file, text in sources().items():
-        (INTERFACE / file).write_text(text, encoding="utf-8")
+        (GENERATED / file).write_text(text, encoding="utf-8")

@@ -5,9 +5,10 @@
 
 from math import isfinite
 
-from firmware_py.interface import kinds, records
+from firmware_py.interface import records
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.framing import float32_at, judged, signed
+from firmware_py.interface.generated import kinds
 
 
 def unpack_drive_heartbeat(length: int, word: int) -> tuple[records.DriveHeartbeat, FrameErrorReason]:

@@ -8,9 +8,10 @@ source runs interpreted, compiled and on a microcontroller.
 
 from math import isfinite
 
-from firmware_py.interface import kinds, records
+from firmware_py.interface import records
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import float32_counts, framed, is_float32, saturated, signed
+from firmware_py.interface.generated import kinds
 
 
 def pack_drive_heartbeat(record: records.DriveHeartbeat, counter: int) -> tuple[WordFrame, bool]:

@@ -1,0 +1,1 @@
+"""What `sources.generate` writes out of `vibro.dbc`: not to be edited."""
