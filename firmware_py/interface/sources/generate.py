@@ -169,12 +169,9 @@ def _received(signal: Signal) -> str:
     """Condition that received counts are the signal's; empty if its bits hold nothing else."""
     if signal.is_float:
         return f"isfinite({signal.name})"
-    everything = span(signal.is_signed, signal.bits)
-    is_any = signal.kind is not SignalKind.ENUMERATION and everything == (
-        signal.low_counts,
-        signal.high_counts,
-    )
-    return "" if is_any else _listed(signal)
+    is_listed = signal.kind is SignalKind.ENUMERATION
+    is_any = (signal.low_counts, signal.high_counts) == span(signal.is_signed, signal.bits)
+    return _listed(signal) if is_listed or not is_any else ""
 
 
 def _placed(signal: Signal, hint: type[Any]) -> str:
@@ -190,10 +187,9 @@ def _placed(signal: Signal, hint: type[Any]) -> str:
         # The word is signed: its top bit is a sign.
         counts = counts if is_signed else f"signed({counts}, {signal.bits})"
     elif is_signed:
-        counts = f"({counts} & 0x{(1 << signal.bits) - 1:X})"
-    return (
-        f"{counts} << {signal.start}" if signal.start else counts.strip("()") if counts[0] == "(" else counts
-    )
+        masked = f"{counts} & 0x{(1 << signal.bits) - 1:X}"
+        counts = f"({masked})" if signal.start else masked
+    return f"{counts} << {signal.start}" if signal.start else counts
 
 
 def _from_word(signal: Signal) -> str:
