@@ -4,9 +4,10 @@ State x = (position, velocity, accelerometer bias). `builds.numba_subset` puts `
 `update_written_out` in the place of `predict` and `update`.
 """
 
-from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import NamedTuple
 
+import filterpy.kalman
 import numpy as np
 from numpy.typing import NDArray
 
@@ -170,39 +171,32 @@ def _row(row: Row) -> Array:
     return _constant([row])
 
 
-@cache
-def _filter() -> type[Any]:
-    """filterpy's filter, imported with the first call: it takes half a second, and other builds need none."""
-    import filterpy.kalman  # noqa: PLC0415
+class _Filter(filterpy.kalman.KalmanFilter):  # type: ignore[misc]  # filterpy has no types
+    """filterpy's filter, made anew for every call: nothing is left of the call before.
 
-    class Filter(filterpy.kalman.KalmanFilter):  # type: ignore[misc]  # filterpy has no types
-        """Made anew for every call: nothing is left of the call before.
+    Its own `__init__` takes longer than the whole tick; what it would set is the same in every call and
+    stands at the class. filterpy's functions of the same names would do, but take 25 µs a tick longer.
+    """
 
-        Its own `__init__` takes longer than the whole tick; what it would set is the same in every call and
-        stands at the class. filterpy's functions of the same names would do, but take 25 µs a tick longer.
-        """
+    B = None
+    dim_z = 1
+    inv = staticmethod(np.reciprocal)  # S is one by one
+    _I = _constant(np.eye(3))
+    _alpha_sq = 1.0
 
-        B = None
-        dim_z = 1
-        inv = staticmethod(np.reciprocal)  # S is one by one
-        _I = _constant(np.eye(3))
-        _alpha_sq = 1.0
+    def __init__(self, estimate: StateEstimate) -> None:
+        (xx, xv, xb, vv, vb, bb) = estimate.p
+        self.x = np.array(estimate[:3])
+        self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
-        def __init__(self, estimate: StateEstimate) -> None:
-            (xx, xv, xb, vv, vb, bb) = estimate.p
-            self.x = np.array(estimate[:3])
-            self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
-
-        def covariance(self) -> Covariance:
-            (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
-            return Covariance(xx, xv, xb, vv, vb, bb)
-
-    return Filter
+    def covariance(self) -> Covariance:
+        (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
+        return Covariance(xx, xv, xb, vv, vb, bb)
 
 
 def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise) -> StateEstimate:
     """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
-    one = _filter()(estimate)
+    one = _Filter(estimate)
     one.F = _transition(f)
     one.Q = _diagonal(q)
     one.predict()
@@ -212,7 +206,7 @@ def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise)
 
 def update(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
     """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
-    one = _filter()(estimate)
+    one = _Filter(estimate)
     one.R = np.array(((variance,),))
     one.update(z, H=_row(row))
     x_m, v_m_s, bias_m_s2 = one.x.tolist()
