@@ -37,6 +37,7 @@ def record(
     amplitude_m: float,
     ratio: float,
     duration_s: float,
+    seed: int = 7,
 ) -> Path:
     """A run of a module that differs from the nominal one."""
     scene = read_scene("table1-motor-soft")
@@ -55,7 +56,7 @@ def record(
         "firmware": firmware,
         "script": {"duration_s": duration_s, "commands": commands},
     }
-    in_lockstep(check_scenario(document, "to-identify"), run_dir, 7, lambda *_: None)
+    in_lockstep(check_scenario(document, "to-identify"), run_dir, seed, lambda *_: None)
     for trace in run_dir.glob("*.trace"):
         trace.unlink()  # the truth among them: nothing but the CAN log is left
     return run_dir
@@ -155,7 +156,8 @@ def test_both_laws_at_once_are_told(tmp_path: Path) -> None:
     assert tuning.values["striker.spring_n_m"] == pytest.approx(SPRING_N_M, rel=0.005)
 
 
-def test_a_rise_towards_rest_is_told_and_measured(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", [1, 3, 7])
+def test_a_rise_towards_rest_is_told_and_measured(tmp_path: Path, seed: int) -> None:
     run = record(
         tmp_path / "stribeck",
         {"law": "stribeck", "mu": 0.12, "mu_s": 0.18, "v_s_m_s": 0.07, "delta": 1.0},
@@ -163,6 +165,7 @@ def test_a_rise_towards_rest_is_told_and_measured(tmp_path: Path) -> None:
         0.0305,
         1.1,
         30.0,
+        seed,
     )
     tuning, found, _ = tune_identify(run)
     assert found.law == Law.STRIBECK

@@ -42,6 +42,8 @@ FITTED: dict[Law, tuple[str, ...]] = {
 class Flown(NamedTuple):
     """The striker, the parameters that were fitted, and their covariance by the sensor's noise.
 
+    `mean_square` is what is left of the reading, (m/s²)².
+
     By flight, what it says of them: S_i, shape (flights, p, p), and its slope, (flights, p), 0 in all.
     """
 
@@ -50,6 +52,7 @@ class Flown(NamedTuple):
     covariance: FloatArray
     says: FloatArray
     slopes: FloatArray
+    mean_square: float
 
 
 class Table(NamedTuple):
@@ -101,7 +104,8 @@ def fly(
         x0, v0 = np.array([x0, v0]) + (own[:, :, p] - own[:, :, :p] @ step).T
     samples = float(table.used[:, kept].sum() - 2 * kept.sum() - p)
     variance = float(np.sum(left[:, kept] ** 2)) / samples
-    return Flown(striker, fitted, variance * np.linalg.inv(says.sum(axis=0)), says, pulls - says @ step)
+    covariance = variance * np.linalg.inv(says.sum(axis=0))
+    return Flown(striker, fitted, covariance, says, pulls - says @ step, variance)
 
 
 def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[str, float]:

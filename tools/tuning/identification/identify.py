@@ -10,7 +10,7 @@ Not to be had from these sensors: the mass by itself and l0 by itself. Forces ar
 places for the nominal l0.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from firmware_py.shell.parameters import with_overrides
 from hil.record.bus_reconstruction import heard
 from hil.record.run_traces import read_bus
 from hil.scenario.scenario import LARGEST_RATIO
-from plant_sim.arrays import FloatArray
+from plant_sim.arrays import BoolArray, FloatArray
 from plant_sim.scene import read_scene
 from plant_sim.text_input import read_toml
 from tools.output import BadInputError
@@ -42,6 +42,7 @@ from tools.tuning.identification.flown import Flown, fly, spreads
 from tools.tuning.identification.impacts import Friction, contact_time_s, fit_impact
 from tools.tuning.identification.laws import (
     READING,
+    Candidate,
     Fit,
     Law,
     Striker,
@@ -136,11 +137,12 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
         signed = with_signs(flights, speeds)
         matrices = fitting(normals(signed.flights, signed.chosen, as_they_are), signed.chosen)
     fitted = candidates(prepared(signed, matrices))
-    law = simplest(fitted)
-    chosen = fitted[law]
-    says = chosen.matrices.own[:, READING, READING] > 0.0
-    masks = [mask & bool(one) for mask, one in zip(signed.chosen, says, strict=True)]
-    flown = fly(chosen.flights, masks, law, chosen.fit.striker, chosen.fit.rise)
+    fits = {law: shapes[0].fit for law, shapes in fitted.items()}
+    law = simplest(fits)
+    # The linear equations hardly distinguish Stribeck's shapes; what is left of the reading does.
+    chosen, says, flown = min(
+        (_flown(one, signed.chosen) for one in fitted[law]), key=lambda tried: tried[2].mean_square
+    )
     fit = replace(chosen.fit, striker=flown.striker)
     impacts = tuple(
         impact
@@ -150,7 +152,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
     )
     noise = np.random.default_rng(seed)
     return Identified(
-        fits={name: one.fit for name, one in fitted.items()} | {law: fit},
+        fits=fits | {law: fit},
         law=law,
         plain=solved(matrices, law),
         bounds=_bounds(flown, noise) | _bounds_of_impacts(impacts, noise),
@@ -160,6 +162,14 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
         left_out=int(np.count_nonzero(~says)),
         seconds=chosen.fit.samples * readings.period_s,
     )
+
+
+def _flown(candidate: Candidate, chosen: Sequence[BoolArray]) -> tuple[Candidate, BoolArray, Flown]:
+    """A candidate, which flights speak for it, and what flying these makes of it."""
+    says = candidate.matrices.own[:, READING, READING] > 0.0
+    masks = [mask & bool(one) for mask, one in zip(chosen, says, strict=True)]
+    fit = candidate.fit
+    return candidate, says, fly(candidate.flights, masks, fit.law, fit.striker, fit.rise)
 
 
 # --- flights ------------------------------------------------------------------------------------------

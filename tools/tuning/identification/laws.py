@@ -295,20 +295,20 @@ def prepared(signed: Signed, matrices: Normals) -> Samples:
     return Samples(signed.flights, signed.speeds_m_s, kept, whiteners)
 
 
-def candidates(samples: Samples) -> dict[Law, Candidate]:
-    """Every law fitted."""
-    found: dict[Law, Candidate] = {
-        law: _by_instruments(samples, NO_RISE, law) for law in Law if law != Law.STRIBECK
+def candidates(samples: Samples) -> dict[Law, list[Candidate]]:
+    """Every law fitted: Stribeck's in each of its shapes, the best first."""
+    found: dict[Law, list[Candidate]] = {
+        law: [_by_instruments(samples, NO_RISE, law)] for law in Law if law != Law.STRIBECK
     }
     risen = [_by_instruments(*_with_best_rise(samples, Rise(*rise))) for rise in RISES]
-    return {**found, Law.STRIBECK: min(risen, key=lambda one: one.fit.criterion)}
+    return {**found, Law.STRIBECK: sorted(risen, key=lambda one: one.fit.criterion)}
 
 
-def simplest(fitted: Mapping[Law, Candidate]) -> Law:
+def simplest(fits: Mapping[Law, Fit]) -> Law:
     """The law with the fewest parameters of those that the criterion hardly distinguishes from the best."""
-    best = min(one.fit.criterion for one in fitted.values())
-    near = [law for law, one in fitted.items() if one.fit.criterion < best + HARDLY]
-    return min(near, key=lambda law: (len(USED[law]) + 2 * (law == Law.STRIBECK), fitted[law].fit.criterion))
+    best = min(one.criterion for one in fits.values())
+    near = [law for law, one in fits.items() if one.criterion < best + HARDLY]
+    return min(near, key=lambda law: (len(USED[law]) + 2 * (law == Law.STRIBECK), fits[law].criterion))
 
 
 def _by_instruments(samples: Samples, rise: Rise, law: Law = Law.STRIBECK) -> Candidate:
