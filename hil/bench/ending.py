@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hil.bench.verdict import amend, finish, prejudge
+from hil.bench.verdict import KILLED, amend, finish, prejudge
 from hil.record import run_folder
 from hil.record.traces import trace
 from hil.timing.processes import ChildError, ChildRefusalError
 from hil.timing.signals import Interrupted, ending_signals, interruption
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-KILLED = "the run is still going on, or its process was killed before it could be judged"
 
 
 @dataclass

@@ -6,7 +6,6 @@ the codec between them are those of real time.
 """
 
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -157,7 +156,7 @@ def simulate(
     run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
     progress(0.0, "compiling kernels")
-    warm_lockstep(scenario, firmware)
+    warm_lockstep(scenario, firmware, run_dir)
     started = time.perf_counter()
     memory = MemoryWatch({"lockstep": os.getpid()})
 
@@ -175,8 +174,12 @@ def simulate(
         outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
 
 
-def warm_lockstep(scenario: Scenario, firmware: Build) -> None:
+def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:
     """Compile or load all that a run needs, by a run of a moment that is thrown away."""
     moment = replace(scenario, duration_s=WARM_TICKS * scenario.period_s, commands=(), faults=())
-    with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(moment, Path(folder), 0, lambda *_: None, firmware)
+    folder = run_dir / run_folder.WARM_UP
+    folder.mkdir()
+    try:
+        run_lockstep(moment, folder, 0, lambda *_: None, firmware)
+    finally:
+        run_folder.discard(folder)

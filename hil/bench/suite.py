@@ -15,7 +15,7 @@ from hil.bench.bench import prepare, run_scenario
 from hil.bench.changes import changes
 from hil.bench.ending import Outcome, close, reason_of, was_cut_short
 from hil.bench.lockstep import Progress
-from hil.bench.verdict import unjudged
+from hil.bench.verdict import KILLED, unjudged
 from hil.judge import junit, requirements
 from hil.record import run_folder
 from hil.record.run_traces import read_json
@@ -142,8 +142,22 @@ def taken_over(case: Case, clock: ClockName) -> dict[str, Any] | None:
 def not_run(case: Case, clock: ClockName, why: str) -> dict[str, Any]:
     """The verdict on a run that a suite has not come to or not ended; what is left of it is removed."""
     run_folder.discard(case.run_dir)
+    return without_verdict(case, clock, f"{why} before its end")
+
+
+def without_verdict(case: Case, clock: ClockName, reason: str) -> dict[str, Any]:
+    """The failed verdict on a run that was not judged."""
     run = {"scenario": case.scenario.name, "clock": clock, "seed": case.seed}
-    return unjudged(run, case.scenario.document, f"{why} before its end", case.run_dir)
+    return unjudged(run, case.scenario.document, reason, case.run_dir)
+
+
+def prejudge(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
+    """Leave a JUnit file that blames a kill; it stands if nobody can write another."""
+    first: dict[str, Case] = {}
+    for case in cases:
+        first.setdefault(case.scenario.name, case)
+    killed = [without_verdict(case, clock, KILLED) for case in first.values()]
+    path.write_text(junit.document(killed), encoding="utf-8")
 
 
 def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,6 +229,8 @@ def run_suite(
         for case in due:
             run_folder.discard(case.run_dir)
         run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": False})
+        page, xml = folder / "index.html", folder / "junit.xml"
+        prejudge(xml, cases, clock)
         progress(len(found) / len(cases), f"running {len(due)} scenarios or seeds of {len(cases)}")
         interruption: BaseException | None = None
         try:
@@ -227,12 +243,13 @@ def run_suite(
         except (Interrupted, KeyboardInterrupt) as error:
             interruption = error
             signals.raises = False
-            found |= {case: not_run(case, clock, reason_of(error)) for case in cases if case not in found}
+            for case in (case for case in cases if case not in found):
+                found[case] = taken_over(case, clock) or not_run(case, clock, reason_of(error))
+        signals.raises = False
         by_scenario: dict[str, dict[int, dict[str, Any]]] = {}
         for case in cases:
             by_scenario.setdefault(case.scenario.name, {})[case.seed] = found[case]
         ordered = [merged(scenario.checks, by_scenario[scenario.name]) for scenario in scenarios]
-        page, xml = folder / "index.html", folder / "junit.xml"
         result |= {
             "scenarios": [told(verdict) for verdict in ordered],
             "passed": all(verdict["passed"] for verdict in ordered),
@@ -246,6 +263,8 @@ def run_suite(
             result["changes"] = changes(baseline, result)
         xml.write_text(junit.document(ordered), encoding="utf-8")
         write_suite_report(page, ordered, result["requirements"], result["changes"])
+        if interruption is None and signals.came:  # all is kept, and is not run again
+            interruption = Interrupted(signals.came[0])
         run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": interruption is None})
     if interruption is not None:
         raise interruption

@@ -26,6 +26,8 @@ from hil.show.highlights import marks
 from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
 
+KILLED = "the run is still going on, or its process was killed before it could be judged"
+
 
 def verdict_of(
     figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
@@ -76,8 +78,9 @@ def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any
 
 
 def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
-    """Judge the run in `run_dir`, also one that was cut short, and write its verdict, log and report.
+    """Judge the run in `run_dir`, also one that was cut short, and write its log, report and verdict.
 
+    Until log and report are whole, the verdict blames a kill.
     `only_if_failed`: a run that has passed keeps its verdict and `run.json`, and nothing else.
     """
     traces = read_run(run_dir)
@@ -87,9 +90,10 @@ def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
         clear(run_dir, keep=(RUN_NOTE,))
         write_json(run_dir / VERDICT, verdict)
         return verdict
-    write(run_dir, verdict)
+    write(run_dir, {**verdict, "reasons": [*verdict["reasons"], KILLED], "passed": False})
     write_log(run_dir / LOG_NAME, traces, figures, results)
     write_report(run_dir / "report.html", traces, figures, verdict)
+    write(run_dir, verdict)
     return verdict
 
 

@@ -4,23 +4,33 @@ The death of a worker, for memory perhaps, costs only the task it was at. When t
 early, all workers end at once, with whatever they were doing. Ctrl-C reaches the program alone.
 """
 
-import multiprocessing
+import os
 import signal
+import subprocess
+import sys
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from functools import partial
+from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
-from hil.timing.realtime import die_with_parent
+from hil.timing.patient_clock import has_stopped
+from hil.timing.realtime import end_with_parent
+from hil.timing.signals import Interrupted
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 JOIN_TIMEOUT_S = 1.0
+LOOK_S = 1.0
+"""How often workers are looked at."""
+MOST_LOOKS_STOPPED = 10
+"""One that a signal has stopped is killed then, unless all of the program was stopped."""
+PROGRAM = "from hil.bench.workers import main; main()"
 
 
 class WorkerDiedError(RuntimeError):
@@ -37,29 +47,49 @@ class Died(NamedTuple):
 class Worker:
     """One process, and our end of its pipe."""
 
-    process: BaseProcess
+    process: "subprocess.Popen[bytes]"
     pipe: Connection
+    looks_stopped: int = 0
+    """One after the other."""
+
+    def look(self) -> None:
+        """Kill it where it has been stopped for too long."""
+        self.looks_stopped = self.looks_stopped + 1 if has_stopped(self.process.pid) else 0
+        if self.looks_stopped > MOST_LOOKS_STOPPED:
+            self.process.kill()
 
     def death(self) -> Died:
         """How it ended."""
-        self.process.join(JOIN_TIMEOUT_S)
-        status = self.process.exitcode
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(JOIN_TIMEOUT_S)
+        status = self.process.returncode
         if status is None or status >= 0:
             return Died(f"ended with status {status}")
+        if self.looks_stopped > MOST_LOOKS_STOPPED:
+            return Died(f"was stopped by a signal, and after {MOST_LOOKS_STOPPED * LOOK_S:.0f} s killed")
         return Died(f"was killed by {signal.Signals(-status).name}")
 
     def end(self) -> None:
         """Let it go in order: it waits for a task."""
         self.pipe.close()
-        self.process.join()
+        self.process.wait()
+
+
+def main() -> None:
+    """A worker; its arguments are the number of its pipe's descriptor and the program's process number."""
+    pipe, program = Connection(int(sys.argv[1])), int(sys.argv[2])
+    if os.getppid() != program:  # it was killed while this process began
+        return
+    sys.path[:] = pipe.recv()
+    try:
+        serve(pipe, *pipe.recv())
+    except Interrupted:  # all is put in order; the program is told how this process ended
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[], None] | None) -> None:
     """In a worker: take tasks and give results until the program closes the pipe."""
-    die_with_parent()
-    program = multiprocessing.parent_process()
-    if program is None or not program.is_alive():  # it was killed while this process began
-        return
     if prepare is not None:
         prepare()
     while True:
@@ -73,6 +103,10 @@ def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[]
             error.add_note(traceback.format_exc())
             answer = (None, error)
         pipe.send(answer)
+
+
+killed_with_parent = partial(end_with_parent, signal.SIGKILL)
+"""Called in a worker before its program begins, so that not even its start outlives the program."""
 
 
 @contextmanager
@@ -99,7 +133,6 @@ class Workers(Generic[Task, Result]):
     ) -> None:
         self._serve = (function, prepare)
         self._processes = processes
-        self._context = multiprocessing.get_context("spawn")
         self._idle: list[Worker] = []
         self._busy: list[tuple[Worker, Task]] = []
 
@@ -118,11 +151,16 @@ class Workers(Generic[Task, Result]):
         What `function` raises is raised here. Closing the iterator ends the workers that are at a task.
         """
         waiting = deque(tasks)
+        due_s = time.monotonic() + LOOK_S
         try:
             while waiting or self._busy:
                 while waiting and len(self._busy) < self._processes:
                     self._begin(self._idle.pop() if self._idle else self._started(), waiting.popleft())
-                ready = wait([worker.pipe for worker, _ in self._busy])
+                ready = wait([worker.pipe for worker, _ in self._busy], LOOK_S)
+                if time.monotonic() >= due_s:
+                    due_s = time.monotonic() + LOOK_S
+                    for worker, _ in self._busy:
+                        worker.look()
                 for one in [one for one in self._busy if one[0].pipe in ready]:
                     worker, task = one
                     try:
@@ -151,15 +189,21 @@ class Workers(Generic[Task, Result]):
         for worker, _ in self._busy:
             worker.process.kill()
         for worker, _ in self._busy:
-            worker.process.join()
+            worker.process.wait()
         self._busy.clear()
 
     def _started(self) -> Worker:
-        ours, theirs = self._context.Pipe()
-        with deaf_children():
-            process = self._context.Process(target=serve, args=(theirs, *self._serve), daemon=True)
-            process.start()
-        theirs.close()
+        ours, theirs = Pipe()
+        with theirs, deaf_children():
+            process = subprocess.Popen(
+                [sys.executable, "-c", PROGRAM, str(theirs.fileno()), str(os.getpid())],
+                stdin=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                preexec_fn=killed_with_parent,  # noqa: PLW1509  one system call, no lock
+            )
+        with suppress(BrokenPipeError):  # it has died already; its pipe's end says so to `results`
+            ours.send(sys.path)
+            ours.send(self._serve)
         return Worker(process, ours)
 
 

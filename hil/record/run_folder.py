@@ -20,6 +20,8 @@ RUNS = Path("runs")
 RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
 VERDICT = "verdict.json"
 RESERVE = "reserve"
+WARM_UP = "warm-up"
+"""The folder within of a run of a moment, for which all is compiled or loaded."""
 RESERVE_BYTES = 2 << 20
 """Room on the disk for verdict, JUnit and outcome, of a run that fills the disk."""
 MADE_BY = "made_by"
@@ -113,6 +115,8 @@ def is_in_use(folder: Path) -> bool:
 
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
     """Remove the files that a run writes, and no others."""
+    if (run_dir / WARM_UP).is_dir():
+        discard(run_dir / WARM_UP)
     for name in set(MADE_BY_A_RUN) - set(keep):
         path = run_dir / name
         if path.is_symlink() and trace.is_elsewhere(path):

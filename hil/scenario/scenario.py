@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from firmware_py.core.state import Config
 from firmware_py.shell.parameters import config_from
+from hil.can_model.bits import bit_ns_of
 from hil.judge.checks import Check
 from hil.scenario.fault_tables import AnyFault, BusOff, Disturbed, Fault, Killed, Restarted
 from hil.scenario.operator import Command, Request
@@ -112,6 +113,12 @@ class BusTable(Table):
     bitrate: int = Field(
         default=1_000_000, ge=10_000, le=1_000_000, description="the modelled bus's bits per second"
     )
+
+    @field_validator("bitrate")
+    @classmethod
+    def _has_whole_nanoseconds(cls, bitrate: int) -> int:
+        bit_ns_of(bitrate)
+        return bitrate
 
 
 class ScenarioTable(Table):

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.shell.parameters import ParameterError
 from hil.scenario.operator import Command, Request
-from hil.scenario.scenario import load_scenario, scenario_names
+from hil.scenario.scenario import ScenarioError, check_scenario, load_scenario, read_scenario, scenario_names
 from plant_sim.scene import SceneError
 from plant_sim.text_input import TextInputError
 
@@ -145,3 +145,9 @@ def test_a_scene_without_a_motor_or_sensors_is_refused(tmp_path: Path, scene: st
     )
     with pytest.raises(TextInputError, match=said):
         load_scenario(path)
+
+
+def test_a_bus_of_bits_that_are_no_whole_nanoseconds_is_refused() -> None:
+    document = read_scenario("soft-start-multistable") | {"bus": {"bitrate": 174_017}}
+    with pytest.raises(ScenarioError, match="bit rate 174017; wanted"):
+        check_scenario(document, "odd")

@@ -2,10 +2,26 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from hil.bench.workers import Died, WorkerDiedError, Workers, alive, results
+from hil.timing.patient_clock import has_stopped
+from hil.timing.signals import ending_signals
+
+KILLED_AT_A_START = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from hil.bench import workers
+from test_workers import pid_after
+some = workers.Workers(pid_after, 1)
+print(some._started().process.pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
 
 
 def pid_after(task: int) -> int:
@@ -39,6 +55,45 @@ def test_one_that_dies_between_two_calls_is_told_as_well() -> None:
         os.kill(alive(pid), signal.SIGKILL)
         assert dict(workers.results([2]))[2] == Died("was killed by SIGKILL")
         assert isinstance(dict(workers.results([3]))[3], int)
+
+
+def stopped(task: int) -> int:
+    """Task 0 stops its process for ever."""
+    if task == 0:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return task
+
+
+def test_a_worker_that_is_stopped_for_long_costs_its_task_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hil.bench.workers.LOOK_S", 0.1)
+    found = dict(results(stopped, [0, 1], 2))
+    assert found == {0: Died("was stopped by a signal, and after 1 s killed"), 1: 1}
+
+
+def asked_to_end(_: int) -> None:
+    """SIGTERM comes."""
+    with ending_signals():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(10.0)
+
+
+def test_a_worker_that_is_asked_to_end_says_by_what() -> None:
+    assert list(results(asked_to_end, [1], 1)) == [(1, Died("was killed by SIGTERM"))]
+
+
+def test_a_worker_does_not_outlive_a_program_that_is_killed_while_it_begins() -> None:
+    """Its first breath is after the program's last; the kernel has been asked before."""
+    program = subprocess.run(
+        [sys.executable, "-c", KILLED_AT_A_START, str(Path(__file__).parent)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    worker = int(program.stdout)
+    deadline_s = time.monotonic() + 1.0
+    while not has_stopped(worker) and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert has_stopped(worker)
 
 
 def test_what_a_task_raises_is_raised_here() -> None:

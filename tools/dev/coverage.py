@@ -10,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,7 +74,8 @@ def main() -> None:
     names = parser.parse_args().names or scenario_names()
     with tempfile.TemporaryDirectory() as folder:
         data_file = str(Path(folder) / "data")
-        with Workers(run, os.cpu_count() or 1, partial(measured, data_file)) as processes:
+        this = import_module("tools.dev.coverage")  # in which workers find what they run
+        with Workers(this.run, os.cpu_count() or 1, partial(this.measured, data_file)) as processes:
             for done, (name, ended) in enumerate(processes.results(names), 1):
                 alive(ended)
                 print(f"{done} of {len(names)}: {name}", flush=True)

@@ -1,6 +1,8 @@
 """`python -m tools.dev.warm`: compiles what nearly every run needs before anything has to wait for it."""
 
+import tempfile
 import time
+from pathlib import Path
 
 from hil.bench.lockstep import warm_lockstep
 from hil.scenario.scenario import load_scenario
@@ -15,7 +17,8 @@ def main() -> None:
         f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
     )
     started_s = time.perf_counter()
-    warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled")
+    with tempfile.TemporaryDirectory() as folder:
+        warm_lockstep(load_scenario(DEFAULT_SCENARIO), "compiled", Path(folder))
     print(f"setup: ready after {time.perf_counter() - started_s:.1f} s", flush=True)
 
 

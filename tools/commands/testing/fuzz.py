@@ -128,8 +128,9 @@ def kills(
 ) -> None:
     """Send each process of a run each signal that ends or stops it, at each stage, also while it is judged.
 
-    After 2 s no process, socket or temporary file is left; the log verifies; the verdict names the cause. 200
-    kills take about half an hour.
+    So it does with suites, campaigns and their workers. After 2 s no process, socket or temporary file is
+    left; the log verifies; the verdict names the cause; what was finished is kept. 200 kills take about an
+    hour.
     """
     from tools.fuzz.kills import fuzz_kills
 

@@ -1,0 +1,111 @@
+"""What all kills have in common: which process gets which signal when, and what must not be left."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSTOP)
+PARENT = "the program"
+"""That was started, and that starts the others."""
+REPORT = "report"
+"""The stage after the last run."""
+SCENARIO = """
+title = "It is killed"
+scene = "table1-motor-soft"
+[firmware.start]
+rise_s = 1.0
+[script]
+duration_s = 3.0
+[[script.commands]]
+at_s = 0.2
+request = "run"
+target_ratio = 1.1
+[[checks]]
+name = "impact_count"
+low = 0
+"""
+GONE_S = 2.0
+START_LIMIT_S = 180.0
+END_LIMIT_S = 120.0
+LOOK_S = 0.01
+
+
+class Kill(NamedTuple):
+    """What is killed, how and when; `of` is a run's clock, or suite or campaign."""
+
+    of: str
+    process: str
+    number: signal.Signals
+    stage: str
+    at_s: float
+
+    def __str__(self) -> str:
+        return f"{self.of}: {self.number.name} to {self.process}, {self.stage} ({self.at_s:.3f} s)"
+
+
+class KillError(RuntimeError):
+    """A program that did not come to the moment at which it was to be killed."""
+
+
+def begun(arguments: list[str], folder: Path, temporary: Path) -> "subprocess.Popen[bytes]":
+    """The program in a folder, with a place for temporary files of its own; what it says is in `said`."""
+    heeding = ["env", "--default-signal=HUP"]  # under nohup too
+    environment = {key: value for key, value in os.environ.items() if key != "XDG_RUNTIME_DIR"}
+    with (folder / "said").open("ab") as said:
+        return subprocess.Popen(
+            [*heeding, str(Path(sys.executable).with_name("vibrohil")), *arguments],
+            cwd=folder,
+            env={**environment, "TMPDIR": str(temporary)},
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            restore_signals=True,
+            start_new_session=True,
+        )
+
+
+def wait_for(look: Callable[[], Any], limit_s: float, what: str) -> Any:
+    """What `look` finds, once it finds something."""
+    deadline_s = time.monotonic() + limit_s
+    while not (found := look()):
+        if time.monotonic() > deadline_s:
+            raise KillError(f"{what} within {limit_s:g} s")
+        time.sleep(LOOK_S)
+    return found
+
+
+def signalled(pid: int, number: signal.Signals) -> bool:
+    """Send the signal; whether the process was still there."""
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def left_over(folder: Path, temporary: Path) -> list[str]:
+    """Processes, sockets and temporary files that are still there GONE_S after the end."""
+    deadline_s = time.monotonic() + GONE_S
+    while (left := there_now(folder, temporary)) and time.monotonic() < deadline_s:
+        time.sleep(LOOK_S)
+    return left
+
+
+def there_now(folder: Path, temporary: Path) -> list[str]:
+    """Processes, sockets and temporary files that are there now."""
+    places = (os.fsencode(folder), os.fsencode(temporary))
+    mine = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended meanwhile, or is another user's
+            words = (process / "cmdline").read_bytes()  # empty once a process has ended
+            if words and any(place in words + (process / "environ").read_bytes() for place in places):
+                mine.append(f"process {process.name} {words[:80]!r} is left")
+    files = [f"{path} is left" for path in sorted(temporary.rglob("*"))]
+    shared = [f"{path} is left" for path in Path("/dev/shm").glob("vibrohil-*")]
+    return mine + files + shared

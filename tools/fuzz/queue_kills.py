@@ -1,0 +1,196 @@
+"""A suite or a campaign, or one of their workers, gets a signal: what was finished is kept, the rest goes on.
+
+A suite leaves a JUnit file that names the cause; a campaign has none. The same command given again ends well,
+and runs nothing again that was finished.
+"""
+
+import json
+import signal
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hil.bench.ending import was_cut_short
+from hil.bench.verdict import KILLED
+from hil.record.run_traces import read_json
+from tools.fuzz.kill import (
+    END_LIMIT_S,
+    GONE_S,
+    LOOK_S,
+    PARENT,
+    REPORT,
+    SCENARIO,
+    START_LIMIT_S,
+    Kill,
+    KillError,
+    begun,
+    left_over,
+    signalled,
+    wait_for,
+)
+from tools.fuzz.worker import children_of
+
+WORKER = "a worker"
+RUNS = 4
+"""Scenarios of the suite, trials of the campaign."""
+FINISHED_BEFORE = {"early": 0, "middle": 1, "end": RUNS - 1, REPORT: RUNS}
+"""How many are finished when the stage begins; early, the first has begun."""
+STAGES = {"early": (0.0, 0.5), "middle": (0.0, 0.5), "end": (0.0, 0.3), REPORT: (0.0, 0.2)}
+"""Seconds from then on."""
+INTERRUPTED, PASSED = 2, 0
+STATUSES_WITHOUT_A_WORKER = {"suite": (1,), "campaign": (4,)}
+"""A suite has a failed run, a campaign cannot be judged."""
+
+
+class Queue:
+    """The program at work on many runs, in a folder."""
+
+    def __init__(self, of: str, folder: Path) -> None:
+        self.is_suite = of == "suite"
+        self.out = folder / "suite"
+        self._journals = folder / "runs"
+        names = [f"killed-{number}.toml" for number in range(RUNS)]
+        for name in names:
+            (folder / name).write_text(SCENARIO)
+        if self.is_suite:
+            self.command = ["suite", *names, "--out", str(self.out)]
+        else:
+            self.command = ["campaign", "hold", "--trials", str(RUNS), "--workers", "2", "--seed", "7"]
+
+    def has_begun(self) -> bool:
+        """Whether the first of its runs is under way."""
+        if self.is_suite:
+            return any(self.out.glob("*/operator.trace"))
+        return any(self._journals.glob("*.jsonl"))
+
+    def finished(self) -> dict[str, str]:
+        """What is finished, by name, and what tells it from the same done again."""
+        if not self.is_suite:
+            lines = [line for path in self._journals.glob("*.jsonl") for line in path.open() if "\n" in line]
+            return {str(json.loads(line)["trial"]): "" for line in lines}
+        runs = {path.parent: read_json(path) for path in self.out.glob("*/verdict.json")}
+        return {
+            run.name: str(read_json(run / "run.json").get("created"))
+            for run, verdict in runs.items()
+            if verdict and not was_cut_short(verdict)
+        }
+
+    def wrong_junit(self, cause: str) -> list[str]:
+        """What is wrong with the suite's JUnit file; where all has run it need not name the cause."""
+        if not self.is_suite:
+            return []
+        try:
+            root = ElementTree.parse(self.out / "junit.xml").getroot()
+        except (OSError, ElementTree.ParseError) as error:
+            return [f"junit.xml: {error}"]
+        said = [error.get("message", "") for error in root.iter("error")]
+        whole = len(self.finished()) == RUNS and not said
+        return (
+            [] if whole or any(cause in one for one in said) else [f"junit.xml does not name {cause}: {said}"]
+        )
+
+
+def worker_of(program: "subprocess.Popen[bytes]") -> int:
+    """The first worker's number; 0 without one."""
+    for child in children_of(program.pid):
+        words = Path(f"/proc/{child}/cmdline").read_bytes() if Path(f"/proc/{child}").exists() else b""
+        if b"spawn_main" in words:
+            return child
+    return 0
+
+
+def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -> None:
+    """Return when it is time to kill, or when the program has ended."""
+    due = FINISHED_BEFORE[kill.stage]
+    wait_for(
+        lambda: program.poll() is not None or (queue.has_begun() and len(queue.finished()) >= due),
+        START_LIMIT_S,
+        f"{due} runs were not finished",
+    )
+    time.sleep(kill.at_s)
+
+
+def cause_of(kill: Kill) -> str:
+    """What has to be named."""
+    name = "Ctrl-C" if kill.number == signal.SIGINT else kill.number.name
+    if kill.process == WORKER:
+        return f"by {name}"
+    return KILLED if kill.number in (signal.SIGKILL, signal.SIGSTOP) else f"interrupted by {name}"
+
+
+def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
+    """Wait for the end of the program itself, which got the signal; what is wrong with it."""
+    if kill.number == signal.SIGSTOP:
+        time.sleep(1.0)
+        program.kill()
+    sent_s = time.monotonic()
+    while program.poll() is None and time.monotonic() < sent_s + END_LIMIT_S:
+        time.sleep(LOOK_S)
+    took_s = time.monotonic() - sent_s
+    wrong = [] if took_s < GONE_S else [f"it took {took_s:.1f} s to end"]
+    is_killed = kill.number in (signal.SIGKILL, signal.SIGSTOP)
+    wanted = -signal.SIGKILL if is_killed else INTERRUPTED
+    status = program.poll()
+    is_over = kill.stage == REPORT and status == PASSED  # it came when all was written
+    return wrong if status == wanted or is_over else [*wrong, f"exit status {status}, wanted {wanted}"]
+
+
+def after_a_workers(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
+    """Wait for the end of the program, one of whose workers got the signal; what is wrong with it."""
+    status = program.wait(END_LIMIT_S)
+    wanted = (*STATUSES_WITHOUT_A_WORKER[kill.of], PASSED)  # it may have been idle, or heed no Ctrl-C
+    return [] if status in wanted else [f"exit status {status}, wanted one of {wanted}"]
+
+
+def killed_queue(kill: Kill) -> list[str]:
+    """Begin, kill, and begin again; what was wrong."""
+    with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
+        folder = Path(name)
+        temporary = folder / "tmp"
+        temporary.mkdir()
+        queue = Queue(kill.of, folder)
+        program = begun(queue.command, folder, temporary)
+        try:
+            await_moment(kill, queue, program)
+            before = queue.finished()
+            pid = program.pid if kill.process == PARENT else worker_of(program)
+            was_there = program.poll() is None and pid != 0 and signalled(pid, kill.number)
+            after = after_the_parents if kill.process == PARENT and was_there else after_a_workers
+            wrong = after(kill, program)
+        except (KillError, subprocess.TimeoutExpired) as error:
+            return [str(error)]
+        finally:
+            program.kill()
+            program.wait()
+        wrong += left_over(folder, temporary)
+        said = (folder / "said").read_text(errors="replace")
+        if "Traceback" in said:
+            wrong.append(said[-1000:])
+        if was_there and program.returncode != PASSED:
+            wrong += queue.wrong_junit(cause_of(kill))
+            if kill.of == "campaign" and program.returncode > 0 and cause_of(kill) not in said:
+                wrong.append(f"it does not say {cause_of(kill)}: {said[-300:]}")
+        return wrong if program.returncode == PASSED else wrong + gone_on(kill, queue, before, folder)
+
+
+def gone_on(kill: Kill, queue: Queue, before: dict[str, str], folder: Path) -> list[str]:
+    """Give the same command again; what is wrong then."""
+    kept = queue.finished()
+    wrong = [f"{name} was finished and is not kept" for name in before if kept.get(name) != before[name]]
+    program = begun(queue.command, folder, folder / "tmp")
+    try:
+        status = program.wait(START_LIMIT_S)
+    except subprocess.TimeoutExpired:
+        return [*wrong, "given again it does not end"]
+    finally:
+        program.kill()
+        program.wait()
+    if status != PASSED:
+        said = (folder / "said").read_text(errors="replace")
+        wrong.append(f"given again it ends with {status}: {said[-500:]}")
+    if queue.is_suite and kill.process == PARENT:
+        now = queue.finished()
+        wrong += [f"{name} was run again" for name in before if now.get(name) != before[name]]
+    return wrong

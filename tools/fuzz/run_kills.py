@@ -1,0 +1,108 @@
+"""A run, one of whose processes gets a signal: nothing but a verdict and its log is left."""
+
+import signal
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hil.bench.recorded_run import open_run
+from hil.bench.verdict import KILLED
+from hil.record.log_reader import is_whole
+from hil.record.run_traces import read_json
+from tools.fuzz.kill import (
+    END_LIMIT_S,
+    PARENT,
+    REPORT,
+    SCENARIO,
+    START_LIMIT_S,
+    Kill,
+    KillError,
+    begun,
+    left_over,
+    signalled,
+    wait_for,
+)
+
+CHILDREN = ("firmware", "plant", "recorder", "hub", "baseline")
+STAGES = {"early": (0.1, 0.5), "middle": (1.0, 2.0), "end": (2.4, 2.8), REPORT: (0.0, 0.3)}
+"""Seconds from the start of the script; of the report, from the end of the run."""
+
+
+def await_moment(kill: Kill, run_dir: Path) -> None:
+    """Return when it is time to kill."""
+    if kill.stage == REPORT:
+        wait_for((run_dir / "outcome.json").exists, START_LIMIT_S, "the run did not end")
+        time.sleep(kill.at_s)
+        return
+    if kill.of == "lockstep":  # its time is that of its ticks: 100 records of the operator a second
+        traced = run_dir / "operator.trace"
+        wait_for(traced.exists, START_LIMIT_S, "the run did not begin")
+        time.sleep(0.1 * kill.at_s)
+        return
+    described = run_dir / "run.json"
+    t0_ns = wait_for(lambda: read_json(described).get("t0_ns"), START_LIMIT_S, "the run did not begin")
+    time.sleep(max(0.0, t0_ns * 1e-9 + kill.at_s - time.monotonic()))
+
+
+def sent(kill: Kill, bench: "subprocess.Popen[bytes]", run_dir: Path) -> bool:
+    """Send the signal; whether the process was still there."""
+    pid = bench.pid if kill.process == PARENT else read_json(run_dir / "processes.json")[kill.process]
+    return signalled(pid, kill.number)
+
+
+def causes(kill: Kill) -> tuple[str, ...]:
+    """Words of which one must be in the verdict's reasons; none where the signal is rightly ignored."""
+    if kill.process == PARENT:
+        if kill.number in (signal.SIGKILL, signal.SIGSTOP):
+            return (KILLED,)
+        return (f"interrupted by {'Ctrl-C' if kill.number == signal.SIGINT else kill.number.name}",)
+    return () if kill.number == signal.SIGINT else (kill.process,)
+
+
+def wrong_verdict(kill: Kill, run_dir: Path) -> list[str]:
+    """What is wrong with verdict and JUnit."""
+    verdict = read_json(run_dir / "verdict.json")
+    try:
+        ElementTree.parse(run_dir / "junit.xml")
+    except (OSError, ElementTree.ParseError) as error:
+        return [f"junit.xml: {error}"]
+    if not verdict:
+        return ["no verdict"]
+    said = "; ".join(verdict["reasons"])
+    wanted = causes(kill)
+    if wanted and not any(word in said for word in wanted):
+        # A signal in the last moment of judging may come when the verdict is already written.
+        if kill.stage == REPORT and verdict["passed"]:
+            return []
+        return [f"the verdict does not name the cause: {said or 'passed'}"]
+    return []
+
+
+def killed_run(kill: Kill) -> list[str]:
+    """Run, kill, and say what is wrong afterwards."""
+    with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
+        folder = Path(name)
+        run_dir, temporary = folder / "run", folder / "tmp"
+        temporary.mkdir()
+        (folder / "killed.toml").write_text(SCENARIO)
+        command = ["run", "killed.toml", "--out", str(run_dir), "--clock", kill.of, "--bus", "local"]
+        bench = begun(command, folder, temporary)
+        try:
+            await_moment(kill, run_dir)
+            was_there = bench.poll() is None and sent(kill, bench, run_dir)
+            if kill.process == PARENT and kill.number == signal.SIGSTOP:
+                time.sleep(1.0)
+                bench.kill()
+            bench.wait(END_LIMIT_S)
+        except (KillError, subprocess.TimeoutExpired) as error:
+            return [str(error)]
+        finally:
+            bench.kill()
+            bench.wait()
+        wrong = left_over(run_dir, temporary)
+        if was_there:
+            wrong += wrong_verdict(kill, run_dir)
+        log = open_run(run_dir).log
+        return wrong if is_whole(log) else [*wrong, f"{log.name} does not verify"]
