@@ -83,7 +83,7 @@ def main() -> None:
     sys.path[:] = pipe.recv()
     try:
         serve(pipe, *pipe.recv())
-    except Interrupted:  # all is put in order; the program is told how this process ended
+    except Interrupted:  # all is put in order; how this process ended is seen by the program
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTERM)
 

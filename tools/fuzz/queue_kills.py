@@ -66,7 +66,7 @@ class Queue:
         return any(self._journals.glob("*.jsonl"))
 
     def finished(self) -> dict[str, str]:
-        """What is finished, by name, and what tells it from the same done again."""
+        """What is finished, by name, and what distinguishes it from the same done again."""
         if not self.is_suite:
             lines = [line for path in self._journals.glob("*.jsonl") for line in path.open() if "\n" in line]
             return {str(json.loads(line)["trial"]): "" for line in lines}
