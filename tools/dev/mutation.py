@@ -1,6 +1,6 @@
 """Mutation testing of one module: does some test fail for every small change of its code?
 
-    python -m tools.dev.mutation firmware_py.core.safety.supervisor tests/firmware_py/test_supervisor.py
+    python -m tools.dev.mutation MODULE TEST [TEST…]
 
 One change at a time (a comparison's operator or edge, and/or, a sign, a number, an enumeration's member, the
 branches of a conditional expression), each in a forked process of its own that runs the named tests until

@@ -1,0 +1,163 @@
+"""The firmware as an object file: the same bits as numba's own code, and headers that C accepts."""
+
+import ctypes
+import random
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from closed_loop import Bench
+
+from firmware_py.builds.c_header import config_header, header
+from firmware_py.builds.flat import Precision, in_precision, stored
+from firmware_py.builds.machine_code import object_code, sizes
+from firmware_py.core.state import Config
+from firmware_py.interface.frame import Frame, word_of
+from firmware_py.node.tick import INITIAL, NO_TX
+from firmware_py.shell.builds import node_of
+from firmware_py.shell.node import fitting
+from firmware_py.shell.parameters import config_from
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on this machine, which makes a library of the object file")
+    folder = tmp_path_factory.mktemp("host")
+    (folder / "vibro_firmware.o").write_bytes(object_code("host"))
+    library = folder / "firmware.so"
+    subprocess.run(
+        ["gcc", "-shared", str(folder / "vibro_firmware.o"), "-lm", "-o", str(library)], check=True
+    )
+    return ctypes.CDLL(str(library))
+
+
+def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.CDLL) -> None:
+    pointer, integer = ctypes.c_void_p, ctypes.c_int64
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, pointer, pointer, integer, integer, pointer, pointer)
+    tick = prototype(("vibro_tick", loaded))
+    dice = random.Random(1)
+    parameters = {"start.rise_s": 2.0, "start.confirm_periods": 2}
+    node = node_of("compiled")(config_from(parameters), parameters)
+    config, state, tx = stored(config_from(parameters)), stored(INITIAL), stored(NO_TX)
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        kept = [frame for frame in frames if dice.random() < 0.99]
+        words = [
+            word for frame in fitting(kept) for word in (frame.can_id, len(frame.data), word_of(frame.data))
+        ]
+        memory = (integer * len(words))(*words)
+        status = tick(config.ctypes.data, state.ctypes.data, 1, len(words) // 3, memory, tx.ctypes.data)
+        node.tick(kept, 1)
+        assert status == 0
+        assert node.memory is not None
+        assert state.tobytes() == node.memory.tobytes(), bench.tick
+        return kept
+
+    bench = Bench(parameters, change=change)
+    bench.started()
+    bench.run(4.5, keep=False)
+    assert bench.node.outputs.torque_n_m != 0.0
+
+
+def test_it_begins_as_the_compiled_build_does(loaded: ctypes.CDLL) -> None:
+    wanted = stored(INITIAL)
+    content = (ctypes.c_char * wanted.nbytes).in_dll(loaded, "vibro_initial_state")
+    assert bytes(content) == wanted.tobytes()
+
+
+def test_sizes_are_counted() -> None:
+    found, single = sizes("host"), sizes("host-single")
+    assert found["state"] == stored(INITIAL).nbytes
+    assert 0.5 * found["state"] < single["state"] < found["state"]
+    assert 0.5 * found["config"] < single["config"] < found["config"]
+    assert found["code"] > 20_000
+    assert found["constants"] > found["state"]
+
+
+PAGE = Path(__file__).parents[3] / "docs/how-to/put-the-firmware-on-a-board.md"
+DRIVER = """
+static int64_t frames[4096][3];
+static int64_t count;
+int64_t *sent(void) { return &frames[0][0]; }
+int64_t sent_count(void) { return count; }
+const void *config(void) { return &VIBRO_CONFIG; }
+void can_send(uint32_t can_id, uint32_t length, const void *data) {
+    frames[count][0] = can_id;
+    frames[count][1] = length;
+    memcpy(&frames[count++][2], data, length);
+}
+"""
+
+
+def example() -> str:
+    """The code on the page for people with a board."""
+    return PAGE.read_text("utf-8").partition("```c\n")[2].partition("```")[0]
+
+
+def compiled(compiler: str, source: Path, text: str, *options: str, precision: Precision = "double") -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} on this machine")
+    (source.parent / "vibro_firmware.h").write_text(header(precision))
+    (source.parent / "vibro_config.h").write_text(config_header(config_from({}), precision))
+    source.write_text(text)
+    strict = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run([compiler, *strict, str(source), *options], check=True)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("compiler", ["gcc", "g++", "arm-none-eabi-gcc"])
+def test_the_headers_describe_the_memory_of_the_structs(
+    compiler: str, precision: Precision, tmp_path: Path
+) -> None:
+    source = tmp_path / ("a.cpp" if compiler == "g++" else "a.c")
+    text = '#include "vibro_firmware.h"\n'
+    compiled(compiler, source, text, "-c", "-o", str(tmp_path / "a.o"), precision=precision)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_the_example_for_a_board_compiles_for_one(precision: Precision, tmp_path: Path) -> None:
+    options = ["-c", "-Wdouble-promotion", "-o", str(tmp_path / "a.o")]
+    compiled("arm-none-eabi-gcc", tmp_path / "a.c", example(), *options, precision=precision)
+
+
+def test_a_config_in_single_precision_is_rounded_once(tmp_path: Path) -> None:
+    config = config_from({})
+    read = "const void *config(void) { return &VIBRO_CONFIG; }\n"
+    options = ["-fPIC", "-shared", "-o", str(tmp_path / "config.so")]
+    text = '#include "vibro_config.h"\n' + read
+    compiled("gcc", tmp_path / "a.c", text, *options, precision="single")
+    library = ctypes.CDLL(str(tmp_path / "config.so"))
+    library.config.restype = ctypes.c_void_p
+    wanted = in_precision(stored(config), Config, "single")
+    assert ctypes.string_at(library.config(), wanted.nbytes) == wanted.tobytes()
+
+
+def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Path) -> None:
+    (tmp_path / "vibro_firmware.o").write_bytes(object_code("host"))
+    library = tmp_path / "board.so"
+    more = (str(tmp_path / "vibro_firmware.o"), "-fPIC", "-shared", "-lm", "-o", str(library))
+    compiled("gcc", tmp_path / "a.c", example() + DRIVER, *more)
+    board = ctypes.CDLL(str(library))
+    board.sent.restype = ctypes.POINTER(ctypes.c_int64)
+    board.config.restype = ctypes.c_void_p
+    wanted = stored(config_from({}))
+    assert ctypes.string_at(board.config(), wanted.nbytes) == wanted.tobytes()
+    sent: list[tuple[int, int, int]] = []
+    board.control_power_up()
+
+    def change(_: int, frames: list[Frame]) -> list[Frame]:
+        for frame in frames:
+            board.control_receive(frame.can_id, len(frame.data), frame.data)
+        board.control_tick(ctypes.c_int64(1))
+        sent.extend((frame.can_id, len(frame.data), word_of(frame.data)) for frame in node.tick(frames, 1))
+        return frames
+
+    node = node_of("compiled")(config_from({}))
+    bench = Bench(change=change)
+    bench.started()
+    bench.run(0.5, keep=False)
+    words = board.sent()[: 3 * board.sent_count()]
+    assert list(zip(words[::3], words[1::3], words[2::3], strict=True)) == sent
+    assert len(sent) > 500

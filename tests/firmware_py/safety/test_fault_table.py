@@ -1,0 +1,274 @@
+"""Every row of the fault table, provoked at the node by frames: code, reaction and deadline."""
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import pytest
+from closed_loop import Bench, scene_with
+
+from firmware_py.interface import codec
+from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Refusal
+from firmware_py.interface.frame import Frame
+from firmware_py.interface.records import (
+    Accelerometer,
+    DriveCurrent,
+    DriveSupply,
+    DriveTemperature,
+    EncoderEstimates,
+    SetAxisState,
+)
+from firmware_py.shell.faults import FAULTS, FaultLine, Reaction, markdown
+from plant_sim.parts.friction import Viscous
+
+TAU = 2.0 * math.pi
+SAFETY = Path(__file__).parents[3] / "docs" / "safety.md"
+Change = Callable[[int, list[Frame]], list[Frame]]
+
+
+def without(*codecs: codec.FrameCodec[Any]) -> Change:
+    ids = {its_codec.can_id for its_codec in codecs}
+    return lambda _, frames: [frame for frame in frames if frame.can_id not in ids]
+
+
+def instead(its_codec: codec.FrameCodec[Any], record: Any) -> Change:
+    """Every frame of a kind says this."""
+    return lambda tick, frames: [
+        its_codec.encode(record, tick) if frame.can_id == its_codec.can_id else frame for frame in frames
+    ]
+
+
+def far_too_much(tick: int, frames: list[Frame]) -> list[Frame]:
+    """An acceleration that takes the estimate out of the module; its last count is alive."""
+    reading = Accelerometer(156.9016 - 0.01 * (tick % 2), 1967.0, 0.0)
+    return instead(codec.ACCELEROMETER, reading)(tick, frames)
+
+
+def frozen_encoder(bench: Bench) -> Change:
+    held = codec.ENCODER_ESTIMATES.encode(
+        EncoderEstimates(bench.node.inputs.encoder.position_rev, bench.node.inputs.encoder.velocity_rev_s)
+    )
+    return lambda _, frames: [
+        held if frame.can_id == codec.ENCODER_ESTIMATES.can_id else frame for frame in frames
+    ]
+
+
+class Case(NamedTuple):
+    """How to bring a fault about: the module moves for `moving_s`, then `cause` acts."""
+
+    cause: Callable[[Bench], None]
+    moving_s: float = 1.2
+    parameters: Mapping[str, float] = MappingProxyType({})
+    scene: Mapping[str, Any] = MappingProxyType(scene_with())
+
+
+def change_to(change: Change) -> Callable[[Bench], None]:
+    return lambda bench: setattr(bench, "change", change)
+
+
+def rubbing_guide(bench: Bench) -> None:
+    """The impact regime ends because the striker's guide takes its energy."""
+    parts = bench.plant.parts
+    bench.plant.parts = parts._replace(friction=Viscous(b_n_s_m=4.0))
+
+
+def drive_with_an_error(bench: Bench) -> None:
+    bench.axis_error, bench.axis_state = 0x200, AxisState.IDLE.value
+
+
+def held_crank(bench: Bench) -> None:
+    position_rev = bench.node.inputs.encoder.position_rev
+    bench.change = instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, 0.0))
+
+
+def run_away(bench: Bench) -> None:
+    """The crank gets 8 rad/s faster than it was, more slowly than any torque would have it."""
+    encoder = bench.node.inputs.encoder
+    omega_rad_s = bench.node.state.crank.omega_rad_s
+    highest_rad_s, position_rev = omega_rad_s + 8.0, encoder.position_rev
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        nonlocal omega_rad_s, position_rev
+        omega_rad_s = min(omega_rad_s + 0.1, highest_rad_s)
+        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
+        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
+            tick, frames
+        )
+
+    bench.change = change
+
+
+def go_on_in_a_stop(bench: Bench) -> None:
+    """The encoder of a crank that goes on slowly, whatever its torque."""
+    position_rev, omega_rad_s = bench.node.inputs.encoder.position_rev, 2.0
+    bench.request = OperatorRequest.IDLE
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        nonlocal position_rev
+        if bench.node.outputs.target_omega_rad_s > omega_rad_s:
+            position_rev = bench.node.inputs.encoder.position_rev
+            return frames
+        position_rev = (position_rev + 0.001 * omega_rad_s / TAU) % 1.0
+        return instead(codec.ENCODER_ESTIMATES, EncoderEstimates(position_rev, omega_rad_s / TAU))(
+            tick, frames
+        )
+
+    bench.change = change
+
+
+def damaged_parameters(bench: Bench) -> None:
+    monitors = bench.node.config.monitors._replace(parameters_damaged=True)
+    bench.node.config = bench.node.config._replace(monitors=monitors)
+
+
+def bundled(ticks: int) -> Change:
+    """All frames wait, and come together once in `ticks`."""
+    held: list[Frame] = []
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        held.extend(frames)
+        if tick % ticks:
+            return []
+        bundle = list(held)
+        held.clear()
+        return bundle
+
+    return change
+
+
+def nothing(bench: Bench) -> None:
+    """What is wrong was there from the beginning."""
+
+
+IMPACTS = {"start.rise_s": 1.0}
+WEAK = {"speed.gain_p_n_m_s": 0.002, "speed.gain_i_n_m": 0.0}
+"""Too weak a speed loop for its torque to be missed where the crank does not follow."""
+CASES: dict[Fault, Case] = {
+    Fault.SENSOR_TIMEOUT: Case(change_to(without(codec.ACCELEROMETER))),
+    Fault.ENCODER_TIMEOUT: Case(change_to(without(codec.ENCODER_ESTIMATES))),
+    Fault.DRIVE_TIMEOUT: Case(change_to(without(codec.DRIVE_HEARTBEAT))),
+    Fault.OPERATOR_TIMEOUT: Case(change_to(without(codec.OPERATOR_COMMAND))),
+    Fault.DRIVE_ERROR: Case(drive_with_an_error),
+    Fault.DRIVE_FROZEN: Case(lambda bench: setattr(bench, "change", frozen_encoder(bench))),
+    Fault.OVERSPEED: Case(change_to(instead(codec.ENCODER_ESTIMATES, EncoderEstimates(0.2, 7.0)))),
+    Fault.OVERCURRENT: Case(change_to(instead(codec.DRIVE_CURRENT, DriveCurrent(1.0, 13.0)))),
+    Fault.OVERTEMPERATURE: Case(change_to(instead(codec.DRIVE_TEMPERATURE, DriveTemperature(30.0, 95.0)))),
+    Fault.UNDERVOLTAGE: Case(change_to(instead(codec.DRIVE_SUPPLY, DriveSupply(15.0, 0.5)))),
+    Fault.OVERVOLTAGE: Case(change_to(instead(codec.DRIVE_SUPPLY, DriveSupply(33.0, 0.5)))),
+    Fault.ESTIMATE_INVALID: Case(change_to(far_too_much)),
+    Fault.STALL: Case(held_crank, 1.2, WEAK),
+    Fault.PARAMETERS_DAMAGED: Case(damaged_parameters),
+    Fault.STALE_SAMPLES: Case(lambda bench: setattr(bench, "change", bundled(16))),
+    Fault.IMPULSE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.impulse_n_s": 0.3}),
+    Fault.FORCE_LIMIT: Case(nothing, 0.0, IMPACTS | {"limit.force_n": 60.0}),
+    Fault.START_FAILED: Case(nothing, 0.0, {}, scene_with(stop={"position_m": 0.4})),
+    Fault.RUNAWAY: Case(run_away, 1.2, WEAK),
+    Fault.LOAD_IMPLAUSIBLE: Case(held_crank, 3.0),
+    Fault.STOP_FAILED: Case(go_on_in_a_stop, 1.2, WEAK),
+    Fault.ATTRACTOR_LOST: Case(rubbing_guide, 6.5, {"start.rise_s": 2.0, "start.attempts": 0.0}),
+}
+
+
+def torque_of(frames: list[Frame]) -> float:
+    record = next(codec.decode(f) for f in frames if f.can_id == codec.SET_INPUT_TORQUE.can_id)
+    return float(record.torque_n_m)
+
+
+def events_of(frames: list[Frame]) -> list[Any]:
+    return [codec.decode(f) for f in frames if f.can_id == codec.FAULT_EVENT.can_id]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [line for line in FAULTS if line.reaction is Reaction.TORQUE_OFF],
+    ids=lambda line: line.fault.name,
+)
+def test_each_row(line: FaultLine) -> None:
+    case = CASES[line.fault]
+    bench = Bench(dict(case.parameters), dict(case.scene)).started()
+    bench.run(case.moving_s, keep=False)
+    assert bench.node.outputs.fault == Fault.NONE
+    case.cause(bench)
+    from_tick, impact_tick, events = bench.tick, 0, []
+    for _ in range(round(1000 * line.deadline_s) if case.cause is not nothing else 30_000):
+        bench.run(0.001, keep=False)
+        impact_tick = bench.tick if bench.node.outputs.impact else impact_tick
+        events += [event for event in events_of(bench.sent) if event.fault != Fault.REQUEST_REFUSED]
+        if events:
+            break
+    assert [(event.fault, event.refusal) for event in events] == [(line.fault, Refusal.NONE)]
+    assert torque_of(bench.sent) == 0.0
+    assert bench.node.outputs.mode == Mode.FAULT
+    records = [codec.decode(frame) for frame in bench.sent]
+    assert bench.axis_state == AxisState.IDLE or SetAxisState(AxisState.IDLE) in records
+    since = impact_tick if line.fault in (Fault.IMPULSE_LIMIT, Fault.FORCE_LIMIT) else from_tick
+    assert bench.tick - since <= 1000 * line.deadline_s
+    # Latched: the cause gone and RUN still asked for, nothing moves again.
+    bench.change = lambda _, frames: frames
+    for _ in range(300):
+        bench.run(0.001, keep=False)
+        assert torque_of(bench.sent) == 0.0
+    assert bench.node.outputs.mode == Mode.FAULT
+    assert bench.node.outputs.fault == line.fault
+
+
+@pytest.mark.parametrize(
+    ("impulse_n_s", "ratio", "refusal", "mode"),
+    [
+        (6.0, 1.3, Refusal.IMPULSE_OUT_OF_RANGE, Mode.SOFT_START),
+        (0.0, 3.0, Refusal.RATIO_OUT_OF_RANGE, Mode.STOPPING),
+    ],
+)
+def test_a_refused_request_is_said_once_and_latches_nothing(
+    impulse_n_s: float, ratio: float, refusal: Refusal, mode: Mode
+) -> None:
+    bench = Bench().started()
+    bench.run(1.0, keep=False)
+    bench.impulse_n_s, bench.ratio = impulse_n_s, ratio
+    events = []
+    for _ in range(300):
+        bench.run(0.001, keep=False)
+        events += events_of(bench.sent)
+    assert [(event.fault, event.refusal) for event in events] == [(Fault.REQUEST_REFUSED, refusal)]
+    assert bench.node.outputs.mode == mode
+    assert bench.node.outputs.fault == Fault.NONE
+    # Withdrawn, it can be refused again.
+    bench.impulse_n_s, bench.ratio = 0.0, 1.3
+    bench.run(0.2, keep=False)
+    assert bench.node.outputs.refusal == Refusal.NONE
+
+
+def test_a_crank_that_the_striker_drives_is_waited_for() -> None:
+    """Free after power-up it turns faster than motion allows; half a second after, the start begins."""
+    fast = scene_with(initial={"x_m": 0.02, "v_m_s": 0.4}, drive={"phase_rad": 0.5})
+    bench = Bench(scene=fast)
+    bench.run(0.3)
+    assert bench.node.outputs.mode == Mode.READY
+    bench.request = OperatorRequest.RUN
+    events = []
+    for _ in range(700):
+        bench.run(0.001)
+        events += events_of(bench.sent)
+    assert max(abs(state.crank.omega_rad_s) for state in bench.states) > 25.0
+    assert bench.node.outputs.mode == Mode.READY
+    assert {torque_of(bench.sent), *(outputs.torque_n_m for outputs in bench.outputs)} == {0.0}
+    assert [(event.fault, event.refusal) for event in events] == [
+        (Fault.REQUEST_REFUSED, Refusal.CRANK_TOO_FAST)
+    ]
+    bench.run(0.05)
+    assert (bench.node.outputs.mode, bench.node.outputs.refusal) == (Mode.SOFT_START, Refusal.NONE)
+    bench.run(1.0)
+    assert bench.node.outputs.mode == Mode.SOFT_START
+    assert all(outputs.fault == Fault.NONE for outputs in bench.outputs)
+
+
+def test_the_table_has_every_fault_once() -> None:
+    assert [line.fault for line in FAULTS] == [fault for fault in Fault if fault != Fault.NONE]
+    latched = {line.fault for line in FAULTS if line.reaction is Reaction.TORQUE_OFF}
+    assert latched == set(CASES)
+
+
+def test_the_page_carries_the_table() -> None:
+    assert markdown() in SAFETY.read_text(), "python -m firmware_py.shell.faults prints the table anew"

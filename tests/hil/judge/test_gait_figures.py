@@ -1,0 +1,197 @@
+"""A walk with known answers: figures of the phase, of pulses in and out of the window, and of its end."""
+
+import dataclasses
+from contextlib import closing
+
+import numpy as np
+import pytest
+from part_of_a_run import part
+from run_folder import HOLD_S, STOP_S, T_S, MadeUpRun, make_run, write_run
+
+from firmware_py.interface.enums import GaitState, Mode
+from hil.bench.verdict import finish
+from hil.judge.figures.figures import figures_of
+from hil.judge.figures.gait import push_off
+from hil.judge.figures.records import GaitFigures
+from hil.record.log_reader import tables
+from hil.record.run_traces import read_run
+from hil.show.report.plots import plots, push_off_curve
+from hil.show.rerun_log import RunLog, rebuild
+from plant_sim.sensors.gait import LegState
+
+STRIDE_S = 0.4
+ERROR = 0.012
+
+
+def walk(until_s: float = 100.0, tripping_s: float = -1.0) -> MadeUpRun:
+    """The made-up run, walked with: strides of 0.4 s until `until_s`, and an estimate 1.2 % ahead."""
+    run = make_run()
+    run.scenario["scene"]["gait"] = {"axis": "outward"}
+    t_s = run.plant["t_s"]
+    walking = t_s < until_s
+    phase = np.where(walking, t_s / STRIDE_S % 1.0, np.nan)
+    swing = np.where(np.nan_to_num(phase) < 0.62, LegState.STANCE, LegState.SWING)
+    run.plant |= {
+        "gait.state": np.where(walking, swing, LegState.STANDING),
+        "gait.tripping": np.abs(t_s - tripping_s) < 0.04,
+        "gait.phase": phase,
+        "gait.stride_hz": np.where(walking, 1.0 / STRIDE_S, 0.0),
+        "gait.ankle_n_m_kg": np.where(walking, np.nan_to_num(phase), 0.0),
+        "felt_force_n": np.zeros(len(t_s)),
+    }
+    run.firmware |= {
+        "state.gait.phase": (np.nan_to_num(phase) + ERROR) % 1.0,
+        "state.gait.confidence": np.ones(len(t_s)),
+        "state.gait.doing": np.full(len(t_s), GaitState.STANCE),
+        "state.lock.harmonic": np.full(len(t_s), 2),
+    }
+    return run
+
+
+def place_impacts(
+    run: MadeUpRun, phases: list[float], t_s: tuple[float, float] = (HOLD_S, STOP_S), v: float = 1.0
+) -> None:
+    """Replace the impacts by one at each of `phases` in every stride that begins within `t_s`."""
+    starts = np.arange(np.ceil(t_s[0] / STRIDE_S - 1e-9), t_s[1] / STRIDE_S) * STRIDE_S
+    times = np.sort((starts[:, None] + STRIDE_S * np.array(phases)).ravel())
+    times = times[times < t_s[1]]
+    run.impacts = {
+        name: np.full(len(times), value)
+        for name, value in (
+            ("v_m_s", v),
+            ("v_after_m_s", -0.5 * v),
+            ("impulse_n_s", 1.2),
+            ("peak_force_n", 20.0),
+            ("crank_rad", 0.0),
+        )
+    }
+    run.impacts["t_s"] = times + T_S / 2
+    run.firmware["outputs.impact"] = np.zeros(len(run.firmware["t_s"]), bool)
+
+
+def figures(run: MadeUpRun, folder) -> GaitFigures:
+    return figures_of(write_run(run, folder / "run")).gait
+
+
+def test_a_run_without_a_walk_has_no_figures_of_one(tmp_path) -> None:
+    found = figures(make_run(), tmp_path)
+    assert found == GaitFigures(*[None] * 11)
+
+
+def test_the_phase_error_is_taken_on_the_circle(tmp_path) -> None:
+    found = figures(walk(), tmp_path)
+    assert found.phase_rmse_percent == pytest.approx(100.0 * ERROR, rel=1e-6)
+    assert found.phase_worst_percent == pytest.approx(100.0 * ERROR, abs=1e-5)  # single precision of a turn
+
+
+def test_pulses_are_counted_by_the_true_phase_of_their_touch_down(tmp_path) -> None:
+    """One at 50 % and one at 5 % of each stride; the first four strides of the hold are the start's."""
+    run = walk()
+    place_impacts(run, [0.05, 0.5])
+    found = figures(run, tmp_path)
+    assert found.strides == 4
+    assert (found.in_window, found.pulses_per_stride, found.outside_per_stride) == (1.0, 2.0, 1.0)
+    assert found.end is None
+    assert found.last_pulse_after_s is None
+
+
+def test_a_stride_without_a_pulse_in_the_window_counts_against_it(tmp_path) -> None:
+    run = walk()
+    place_impacts(run, [0.5])
+    first = np.flatnonzero(run.impacts["t_s"] > 4.0)[0]
+    run.impacts["t_s"][first] += 0.15 * STRIDE_S
+    found = figures(run, tmp_path)
+    assert found.in_window == pytest.approx(3.0 / 4.0)
+    assert found.outside_per_stride == pytest.approx(1.0 / 4.0)
+
+
+def test_the_window_is_the_firmwares_own(tmp_path) -> None:
+    run = walk()
+    run.scenario["firmware"] = {"gait": {"window_start": 0.0, "window_end": 0.1}}
+    place_impacts(run, [0.05, 0.5])
+    assert push_off(run.scenario) == (0.0, 0.1)
+    assert figures(run, tmp_path).in_window == 1.0
+
+
+def test_a_stop_is_when_the_leg_stands_still(tmp_path) -> None:
+    """Strides of 0.4 s count from the fifth of the hold, at 4.0 s, to 5.0 s; the last pulse is at 5.4 s."""
+    run = walk(until_s=5.0)
+    place_impacts(run, [0.5], (HOLD_S, 5.5))
+    late = run.impacts["t_s"] > 5.0
+    run.impacts["v_m_s"][late] = 0.8
+    found = figures(run, tmp_path)
+    assert (found.end, found.end_s) == ("stop", pytest.approx(5.0))
+    assert found.strides == 2
+    assert found.last_pulse_after_s == pytest.approx(0.4, abs=2e-3)
+    assert found.hardest_after == pytest.approx(0.8)
+
+
+def test_a_new_start_after_a_stumble_is_not_its_last_pulse(tmp_path) -> None:
+    run = walk(tripping_s=4.5)
+    place_impacts(run, [0.5], (HOLD_S, 6.0))
+    mode, t_s = run.firmware["outputs.mode"], run.firmware["t_s"]
+    mode[(t_s > 4.9) & (t_s < 5.3)] = Mode.READY
+    mode[t_s >= 5.3] = Mode.SOFT_START
+    found = figures(run, tmp_path)
+    assert (found.end, found.end_s) == ("stumble", pytest.approx(4.461))
+    assert found.last_pulse_after_s == pytest.approx(5.0 - 4.461, abs=2e-3)
+
+
+def test_pulses_of_the_leg_alone_are_counted_apart(tmp_path) -> None:
+    """Ready from 4.0 s on: the last pulse that follows is at 4.2 s, those from 6.0 s on are the leg's."""
+    run = walk(tripping_s=3.9)
+    place_impacts(run, [0.5], (HOLD_S, 7.0))
+    run.impacts = {
+        name: values[(run.impacts["t_s"] < 4.3) | (run.impacts["t_s"] > 6.4)]
+        for name, values in run.impacts.items()
+    }
+    run.firmware["outputs.mode"][run.firmware["t_s"] > 4.0] = Mode.READY
+    found = figures(run, tmp_path)
+    assert found.last_pulse_after_s == pytest.approx(4.2 - 3.861, abs=2e-3)
+    assert found.undriven == 1
+
+
+def test_the_report_has_the_plot_and_the_log_the_pulses(tmp_path) -> None:
+    run = walk(until_s=5.0)
+    place_impacts(run, [0.05, 0.5], (HOLD_S, 5.0))
+    folder = write_run(run, tmp_path / "run")
+    traces = read_run(folder)
+    drawn = {plot.title: plot for plot in plots(traces, figures_of(folder))}
+    assert "Of 2 strides 100 % have a pulse in the window" in drawn["Pulses over the gait cycle"].caption
+    assert "The dotted line is the stop" in drawn["Pulses over the gait cycle"].caption
+    finish(folder)
+    assert "strides with a pulse in the window" in (folder / "report.html").read_text()
+    assert rebuild(folder).stat().st_size > 0
+    other = write_run(make_run(), tmp_path / "other")
+    assert "Pulses over the gait cycle" not in {
+        plot.title for plot in plots(read_run(other), figures_of(other))
+    }
+
+
+def test_push_off_is_averaged_over_the_cycle_where_somebody_walks(tmp_path) -> None:
+    """The made-up moment is the phase itself."""
+    traces = read_run(write_run(walk(until_s=5.0), tmp_path / "run"))
+    percent, moment = push_off_curve(traces.plant)
+    assert len(percent) == 100
+    assert moment == pytest.approx(0.01 * percent, abs=0.006)
+
+
+def test_pulses_are_placed_alike_in_a_log_written_in_pieces(tmp_path) -> None:
+    """An impact is reported when it has ended: its touch-down may lie in an earlier piece."""
+    run = walk()
+    place_impacts(run, [0.05, 0.5])
+    folder = write_run(run, tmp_path / "run")
+    traces = read_run(folder)
+    whole = tables(rebuild(folder))
+    path = tmp_path / "pieces.rrd"
+    with closing(RunLog(path, traces.run, traces.scenario)) as log:
+        for start in range(7):
+            piece, late = part(traces, start, start + 1.0), part(traces, start - 0.1, start + 0.9)
+            log.append(dataclasses.replace(piece, impacts=late.impacts))
+        log.append(part(traces, 7.0, 8.0))
+    for entity in ("/gait/inside", "/gait/outside"):
+        wanted, found = (table[entity]["Scalars:scalars"].to_pylist() for table in (whole, tables(path)))
+        assert found == wanted
+        assert len(wanted) >= 9
+    inside = [value[0] for value in whole["/gait/inside"]["Scalars:scalars"].to_pylist()]
+    assert inside == pytest.approx([0.5] * len(inside), abs=0.005)

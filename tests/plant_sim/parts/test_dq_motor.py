@@ -1,0 +1,310 @@
+"""The motor in the rotor's frame: against motulator, closed forms and its own ledgers."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import DELETE, changed
+from kernel_code import arithmetic, constant, kernel_code
+from motulator_drive import motulator_motion
+
+from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.winding import DqWinding, Settled, Smooth, Waves
+from plant_sim.plant import Plant
+from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.sensors.sensing import NoSensing
+from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.adaptive.bernstein import NODES
+from plant_sim.solvers.adaptive.state_layout import VOLTAGE_LIMITED, Memory, allocate, current_place
+
+SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
+COGGING = [{"order": 84, "amplitude_n_m": 2e-3}, {"order": 12, "amplitude_n_m": 1e-3, "phase_rad": 0.7}]
+RIPPLE = [{"order": 6, "share": 0.02, "phase_rad": 0.3}]
+
+
+def scene(changes: dict[str, Any], name: str = "table1-motor-soft") -> Scene:
+    return load_scene(changed(name, {"drive.model": "dq-motor", "sensors": DELETE, **changes}))
+
+
+def started(module: Scene, omega_rad_s: float = 0.0, accuracy: float = 1e-10) -> tuple[Parts, Memory]:
+    parts = module.parts()
+    start = replace(initial_state(module), omega_rad_s=omega_rad_s)
+    return parts, allocate(parts, start, accuracy, 64)
+
+
+@pytest.mark.parametrize(
+    ("changes", "torque_n_m", "spun_rad_s"),
+    [
+        # Locked by dry friction: no speed, no back-EMF.
+        ({"motor.dry_n_m": 50.0}, 0.3, 0.0),
+        # Spun by a flywheel that no torque slows, with and against the torque.
+        ({"motor.inertia_kg_m2": 1e9, "motor.dry_n_m": 0.0}, 0.3, 100.0),
+        ({"motor.inertia_kg_m2": 1e9, "motor.dry_n_m": 0.0}, -0.6, 100.0),
+        # Free, with a step of torque.
+        ({"motor.inertia_kg_m2": 5e-5, "motor.dry_n_m": 0.0}, 0.4, None),
+        # Light and on a weak bus: it runs up until the back-EMF has used up the bus.
+        ({"motor.inertia_kg_m2": 2e-5, "motor.supply_v": 6.0, "motor.dry_n_m": 0.0}, 0.6, None),
+        # Spun so fast that the back-EMF alone is more than the bus: the current is driven backwards.
+        (
+            {"motor.inertia_kg_m2": 1e9, "motor.supply_v": 6.0, "motor.dry_n_m": 0.0},
+            0.4,
+            80.0,
+        ),
+    ],
+)
+def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_rad_s: float | None) -> None:
+    """Currents, speed and torque to 1e-9 of the largest: both integrate the same equations to rounding.
+
+    motulator has them in the stator's frame with flux linkages, and knows of no crank.
+    """
+    module = scene({"drive.amplitude_m": 0.0, "winding": SALIENT, **changes})
+    parts, memory = started(module, spun_rad_s or 0.0, accuracy=1e-12)
+    assert isinstance(parts.drive, MotorDrive)
+    assert isinstance(parts.winding, DqWinding)
+    times_s = np.linspace(0.0, 8e-3, 17)
+    theirs = motulator_motion(parts.drive, parts.winding, torque_n_m, times_s, spun_rad_s)
+    place, ours = current_place(parts), []
+    limited = False
+    for t_s in times_s:
+        run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_GRID, NO_SAMPLES)
+        limited = limited or memory.mode[VOLTAGE_LIMITED] == 1
+        i_d, i_q = memory.y[place : place + 2]
+        torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q
+        ours.append([i_d, i_q, memory.y[3], torque])
+    for mine, reference in zip(np.array(ours).T, theirs, strict=True):
+        assert np.max(np.abs(mine - reference)) <= 1e-9 * max(np.max(np.abs(reference)), 1.0)
+    assert limited == (parts.drive.supply_v == 6.0)
+
+
+def test_the_loop_is_of_first_order_while_the_voltage_lasts() -> None:
+    """i_q = i* (1 − exp(−α t)) to rounding, however the crank turns and whatever loads it."""
+    module = scene({"winding": {**SALIENT, "bandwidth_rad_s": 800.0}})
+    parts, memory = started(module, 12.0, accuracy=1e-12)
+    for tick in range(1, 11):
+        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID, NO_SAMPLES)
+        wanted = 2.5 * -math.expm1(-0.8 * tick)
+        i_d, i_q = memory.y[current_place(parts) :][:2]
+        assert i_q == pytest.approx(wanted, abs=1e-9)
+        assert i_d == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_fast_loop_is_the_torque_mode_motor() -> None:
+    """The difference falls as 1/α does, through a run-up with load and impacts."""
+    wanted = simulate(load_scene(changed("gait-motor-soft", {"sensors": DELETE})), 2.0, torque_n_m=0.05)
+    away = []
+    for bandwidth in (1e3, 1e4):
+        module = scene({"winding": {"bandwidth_rad_s": bandwidth}}, "gait-motor-soft")
+        result = simulate(module, 2.0, torque_n_m=0.05)
+        assert result.impacts.t_s.size == wanted.impacts.t_s.size > 0
+        away.append(abs(result.impacts.t_s[0] - wanted.impacts.t_s[0]))
+    assert away[0] == pytest.approx(10.0 * away[1], rel=0.1)
+    # A torque that comes 1/α late brings an impact some 1/α late.
+    assert away[0] == pytest.approx(1e-3, rel=0.2)
+
+
+def uneven(changes: dict[str, Any]) -> Scene:
+    return scene({"winding": {**SALIENT, "cogging": COGGING, "ripple": RIPPLE}, **changes})
+
+
+def test_the_ledgers_balance() -> None:
+    """Mechanical and electrical, with cogging, ripple and a bus that limits now and then."""
+    plant = Plant(uneven({"motor.supply_v": 4.0}), seed=1)
+    limited = 0
+    for tick in range(4000):
+        plant.advance(0.08 + 0.3 * math.sin(0.013 * tick) + 0.1 * math.sin(0.17 * tick), 1e-3)
+        limited += int(plant._memory.mode[VOLTAGE_LIMITED])
+    assert 100 < limited < 3900
+    assert plant.energy.drive_work_j > 1.0
+    assert plant.energy.residual < 1e-9
+    electrical = plant.electrical
+    assert electrical is not None
+    assert electrical.shaft_j == plant.energy.drive_work_j
+    assert electrical.copper_j > 1.0
+    assert electrical.residual < 1e-9
+
+
+def test_a_run_does_not_depend_on_how_it_is_cut_into_ticks() -> None:
+    module = uneven({"motor.supply_v": 4.0})
+    whole, plant = simulate(module, 2.0, torque_n_m=0.25), Plant(module, seed=1)
+    for _ in range(2000):
+        plant.advance(0.25, 1e-3)
+    assert whole.electrical is not None
+    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
+    assert plant.state.omega_rad_s == pytest.approx(whole.final.omega_rad_s, abs=1e-5)
+    assert plant.electrical is not None
+    assert plant.electrical.work_j == pytest.approx(whole.electrical.work_j, rel=1e-7)
+
+
+def test_at_the_voltage_limit_the_current_falls() -> None:
+    """|v| = V/√3 alone, R i + j ω_e (L i + ψ): at speed i_q is what the losses take, far below i*."""
+    plant = Plant(scene({"motor.supply_v": 5.0, "drive.amplitude_m": 0.0}), seed=1)
+    currents, speeds = [], []
+    for _ in range(5000):
+        plant.advance(0.4, 1e-3)
+        currents.append(plant.now.current_a)
+        speeds.append(plant.now.omega_rad_s)
+    assert max(currents) == pytest.approx(5.0, rel=0.01)
+    assert currents[-1] == pytest.approx((5e-3 + 1e-4 * speeds[-1]) / 0.08, rel=1e-4)
+    i_d, i_q = plant._memory.y[current_place(plant.parts) :][:2]
+    electrical = 7.0 * speeds[-1]
+    voltage = 0.4 * (i_d + 1j * i_q) + 1j * electrical * (0.3e-3 * (i_d + 1j * i_q) + 0.08 / 10.5)
+    assert abs(voltage) == pytest.approx(5.0 / math.sqrt(3.0), rel=1e-4)
+    # No more than the bus's own speed V/√3 / (p ψ), as the torque-mode motor's V/K_t bounds its own.
+    assert 0.9 < speeds[-1] / (5.0 / math.sqrt(3.0) / (0.08 / 1.5)) < 1.0
+
+
+@pytest.mark.parametrize(("limit_n_m", "low", "high"), [(0.06, 1.0, 1.15), (0.15, 1.28, 1.32)])
+def test_a_weak_motor_stalls_below_the_speed_asked_for(limit_n_m: float, low: float, high: float) -> None:
+    """The Sommerfeld effect: near resonance the load takes all a weak motor can give."""
+    module = scene({"motor.current_limit_a": limit_n_m / 0.08})
+    plant, natural, integral, speeds = Plant(module, seed=1), module.natural_rad_s, 0.0, []
+    for tick in range(20000):
+        error = 1.3 * natural * min(tick / 5000.0, 1.0) - plant.state.omega_rad_s
+        integral = min(max(integral + 0.3 * error * 1e-3, -limit_n_m), limit_n_m)
+        plant.advance(0.05 * error + integral, 1e-3)
+        speeds.append(plant.state.omega_rad_s)
+    assert low < np.mean(speeds[-5000:]) / natural < high
+
+
+def test_a_crank_that_dry_friction_holds_breaks_away_as_the_current_comes() -> None:
+    """K_t i*(1 − e^(−α t)) = dry loss at t = −ln(1 − dry/T*)/α."""
+    plant = Plant(scene({"drive.amplitude_m": 0.0}), seed=1)
+    away_s = -math.log1p(-5e-3 / 0.02) / 1000.0
+    plant.advance(0.02, away_s * 0.999)
+    assert plant.state.omega_rad_s == 0.0
+    plant.advance(0.02, away_s * 0.002)
+    late_s = away_s * 0.001
+    # From there on J ω' = α T* e^(−α t) t, to the leading order.
+    growth = 1000.0 * 0.02 * (1.0 - 5e-3 / 0.02) / 5e-4
+    assert plant.state.omega_rad_s == pytest.approx(0.5 * growth * late_s**2, rel=1e-3)
+    held = Plant(scene({"drive.amplitude_m": 0.0}), seed=1)
+    for _ in range(1000):
+        held.advance(0.0049, 1e-3)
+    assert held.state.crank_rad == 0.0
+
+
+def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() -> None:
+    """Without dry loss a crank swings about a stable tooth: sin(12 θ) falls at θ = π/12."""
+    tooth = [{"order": 12, "amplitude_n_m": 0.02}, {"order": 24, "amplitude_n_m": 0.0}]
+    changes = {"drive.amplitude_m": 0.0, "motor.dry_n_m": 0.0, "motor.viscous_n_m_s": 2e-3}
+    caught = uneven({**changes, "winding": {"cogging": tooth, "ripple": RIPPLE}, "drive.phase_rad": 0.2})
+    plant = Plant(caught, seed=1)
+    for _ in range(6000):
+        plant.advance(0.0, 1e-3)
+    assert plant.state.crank_rad == pytest.approx(math.pi / 12.0, abs=1e-5)
+    # What the tooth stored has been rubbed off, 0.02/12 (cos 2.4 − cos π), and what the rippling flux gave.
+    given_j = 0.02 / 12.0 * (math.cos(2.4) + 1.0) + plant.energy.drive_work_j
+    assert plant.energy.friction_j == pytest.approx(given_j, rel=1e-9)
+    even = [{**wave, "amplitude_n_m": 0.0} for wave in COGGING]
+    turning = {"winding": {"cogging": even, "ripple": RIPPLE}, "motor.inertia_kg_m2": 1e6}
+    parts, memory = started(scene({**changes, **turning}), 2.0)
+    torques = []
+    for tick in range(1, 2001):
+        run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID, NO_SAMPLES)
+        torques.append(memory.observed[5])
+    # 2 % of 0.2 N m on either side; what the rippling back-EMF drives through the loop comes on top.
+    ripple = 0.5 * (max(torques[200:]) - min(torques[200:]))
+    assert ripple == pytest.approx(0.004, rel=0.1)
+
+
+def test_the_state_has_what_the_scene_names() -> None:
+    plain, dq = load_scene("table1-motor-soft"), scene({})
+    for module, size, motion, modes in ((plain, 8, 4, 12), (dq, 8 + 4 + 2, 8, 14)):
+        memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
+        assert (memory.y.size, memory.dense.shape[0], memory.mode.size) == (size, motion, modes)
+        assert memory.scratch.inner.size == (0 if module is plain else motion)
+    assert isinstance(plain.parts().winding, Settled)
+    smooth, waving = dq.parts().winding, uneven({}).parts().winding
+    assert isinstance(smooth, DqWinding)
+    assert isinstance(waving, DqWinding)
+    assert isinstance(smooth.cogging, Smooth)
+    assert isinstance(waving.cogging, Waves)
+    assert len(waving.cogging.waves) == 2
+
+
+def test_the_kernel_holds_only_what_the_scene_names() -> None:
+    """Only windings have a voltage to look for at a step's inner points."""
+    hertz = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    motor = {"model": "motor", "amplitude_m": 0.02}
+    plain = kernel_code({"stop": hertz, "drive": motor})
+    smooth = kernel_code({"stop": hertz, "drive": {**motor, "model": "dq-motor"}})
+    assert constant(NODES[1]) not in plain
+    assert constant(NODES[1]) in smooth
+    assert arithmetic(plain) < arithmetic(smooth)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "said"),
+    [
+        (
+            "table1-motor-soft",
+            {"winding": {}},
+            "winding is given while drive.model = 'motor'; delete the table [winding], or set drive.model",
+        ),
+        (
+            "table1-motor-soft",
+            {"drive": {"model": "dq-motor", "amplitude_m": 0.02, "ratio": 1.3}},
+            "drive.ratio = 1.3 is given for a motor, which takes a torque",
+        ),
+        (
+            "table1-motor-soft",
+            {"drive.model": "dq-motor", "winding": {"bandwidth_rad_s": 0.0}},
+            "winding.bandwidth_rad_s = 0.0 is not a number greater than 0",
+        ),
+        (
+            "table1-motor-soft",
+            {"drive.model": "dq-motor", "winding": {"ripple": [{"order": 6, "share": 1.5}]}},
+            "winding.ripple.0.share = 1.5 is not a number less than 1",
+        ),
+        (
+            "table1-motor-soft",
+            {"drive.model": "dq-motor", "winding": {"cogging": [{"amplitude_n_m": 1e-3}]}},
+            "winding.cogging.0.order is missing; give the number of periods in a turn of the crank",
+        ),
+        (
+            "table1-motor-soft",
+            {"drive.model": "dq-motor", "solver.method": "exact"},
+            "solver.method = 'exact' has no closed form for drive.model = 'dq-motor'",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(name: str, changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError) as refusal:
+        load_scene(changed(name, changes))
+    assert str(refusal.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("changes", "supply_v"),
+    [
+        ({"motor.inertia_kg_m2": 1e-9}, 24.0),
+        ({"motor.inertia_kg_m2": 1e6}, 24.0),
+        ({"motor.inductance_h": 1e-7}, 24.0),
+        ({"motor.inductance_h": 0.1}, 24.0),
+        ({"motor.resistance_ohm": 1e-6}, 24.0),
+        ({"winding": {"bandwidth_rad_s": 1e5}}, 24.0),
+        ({"winding": {"bandwidth_rad_s": 1.0}}, 24.0),
+        ({"motor.current_limit_a": 0.5}, 24.0),
+        # The bus sags under a turning motor, to next to nothing.
+        ({}, 1.0),
+        ({}, 1e-9),
+    ],
+)
+def test_extremes_balance(changes: dict[str, Any], supply_v: float) -> None:
+    """Next to no inertia, inductance, resistance, bandwidth or bus, and next to endless ones; back-driven."""
+    plant = Plant(scene(changes), seed=1)
+    for tick in range(100):
+        if tick == 50:
+            drive = plant.parts.drive
+            assert isinstance(drive, MotorDrive)
+            plant.replace_parts(plant.parts._replace(drive=drive._replace(supply_v=supply_v)))
+        plant.advance(0.3 if tick < 75 else -0.3, 1e-3)
+    assert math.isfinite(plant.now.omega_rad_s)
+    assert abs(plant.now.current_a) <= plant.parts.drive.current_limit_a * (1.0 + 1e-6)
+    assert plant.energy.residual < 1e-9
+    assert plant.electrical is not None
+    assert plant.electrical.residual < 1e-9

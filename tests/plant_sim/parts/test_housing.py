@@ -1,0 +1,284 @@
+"""A tilted and a moving housing: closed forms, the exact solver, scipy, the ledger and the accelerometers."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import changed
+from reference import Reference
+from scipy import signal
+
+from plant_sim.methods import choose
+from plant_sim.parts.housing import Level, Moving, Tilted
+from plant_sim.plant import Plant
+from plant_sim.result import Phase, SimulationResult
+from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive.state_layout import allocate
+from plant_sim.tilt import levelled
+
+G = 9.80665
+TILT = {"housing.tilt_rad": 0.2}
+SWING = {"housing.harmonic": {"amplitude_m_s2": 3.4, "frequency_hz": 1.0, "phase_rad": 0.3}}
+KNOCK = {"housing.shock": {"peak_m_s2": 30.0, "start_s": 0.7, "duration_s": 0.05}}
+HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+QUIET = {"noise_m_s2_rthz": 0.0, "bias_m_s2": 0.0, "count_m_s2": 1e-9, "range_m_s2": 1e5}
+SENSORS = {"striker_low": {**QUIET, "bandwidth_hz": 150.0}, "striker_high": QUIET, "housing": QUIET}
+
+
+def scene(changes: dict[str, Any], name: str = "table1-viscous") -> Scene:
+    return load_scene(changed(name, changes))
+
+
+def reference(scene: Scene, until_s: float, torque_n_m: float = 0.0) -> Reference:
+    start = initial_state(scene)
+    run = Reference(scene.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    run.run(until_s, torque_n_m)
+    return run
+
+
+@pytest.mark.parametrize("method", ["adaptive", "exact"])
+def test_a_tilted_striker_comes_to_rest_where_the_spring_carries_it(method: str) -> None:
+    """x = l0 − m g sin α / c, and at first it falls by −g sin α."""
+    changes = {**TILT, "drive.amplitude_m": 0.0, "friction.b_n_s_m": 20.0, "solver.method": method}
+    result = simulate(scene(changes), 60.0)
+    assert result.method == method
+    assert result.final.x_m == pytest.approx(0.12 - 0.8 * G * math.sin(0.2) / 70.0, abs=1e-12)
+    # All that gravity gave is in the spring or rubbed off.
+    drop = 0.8 * G * math.sin(0.2)
+    assert result.energy.housing_work_j == pytest.approx(drop * drop / 70.0, rel=1e-9)
+    assert result.energy.stored_change_j == pytest.approx(0.5 * drop * drop / 70.0, rel=1e-9)
+
+
+def driven(m: float, c: float, b: float, rate: float, force: complex) -> complex:
+    """The steady oscillation under Re(force e^(j rate t))."""
+    return force / (c - m * rate**2 + 1j * b * rate)
+
+
+def test_a_swinging_housing_adds_its_own_oscillation() -> None:
+    """No stop: crank, swing and tilt superpose, x = Re(X_A e^(jΩt) + X_b e^(jω_b t)) − m g sin α/c + free."""
+    changes = {**TILT, **SWING, "stop": {"law": "none"}, "solver.accuracy": 1e-10}
+    result = simulate(scene(changes), 20.0, samples_s=0.05)
+    m, c, b, amplitude = 0.8, 70.0, 0.2, 0.02
+    natural = math.sqrt(c / m)
+    crank, swing = 1.3 * natural, 2.0 * math.pi
+    by_crank = driven(m, c, b, crank, -1j * c * amplitude)
+    by_swing = driven(m, c, b, swing, 1j * m * 3.4 * np.exp(0.3j))  # −m â sin(…) = Re(j m â e^(j…))
+    sag = -m * G * math.sin(0.2) / c
+    root = complex(-b / (2.0 * m), math.sqrt(c / m - (b / (2.0 * m)) ** 2))
+    x0 = -(by_crank + by_swing).real - sag
+    v0 = -(1j * crank * by_crank + 1j * swing * by_swing).real
+    free = complex(x0, (root.real * x0 - v0) / root.imag)
+    assert result.samples is not None
+    t = result.samples.t_s
+    x = 0.12 + sag + (by_crank * np.exp(1j * crank * t) + by_swing * np.exp(1j * swing * t)).real
+    x += (free * np.exp(root * t)).real
+    assert np.max(np.abs(result.samples.x_m - x)) < 1e-9
+
+
+def test_a_knock_gives_its_area_to_a_free_striker() -> None:
+    """∫ a_b dt = 2 T â / π, against which a loose striker stays behind."""
+    changes = {
+        "housing.shock": {"peak_m_s2": 40.0, "start_s": 0.3, "duration_s": 0.02},
+        "stop": {"law": "none"},
+        "friction.b_n_s_m": 0.0,
+        "drive.amplitude_m": 0.0,
+        "striker.spring_n_m": 1e-6,
+    }
+    result = simulate(scene(changes), 0.4)
+    assert result.final.v_m_s == pytest.approx(-2.0 * 0.02 * 40.0 / math.pi, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["adaptive", "exact"])
+@pytest.mark.parametrize("name", ["table1-viscous", "table1-coulomb"])
+def test_a_tilt_by_both_solvers(name: str, method: str) -> None:
+    """Against scipy: downhill by 0.1, with less weight on the guide."""
+    module = scene({"housing.tilt_rad": -0.1, "drive.ratio": 1.0, "solver.method": method}, name)
+    ours, theirs = simulate(module, 6.0), reference(module, 6.0)
+    assert ours.impacts.t_s.size == len(theirs.impacts_t) > 1
+    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=1e-8)
+    assert ours.final.x_m == pytest.approx(theirs.x, abs=1e-8)
+    assert ours.energy.residual < 1e-8
+
+
+def test_both_solvers_book_a_tilt_alike() -> None:
+    changes = {"housing.tilt_rad": -0.1, "drive.ratio": 1.0}
+    exact = simulate(scene({**changes, "solver.method": "exact"}), 7.3).energy
+    adaptive = simulate(scene({**changes, "solver.method": "adaptive"}), 7.3).energy
+    assert exact.residual < 1e-12
+    for name in ("drive_work_j", "stored_change_j", "friction_j", "impact_loss_j", "housing_work_j"):
+        assert getattr(adaptive, name) == pytest.approx(getattr(exact, name), abs=1e-7)
+    assert abs(exact.housing_work_j) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "until_s", "torque_n_m"),
+    [
+        ("table1-viscous", {**SWING, "drive.ratio": 1.0}, 4.0, 0.0),
+        ("table1-viscous", {**KNOCK, **TILT, "drive.ratio": 0.5}, 4.0, 0.0),
+        ("table1-viscous", {**SWING, **KNOCK, "drive.ratio": 1.0, "stop": HERTZ}, 4.0, 0.0),
+        ("table1-viscous", {**SWING, "drive.ratio": 1.0, "stop": KELVIN_VOIGT}, 4.0, 0.0),
+        ("table1-coulomb", {**SWING, "drive.amplitude_m": 0.01}, 6.0, 0.0),  # sticks and is shaken loose
+        ("table1-stribeck", {**SWING, **KNOCK}, 4.0, 0.0),
+        ("gait-motor-soft", {**SWING, **KNOCK}, 2.0, 0.05),
+    ],
+)
+def test_agrees_with_scipy(name: str, changes: dict[str, Any], until_s: float, torque_n_m: float) -> None:
+    module = scene({**changes, "solver.method": "adaptive"}, name)
+    ours, theirs = simulate(module, until_s, torque_n_m=torque_n_m), reference(module, until_s, torque_n_m)
+    assert ours.impacts.t_s.size == len(theirs.impacts_t)
+    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=1e-8)
+    assert np.allclose(ours.impacts.v_m_s, theirs.impacts_v, rtol=0.0, atol=1e-7)
+    assert ours.final.x_m == pytest.approx(theirs.x, abs=1e-8)
+    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=1e-7)
+    assert ours.energy.residual < 1e-8
+    assert ours.energy.housing_work_j != 0.0
+
+
+def test_twenty_degrees_of_swing_make_a_module_strike_with_its_crank_off() -> None:
+    """Once a swing, at 0.72 m/s: as hard as the drive does at r = 1.1."""
+    changes = {"drive.amplitude_m": 0.0, "housing.harmonic": {"amplitude_m_s2": 3.4, "frequency_hz": 1.0}}
+    impacts = simulate(scene(changes), 60.0).impacts
+    late = impacts.t_s > 30.0
+    assert np.sum(late) == 30
+    assert np.allclose(impacts.v_m_s[late], 0.7206, rtol=0.0, atol=1e-4)
+
+
+def test_a_striker_rests_on_the_stop_until_the_housing_falls_away() -> None:
+    """Pressed by c (l0 − x_stop) = 0.7 N; a_b = â sin ω t lifts it off where m â sin ω t reaches that."""
+    changes = {
+        "stop.position_m": 0.11,
+        "initial.x_m": 0.11,
+        "drive.amplitude_m": 0.0,
+        "housing.harmonic": {"amplitude_m_s2": 2.0, "frequency_hz": 0.5},
+        "solver.method": "adaptive",
+    }
+    release_s = math.asin(0.7 / (0.8 * 2.0)) / math.pi
+    assert simulate(scene(changes), release_s - 1e-6).final.phase == Phase.REST_ON_STOP
+    gone = simulate(scene(changes), release_s + 1e-3).final
+    assert gone.phase == Phase.FLIGHT
+    jerk = 2.0 * math.pi * math.cos(math.pi * release_s)
+    assert gone.x_m - 0.11 == pytest.approx(-jerk * 1e-9 / 6.0, rel=1e-2)
+
+
+def result_of(changes: dict[str, Any], until_s: float) -> SimulationResult:
+    return simulate(scene({**changes, "solver.method": "adaptive"}), until_s)
+
+
+def test_a_housing_that_does_nothing_changes_nothing() -> None:
+    still = result_of({"drive.ratio": 1.0}, 5.0)
+    for nothing in (
+        {"housing": {}},
+        {"housing.shock": {"peak_m_s2": 0.0, "start_s": 50.0, "duration_s": 0.1}},
+    ):
+        same = result_of({"drive.ratio": 1.0, **nothing}, 5.0)
+        assert np.allclose(same.impacts.t_s, still.impacts.t_s, rtol=0.0, atol=1e-9)
+        assert same.energy.housing_work_j == 0.0
+
+
+def test_a_run_on_a_moving_housing_does_not_depend_on_its_ticks() -> None:
+    module = scene({**SWING, **KNOCK, **TILT}, "gait-motor-soft")
+    whole, plant = simulate(module, 1.5, torque_n_m=0.05), Plant(module, seed=1)
+    for _ in range(1500):
+        plant.advance(0.05, 1e-3)
+    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
+    assert [i.t_s for i in plant.take_impacts()] == pytest.approx(whole.impacts.t_s, abs=1e-8)
+    assert plant.energy.housing_work_j == pytest.approx(whole.energy.housing_work_j, abs=1e-8)
+
+
+def test_accelerometers_read_what_they_are_carried_along_with() -> None:
+    """The striker's x'' + a_b, the housing's a_b: scipy's filters over the truth in ticks of 20 µs."""
+    changes = {**SWING, "housing.shock": {"peak_m_s2": 30.0, "start_s": 0.2, "duration_s": 0.03}}
+    module = scene({**changes, "sensors": SENSORS, "initial.v_m_s": 1.5}, "gait-motor-soft")
+    coarse, fine = Plant(module, seed=1), Plant(module, seed=1)
+    readings, striker, housing = [], [0.0], [fine.housing_m_s2]
+    for _ in range(400):
+        coarse.advance(0.06, 1e-3)
+        readings.append(coarse.sense())
+        for _ in range(50):
+            fine.advance(0.06, 2e-5)
+            striker.append(fine.now.accel_m_s2 + fine.housing_m_s2)
+            housing.append(fine.housing_m_s2)
+    times = 2e-5 * np.arange(len(housing))
+    for corner_hz, truth, ours in (
+        (150.0, striker, [reading.striker_low_m_s2 for reading in readings]),
+        (400.0, striker, [reading.striker_high_m_s2 for reading in readings]),
+        (400.0, housing, [reading.housing_m_s2 for reading in readings]),
+    ):
+        system = signal.butter(2, 2.0 * math.pi * corner_hz, analog=True, output="ba")
+        theirs = signal.lsim(system, truth, times)[1][50::50]
+        assert np.max(np.abs(np.array(ours) - theirs)) < 2e-3 * np.max(np.abs(theirs))
+
+
+def test_a_tilted_module_at_rest_reads_gravity_at_once() -> None:
+    changes = {
+        **TILT,
+        "sensors": SENSORS,
+        "drive.amplitude_m": 0.0,
+        "friction": {"law": "coulomb", "mu": 0.5},
+    }
+    plant = Plant(scene(changes), seed=1)
+    for _ in range(3):
+        reading = plant.sense()
+        for value in (reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2):
+            assert value == pytest.approx(G * math.sin(0.2), abs=1e-8)
+        plant.advance(0.0, 1e-3)
+    assert plant.state.phase == Phase.STICK
+
+
+def test_friction_of_a_tilted_guide_holds_up_to_its_angle() -> None:
+    """tan α = μ."""
+    for tilt_rad, phase in ((math.atan(0.3) - 1e-6, Phase.STICK), (math.atan(0.3) + 1e-6, Phase.FLIGHT)):
+        changes = {"housing.tilt_rad": tilt_rad, "friction.mu": 0.3, "drive.amplitude_m": 0.0}
+        assert simulate(scene(changes, "table1-coulomb"), 1e-3).final.phase == phase
+
+
+def test_stepping_keeps_its_accuracy_on_a_tilt() -> None:
+    """The striker falls by 9 cm of sag and swings back: for the longer way the step is shorter."""
+    changes = {"drive.amplitude_m": 0.001, "housing.tilt_rad": 1.0, "stop": {"law": "none"}}
+    asked = {"solver.method": "stepping", "solver.accuracy": 1e-3}
+    module, level = scene({**changes, **asked}), scene({**changes, **asked, "housing.tilt_rad": 0.0})
+    step_s = choose(module, levelled(module.parts())).step_s
+    level_step_s = choose(level, levelled(level.parts())).step_s
+    assert step_s is not None
+    assert level_step_s is not None
+    assert step_s < 0.2 * level_step_s
+    period_s = 2.0 * math.pi / (1.3 * module.natural_rad_s)
+    ours = simulate(module, period_s)
+    truth = simulate(scene({**changes, "solver.method": "exact"}), period_s)
+    assert ours.final.x_m == pytest.approx(truth.final.x_m, abs=1e-3)
+    assert ours.energy.residual < 1e-9
+    assert ours.energy.housing_work_j == pytest.approx(truth.energy.housing_work_j, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "part", "state"),
+    [({}, Level, 5), ({"housing": {}}, Tilted, 6), (TILT, Tilted, 6), (SWING, Moving, 6)],
+)
+def test_the_state_has_one_more_account_for_a_housing(
+    changes: dict[str, Any], part: type, state: int
+) -> None:
+    module = scene(changes)
+    assert isinstance(module.parts().housing, part)
+    assert allocate(module.parts(), initial_state(module), 1e-9, 1).y.size == state
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"housing.tilt_deg": 5.0}, "housing.tilt_deg = 5.0 is not a known key; did you mean tilt_rad?"),
+        ({"housing.tilt_rad": 2.0}, "housing.tilt_rad = 2.0 is not a number"),
+        ({"housing.harmonic": {"amplitude_m_s2": 1.0}}, "housing.harmonic.frequency_hz is missing"),
+        (
+            {"housing.shock": {"peak_m_s2": 1.0, "start_s": 0.0, "duration_s": 0.0}},
+            "housing.shock.duration_s = 0.0 is not a number greater than 0",
+        ),
+        ({**SWING, "solver.method": "exact"}, "'exact' has no closed form for housing.harmonic"),
+        ({**KNOCK, "solver.method": "stepping"}, "'stepping' has no housing.shock"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError, match=said.replace("?", r"\?")):
+        scene(changes)

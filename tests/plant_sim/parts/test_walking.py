@@ -1,0 +1,451 @@
+"""A module on a walking leg: the motion against finite differences, the solver against scipy, the sensors."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import changed
+from reference import Reference
+
+from plant_sim.parts import walking as w
+from plant_sim.parts.housing import housing_m_s2, housing_m_s3, smooth_for_s
+from plant_sim.parts.walking import KNOCK_M_S2, Walking, leg_at, row_at
+from plant_sim.plant import Plant
+from plant_sim.scene import Scene, SceneError, load_scene
+from plant_sim.sensors.gait import GaitReading, GaitTruth, LegState, gait_at
+from plant_sim.simulation import initial_state, simulate
+
+G = 9.80665
+PACES = [
+    {"at_s": 0.0, "stride_hz": 0.9},
+    {"at_s": 5.0, "stride_hz": 1.08},
+    {"at_s": 12.0, "stride_hz": 0.0},
+    {"at_s": 15.0, "stride_hz": 0.45},
+]
+UNEVEN = {"axis": "forward", "pace": PACES, "stumble": [{"at_s": 7.0}], "stance_share": 0.56}
+STEADY = {"axis": "outward", "pace": [{"at_s": 0.0, "stride_hz": 0.9}], "variability": 0.0}
+
+
+def scene(gait: dict[str, Any] | None, name: str = "table1-viscous", **changes: Any) -> Scene:
+    dotted = {key.replace("__", "."): value for key, value in changes.items()}
+    return load_scene(changed(name, dotted | ({} if gait is None else {"gait": gait})))
+
+
+def walking_of(gait: dict[str, Any], seed: int = 1) -> Walking:
+    housing = scene(gait).parts(seed).housing
+    assert isinstance(housing, Walking)
+    return housing
+
+
+def cycle(gait: dict[str, Any], shares: list[float]) -> list[GaitTruth]:
+    """The truth at these shares of the third stride."""
+    walking = walking_of(gait)
+    begin, length = walking.rows[2, w.BEGIN_S], walking.rows[2, w.LENGTH_S]
+    return [gait_at(walking, begin + share * length) for share in shares]
+
+
+# --- the leg ------------------------------------------------------------------------------------------
+
+
+def test_the_shank_does_what_the_normative_curves_do() -> None:
+    """Winter's landmarks in degrees: back at heel strike, over the foot in mid-stance, far in front."""
+    degrees = [math.degrees(at.shank_rad) for at in cycle(STEADY, [0.0, 0.2, 0.4, 0.6, 0.7, 0.9])]
+    assert degrees == pytest.approx([-20.0, 2.0, 15.0, 43.0, 52.0, -6.0], abs=2.0)
+    rates = [math.degrees(at.shank_rad_s) for at in cycle(STEADY, list(np.linspace(0.0, 1.0, 200)))]
+    assert min(rates) == pytest.approx(-373.0, abs=5.0)
+    assert max(rates) == pytest.approx(172.0, abs=5.0)
+
+
+def test_the_calf_pushes_off_in_late_stance_alone() -> None:
+    """Rounded landmarks of a natural cadence: toes let down, push-off of 1.6 N m/kg, an idle swing."""
+    shares = np.linspace(0.0, 1.0, 501)[:-1]
+    moment = np.array([at.ankle_n_m_kg for at in cycle(STEADY, list(shares))])
+    assert np.max(moment) == pytest.approx(1.6, abs=0.05)
+    assert shares[np.argmax(moment)] == pytest.approx(0.47, abs=0.01)
+    assert np.min(moment) == pytest.approx(-0.1, abs=0.02)
+    assert shares[np.argmin(moment)] == pytest.approx(0.05, abs=0.02)
+    assert np.max(np.abs(moment[(shares > 0.65) & (shares < 0.97)])) < 0.05
+    assert moment[shares < 0.6].mean() > 10.0 * np.abs(moment[shares > 0.65]).mean()
+
+
+@pytest.mark.parametrize(("hertz", "peak"), [(0.45, 0.85), (0.9, 1.0), (1.2, 1.1)])
+def test_push_off_grows_with_the_cadence_and_follows_the_warp(hertz: float, peak: float) -> None:
+    shares = np.linspace(0.0, 1.0, 501)[:-1]
+    gait = STEADY | {"pace": [{"at_s": 0.0, "stride_hz": hertz}], "stance_share": 0.56}
+    moment = np.array([at.ankle_n_m_kg for at in cycle(gait, list(shares))])
+    assert np.max(moment) == pytest.approx(1.61 * peak, abs=0.02)
+    assert shares[np.argmax(moment)] < 0.43
+    standing = gait_at(walking_of(STEADY | {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}), 1.0)
+    assert standing.ankle_n_m_kg == 0.0
+
+
+def test_the_ankle_stands_still_in_stance_and_travels_a_stride_in_swing() -> None:
+    walking = walking_of(STEADY)
+    stride_m, hertz = walking.rows[2, w.FROM_STRIDE_M], walking.rows[2, w.FROM_HZ]
+    assert (stride_m, hertz) == pytest.approx((1.56 * 0.9, 0.9))
+    phase = np.linspace(0.0, 1.0, 401)
+    k = 2.0 * np.pi * np.arange(w.ORDER + 1)
+    cosines, sines = map(np.array, w.ADVANCE)
+    angle = phase[:, None] * k
+    speed = 1.0 + (k * (sines * np.cos(angle) - cosines * np.sin(angle))).sum(axis=1)  # of walking speed
+    assert np.max(np.abs(speed[(phase > 0.1) & (phase < 0.4)])) < 0.2
+    assert 3.0 < np.max(speed) < 3.5
+    assert 0.75 < phase[np.argmax(speed)] < 0.85
+
+
+def test_the_warp_moves_toe_off_and_nothing_else() -> None:
+    shares = [0.3, 0.55, 0.57, 0.9]
+    states = [at.state for at in cycle(STEADY | {"stance_share": 0.56}, shares)]
+    assert states == [LegState.STANCE, LegState.STANCE, LegState.SWING, LegState.SWING]
+    assert [at.phase for at in cycle(STEADY | {"stance_share": 0.56}, shares)] == pytest.approx(shares)
+
+
+@pytest.mark.parametrize("axis", ["up", "forward", "outward", "inward"])
+def test_what_is_felt_is_the_second_difference_of_where_the_module_is(axis: str) -> None:
+    """The place of the module written down anew from the curves; without bumps, which are no motion."""
+    walking = walking_of(UNEVEN | {"axis": axis, "heel_strike_m_s2": 0.0, "stumble": []})
+    step_s = 4e-4
+    for t in np.arange(0.3, 14.0, 0.0711):
+        row = walking.rows[row_at(walking.rows, t)]
+        if not row[w.BEGIN_S] + 4 * step_s < t < row[w.BEGIN_S] + row[w.LENGTH_S] - 4 * step_s:
+            continue
+        places = np.array([_place(walking, row, t + i * step_s) for i in range(-3, 4)])
+        second = np.array([2, -27, 270, -490, 270, -27, 2]) / (180.0 * step_s**2)
+        forward, up, outward, lean, tilt = second @ places
+        now = places[3]
+        h, lean_m, tilt_m = walking.mount_m, now[3], now[4]
+        rate = np.array([-1, 9, -45, 0, 45, -9, 1]) @ places[:, 3] / (60.0 * step_s)
+        e, across = np.array([np.sin(lean_m), np.cos(lean_m)]), np.array([np.cos(lean_m), -np.sin(lean_m)])
+        sagittal = np.array([forward, up + G])
+        wanted = {
+            "up": sagittal @ e - h * rate**2,
+            "forward": sagittal @ across + h * lean,
+            "outward": outward - (up + G) * np.sin(tilt_m) + h * tilt,
+        }
+        sign = -1.0 if axis == "inward" else 1.0
+        assert housing_m_s2(walking, t) == pytest.approx(
+            sign * wanted["outward" if axis == "inward" else axis], abs=2e-5
+        )
+
+
+def _place(walking: Walking, row: w.Rows, t_s: float) -> np.ndarray:
+    """Ankle forward, up and outward, lean and tilt, by numpy's polynomials and the series as they stand."""
+    s = (t_s - row[w.BEGIN_S]) / row[w.LENGTH_S]
+    blend = np.polynomial.Polynomial([0, 0, 0, 10.0, -15.0, 6.0])
+
+    def between(first: int) -> np.polynomial.Polynomial:
+        return row[first] + (row[first + 1] - row[first]) * blend
+
+    hertz, size, stride = between(w.FROM_HZ), between(w.FROM_SIZE), between(w.FROM_STRIDE_M)
+    phase = row[w.PHASE] + row[w.LENGTH_S] * hertz.integ()(s)
+    chi = phase + walking.warp * np.sin(np.pi * phase) ** 2
+
+    def series(pair: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
+        angle = 2.0 * np.pi * chi * np.arange(w.ORDER + 1)
+        return float(np.dot(pair[0], np.cos(angle)) + np.dot(pair[1], np.sin(angle)))
+
+    gone_m = row[w.LENGTH_S] * (hertz * stride).integ()(s)
+    return np.array(
+        [
+            gone_m + stride(s) * series(w.ADVANCE),
+            size(s) * series(w.RISE_M),
+            size(s) * series(w.SWAY_M),
+            size(s) * series(w.SHANK_RAD),
+            size(s) * series(w.TILT_RAD),
+        ]
+    )
+
+
+@pytest.mark.parametrize("axis", ["up", "forward", "outward"])
+def test_the_growth_is_the_slope_of_what_is_felt(axis: str) -> None:
+    walking = walking_of(UNEVEN | {"axis": axis})
+    edge, times = 2e-5, np.arange(0.0003, 20.0, 0.0037)
+    slopes = [(housing_m_s2(walking, t + edge) - housing_m_s2(walking, t - edge)) / (2 * edge) for t in times]
+    growth = np.array([housing_m_s3(walking, t) for t in times])
+    assert np.max(np.abs(growth - slopes)) < 1e-5 * np.max(np.abs(growth))
+
+
+def test_nothing_jumps_from_stride_to_stride_nor_on_starting_and_stopping() -> None:
+    walking = walking_of(UNEVEN)
+    for begin in walking.rows[1:20, w.BEGIN_S]:
+        before, after = leg_at(walking, np.nextafter(begin, 0.0)), leg_at(walking, begin)
+        assert np.allclose(before[:5], after[:5], rtol=0.0, atol=1e-9)
+
+
+def test_a_step_ends_where_a_strike_a_knock_or_a_stride_does() -> None:
+    walking = walking_of(UNEVEN)
+    knocks = walking.rows[:, w.KNOCK_M_S2] > 0.0
+    assert np.sum(knocks) == 1
+    corners = sorted(
+        {
+            *walking.rows[1:25, w.BEGIN_S],
+            *(walking.rows[1:25, w.BEGIN_S] + w.STRIKE_S)[walking.rows[1:25, w.STRIKE_M_S2] > 0.0],
+            *(walking.rows[knocks, w.BEGIN_S] + w.KNOCK_S),
+        }
+    )
+    t, met = 0.04, 0
+    while t < 17.0:
+        t_next = t + min(smooth_for_s(walking, t), 0.02)
+        inside = [corner for corner in corners if t + 1e-9 < corner < t_next - 1e-9]
+        assert not inside
+        met += any(abs(corner - t_next) < 1e-9 for corner in corners)
+        t = t_next
+    assert met == sum(0.04 < corner < 17.0 for corner in corners)
+
+
+# --- the strides --------------------------------------------------------------------------------------
+
+
+def test_strides_are_the_seeds_own() -> None:
+    first, again, other = (walking_of(UNEVEN, seed).rows for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[:5], other[:5])
+    plants = [Plant(scene(UNEVEN), seed).parts.housing for seed in (1, 2)]
+    assert isinstance(plants[1], Walking)
+    assert np.array_equal(plants[1].rows, other)
+
+
+def test_stride_times_vary_as_much_as_asked() -> None:
+    rows = walking_of(STEADY | {"variability": 0.03}).rows[:-1]
+    hertz = rows[:, w.FROM_HZ]
+    assert np.std(hertz) == pytest.approx(0.03 * 0.9, rel=0.1)
+    assert np.mean(hertz) == pytest.approx(0.9, rel=0.01)
+    assert np.array_equal(rows[:, w.TO_HZ][:-1], hertz[1:])
+    assert np.all(np.diff(rows[:, w.PHASE]) == 1.0)
+
+
+def test_a_walk_changes_pace_stops_and_starts_when_it_is_told() -> None:
+    walking = walking_of(UNEVEN | {"stumble": [], "variability": 0.0})
+    hertz = [gait_at(walking, t).stride_hz for t in (0.5, 9.0)]
+    assert hertz == pytest.approx([0.9, 1.08], abs=0.02)
+    standing = np.array([gait_at(walking, t).state == LegState.STANDING for t in np.arange(0.0, 20.0, 0.01)])
+    first, last = np.flatnonzero(standing)[[0, -1]] * 0.01
+    assert 12.0 - 1.3 < first < 12.0 + 1.3
+    assert last == pytest.approx(15.0, abs=0.02)
+    assert gait_at(walking, 25.0).stride_hz == pytest.approx(0.45, abs=1e-6)
+    assert math.isnan(gait_at(walking, 14.0).phase)
+
+
+def test_the_phase_grows_by_the_frequency() -> None:
+    walking = walking_of(UNEVEN)
+    t = np.arange(0.0, 11.0, 1e-3)
+    truths = [gait_at(walking, at) for at in t]
+    phase = np.unwrap([at.phase for at in truths], period=1.0)
+    middle = np.array([at.stride_hz for at in truths])
+    assert np.max(np.abs(np.gradient(phase, 1e-3)[1:-1] - middle[1:-1])) < 1e-4
+
+
+def test_a_stumble_is_a_knock_in_mid_swing_and_uneven_strides_after_it() -> None:
+    steady, trips = STEADY | {"axis": "backward"}, {"stumble": [{"at_s": 5.0, "knock_m_s2": 20.0}]}
+    even, uneven = walking_of(steady), walking_of(steady | trips)
+    row = uneven.rows[uneven.rows[:, w.KNOCK_M_S2] > 0.0][0]
+    assert row[w.PHASE] % 1.0 == 0.75
+    assert 5.0 <= row[w.BEGIN_S] < 5.0 + 1.2
+    middle = row[w.BEGIN_S] + w.KNOCK_S / 2.0
+    smooth = uneven._replace(rows=np.where(uneven.rows == 20.0, 0.0, uneven.rows))
+    assert housing_m_s2(uneven, middle) - housing_m_s2(smooth, middle) == pytest.approx(20.0)
+    lengths = np.diff([r[w.BEGIN_S] for r in uneven.rows[:12] if r[w.PHASE] % 1.0 == 0.0])
+    assert np.ptp(lengths) > 0.3
+    assert np.allclose(lengths[-2:], 1.0 / 0.9)
+    assert np.ptp(np.diff(even.rows[:12, w.BEGIN_S])) < 1e-9
+
+
+# --- the module ---------------------------------------------------------------------------------------
+
+HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.03}
+WORN = {"plate_kg": 1.0, "ankle_n_m": 5000.0, "ankle_n_s_m": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "gait", "changes", "until_s", "torque_n_m"),
+    [
+        ("table1-viscous", UNEVEN, {"drive__ratio": 1.1}, 3.0, 0.0),
+        ("table1-viscous", UNEVEN | {"axis": "outward"}, {"drive__ratio": 1.1, "stop": HERTZ}, 4.0, 0.0),
+        ("gait", UNEVEN | {"axis": "up"}, {"stop": HERTZ, "wearer": WORN}, 2.0, 0.0),
+        ("table1-coulomb", STEADY | {"axis": "backward"}, {"drive__amplitude_m": 0.01}, 3.0, 0.0),
+        ("gait-motor-soft", STEADY | {"axis": "inward"}, {}, 2.0, 0.05),
+    ],
+)
+def test_agrees_with_scipy(
+    name: str, gait: dict[str, Any], changes: dict[str, Any], until_s: float, torque_n_m: float
+) -> None:
+    module = scene(gait, name, **changes)
+    start = initial_state(module)
+    ours = simulate(module, until_s, torque_n_m=torque_n_m)
+    theirs = Reference(module.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    theirs.run(until_s, torque_n_m)
+    assert ours.method == "adaptive"
+    assert ours.impacts.t_s.size == len(theirs.impacts_t)
+    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=1e-8)
+    assert ours.final.x_m == pytest.approx(theirs.x + theirs.plate * 0.0, abs=1e-8)
+    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=1e-7)
+    assert ours.energy.residual < 1e-8
+    assert ours.energy.housing_work_j != 0.0
+
+
+STANDING = {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}
+
+
+def test_standing_still_is_no_gait() -> None:
+    """Across the shank nothing at all, along it gravity: as no housing, and as one on its head."""
+    for axis, still in (("forward", {}), ("down", {"housing": {"tilt_rad": -math.pi / 2.0}})):
+        module = {"drive__ratio": 1.0, "solver__method": "adaptive", "friction": {"law": "none"}}
+        ours = simulate(scene(STANDING | {"axis": axis}, **module), 4.0)
+        theirs = simulate(scene(None, **module, **still), 4.0)
+        assert ours.impacts.t_s.size == theirs.impacts.t_s.size
+        assert np.allclose(ours.impacts.t_s, theirs.impacts.t_s, rtol=0.0, atol=1e-9)
+        assert ours.final.x_m == pytest.approx(theirs.final.x_m, abs=1e-10)
+        assert ours.energy.housing_work_j == pytest.approx(theirs.energy.housing_work_j, abs=1e-10)
+
+
+def test_a_run_does_not_depend_on_its_ticks() -> None:
+    module = scene(UNEVEN | {"axis": "outward"}, "gait-motor-soft")
+    whole, plant = simulate(module, 1.5, torque_n_m=0.05), Plant(module, seed=1)
+    for _ in range(1500):
+        plant.advance(0.05, 1e-3)
+    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-8)
+    assert plant.energy.housing_work_j == pytest.approx(whole.energy.housing_work_j, abs=1e-8)
+
+
+# --- the sensors --------------------------------------------------------------------------------------
+
+QUIET = {
+    "rate_noise_rad_s": 0.0,
+    "rate_bias_rad_s": 0.0,
+    "along_noise_m_s2": 0.0,
+    "along_bias_m_s2": 0.0,
+    "tilt_rad": 0.0,
+    "twist_rad": 0.0,
+    "bounce_s": 0.0,
+}
+
+
+def sensed(
+    sensors: dict[str, Any], gait: dict[str, Any], until_s: float = 10.0, seed: int = 1
+) -> list[tuple[GaitTruth, GaitReading | None]]:
+    plant = Plant(scene(gait, "gait-motor-soft", sensors={"gait": QUIET | sensors}), seed)
+    found = []
+    for _ in range(round(until_s / 5e-3)):
+        truth = plant.gait_at(plant.t_s)
+        assert truth is not None
+        found.append((truth, plant.sense_gait(plant.t_s)))
+        plant.advance(0.0, 5e-3)
+    return found
+
+
+def test_quiet_sensors_read_the_truth() -> None:
+    for truth, reading in sensed({}, UNEVEN, 3.0):
+        assert reading is not None
+        assert reading.shank_rate_rad_s == truth.shank_rad_s
+        assert reading.along_m_s2 == truth.up_m_s2
+        assert reading.heel_contact is (truth.heel_load > 0.1)
+        assert reading.toe_contact is (truth.toe_load > 0.1)
+
+
+def test_switches_close_and_open_in_the_order_of_a_step() -> None:
+    """Heel, toe, heel off, toe off at 62 %: each within a few per cent of the cycle."""
+    found = sensed({}, STEADY, 12.0)
+    edges: dict[str, list[float]] = {"heel on": [], "toe on": [], "heel off": [], "toe off": []}
+    for (_, before), (truth, after) in pairwise(found):
+        assert before is not None
+        assert after is not None
+        for name, was, now in (
+            ("heel", before.heel_contact, after.heel_contact),
+            ("toe", before.toe_contact, after.toe_contact),
+        ):
+            if was != now:
+                edges[f"{name} {'on' if now else 'off'}"].append(truth.phase)
+    means = [float(np.mean(phases)) for phases in edges.values()]
+    assert means == pytest.approx([0.015, 0.16, 0.37, 0.59], abs=0.03)
+    assert {len(phases) for phases in edges.values()} <= {10, 11}
+
+
+def test_noise_bias_and_mounting_are_as_large_as_asked() -> None:
+    asked = {"rate_noise_rad_s": 0.05, "rate_bias_rad_s": 0.2, "along_noise_m_s2": 0.3, "tilt_rad": 0.1}
+    found = sensed(asked, STEADY)
+    rate = np.array([reading.shank_rate_rad_s - truth.shank_rad_s for truth, reading in found if reading])
+    assert (np.mean(rate), np.std(rate)) == pytest.approx((0.2, 0.05), rel=0.1)
+    along = np.array(
+        [
+            reading.along_m_s2 - truth.up_m_s2 * math.cos(0.1) - truth.forward_m_s2 * math.sin(0.1)
+            for truth, reading in found
+            if reading
+        ]
+    )
+    assert np.std(along) == pytest.approx(0.3, rel=0.1)
+    assert abs(np.mean(along)) < 0.03
+
+
+def test_frames_drop_out_in_runs_of_the_length_asked() -> None:
+    lost = np.array(
+        [reading is None for _, reading in sensed({"dropout_share": 0.2, "dropout_s": 0.05}, STEADY, 60.0)]
+    )
+    assert np.mean(lost) == pytest.approx(0.2, abs=0.05)
+    runs = np.diff(np.flatnonzero(np.diff(np.r_[False, lost, False]))[:], n=1)[::2]
+    assert np.mean(runs) * 5e-3 == pytest.approx(0.05, rel=0.25)
+
+
+def test_a_switch_bounces_after_it_changes_and_at_no_other_time() -> None:
+    clean, bouncing = sensed({}, STEADY), sensed({"bounce_s": 0.03}, STEADY)
+    differs = [
+        truth.phase
+        for (truth, one), (_, other) in zip(clean, bouncing, strict=True)
+        if one and other and one.heel_contact != other.heel_contact
+    ]
+    assert differs
+    assert all(0.0 <= phase < 0.06 or 0.33 < phase < 0.43 for phase in differs)
+
+
+def test_gait_sensors_leave_the_others_noise_alone() -> None:
+    """A scene's accelerometers read the same noise whether somebody stands in it or not."""
+    readings = []
+    for gait in (None, STANDING | {"axis": "forward"}):
+        plant = Plant(scene(gait, "gait-motor-soft"), seed=4)
+        readings.append([])
+        for _ in range(20):
+            readings[-1].append(plant.sense().housing_m_s2)
+            if gait is not None:
+                plant.sense_gait(plant.t_s)
+            plant.advance(0.0, 1e-3)
+    assert readings[0] == pytest.approx(readings[1], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("gait", "changes", "said"),
+    [
+        ({"axis": "left", "pace": PACES}, {}, "gait.axis = 'left' is not"),
+        ({"axis": "up"}, {}, "gait.pace is missing"),
+        ({"axis": "up", "pace": []}, {}, "gait.pace"),
+        ({"axis": "up", "pace": PACES[1:]}, {}, "the first pace is that of t = 0, set its at_s to 0"),
+        ({"axis": "up", "pace": [PACES[0], PACES[0]]}, {}, "put the paces in the order of time"),
+        ({"axis": "up", "pace": [{"at_s": 0.0, "stride_hz": 0.1}]}, {}, "slower than anybody walks"),
+        ({"axis": "up", "pace": [{"at_s": 0.0, "stride_hz": 3.0}]}, {}, "stride_hz = 3.0 is not a number"),
+        ({**STEADY, "cadence": 1.0}, {}, "gait.cadence = 1.0 is not a known key"),
+        (STEADY, {"housing": {"tilt_rad": 0.1}}, "gait and housing are both given"),
+        (STEADY, {"solver__method": "exact"}, "'exact' has no closed form for gait"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(gait: dict[str, Any], changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError, match=said.replace("?", r"\?")):
+        scene(gait, **changes)
+
+
+@pytest.mark.parametrize("first_s", [0.0, 590.0, 700.0])
+def test_every_trip_of_a_script_happens_and_the_walk_finds_back(first_s: float) -> None:
+    """A hundred, one a stride: the last of them two minutes after its time."""
+    scripted = {**STEADY, "stumble": [{"at_s": first_s + 0.01 * i} for i in range(100)]}
+    walking = walking_of(scripted)
+    assert np.count_nonzero(walking.rows[:, KNOCK_M_S2]) == 100
+    assert gait_at(walking, 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)
+
+
+def test_a_walk_is_told_to_stop_after_any_time() -> None:
+    """At 700 s, and a trip at 800 s of somebody who walks on."""
+    scripted = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}
+    assert gait_at(walking_of(scripted), 699.0).stride_hz > 0.8
+    assert gait_at(walking_of(scripted), 710.0).state == LegState.STANDING
+    trips = {**STEADY, "stumble": [{"at_s": 800.0}]}
+    assert any(gait_at(walking_of(trips), 800.0 + 0.01 * i).tripping for i in range(300))
+    assert gait_at(walking_of(trips), 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)

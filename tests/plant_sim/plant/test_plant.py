@@ -1,0 +1,205 @@
+"""The plant tick by tick."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import changed
+from kernel_code import arithmetic, calls, constant, has_exponential, kernel_code
+from reference import Reference
+
+from plant_sim.parts.stop import RigidStop
+from plant_sim.plant import Plant, PlantError
+from plant_sim.result import Phase
+from plant_sim.scene import load_scene
+from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive.bernstein import NODES
+from plant_sim.solvers.adaptive.state_layout import allocate
+
+MOTOR = load_scene("gait-motor-soft")
+WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
+SHAKEN = {"harmonic": {"amplitude_m_s2": 1.0, "frequency_hz": 1.0}}
+
+
+def torque_at(tick: int) -> float:
+    """A torque that starts the crank and then wanders, N m."""
+    return 0.05 + 0.02 * math.sin(0.013 * tick) + 0.01 * math.sin(0.17 * tick)
+
+
+def test_ticks_of_recorded_torque_agree_with_scipy() -> None:
+    plant, start = Plant(MOTOR, seed=1), initial_state(MOTOR)
+    reference = Reference(plant.parts, start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    for block in range(500):
+        reference.run(5e-3 * (block + 1), torque_at(block))
+        for _ in range(5):
+            plant.advance(torque_at(block), 1e-3)
+    assert len(plant.take_impacts()) == len(reference.impacts_t) > 2
+    # Four impacts on, an orbit of this scene has grown an error some ten times.
+    assert plant.state.x_m == pytest.approx(reference.x, abs=2e-8)
+    assert plant.state.v_m_s == pytest.approx(reference.v, abs=2e-7)
+
+
+@pytest.mark.parametrize("tick_s", [0.25e-3, 1e-3, 4e-3, 0.123])
+def test_a_run_does_not_depend_on_how_it_is_cut_into_ticks(tick_s: float) -> None:
+    whole = simulate(MOTOR, 1.968, torque_n_m=0.05)
+    plant = Plant(MOTOR, seed=1)
+    for _ in range(round(1.968 / tick_s)):
+        plant.advance(0.05, tick_s)
+    impacts = plant.take_impacts()
+    assert len(impacts) == whole.impacts.t_s.size > 2
+    assert np.allclose([impact.t_s for impact in impacts], whole.impacts.t_s, rtol=0.0, atol=2e-9)
+    assert np.allclose([impact.peak_force_n for impact in impacts], whole.impacts.peak_force_n, rtol=1e-5)
+    assert plant.t_s == pytest.approx(1.968, abs=1e-12)
+    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=2e-9)
+    assert plant.state.crank_rad == pytest.approx(whole.final.crank_rad, abs=1e-7)
+    assert plant.energy.friction_j == pytest.approx(whole.energy.friction_j, rel=1e-7)
+
+
+def test_the_ledger_balances_under_changing_torque() -> None:
+    plant = Plant(MOTOR, seed=1)
+    for tick in range(3000):
+        plant.advance(torque_at(tick), 1e-3)
+    assert plant.energy.drive_work_j > 1.0
+    assert plant.energy.residual < 1e-9
+
+
+def test_what_the_plant_shows_belongs_together() -> None:
+    plant = Plant(MOTOR, seed=1)
+    before = plant.state
+    for tick in range(3000):
+        plant.advance(torque_at(tick), 1e-3)
+        now = plant.state
+        if now.phase == Phase.FLIGHT == before.phase:
+            assert plant.now.stop_force_n == 0.0
+        if now.phase == Phase.CONTACT:
+            assert plant.now.stop_force_n >= 0.0
+            assert now.x_m >= 0.18 - 1e-12
+        assert plant.now.motor_torque_n_m == pytest.approx(torque_at(tick), rel=1e-12)
+        assert plant.now.current_a == pytest.approx(torque_at(tick) / 0.08, rel=1e-12)
+        assert 0.0 <= now.crank_rad < 2.0 * math.pi
+        before = now
+    m, c, b, amplitude = 0.8, 505.0, 0.2, 0.012
+    force = (
+        c * (amplitude * math.sin(now.crank_rad) + 0.12 - now.x_m) - b * now.v_m_s - plant.now.stop_force_n
+    )
+    assert plant.now.accel_m_s2 == pytest.approx(force / m, rel=1e-12)
+
+
+def test_current_and_supply_limit_the_torque() -> None:
+    plant = Plant(MOTOR, seed=1)
+    plant.advance(5.0, 1e-3)
+    assert plant.now.current_a == 10.0
+    weak = Plant(load_scene(changed("gait-motor-soft", {"motor.supply_v": 2.0})), seed=1)
+    for _ in range(2000):
+        weak.advance(0.4, 1e-3)
+    # At speed R i = V − K_t ω; 0.4 N m would need 2 V of it at rest.
+    assert weak.now.current_a == pytest.approx((2.0 - 0.08 * weak.state.omega_rad_s) / 0.4, rel=1e-12)
+    assert weak.now.current_a < 5.0
+
+
+@pytest.mark.parametrize(("limit_n_m", "low", "high"), [(0.06, 1.0, 1.15), (0.15, 1.28, 1.32)])
+def test_a_weak_motor_stalls_below_the_speed_asked_for(limit_n_m: float, low: float, high: float) -> None:
+    """The Sommerfeld effect: near resonance the load takes all a weak motor can give."""
+    scene = load_scene(changed("table1-motor-soft", {"motor.current_limit_a": limit_n_m / 0.08}))
+    plant, natural, integral, speeds = Plant(scene, seed=1), scene.natural_rad_s, 0.0, []
+    for tick in range(20000):
+        error = 1.3 * natural * min(tick / 5000.0, 1.0) - plant.state.omega_rad_s
+        integral = min(max(integral + 0.3 * error * 1e-3, -limit_n_m), limit_n_m)
+        plant.advance(0.05 * error + integral, 1e-3)
+        speeds.append(plant.state.omega_rad_s)
+    assert low < np.mean(speeds[-5000:]) / natural < high
+
+
+def test_a_crank_that_dry_friction_holds_never_turns() -> None:
+    plant = Plant(load_scene("table1-motor-soft"), seed=1)
+    for _ in range(1000):
+        plant.advance(0.0049, 1e-3)
+    assert plant.state.crank_rad == 0.0
+    assert plant.state.omega_rad_s == 0.0
+    plant.advance(0.0051, 1e-3)
+    assert plant.state.omega_rad_s == pytest.approx(0.0001 / 5e-4 * 1e-3, rel=1e-3)
+
+
+def test_torque_that_is_no_number_is_refused() -> None:
+    plant = Plant(MOTOR, seed=1)
+    for torque_n_m, dt_s in ((math.nan, 1e-3), (math.inf, 1e-3), (0.1, math.nan), (0.1, -1e-3)):
+        with pytest.raises(PlantError, match="must be finite"):
+            plant.advance(torque_n_m, dt_s)
+
+
+def test_impacts_are_handed_out_once() -> None:
+    plant = Plant(MOTOR, seed=1)
+    taken = []
+    for _ in range(3000):
+        plant.advance(0.05, 1e-3)
+        taken += plant.take_impacts()
+    assert taken == sorted(taken)
+    assert len(taken) == len({impact.t_s for impact in taken}) > 3
+    assert all(impact.v_m_s > 0.0 > impact.v_after_m_s for impact in taken)
+    assert plant.take_impacts() == []
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "state", "contact"),
+    [
+        # depth, velocity, work, friction | + loss | + loss, impulse | + crank angle and speed
+        ("table1-viscous", {"stop": {"law": "none"}}, 4, 0),
+        ("table1-viscous", {}, 5, 0),
+        (
+            "table1-viscous",
+            {"stop": {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}},
+            6,
+            7,
+        ),
+        ("table1-motor-soft", {}, 8, 7),
+        # a rod needs nothing; + work of a housing; + foot plate, its velocity, the ankle's loss and peak
+        ("table1-motor-soft", {"drive.rod_m": 0.1}, 8, 7),
+        ("table1-motor-soft", {"housing": {"tilt_rad": 0.1}}, 9, 7),
+        ("table1-motor-soft", {"wearer": WEARER}, 11, 8),
+        ("table1-motor-soft", {"wearer": WEARER, "housing": SHAKEN, "drive.rod_m": 0.1}, 12, 8),
+    ],
+)
+def test_the_state_holds_only_what_the_scene_names(
+    name: str, changes: dict[str, Any], state: int, contact: int
+) -> None:
+    scene = load_scene(changed(name, changes))
+    memory = allocate(scene.parts(), initial_state(scene), 1e-9, 1)
+    assert memory.y.size == state
+    assert memory.contact.size == contact
+
+
+def test_the_kernel_holds_only_what_the_scene_names() -> None:
+    """Only the Stribeck law takes an exponential; only a shaken housing looks at a step's inner points.
+
+    What parts there are shows in the arithmetic: each adds to it.
+    """
+    stribeck = {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}
+    hertz = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+    plain, rubbed = kernel_code({}), kernel_code({"friction": stribeck})
+    assert not has_exponential(plain)
+    assert has_exponential(rubbed)
+    soft = kernel_code({"stop": hertz})
+    rod = kernel_code({"stop": hertz, "drive.rod_m": 0.1})
+    worn = kernel_code({"stop": hertz, "wearer": WEARER})
+    shaken = kernel_code({"stop": hertz, "housing": SHAKEN})
+    assert constant(NODES[1]) in shaken
+    for code in (plain, rubbed, soft, rod, worn):
+        assert constant(NODES[1]) not in code
+    for code in (rod, worn, shaken):
+        assert arithmetic(code) > arithmetic(soft) > arithmetic(plain)
+    # A rod takes square roots; an ankle's frequency takes one, as does the growth of a swing's pull.
+    assert calls(rod, "sqrt") > calls(worn, "sqrt") > calls(soft, "sqrt")
+    assert calls(plain, "sqrt") == calls(soft, "sqrt") == calls(shaken, "sqrt") - 1
+    assert calls(shaken, "sin") > calls(soft, "sin") == calls(worn, "sin") == calls(plain, "sin")
+
+
+def test_a_rigid_scene_ticks_as_it_runs() -> None:
+    scene = load_scene(changed("table1-viscous", {"drive.ratio": 1.0}))
+    plant = Plant(scene, seed=1)
+    for _ in range(5000):
+        plant.advance(0.0, 1e-3)
+    whole = simulate(scene, 5.0)
+    assert isinstance(plant.parts.stop, RigidStop)
+    assert np.allclose([i.t_s for i in plant.take_impacts()], whole.impacts.t_s, rtol=0.0, atol=1e-9)
+    assert plant.state.x_m == pytest.approx(whole.final.x_m, abs=1e-9)

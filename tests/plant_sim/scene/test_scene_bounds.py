@@ -1,0 +1,123 @@
+"""Physical bounds on every key of a scene, and on the solvers' work."""
+
+from typing import Any, get_args
+
+import pytest
+from changed_scenes import changed
+
+from plant_sim.plant import Plant
+from plant_sim.scene import SceneError, load_scene, scene_names
+from plant_sim.simulation import simulate
+from plant_sim.solvers.adaptive.state_layout import DEBT
+from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt
+from plant_sim.tables import scene_tables
+from plant_sim.tables.quantities import quantity_of
+from plant_sim.tables.scene_tables import Table
+
+TABLES = [
+    thing for thing in vars(scene_tables).values() if isinstance(thing, type) and issubclass(thing, Table)
+]
+
+
+def number_keys() -> list[tuple[type[Table], str]]:
+    return [
+        (table, key)
+        for table in TABLES
+        for key, field in table.model_fields.items()
+        if {float, int} & {field.annotation, *get_args(field.annotation)}
+    ]
+
+
+@pytest.mark.parametrize(("table", "key"), number_keys())
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e200])
+def test_every_number_has_a_largest_size(table: type[Table], key: str, value: float) -> None:
+    whole = table.model_fields[key].annotation is int
+    with pytest.raises(ValueError, match=key):
+        table.model_validate({key: int(value) if whole else value})
+
+
+@pytest.mark.parametrize(("table", "key"), number_keys())
+def test_a_number_that_is_above_0_has_a_smallest_size(table: type[Table], key: str) -> None:
+    if not any(getattr(one, "gt", None) == 0.0 for one in table.model_fields[key].metadata):
+        return  # 0 is allowed, and what is next to it does what 0 does
+    with pytest.raises(ValueError, match=key):
+        table.model_validate({key: 1e-308})
+
+
+def test_each_bound_has_its_reason() -> None:
+    for _, key in number_keys():
+        assert quantity_of(key).reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"striker.mass_kg": 1e308}, "striker.mass_kg = 1e+308 is not a size from 1e-06 to 1e+06"),
+        ({"striker.mass_kg": 1e-308}, "striker.mass_kg = 1e-308 is not a size from 1e-06 to 1e+06"),
+        ({"striker.mass_kg": 1e-6, "striker.spring_n_m": 1e10}, "rad/s"),
+        ({"drive.ratio": 1e6}, "rad/s"),
+    ],
+)
+def test_a_scene_beyond_bounds_is_refused_with_the_key(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError) as refusal:
+        load_scene(changed("table1-viscous", changes))
+    assert said in str(refusal.value)
+
+
+def test_a_run_of_too_many_steps_is_refused() -> None:
+    scene = load_scene(
+        changed("table1-viscous", {"solver": {"method": "stepping", "step_s": 1e-9}, "drive.ratio": 1.0})
+    )
+    with pytest.raises(SolverError, match=r"solver\.step_s"):
+        simulate(scene, 10.0)
+
+
+def test_a_striker_at_rest_on_its_stop_stays_there() -> None:
+    """The motor stands, the spring is relaxed and the stop just touched: nothing happens, at little cost."""
+    result = simulate(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.12})), 1.0)
+    assert (result.final.x_m, result.final.v_m_s) == (0.12, 0.0)
+    assert result.impacts.t_s.size == 0
+
+
+def test_a_striker_is_pushed_out_of_a_stop_that_it_begins_in() -> None:
+    scene = load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1199}))
+    assert simulate(scene, 1.0).final.x_m < 0.12
+
+
+def test_work_without_end_names_the_stop() -> None:
+    """20 mm inside a stop whose damping is that of the slowest touch-down: it creeps out over 10 s."""
+    with pytest.raises(SolverError, match=r"stop\.contact_s.*initial\.x_m"):
+        simulate(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1})), 1.0)
+
+
+def for_a_second(plant: Plant) -> None:
+    for _ in range(1000):
+        plant.advance(0.0, 1e-3)
+
+
+def test_the_bound_holds_over_a_run_in_ticks_however_short_they_are() -> None:
+    plant = Plant(load_scene(changed("table1-motor-soft", {"stop.position_m": 0.1})), seed=0)
+    with pytest.raises(SolverError, match=r"stop\.contact_s.*initial\.x_m"):
+        for_a_second(plant)
+
+
+def test_short_ticks_of_a_slow_module_cost_nothing() -> None:
+    plant = Plant(load_scene(changed("table1-viscous", {"striker.mass_kg": 1e5})), seed=0)
+    for _ in range(2000):
+        plant.advance(0.0, 1e-7)
+    assert plant._memory.held[DEBT] == 0.0
+
+
+def test_a_burst_of_work_is_paid_for_by_later_time() -> None:
+    assert debt(debt(0.0, 500.0, 0.01), 1.0, 10.0) == 0.0
+    assert debt(0.0, 500.0, 0.01) == 400.0
+
+
+def test_no_scene_of_the_repository_comes_near_the_bound() -> None:
+    for name in scene_names():
+        plant = Plant(load_scene(name), seed=0)
+        most = 0.0
+        for _ in range(3000):
+            plant.advance(0.05, 1e-3)
+            most = max(most, float(plant._memory.held[DEBT]))
+        assert most < 1e-3 * ALLOWANCE, name

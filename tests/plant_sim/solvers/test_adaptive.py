@@ -1,0 +1,202 @@
+"""The adaptive solver against closed forms, against the exact solver and against scipy."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import changed
+from reference import Reference
+
+from plant_sim.result import Phase
+from plant_sim.scene import Scene, load_scene
+from plant_sim.simulation import initial_state, simulate
+
+ADAPTIVE = {"solver.method": "adaptive"}
+HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+
+
+def scene(name: str, changes: dict[str, Any]) -> Scene:
+    return load_scene(changed(name, {**ADAPTIVE, **changes}))
+
+
+def reference(scene: Scene, until_s: float, torque_n_m: float = 0.0) -> Reference:
+    start = initial_state(scene)
+    run = Reference(scene.parts(), start.x_m, start.v_m_s, start.crank_rad, start.omega_rad_s)
+    run.run(until_s, torque_n_m)
+    return run
+
+
+def test_a_driven_damped_oscillation_has_its_closed_form() -> None:
+    """x − l0 = Re(X e^(jΩt)) + e^(−ζωt)(…), far from the stop."""
+    module = scene("table1-viscous", {"initial.x_m": 0.10, "initial.v_m_s": 0.2, "drive.ratio": 2.0})
+    result = simulate(module, 20.0, samples_s=0.05)
+    m, c, b, amplitude = 0.8, 70.0, 0.2, 0.02
+    omega = 2.0 * math.sqrt(c / m)
+    forced = -1j * c * amplitude / (c - m * omega**2 + 1j * b * omega)  # sin Ωt = Re(−j e^(jΩt))
+    root = complex(-b / (2.0 * m), math.sqrt(c / m - (b / (2.0 * m)) ** 2))
+    x0, v0 = -0.02 - forced.real, 0.2 - (1j * omega * forced).real
+    free = complex(x0, (root.real * x0 - v0) / root.imag)
+    assert result.samples is not None
+    t = result.samples.t_s
+    x = 0.12 + (forced * np.exp(1j * omega * t) + free * np.exp(root * t)).real
+    v = (1j * omega * forced * np.exp(1j * omega * t) + root * free * np.exp(root * t)).real
+    assert result.impacts.t_s.size == 0
+    assert np.max(np.abs(result.samples.x_m - x)) < 1e-9
+    assert np.max(np.abs(result.samples.v_m_s - v)) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("table1-viscous", {"drive.ratio": 1.0}),
+        ("table1-viscous", {"stop.position_m": 0.11, "initial.x_m": 0.1, "drive.ratio": 0.3}),
+        ("table1-viscous", {"stop.restitution": 0.0, "stop.position_m": 0.12, "drive.ratio": 0.5}),
+        ("table1-viscous", {"initial.x_m": 0.18, "initial.v_m_s": 0.5}),
+        ("table1-viscous", {"initial.x_m": 0.18, "initial.v_m_s": -0.5}),
+        ("table1-coulomb", {}),
+        ("table1-coulomb", {"drive.amplitude_m": 0.024}),
+        ("table1-coulomb", {"stop.position_m": 0.11, "initial.x_m": 0.1, "drive.ratio": 0.3}),
+        ("table1-coulomb", {"friction.b_n_s_m": 0.3, "initial.v_m_s": 0.7}),
+    ],
+)
+def test_agrees_with_the_closed_forms(name: str, changes: dict[str, Any]) -> None:
+    """Impact by impact above the chatter's last bounces, and the motion sample by sample."""
+    exact = simulate(load_scene(changed(name, {**changes, "solver.method": "exact"})), 8.0, samples_s=0.01)
+    adaptive = simulate(scene(name, changes), 8.0, samples_s=0.01)
+    ours = adaptive.impacts.t_s[adaptive.impacts.v_m_s > 1e-6]
+    theirs = exact.impacts.t_s[exact.impacts.v_m_s > 1e-6]
+    assert ours.size == theirs.size
+    assert np.max(np.abs(ours - theirs), initial=0.0) < 1e-7
+    assert adaptive.samples is not None
+    assert exact.samples is not None
+    assert np.max(np.abs(adaptive.samples.x_m - exact.samples.x_m)) < 5e-9
+    assert adaptive.final.phase == exact.final.phase
+    assert adaptive.energy.friction_j == pytest.approx(exact.energy.friction_j, abs=1e-8)
+    assert adaptive.energy.impact_loss_j == pytest.approx(exact.energy.impact_loss_j, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "until_s", "torque_n_m"),
+    [
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}, 4.0, 0.0),
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": {**HERTZ, "contact_s": 0.001}}, 4.0, 0.0),
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": KELVIN_VOIGT}, 4.0, 0.0),
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": {**KELVIN_VOIGT, "restitution": 1.0}}, 4.0, 0.0),
+        ("table1-stribeck", {}, 4.0, 0.0),
+        ("table1-motor-soft", {}, 3.0, 0.02),  # stalls, swings back, sticks and breaks away
+        ("gait-motor-soft", {}, 2.0, 0.05),
+        ("gait-motor-soft", {"motor.supply_v": 1.2}, 2.0, 0.08),  # runs against the supply's limit
+    ],
+)
+def test_agrees_with_scipy(name: str, changes: dict[str, Any], until_s: float, torque_n_m: float) -> None:
+    module = scene(name, changes)
+    ours = simulate(module, until_s, torque_n_m=torque_n_m)
+    theirs = reference(module, until_s, torque_n_m)
+    assert ours.impacts.t_s.size == len(theirs.impacts_t)
+    assert np.allclose(ours.impacts.t_s, theirs.impacts_t, rtol=0.0, atol=5e-9)
+    assert np.allclose(ours.impacts.v_m_s, theirs.impacts_v, rtol=0.0, atol=5e-8)
+    assert ours.final.x_m == pytest.approx(theirs.x, abs=5e-9)
+    assert ours.final.v_m_s == pytest.approx(theirs.v, abs=5e-8)
+    assert ours.final.omega_rad_s == pytest.approx(theirs.omega, abs=2e-6)
+
+
+def test_error_follows_the_accuracy_asked_for() -> None:
+    theirs = reference(scene("gait-motor-soft", {}), 2.0, 0.05)
+    errors = [
+        abs(
+            simulate(scene("gait-motor-soft", {"solver.accuracy": a}), 2.0, torque_n_m=0.05).final.x_m
+            - theirs.x
+        )
+        for a in (1e-6, 1e-8, 1e-10)
+    ]
+    assert errors[0] < 1e-5
+    assert errors[1] < 1e-7
+    assert errors[2] < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("table1-viscous", {"drive.ratio": 1.0}),
+        ("table1-coulomb", {}),
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}),
+        ("table1-viscous", {"drive.ratio": 1.0, "stop": KELVIN_VOIGT}),
+        ("table1-stribeck", {}),
+        ("gait-motor-soft", {}),
+    ],
+)
+def test_energy_balances(name: str, changes: dict[str, Any]) -> None:
+    torque_n_m = 0.05 if name == "gait-motor-soft" else 0.0
+    result = simulate(scene(name, changes), 10.0, torque_n_m=torque_n_m)
+    assert result.impacts.t_s.size > 2
+    assert result.energy.residual < 1e-8
+    assert result.energy.friction_j > 0.0
+    assert result.energy.impact_loss_j > 0.0
+    lost_j = 0.4 * (result.impacts.v_m_s**2 - result.impacts.v_after_m_s**2)
+    if result.impacts.peak_force_n[0] != result.impacts.peak_force_n[0]:  # nan: rigid
+        assert result.energy.impact_loss_j == pytest.approx(np.sum(lost_j), rel=1e-9)
+
+
+def test_a_soft_stop_gives_impulse_peak_and_restitution() -> None:
+    """Light spring and drive beside the stop: the impact is the stop's own."""
+    impacts = simulate(scene("table1-viscous", {"drive.ratio": 1.0, "stop": HERTZ}), 10.0).impacts
+    steady = impacts.v_m_s > 0.3
+    assert np.allclose(-impacts.v_after_m_s[steady] / impacts.v_m_s[steady], 0.5, atol=0.08)
+    momentum = 0.8 * (impacts.v_m_s - impacts.v_after_m_s)
+    assert np.allclose(impacts.impulse_n_s[steady], momentum[steady], rtol=0.12)
+    # Against the peak π J / 2 T of a half-sine of the same impulse over the elastic contact time.
+    ratio = impacts.peak_force_n[steady] / (math.pi * impacts.impulse_n_s[steady] / (2.0 * 0.01))
+    assert np.all((ratio > 1.1) & (ratio < 1.6))
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.4])
+def test_a_striker_that_friction_holds_never_moves(mu: float) -> None:
+    """μ m g = 2.35 N or more against c A = 2.1 N."""
+    result = simulate(scene("table1-coulomb", {"friction.mu": mu}), 20.0)
+    assert result.final.x_m == 0.12
+    assert result.final.v_m_s == 0.0
+    assert result.final.phase == Phase.STICK
+    assert result.impacts.t_s.size == 0
+    assert result.energy.friction_j == 0.0
+
+
+def test_a_striker_breaks_away_when_the_spring_overcomes_friction() -> None:
+    """c A sin Ωt = μ m g at t = asin(…)/Ω, to the sample."""
+    module = scene("table1-coulomb", {})
+    release_s = math.asin(0.2 * 0.8 * 9.80665 / (70.0 * 0.03)) / module.parts().drive.omega_rad_s
+    assert simulate(module, release_s - 1e-9).final.phase == Phase.STICK
+    moving = simulate(module, release_s + 1e-3).final
+    assert moving.phase == Phase.FLIGHT
+    # m x''' = c A Ω cos Ωt from the release on: x ≈ x''' t³/6.
+    jerk = 70.0 * 0.03 * 9.354143466934854 * math.cos(9.354143466934854 * release_s) / 0.8
+    assert moving.x_m - 0.12 == pytest.approx(jerk * 1e-9 / 6.0, rel=1e-2)
+
+
+def test_a_release_where_the_piston_turns_round_does_not_happen() -> None:
+    """Static friction that just holds the largest pull holds it."""
+    mu = 70.0 * 0.03 / (0.8 * 9.80665)
+    result = simulate(scene("table1-coulomb", {"friction.mu": mu * (1.0 + 1e-15)}), 5.0)
+    assert result.final.x_m == pytest.approx(0.12, abs=1e-15)
+
+
+def test_chatter_ends_at_rest_and_leaves_when_the_spring_lets_go() -> None:
+    """Stop at l0: the striker rests on it while sin Ωt > 0 and leaves as that turns negative."""
+    module = scene("table1-viscous", {"stop.position_m": 0.12, "drive.ratio": 0.3, "drive.phase_rad": 0.1})
+    speed = module.parts().drive.omega_rad_s
+    release_s = (math.pi - 0.1) / speed
+    assert simulate(module, release_s - 1e-6).final.phase == Phase.REST_ON_STOP
+    gone = simulate(module, release_s + 1e-3).final
+    assert gone.phase == Phase.FLIGHT
+    assert gone.x_m - 0.12 == pytest.approx(-70.0 * 0.02 * speed / 0.8 * 1e-9 / 6.0, rel=1e-2)
+
+
+def test_samples_do_not_change_the_run() -> None:
+    module = scene("table1-viscous", {"drive.ratio": 1.0})
+    bare, fine = simulate(module, 5.0), simulate(module, 5.0, samples_s=1e-3)
+    assert np.array_equal(bare.impacts.t_s, fine.impacts.t_s)
+    assert bare.final == fine.final
+    assert fine.samples is not None
+    assert fine.samples.x_m[-1] == pytest.approx(fine.final.x_m, abs=1e-15)
+    assert np.max(fine.samples.x_m) <= 0.18 + 1e-9

@@ -1,0 +1,171 @@
+"""The documentation holds: commands run as written, links lead somewhere, the reference is up to date."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import NamedTuple, get_type_hints
+
+import pytest
+import typer
+
+from firmware_py.core.state import State
+from firmware_py.interface.sources.parameter_table import TABLE
+from hil.judge.figures.records import CATALOGUE
+from hil.scenario.scenario import load_scenario
+from tools import cli
+from tools.dev import reference
+from tools.examples import EXAMPLES
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+
+DOCS = Path(__file__).parents[3] / "docs"
+BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
+IN_ORDER = (
+    "tutorial.md",
+    "how-to/use-from-python.md",
+    "how-to/write-a-scenario.md",
+    "how-to/read-a-log.md",
+    "how-to/write-tests.md",
+    "how-to/compare-two-runs.md",
+    "how-to/tune.md",
+)
+"""Pages whose examples build on one another."""
+
+
+class Block(NamedTuple):
+    """One fenced block: its language, the words after it, its text."""
+
+    language: str
+    marks: list[str]
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    return [
+        Block(language, marks.split(), text)
+        for language, marks, text in BLOCK.findall(page.read_text("utf-8"))
+    ]
+
+
+def commands(block: Block) -> list[list[str]]:
+    lines = [shlex.split(line) for line in block.text.splitlines() if line.strip()]
+    return [line[line.index("vibrohil") + 1 :] for line in lines if "vibrohil" in line]
+
+
+README = DOCS.parent / "README.md"
+PAGES = [README, *sorted(DOCS.rglob("*.md"))]
+INLINE = re.compile(r"`(vibrohil [^`]+)`")
+INDENTED = re.compile(r"^    (vibrohil .*?)(?: +#.*)?$", re.MULTILINE)
+GROUPS = "|".join(sorted({one.name.partition(".")[0] for one in TABLE}))
+PARAMETER = re.compile(rf"`((?:{GROUPS})\.(?!py`)[a-z][a-z0-9_.]*)`")
+
+
+def shown_on(page: Path) -> list[list[str]]:
+    """The commands that a page shows, in blocks or within its text, without `vibrohil`."""
+    text = page.read_text("utf-8")
+    loose = [
+        shlex.split(line.replace("…", ""))[1:] for line in (*INDENTED.findall(text), *INLINE.findall(text))
+    ]
+    return [command for block in blocks(page) if block.language == "sh" for command in commands(block)] + [
+        command for command in loose if command
+    ]
+
+
+def test_what_is_shown_works(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    ran = 0
+    for name in IN_ORDER:
+        names: dict[str, object] = {}
+        for block in blocks(DOCS / name):
+            for mark in block.marks:
+                if mark.startswith("file="):
+                    (tmp_path / mark.removeprefix("file=")).write_text(block.text)
+            if "run" not in block.marks:
+                continue
+            if block.language == "python":
+                exec(compile(block.text, name, "exec"), names)
+                ran += 1
+            for command in commands(block):
+                expected = EXIT_CHECK_FAILED if "fails" in block.marks else EXIT_PASSED
+                status = cli.run(command)
+                assert status == expected, f"{name}: vibrohil {' '.join(command)}: {capsys.readouterr()}"
+                ran += 1
+    assert ran >= 12
+
+
+EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
+
+
+@pytest.mark.parametrize(
+    ("place", "shown"),
+    [*((page.name, shown_on(page)) for page in PAGES), ("examples.py", EXAMPLES_SHOWN)],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_every_command_and_option_that_is_shown_is_there(place, shown):
+    program = typer.main.get_command(cli.app)
+    for name, *words in shown:
+        if name.startswith("--"):
+            continue
+        assert name in program.commands, f"{place}: vibrohil {name}"
+        command = program.commands[name]
+        if hasattr(command, "commands") and words and words[0] != "--help":
+            named = words[0] if words[0] in command.commands else getattr(command, "unnamed", words[0])
+            assert named in command.commands, f"{place}: vibrohil {name} {words[0]}"
+            command = command.commands[named]
+        known = {
+            option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)
+        }
+        own = words[: words.index("--")] if "--" in words else words
+        options = {word.partition("=")[0] for word in own if word.startswith("--")}
+        assert options <= known | {"--help"}, f"{place}: vibrohil {name} has no {options - known}"
+
+
+def test_every_command_is_in_the_readme():
+    program = typer.main.get_command(cli.app)
+    named = {name for name, *_ in shown_on(README)}
+    # The plant stands beside the firmware.
+    assert named | {"plant"} == set(program.commands)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_setting_that_is_shown_can_be_made(page):
+    for name, *words in shown_on(page):
+        settings = [words[place + 1] for place, word in enumerate(words[:-1]) if word == "--set"]
+        given = [setting for setting in settings if "NAME" not in setting]
+        if name == "run" and given and not words[0].endswith(".toml"):
+            load_scenario(words[0], given)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_parameter_that_is_named_is_one(page):
+    known = {one.name for one in TABLE} | set(CATALOGUE)
+    named = set(PARAMETER.findall(page.read_text("utf-8")))
+    assert named <= known, f"{page.name} names {named - known}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page):
+    for target in LINK.findall(page.read_text("utf-8")):
+        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("name", reference.PAGES)
+def test_the_reference_is_up_to_date(name):
+    written = (DOCS / "reference" / name).read_text("utf-8")
+    assert written == reference.PAGES[name](), f"{name} is old; run python -m tools.dev.reference"
+
+
+def words_of(kind: type) -> int:
+    """Numbers in a record and in the records within it."""
+    fields = get_type_hints(kind) if hasattr(kind, "_fields") else {}
+    return sum(words_of(one) for one in fields.values()) or 1
+
+
+def test_the_sizes_of_the_blocks_states_are_those_of_the_code():
+    page = (DOCS / "firmware.md").read_text("utf-8")
+    said = {
+        name: int(words) for name, words in re.findall(r"^\| `(\w+)` \|.*\| (\d+) \|$", page, re.MULTILINE)
+    }
+    states = {name: words_of(kind) for name, kind in get_type_hints(State).items()}
+    assert said == {name: states[name] for name in said}
+    assert len(said) == len(states) - 1  # docs/safety.md describes the drive link

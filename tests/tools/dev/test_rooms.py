@@ -1,0 +1,34 @@
+"""A folder has few enough files to be seen at once, and a file of the product's code few enough lines."""
+
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[3]
+TESTS = REPOSITORY / "tests"
+MOST_FILES, MOST_LINES = 15, 450
+
+FILES = [
+    path
+    for package in ("firmware_py", "plant_sim", "hil", "tools", "docs", "tests")
+    for path in (REPOSITORY / package).rglob("*")
+    if path.is_file() and "__pycache__" not in path.parts
+]
+
+
+@pytest.mark.parametrize(
+    "folder", sorted({path.parent for path in FILES}), ids=lambda folder: str(folder.relative_to(REPOSITORY))
+)
+def test_a_folder_is_seen_at_once(folder: Path) -> None:
+    names = [path.name for path in FILES if path.parent == folder]
+    assert len(names) <= MOST_FILES, f"{len(names)} files: make a room of those that share an idea"
+
+
+def test_a_file_of_code_is_no_longer_than_one_reads() -> None:
+    lines = {
+        path: path.read_text("utf-8").count("\n")
+        for path in FILES
+        if path.suffix == ".py" and TESTS not in path.parents
+    }
+    assert lines
+    assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}

@@ -1,0 +1,38 @@
+"""The page of extremes holds: every extreme has its row, and each cell is what is measured now."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools.trade.extremes import EXTREMES, METHODS, Extreme, measure, read
+
+PAGE = read(Path(__file__).parents[3] / "docs" / "extremes.md")
+
+FACTOR, FLOOR_M = 10.0, 1e-11
+"""By how much another machine's rounding may change an error, and below which it is rounding alone."""
+
+
+def without_numbers(sentence: str) -> str:
+    """Where a solver gave up depends on the machine's rounding."""
+    return re.sub(r"[-+]?\d[\d.e+-]*", "…", sentence)
+
+
+def test_every_extreme_has_a_row_and_no_cell_is_empty() -> None:
+    assert list(PAGE) == [(extreme.what, extreme.value) for extreme in EXTREMES]
+    for cells in PAGE.values():
+        assert tuple(cells) == METHODS
+        assert all(cell.refusal or cell.error_m >= 0.0 for cell in cells.values())
+
+
+@pytest.mark.parametrize(
+    "extreme",
+    EXTREMES,
+    ids=lambda extreme: f"{extreme.what}: {extreme.value}",
+)
+def test_an_extreme_is_as_the_page_says(extreme: Extreme) -> None:
+    for method, cell in measure(extreme).items():
+        said = PAGE[extreme.what, extreme.value][method]
+        assert without_numbers(cell.refusal) == without_numbers(said.refusal)
+        if not said.refusal:
+            assert cell.error_m <= FACTOR * said.error_m + FLOOR_M

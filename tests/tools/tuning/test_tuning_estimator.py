@@ -1,0 +1,118 @@
+"""Q and R from logs: what innovations say, the smoother as a yardstick, and that no truth is used."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_run import make_run
+
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
+from tools.tuning import estimator, safety
+from tools.tuning.estimator import FLOOR, MEMORY, NOISE, STOP, combinations_of, tune_estimator
+from tools.tuning.recordings.innovations import said, whiteness, worth
+
+SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)}
+
+
+# --- innovations --------------------------------------------------------------------------------------
+
+
+def test_innovations_as_large_as_said_are_the_most_likely() -> None:
+    drawn = np.random.default_rng(1).normal(0.0, 0.3, 5000)
+    by_std = {std: said(drawn, np.full(5000, std**2)) for std in (0.15, 0.3, 0.6)}
+    assert by_std[0.3].nis == pytest.approx(1.0, abs=0.05)
+    assert max(by_std, key=lambda std: by_std[std].likelihood) == 0.3
+    # E ln p = −½ (ln 2πσ² + 1)
+    assert by_std[0.3].likelihood == pytest.approx(-0.5 * (np.log(2.0 * np.pi * 0.09) + 1.0), abs=0.03)
+
+
+def test_witnesses_are_counted_by_how_they_hang_together() -> None:
+    noise = np.random.default_rng(2).normal(size=20_000)
+    assert worth(noise) == pytest.approx(20_000, rel=0.1)
+    assert worth(np.ones(500)) < 3.0
+    # x ← a x + w: n (1 − a)/(1 + a)
+    slow = np.zeros(20_000)
+    for k in range(1, len(slow)):
+        slow[k] = 0.9 * slow[k - 1] + noise[k]
+    assert worth(slow) == pytest.approx(20_000 * 0.1 / 1.9, rel=0.25)
+    assert whiteness(noise) > 0.01
+    assert whiteness(slow) < 1e-6
+    assert np.isnan(whiteness(noise[:5]))
+
+
+def test_every_combination_is_tried_once() -> None:
+    found = combinations_of({NOISE: (1.0, 2.0), STOP: (3.0, 4.0, 5.0)})
+    assert len(found) == 6
+    assert {tuple(one.values()) for one in found} == {(a, b) for a in (1.0, 2.0) for b in (3.0, 4.0, 5.0)}
+
+
+# --- logs ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Thirty seconds at r = 1.1, in lockstep."""
+    folder = tmp_path_factory.mktemp("estimator") / "run"
+    settings = ("script.duration_s=30",)
+    make_run(folder, 5, *settings)
+    return folder
+
+
+@pytest.mark.parametrize("stripped", ["run folder", "bare log"])
+def test_no_parameter_depends_on_the_truth(recorded: Path, tmp_path: Path, stripped: str) -> None:
+    """A log without its truth gives the same parameters, and says nothing of errors against it."""
+    with_truth, points = tune_estimator([recorded], fresh_trials=0, grid=SMALL, workers=1)
+    assert with_truth.figures_of_merit["nees"].value > 0.0
+    assert all(np.isfinite(point.x_to_truth_mm) for point in points)
+    if stripped == "bare log":
+        other = tmp_path / "bare.log"
+        other.write_bytes((recorded / "can.log").read_bytes())
+    else:
+        other = tmp_path / "run"
+        other.mkdir()
+        for name in ("can.log", "scenario.toml"):
+            (other / name).write_bytes((recorded / name).read_bytes())
+    without, blind = tune_estimator([other], fresh_trials=0, grid=SMALL, workers=1)
+    assert without.parameters == with_truth.parameters
+    assert "nees" not in without.figures_of_merit
+    assert [point.likelihood for point in blind] == [point.likelihood for point in points]
+    assert all(np.isnan(point.x_to_truth_mm) for point in blind)
+    # 70 µg/√Hz behind 400 Hz, and counts
+    assert with_truth.values[FLOOR] == pytest.approx(0.0146, rel=0.05)
+
+
+def test_the_likeliest_of_drawn_modules_is_near_the_least_error() -> None:
+    """Without knowing the truth, the touch-downs choose what comes near the best that was tried."""
+    tuning, points = tune_estimator(modules=4, seconds=30.0, fresh_trials=0, grid=SMALL, workers=1)
+    errors = [point.x_to_truth_mm for point in points]
+    assert tuning.figures_of_merit["x_to_truth"].value < 1.5 * min(errors)
+    assert tuning.figures_of_merit["x_to_truth"].value < 0.75 * max(errors)
+    assert tuning.figures_of_merit["nis_stop"].value <= estimator.LARGEST_NIS
+    # The smoother knows more than the filter, which lies within a millimetre of it.
+    assert 0.0 < tuning.figures_of_merit["x_to_smoother"].value < 1.0
+
+
+def test_other_input_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="is not there"):
+        tune_estimator([tmp_path / "nowhere"])
+    with pytest.raises(BadInputError, match="below 10000"):
+        tune_estimator(seed=20_000)
+
+
+def test_the_command(recorded: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(safety, "SCENARIOS", ())
+    monkeypatch.setattr(estimator, "GRID", SMALL)
+    monkeypatch.setattr("tools.tuning.figures.views.GRID", SMALL)
+    out, plot, rrd = (tmp_path / f"mine.{kind}" for kind in ("toml", "svg", "rrd"))
+    command = ["tune", "estimator", str(recorded), "--fresh-trials", "0", "--workers", "1", "--json"]
+    assert cli.run([*command, "--out", str(out), "--plot", str(plot), "--rrd", str(rrd)]) == EXIT_PASSED
+    payload = json.loads(capsys.readouterr().out)
+    assert payload["parameters"][MEMORY]["unit"] == "s"
+    assert len(payload["tried"]) == 18
+    assert out.exists()
+    assert plot.stat().st_size > 10_000
+    assert rrd.stat().st_size > 10_000
+    assert cli.run([*command[:2], str(tmp_path / "nowhere")]) == EXIT_BAD_INPUT
+    assert cli.run([*command, "--rrd", str(tmp_path / "mine.png")]) == EXIT_BAD_INPUT
