@@ -5,8 +5,8 @@ from pathlib import Path
 from hil.record.candump import BusLog, parse_candump
 from hil.record.run_traces import NO_RECORDS
 from hil.record.traces import trace
-from hil.record.traces.precision import TICKED, kept
-from hil.record.traces.stored_trace import Records
+from hil.record.traces.precision import TICKED, columns_of
+from hil.record.traces.stored_trace import Columns, Records
 
 TRACES = ("plant", "firmware", "impacts", "operator")
 
@@ -26,7 +26,7 @@ class Follower:
             return NO_RECORDS
         records = trace.read(path, self._read[name])
         self._read[name] += len(records)
-        return kept(records) if name in TICKED else records
+        return Columns(columns_of(records, name not in TICKED), len(records))
 
     def new_frames(self) -> BusLog:
         """The whole lines of can.log since the last call."""

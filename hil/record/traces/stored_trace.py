@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.record.traces import trace
-from hil.record.traces.precision import kept, kept_column, kept_type
+from hil.record.traces.precision import columns_of, kept_column, kept_type
 
 MOST_IN_MEMORY_BYTES = 32 << 20
 """Of the copied columns; with more they go to the disk."""
@@ -60,8 +60,8 @@ class Columns:
     def __len__(self) -> int:
         return self._rows
 
-    def __getitem__(self, key: str) -> NDArray[Any]:
-        return self._columns[key]
+    def __getitem__(self, key: Any) -> Any:
+        return self._columns[key] if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
 
 
 def is_read_often(name: str) -> bool:
@@ -144,7 +144,7 @@ class StoredTrace(StoredColumns):
             return super().__getitem__(key)
         start, stop, step = key.indices(len(self))
         records = trace.read(self._path, start, max(start, stop))[::step]
-        return records if self._exact else kept(records)
+        return Columns(columns_of(records, self._exact), len(records))
 
     def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
         for start in range(0, len(self), PIECE_RECORDS):
