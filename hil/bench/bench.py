@@ -38,15 +38,15 @@ from hil.show.rerun_log import LOG_NAME
 from hil.timing.clock import NS_PER_S, ClockName, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.patient_clock import PatientClock, Row, shared_memory
-from hil.timing.processes import STOP_TIMEOUT_S, Child, Start
+from hil.timing.processes import Child, Start
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
 READY_TIMEOUT_S = 120.0
 """For imports and kernels that have never been compiled, on a busy machine."""
 START_DELAY_S = 0.3
 RECORDER = "recorder"
-RECORDER_STOP_S = 30.0
-"""It writes what it has not come to while the nodes had the CPU; a slow machine may leave it half a run."""
+RECORDER_AT_WORK_S = 120.0
+"""It writes what it has not come to while the nodes had the CPU; a busy machine may leave it a whole run."""
 LIVE = "live"
 """The child that shows the run in a viewer."""
 PERIODS_A_LOOK = 10
@@ -391,7 +391,7 @@ class ProcessesRun:
     def stop_all(self) -> None:
         """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""
         said = {
-            name: child.stop(RECORDER_STOP_S if name == RECORDER else STOP_TIMEOUT_S).strip()
+            name: child.stop(RECORDER_AT_WORK_S if name == RECORDER else 0.0).strip()
             for name, child in self.children.items()
         }
         nodes = {name: json.loads(line) for name, line in said.items() if line.startswith("{")}

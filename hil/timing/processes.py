@@ -8,13 +8,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from hil.timing.clock import MonotonicClock
-from hil.timing.patient_clock import PatientClock, Row
+from hil.timing.patient_clock import PatientClock, Row, has_stopped
 from hil.timing.realtime import end_with_parent
 
 READY = "ready"
@@ -189,14 +189,18 @@ class Child:
             return False
         return True
 
-    def stop(self, timeout_s: float = STOP_TIMEOUT_S) -> str:
-        """Ask it to end, insist after `timeout_s`, and give what it last said on standard output."""
+    def stop(self, at_work_s: float = 0.0) -> str:
+        """Ask it to end, insist after a while, and give what it last said on standard output.
+
+        `at_work_s`: how much longer it has if it is at work, not stopped by a signal.
+        """
         if not self.ended:
             self._process.terminate()
-        try:
-            said, _ = self._process.communicate(timeout=timeout_s)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self.killed_at_stop = True
-            said, _ = self._process.communicate()
-        return said.decode(errors="replace")
+        for patience_s in (STOP_TIMEOUT_S, at_work_s):
+            with suppress(subprocess.TimeoutExpired):
+                return self._process.communicate(timeout=patience_s)[0].decode(errors="replace")
+            if has_stopped(self.pid):
+                break
+        self._process.kill()
+        self.killed_at_stop = True
+        return self._process.communicate()[0].decode(errors="replace")

@@ -281,3 +281,23 @@ def test_child_that_will_not_stop_is_made_to(tmp_path: Path, monkeypatch: pytest
     stubborn.wait_ready(10.0)
     stubborn.stop()
     assert stubborn.how_it_ended() == "child was killed by SIGKILL"
+
+
+def test_child_that_is_at_work_has_longer_to_stop_but_a_stopped_one_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil.timing.processes.STOP_TIMEOUT_S", 0.3)
+    code = (
+        "import signal, sys, time; signal.signal(signal.SIGTERM, lambda *_: (time.sleep(1.0), sys.exit()));"
+        "print('ready', flush=True); time.sleep(60)"
+    )
+    busy, stopped = child(code, tmp_path), child(code, tmp_path)
+    for one in (busy, stopped):
+        one.wait_ready(10.0)
+    os.kill(stopped.pid, signal.SIGSTOP)
+    began_s = time.monotonic()
+    stopped.stop(at_work_s=20.0)
+    assert time.monotonic() - began_s < 10.0
+    assert stopped.killed_at_stop
+    busy.stop(at_work_s=20.0)
+    assert busy.succeeded

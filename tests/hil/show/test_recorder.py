@@ -72,7 +72,7 @@ def test_at_its_end_all_is_written_and_the_same_as_rebuilt(run_dir):
             sender.send(frame)
             time.sleep(0.002)
         time.sleep(0.1)
-        said = json.loads(recorder.stop(60.0))
+        said = json.loads(recorder.stop(at_work_s=60.0))
         sender.close()
     assert recorder.succeeded, recorder.last_errors()
 
@@ -99,7 +99,7 @@ def test_frames_it_lost_while_it_was_held_up_are_in_the_folder(run_dir):
             sender.send_all([frame] * 100)
             time.sleep(0.001)
         os.kill(recorder.pid, signal.SIGCONT)
-        said = json.loads(recorder.stop(60.0))
+        said = json.loads(recorder.stop(at_work_s=60.0))
         sender.close()
     assert recorder.succeeded, recorder.last_errors()
     traces = read_run(run_dir)
