@@ -52,6 +52,9 @@ class Recorder:
         self.can_log = CanLog(run_dir / "can.log")
         self.frames = 0
         self.losses: list[LogLoss] = []
+        self._newest_ns = 0
+        self._until_ns = sys.maxsize
+        """Wall clock's time until which frames are taken."""
         self._arrived_s: list[float] = []
         self._can_ids: list[int] = []
         self._payloads: list[bytes] = []
@@ -59,8 +62,9 @@ class Recorder:
     def drain(self) -> bool:
         """Take the frames that have arrived; whether there were any."""
         before = len(self._payloads)
-        while self.bus is not None and (arrived := self.bus.receive_stamped()):
+        while self._newest_ns < self._until_ns and self.bus and (arrived := self.bus.receive_stamped()):
             stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
+            self._newest_ns = int(stamps_ns[-1])
             times_us = self.since_start_ns(stamps_ns) // 1000
             for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
                 if t_us >= 0:  # what was sent before the start is not of this run
@@ -100,7 +104,8 @@ class Recorder:
         return new
 
     def close(self) -> None:
-        """Write what is left and both files' ends; what the hub still holds is waited for."""
+        """Write what is left and both files' ends; what was sent until now is waited for."""
+        self._until_ns = time.time_ns()
         while self.bus is not None and self.drain():
             self.bus.wait(DRAIN_PERIOD_S)
         self.append()

@@ -55,7 +55,7 @@ class KillError(RuntimeError):
 
 def begun(arguments: list[str], folder: Path, temporary: Path) -> "subprocess.Popen[bytes]":
     """The program in a folder, with a place for temporary files of its own; what it says is in `said`."""
-    heeding = ["env", "--default-signal=HUP"]  # under nohup too
+    heeding = ["env", "--default-signal=INT", "--default-signal=HUP"]  # under nohup, in the background too
     environment = {key: value for key, value in os.environ.items() if key != "XDG_RUNTIME_DIR"}
     with (folder / "said").open("ab") as said:
         return subprocess.Popen(

@@ -87,6 +87,22 @@ def test_at_its_end_all_is_written_and_the_same_as_rebuilt(run_dir):
     assert differing <= {"/stop", "/estimate_error"}, "the stop's line comes in pieces, the error at the end"
 
 
+def test_asked_to_end_it_does_not_wait_for_frames_that_come_later(run_dir):
+    frame = codec.encode(SetInputTorque(0.25))
+    with provide("local") as provided:
+        recorder = start(run_dir, "--bus", provided.address)
+        sender = join(provided.address, accept=())
+        recorder.signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + 20.0
+        while not recorder.ended and time.monotonic() < deadline_s:
+            sender.send(frame)
+            time.sleep(0.001)
+        ended = recorder.ended
+        recorder.stop()
+        sender.close()
+    assert ended, "others send for as long as they like"
+
+
 def test_frames_it_lost_while_it_was_held_up_are_in_the_folder(run_dir):
     with provide("local") as provided:
         recorder = start(run_dir, "--bus", provided.address)
