@@ -35,25 +35,25 @@ def folder_option(description: str) -> Any:
     return typer.Option(help=description, callback=check)
 
 
-def new_option(description: str) -> Any:
-    """A Typer option for a file or folder to make, where nothing is yet."""
+def new_option(description: str, endings: tuple[str, ...] = ()) -> Any:
+    """A Typer option for a file or folder to make, where nothing is yet; `endings` as in `file_option`."""
 
     def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
         if path is not None:
-            refuse_existing(parameter.opts[0], path)
+            refuse_existing(parameter.opts[0], path, endings)
         return path
 
     return typer.Option(help=description, callback=check)
 
 
-def refuse_existing(option: str, path: Path) -> None:
+def refuse_existing(option: str, path: Path, endings: tuple[str, ...] = ()) -> None:
     """Raise BadInputError unless something new can be made at `path`."""
     try:
         if path.exists():
             raise BadInputError(f"{option} is {path}: that is there already; remove it, or name another")
     except OSError as error:
         raise BadInputError(f"{option} is {path}: {error.strerror}; name another place") from error
-    refuse_file(option, path, ())
+    refuse_file(option, path, endings)
 
 
 def refuse_file(option: str, path: Path, endings: tuple[str, ...]) -> None:

@@ -100,6 +100,15 @@ def test_what_may_not_be_written_is_refused(
     assert "cannot be written" in refused(command, option, Path("/proc/1") / name, capsys)
 
 
+def test_a_comparison_goes_over_no_log_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.rrd"
+    path.write_text("mine")
+    assert "there already" in refused("compare", "--out", path, capsys)
+    assert path.read_text() == "mine"
+
+
 @pytest.mark.parametrize(("command", "option"), [one for one in outputs() if is_folder(*one)])
 def test_a_file_is_no_folder(
     command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

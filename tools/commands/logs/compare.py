@@ -9,7 +9,7 @@ from rich.table import Table
 from tools.commands.options import Json
 from tools.logs.changes import show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
-from tools.outputs import RECORDINGS, file_option
+from tools.outputs import RECORDINGS, new_option
 
 MOST_CHANGES = 10
 """Figures that a comparison shows, so that it fits one screen; --json has all."""
@@ -25,7 +25,7 @@ def compare(
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
         Path | None,
-        file_option("Write both runs, overlaid, to one .rrd file; open it with view.", RECORDINGS),
+        new_option("Write both runs, overlaid, to one new .rrd file; open it with view.", RECORDINGS),
     ] = None,
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
