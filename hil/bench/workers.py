@@ -69,34 +69,28 @@ class Worker:
             return Died(f"was stopped by a signal, and after {MOST_LOOKS_STOPPED * LOOK_S:.0f} s killed")
         return Died(f"was killed by {signal.Signals(-status).name}")
 
-    def end(self) -> None:
-        """Let it go in order: it waits for a task."""
-        self.pipe.close()
-        self.process.wait()
-
 
 def main() -> None:
     """A worker; its arguments are the number of its pipe's descriptor and the program's process number."""
     pipe, program = Connection(int(sys.argv[1])), int(sys.argv[2])
     if os.getppid() != program:  # it was killed while this process began
         return
-    sys.path[:] = pipe.recv()
     try:
+        sys.path[:] = pipe.recv()
         serve(pipe, *pipe.recv())
+    except (EOFError, ConnectionError):  # the program has closed the pipe, or is gone
+        return
     except Interrupted:  # all is put in order; how this process ended is seen by the program
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTERM)
 
 
 def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[], None] | None) -> None:
-    """In a worker: take tasks and give results until the program closes the pipe."""
+    """In a worker: take tasks and give results until the pipe's end is raised."""
     if prepare is not None:
         prepare()
     while True:
-        try:
-            task = pipe.recv()
-        except EOFError:
-            return
+        task = pipe.recv()
         try:
             answer: tuple[Any, Exception | None] = (function(task), None)
         except Exception as error:
@@ -141,8 +135,10 @@ class Workers(Generic[Task, Result]):
 
     def __exit__(self, *_: object) -> None:
         self._give_up()
+        for worker in self._idle:  # let them go in order, all at once: they wait for a task
+            worker.pipe.close()
         for worker in self._idle:
-            worker.end()
+            worker.process.wait()
         self._idle.clear()
 
     def results(self, tasks: Sequence[Task]) -> Generator[tuple[Task, Result | Died]]:

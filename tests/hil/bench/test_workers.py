@@ -5,10 +5,12 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
 
+from hil.bench import workers
 from hil.bench.workers import Died, WorkerDiedError, Workers, alive, results
 from hil.timing.patient_clock import has_stopped
 from hil.timing.signals import ending_signals
@@ -34,8 +36,8 @@ def pid_after(task: int) -> int:
 
 
 def test_a_process_stays_from_call_to_call_and_is_gone_at_the_end() -> None:
-    with Workers(pid_after, 1) as workers:
-        first, second = (dict(workers.results([task]))[task] for task in (1, 2))
+    with Workers(pid_after, 1) as some:
+        first, second = (dict(some.results([task]))[task] for task in (1, 2))
         assert first == second
     with pytest.raises(ProcessLookupError):
         os.kill(alive(first), 0)
@@ -50,11 +52,11 @@ def test_a_worker_that_dies_costs_its_task_alone() -> None:
 
 
 def test_one_that_dies_between_two_calls_is_told_as_well() -> None:
-    with Workers(pid_after, 1) as workers:
-        [(_, pid)] = workers.results([1])
+    with Workers(pid_after, 1) as some:
+        [(_, pid)] = some.results([1])
         os.kill(alive(pid), signal.SIGKILL)
-        assert dict(workers.results([2]))[2] == Died("was killed by SIGKILL")
-        assert isinstance(dict(workers.results([3]))[3], int)
+        assert dict(some.results([2]))[2] == Died("was killed by SIGKILL")
+        assert isinstance(dict(some.results([3]))[3], int)
 
 
 def stopped(task: int) -> int:
@@ -94,6 +96,19 @@ def test_a_worker_does_not_outlive_a_program_that_is_killed_while_it_begins() ->
     while not has_stopped(worker) and time.monotonic() < deadline_s:
         time.sleep(0.01)
     assert has_stopped(worker)
+
+
+def test_a_worker_whose_program_is_gone_with_an_answer_unread_ends_in_silence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours, theirs = Pipe()
+    ours.send(sys.path)
+    ours.send((pid_after, None))
+    theirs.send("unread")
+    ours.close()
+    monkeypatch.setattr("sys.argv", ["worker", str(os.dup(theirs.fileno())), str(os.getppid())])
+    workers.main()
+    theirs.close()
 
 
 def test_what_a_task_raises_is_raised_here() -> None:
