@@ -77,10 +77,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--vibrohil-firmware",
-        choices=("python", "compiled", "cortex-m7", "cortex-m4f"),
+        choices=("python", "compiled", "host-single", "cortex-m7", "cortex-m4f"),
         default="python",
-        help="build of the firmware: python (default), compiled, or cortex-m7 or cortex-m4f on an emulator, "
-        "in lockstep",
+        help="build of the firmware: python (default), compiled, host-single in single precision, or in "
+        "lockstep cortex-m7 or cortex-m4f on an emulator",
     )
 
 

@@ -4,10 +4,10 @@ from typing import Literal
 
 from firmware_py.shell.node import FirmwareNode, MakeNode
 
-Build = Literal["python", "compiled", "cortex-m7", "cortex-m4f"]
+Build = Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"]
 """`python`: interpreted, with filterpy's algebra. `compiled`: numba's code behind one C function.
-`cortex-m7`: the same code for a Cortex-M7, on a board that QEMU emulates, in lockstep alone; `cortex-m4f`: in
-single precision for a Cortex-M4F."""
+`host-single`: the same in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
+`host-single` for a Cortex-M7 and a Cortex-M4F, on a board that QEMU emulates, in lockstep alone."""
 
 
 def node_of(build: Build) -> MakeNode:
@@ -18,6 +18,10 @@ def node_of(build: Build) -> MakeNode:
         from firmware_py.shell import board_node  # noqa: PLC0415 - imports LLVM
 
         return board_node.BoardNode if build == "cortex-m7" else board_node.SinglePrecisionBoardNode
+    if build == "host-single":
+        from firmware_py.shell.single_node import SingleNode  # noqa: PLC0415 - imports LLVM
+
+        return SingleNode
     from firmware_py.shell.compiled_node import CompiledNode  # noqa: PLC0415 - imports numba
 
     return CompiledNode

@@ -5,10 +5,10 @@ from typing import Any
 
 from firmware_py.builds.entry import entry
 from firmware_py.core.state import Config
-from firmware_py.shell.flat_node import FlatNode
+from firmware_py.shell.native import Native, NativeNode
 
 
-class CompiledNode(FlatNode):
+class CompiledNode(NativeNode):
     """One controller in this process."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
@@ -17,6 +17,11 @@ class CompiledNode(FlatNode):
         self._addresses = (self.flat_config.ctypes.data, self.memory.ctypes.data, self.tx.ctypes.data)
         self._entry: Any = entry.ctypes
 
+    @property
+    def native(self) -> Native:
+        """Numba's function, on the node's own memory."""
+        return Native(entry.address, 1, self.flat_config, self.memory, "double")
+
     def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
         """One tick."""
         config, state, sent = self._addresses
@@ -24,3 +29,6 @@ class CompiledNode(FlatNode):
 
     def changed(self) -> None:
         """The tick reads both where they are."""
+
+    def ticked(self) -> None:
+        """The tick writes where `memory` is."""

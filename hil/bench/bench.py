@@ -128,7 +128,7 @@ def run_scenario(
 def prepare(firmware: Build, clock: ClockName) -> None:
     """Make what a build needs beside this process; raise BoardError where it cannot run here."""
     match firmware:
-        case "python" | "compiled":
+        case "python" | "compiled" | "host-single":
             return
     from firmware_py.builds.board import BoardError, image  # noqa: PLC0415 - imports LLVM
 

@@ -24,7 +24,7 @@ def run(
 ) -> Run:
     """Run a scenario by its name or its file, record every signal, judge it, and return the run.
 
-    `firmware` is the build: `python`, `compiled`, or, in lockstep, `cortex-m7` or `cortex-m4f`.
+    `firmware` is the build: `python`, `compiled`, `host-single` or, in lockstep, `cortex-m7` or `cortex-m4f`.
     `set` changes values by dotted keys, such as `{"scene.striker.spring_n_m": 72.0}`; `parameters` are files
     of `vibrohil tune`; `out` is the run's folder, by default a new one under runs/. A run whose checks fail
     returns all the same, with `passed` False.

@@ -88,8 +88,8 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
         for node in (plant, firmware, operator, bus):
             stack.callback(node.close)
         stretches = None
-        if build == "compiled" and make is None and isinstance(to_plant, InProcessNode):
-            from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports the compiled firmware
+        if build in ("compiled", "host-single") and make is None and isinstance(to_plant, InProcessNode):
+            from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports compiled code
 
             nodes = Nodes(plant_node, firmware_node, operator, to_plant)
             stretches = stretches_of(scenario, nodes, can_log)

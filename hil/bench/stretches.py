@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.builds.entry import entry
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.shell.compiled_node import CompiledNode
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.flat_node import FirmwareFailedError
+from firmware_py.shell.native import NativeNode
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.nodes.closed_loop import (
@@ -34,7 +34,7 @@ from hil.nodes.closed_loop import (
     run,
 )
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
-from hil.record.traces.firmware_trace import moves_to
+from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import (
     ClockJitter,
@@ -56,6 +56,8 @@ from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
 
+NATIVE: tuple[Build, ...] = ("compiled", "host-single")
+"""Builds that compiled code can call."""
 STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
 """Faults that do nothing from tick to tick between their begin and their end."""
 OF_A_CLOCK = (ClockJitter, ClockJumped, Restarted)
@@ -133,11 +135,12 @@ class Stretches:
         self._scenario = scenario
         self._plant, self._firmware, self._operator, self._to_plant = nodes
         self._period_ns = round(scenario.period_s * NS_PER_S)
-        self._firmware_rows = np.zeros(LONGEST_TICKS, columns)
+        self._columns, precision = columns, self._native_node().native.precision
+        self._firmware_rows = np.zeros(LONGEST_TICKS, columns_in(columns, precision))
         self._buffers = Buffers(
             plant=np.zeros((LONGEST_TICKS, len(PlantRecord._fields))),
             firmware=self._firmware_rows.view(np.uint8),
-            moves=moves_to(columns),
+            moves=moves_to(self._firmware_rows.dtype, precision),
             impacts=np.zeros((LONGEST_TICKS, len(Impact._fields))),
             can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
             used=np.zeros(3, np.int64),
@@ -150,16 +153,14 @@ class Stretches:
         until = scenario.ticks
         if quiet_s < math.inf:
             until = min(until, math.ceil((quiet_s - SAME_INSTANT_S) / scenario.period_s))
-        is_asked = (
-            self._compiled_node().memory["received"]["request_count"][0] > 0 or self._plant.node.requests
-        )
+        is_asked = self._native_node().memory["received"]["request_count"][0] > 0 or self._plant.node.requests
         is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= len(Held._fields)
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 
-    def _compiled_node(self) -> CompiledNode:
+    def _native_node(self) -> NativeNode:
         """The firmware's node, a new one after a restart."""
         node = self._firmware.node
-        assert isinstance(node, CompiledNode)
+        assert isinstance(node, NativeNode)
         return node
 
     def run(self, tick: int, ticks: int, operator_period: int) -> tuple[Records, int]:
@@ -180,9 +181,11 @@ class Stretches:
             self._firmware_rows.itemsize,
         )
         frames, sent = np.zeros((MOST_FRAMES, 3), np.int64), np.zeros(7, np.int64)
-        node = self._compiled_node()
-        config, state = node.flat_config.ctypes.data, node.memory.ctypes.data
-        compiled = Firmware(entry.address, config, state, frames, sent, node.memory.view(np.uint8))
+        node = self._native_node()
+        tick_address, done, config, state, _ = node.native
+        firmware = Firmware(
+            tick_address, done, config.ctypes.data, state.ctypes.data, frames, sent, state.view(np.uint8)
+        )
         held = [word_frame(frame) for frame in self._to_plant.receive()]
         held += [NO_FRAME] * (len(Held._fields) - len(held))
         drive, reports, counter = plant.drive, plant.reports, plant.counter
@@ -193,7 +196,7 @@ class Stretches:
             lent.probe,
             lent.memory,
             constants,
-            compiled,
+            firmware,
             loop,
             gait_frames,
             commands,
@@ -207,6 +210,7 @@ class Stretches:
             raise FirmwareFailedError(
                 f"a division by zero or a domain error in the compiled firmware's tick {loop.tick}"
             )
+        node.ticked()
         plant.plant.take_back(loop.t_s, loop.t_rest_s, loop.torque_n_m, status)
         plant.resume(loop.tick, loop.drive, loop.reports, loop.counter)
         self._to_plant.pending += [byte_frame(frame) for frame in loop.held if frame.can_id != 0]
@@ -215,7 +219,7 @@ class Stretches:
         _, impacts, log_bytes = buffers.used.tolist()
         records = Records(
             buffers.plant[:ticks],
-            self._firmware_rows[:ticks],
+            self._firmware_rows[:ticks].astype(self._columns, copy=False),
             buffers.impacts[:impacts],
             buffers.can_log[:log_bytes],
         )
@@ -284,10 +288,11 @@ class RecordedStretches:
         return operator_period
 
 
-def records_of(scenario: Scenario, seed: int, columns: Any) -> Iterator[Records]:
+def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "compiled") -> Iterator[Records]:
     """A whole compiled run without a folder, stretch by stretch; of the firmware `columns` are kept.
 
-    Raise ValueError for faults that act from tick to tick, which need lockstep's nodes.
+    `build` is one of `NATIVE`. Raise ValueError for faults that act from tick to tick, which need lockstep's
+    nodes.
     """
     if not has_stretches(scenario) or not all(isinstance(fault, STEADY) for fault in scenario.faults):
         kinds = ", ".join(fault.kind for fault in scenario.faults)
@@ -300,7 +305,7 @@ def records_of(scenario: Scenario, seed: int, columns: Any) -> Iterator[Records]
     pace = Pace(scenario.period_s, scenario.duration_s)
     plant = PlantRunner(scenario.scene, seed, pace, to_plant, None, scenario.faults)
     firmware = FirmwareRunner(
-        scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=CompiledNode
+        scenario.parameters, pace, bus.join(), None, scenario.faults, seed, make=node_of(build)
     )
     operator = OperatorRunner(scenario.commands, pace, bus.join(listening=False), None)
     nodes = Nodes(plant, firmware, operator, to_plant)

@@ -66,12 +66,14 @@ TORQUE_SENT, OTHER_SENT = 1, 4
 
 
 class Firmware(NamedTuple):
-    """The compiled firmware (`firmware_py.builds.entry`): its function's address and those of its memory.
+    """The firmware (`firmware_py.shell.native`): its function's address and those of its memory.
 
-    `frames`: what it receives, shape (MOST_FRAMES, 3). `sent`: the number of frames it sends, and two frames.
+    It returns `done`. `frames`: what it receives, shape (MOST_FRAMES, 3). `sent`: the number of frames it
+    sends, and two frames.
     """
 
     tick: int
+    done: int
     config: int
     state: int
     frames: Integers
@@ -82,17 +84,17 @@ class Firmware(NamedTuple):
 def _call_tick(
     _: Any, tick: Any, config: Any, state: Any, elapsed_ticks: Any, count: Any, frames: Any, sent: Any
 ) -> Any:
-    """Call the firmware's function at the address `tick`; pointers are addresses."""
+    """Call the firmware's function at the address `tick`; pointers are addresses. Its status is 32 bits."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
         number, pointer = ir.IntType(64), ir.IntType(8).as_pointer()
         kinds = [pointer, pointer, number, number, pointer, pointer]
-        function = builder.inttoptr(values[0], ir.FunctionType(number, kinds).as_pointer())
+        function = builder.inttoptr(values[0], ir.FunctionType(ir.IntType(32), kinds).as_pointer())
         passed = [
             builder.inttoptr(value, kind) if kind is pointer else value
             for value, kind in zip(values[1:], kinds, strict=True)
         ]
-        return builder.call(function, passed)
+        return builder.sext(builder.call(function, passed), number)
 
     return types.int64(*[types.int64] * 7), generate
 
@@ -406,7 +408,8 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
         # The firmware at t_k + T/2.
         frames, sent_to = firmware.frames.ctypes.data, firmware.sent.ctypes.data
-        if call_tick(firmware.tick, firmware.config, firmware.state, 1, count, frames, sent_to) != 1:
+        status = call_tick(firmware.tick, firmware.config, firmware.state, 1, count, frames, sent_to)
+        if status != firmware.done:
             loop = Loop(number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held)
             return loop, FIRMWARE_FAILED
         later_us = (number * constants.period_ns + constants.period_ns // 2) // 1000

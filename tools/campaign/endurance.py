@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode
+from firmware_py.shell.builds import Build
 from firmware_py.shell.parameters import config_from
+from hil.bench.lockstep import Progress
 from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
@@ -31,7 +33,13 @@ SIGNALS = (
 TRUE_X = PlantRecord._fields.index("x_m")
 
 
-def endurance(ticks: int, settings: Sequence[str] = (), seed: int = 1) -> dict[str, Any]:
+def endurance(
+    ticks: int,
+    settings: Sequence[str] = (),
+    seed: int = 1,
+    build: Build = "compiled",
+    progress: Progress = lambda *_: None,
+) -> dict[str, Any]:
     """Run the nominal module for `ticks` ticks; the smallest eigenvalue of P in any of them, and where."""
     cell = cells_of({"conditions": CONDITIONS}, settings)[0][0]
     commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
@@ -41,7 +49,8 @@ def endurance(ticks: int, settings: Sequence[str] = (), seed: int = 1) -> dict[s
     least: list[tuple[float, int]] = []
     faults: set[int] = set()
     squares, judged, tick, mode = 0.0, 0, 0, Mode.INIT.value
-    for records in records_of(scenario, seed, columns_of(SIGNALS)):
+    for records in records_of(scenario, seed, columns_of(SIGNALS), build):
+        progress(tick / ticks, "running")
         known = records.firmware
         p = np.stack([known[name] for name in COVARIANCE], axis=-1).reshape(-1, 3, 3)
         eigenvalues = np.where(known["state.estimator.started"], np.linalg.eigvalsh(p)[:, 0], math.inf)

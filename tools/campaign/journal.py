@@ -1,7 +1,8 @@
 """Outcomes of a campaign that is going on, so that one that was interrupted goes on where it stopped.
 
 A file beside the runs, named by a digest of all that an outcome depends on: the campaign, its cells, numbers
-and seed, every source file and the packages' versions. It is gone once the campaign is complete.
+and seed, the firmware's build, every source file and the packages' versions. It is gone once the campaign is
+complete.
 """
 
 import hashlib
@@ -11,6 +12,7 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any, Self
 
+from firmware_py.shell.builds import Build
 from hil.record import provenance
 from hil.record.run_folder import RUNS
 from tools.campaign.trial.cells import Cell
@@ -20,8 +22,10 @@ from tools.campaign.trial.outcome import Outcome
 class Journal:
     """Appends outcomes, and gives those of an earlier campaign that was interrupted."""
 
-    def __init__(self, campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int) -> None:
-        parts = (campaign, cells, dict(numbers), seed, provenance.sources(), provenance.versions())
+    def __init__(
+        self, campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, firmware: Build
+    ) -> None:
+        parts = (campaign, cells, dict(numbers), seed, firmware, provenance.sources(), provenance.versions())
         digest = hashlib.sha256(repr(parts).encode()).hexdigest()
         self.path = RUNS / f"campaign-{campaign}-{digest[:16]}.jsonl"
         self.outcomes = self._read()

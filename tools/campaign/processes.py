@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from firmware_py.shell.builds import Build
 from tools.campaign.journal import Journal
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
@@ -25,6 +26,7 @@ class Batch(NamedTuple):
     numbers: Mapping[str, Any]
     seed: int
     trials: list[int]
+    firmware: Build = "compiled"
 
 
 def run_batch(batch: Batch) -> list[Outcome]:
@@ -32,7 +34,8 @@ def run_batch(batch: Batch) -> list[Outcome]:
     from tools.campaign.trial.judges import run_trial
 
     return [
-        run_trial(batch.campaign, batch.cells, batch.numbers, batch.seed, trial) for trial in batch.trials
+        run_trial(batch.campaign, batch.cells, batch.numbers, batch.seed, trial, batch.firmware)
+        for trial in batch.trials
     ]
 
 
@@ -58,6 +61,7 @@ def batches(
     seed: int,
     trials: Sequence[int],
     workers: int,
+    firmware: Build = "compiled",
 ) -> list[Batch]:
     """One trial of each friction law, which has the kernels compiled once, then the rest."""
     laws: dict[str, int] = {}
@@ -67,7 +71,7 @@ def batches(
     rest = sorted(set(trials) - set(first))
     size = max(1, min(LARGEST_BATCH, len(rest) // (workers * BATCHES_A_WORKER)))
     parts = [first] + [rest[begin : begin + size] for begin in range(0, len(rest), size)]
-    return [Batch(campaign, cells, numbers, seed, part) for part in parts if part]
+    return [Batch(campaign, cells, numbers, seed, part, firmware) for part in parts if part]
 
 
 def run_all(
@@ -79,15 +83,16 @@ def run_all(
     progress: Progress,
     workers: int | None = None,
     scheduler: str | None = None,
+    firmware: Build = "compiled",
 ) -> list[Outcome]:
     """All trials, in order of their numbers; those that an interrupted campaign has finished are kept."""
     count = workers or os.cpu_count() or 1
-    with Journal(campaign, cells, numbers, seed) as journal:
+    with Journal(campaign, cells, numbers, seed, firmware) as journal:
         known = {outcome.trial: outcome for outcome in journal.outcomes}
         missing = [trial for trial in range(trials) if trial not in known]
         progress(trials - len(missing), trials)
         with running(run_batch, count, scheduler) as run:
-            for _, part in run(batches(campaign, cells, numbers, seed, missing, count)):
+            for _, part in run(batches(campaign, cells, numbers, seed, missing, count, firmware)):
                 journal.add(part)
                 known |= {outcome.trial: outcome for outcome in part}
                 progress(sum(trial in known for trial in range(trials)), trials)

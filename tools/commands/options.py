@@ -1,10 +1,18 @@
 """Options that several commands share."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+FirmwareBuild = Annotated[
+    Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"],
+    typer.Option(
+        "--firmware",
+        help="The firmware's build: interpreted, compiled, compiled in single precision, or in lockstep on "
+        "an emulated Cortex-M7 or, in single precision, Cortex-M4F.",
+    ),
+]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
 Sync = Annotated[
     bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")

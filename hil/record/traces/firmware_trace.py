@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.builds.flat import layout
+from firmware_py.builds.flat import Precision, layout
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
 from firmware_py.node.counters import Counters
@@ -46,9 +46,19 @@ def columns_of(names: Sequence[str]) -> Any:
     return np.dtype(kinds)
 
 
-def moves_to(columns: Any) -> NDArray[np.int64]:
+def columns_in(columns: Any, precision: Precision) -> Any:
+    """The same packed record, its members of the firmware's memory in this precision."""
+    if precision == "double":
+        return columns
+    kinds = [(name, columns.fields[name][0]) for name in columns.names]
+    return np.dtype(
+        [(name, np.float32 if "." in name and kind == np.float64 else kind) for name, kind in kinds]
+    )
+
+
+def moves_to(columns: Any, precision: Precision = "double") -> NDArray[np.int64]:
     """Which bytes of the firmware's memory make a packed record: rows of source, destination and length."""
-    memory = layout(NodeState)
+    memory = layout(NodeState, precision)
     moves: list[list[int]] = []
     for name in columns.names:
         first, *path = name.split(".")

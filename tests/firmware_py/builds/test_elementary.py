@@ -17,11 +17,11 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from code_here import INTEGER, POINTER, function
 from compiled_calls import as_compiled
 from numpy.typing import NDArray
 
 from firmware_py.builds import board
+from firmware_py.builds.loaded_object import function
 from firmware_py.builds.machine_code import TARGETS, TargetName, object_code, retargeted
 from firmware_py.core.elementary import LARGEST_EXACT_RAD, atan2, cos, cube_root, exp, sin
 from firmware_py.core.numbers import wrap_pi
@@ -230,7 +230,7 @@ def test_a_cortex_m7_gives_the_same_bits(assembly: str, tmp_path: Path) -> None:
 
 def in_single_precision(assembly: str, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """The five functions' results for each pair, shape (n, 5)."""
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, INTEGER, POINTER, POINTER, POINTER)
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, *[ctypes.c_void_p] * 3)
     apply = function(retargeted(assembly, TARGETS["host-single"], ["apply"]), "apply", prototype)
     results = np.zeros((len(x), 5), np.float32)
     assert apply(len(x), x.ctypes.data, y.ctypes.data, results.ctypes.data) == 0

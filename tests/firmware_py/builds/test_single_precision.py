@@ -9,7 +9,6 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 from closed_loop import Bench
-from code_here import SingleNode
 
 from firmware_py.builds.flat import copier, in_precision, loaded, stored
 from firmware_py.builds.machine_code import raw_assembly
@@ -21,6 +20,7 @@ from firmware_py.node.tick import INITIAL, NodeState
 from firmware_py.shell.compiled_node import CompiledNode
 from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.parameters import config_from
+from firmware_py.shell.single_node import SingleNode
 
 DOUBLE = """
 @"a double 1.000000e-01" = internal constant [6 x i8] c"double", align 8

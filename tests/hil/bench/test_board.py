@@ -94,6 +94,27 @@ def test_in_single_precision_a_run_has_the_decisions_of_the_compiled_build(name:
 
 
 @pytest.mark.usefixtures("tools")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a-hot-winding-stops-the-motor",
+        "a-controller-that-pauses-for-thirty-ticks-goes-on",
+        "a-restarted-controller-moves-nothing-by-itself",
+    ],
+)
+def test_a_cortex_m4f_sends_the_bytes_of_single_precision_here(name: str, tmp_path: Path) -> None:
+    scenario = load_scenario(name)
+    builds: tuple[Build, ...] = ("host-single", "cortex-m4f", "compiled")
+    for build in builds:
+        (tmp_path / build).mkdir()
+        run_lockstep(scenario, tmp_path / build, 1, lambda *_: None, build)
+    logs = [(tmp_path / build / "can.log").read_bytes() for build in builds]
+    assert logs[0].count(b"\n") > 3 * scenario.ticks
+    assert logs[0] == logs[1]
+    assert logs[0] != logs[2]
+
+
+@pytest.mark.usefixtures("tools")
 def test_parameters_are_served_as_by_the_compiled_build() -> None:
     nodes = [make(config_from({}), {}) for make in (CompiledNode, BoardNode)]
     for number, request in enumerate([(7, 0, 0.0), (7, 1, 80.0), (7, 0, 0.0)]):

@@ -8,6 +8,7 @@ import pytest
 
 from firmware_py.interface.enums import Mode
 from hil.bench.bench import run_scenario
+from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read
 from hil.scenario.scenario import load_scenario
@@ -17,8 +18,10 @@ from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.trial.cells import cells_of
 from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
+from tools.campaign.trial.run import SIGNALS, in_a_folder, in_stretches
 from tools.campaign.trial.run import run as run_loop
 from tools.campaign.trial.scenarios import trial_of
+from tools.campaign.trial.walk_cells import walk_cells
 from tools.cli import run
 from tools.commands.testing.campaign import keep_trial
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
@@ -48,6 +51,18 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
             np.testing.assert_array_equal(done.firmware[name], firmware[name], err_msg=name)
     kicked = plant["v_m_s"][round(1e3 * kept.faults[0].at_s) + 1]
     assert kicked != pytest.approx(plant["v_m_s"][round(1e3 * kept.faults[0].at_s) - 1], abs=0.5)
+
+
+def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
+    chosen = CAMPAIGNS["walk"]
+    cells, numbers = walk_cells({"conditions": chosen.conditions, **chosen.numbers}, ["campaign.walk_s=8.0"])
+    trial = trial_of("walk", cells, numbers, SEED, 0)
+    kept = [
+        how(trial.scenario, trial.scenario.seed, columns_of(SIGNALS), "compiled")
+        for how in (in_stretches, in_a_folder)
+    ]
+    for ours, other in zip(*kept, strict=True):
+        np.testing.assert_array_equal(ours, other)
 
 
 @pytest.mark.parametrize(("seed", "trial"), [(20_260, 414), (918_273, 150)])
@@ -126,8 +141,10 @@ def test_a_campaign_from_the_command_line(
     assert status == (EXIT_PASSED if result["passed"] else EXIT_CHECK_FAILED)
 
 
-def test_the_covariance_stays_positive(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["campaign", "endurance", "--ticks", "300000", "--json"]) == EXIT_PASSED
+@pytest.mark.parametrize("firmware", ["compiled", "host-single"])
+def test_the_covariance_stays_positive(firmware: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["campaign", "endurance", "--ticks", "300000", "--firmware", firmware, "--json"]
+    assert run(arguments) == EXIT_PASSED
     result = json.loads(capsys.readouterr().out)
     assert 0.0 < result["smallest_eigenvalue"] < 1e-5
     assert result["mode"] == "run"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
+from firmware_py.shell.builds import Build
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
 from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
@@ -302,14 +303,19 @@ JUDGES: dict[str, Callable[[Cell, Trial, Run, Outcome], None]] = {
 
 
 def run_trial(
-    campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, trial: int
+    campaign: str,
+    cells: Sequence[Cell],
+    numbers: Mapping[str, Any],
+    seed: int,
+    trial: int,
+    firmware: Build = "compiled",
 ) -> Outcome:
     """Sample, run and judge the trial of this number."""
     started_s = time.process_time()
     number = trial % len(cells)
     sampled = trial_of(campaign, cells, numbers, seed, trial)
     outcome = Outcome(trial, number, simulated_s=sampled.scenario.duration_s)
-    done = run(sampled.scenario, sampled.scenario.seed)
+    done = run(sampled.scenario, sampled.scenario.seed, firmware=firmware)
     JUDGES[campaign](cells[number], sampled, done, outcome)
     outcome.compute_s = time.process_time() - started_s
     return outcome

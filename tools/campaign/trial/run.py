@@ -1,20 +1,26 @@
 """One closed loop from Python: a scenario in; impacts, detections and modes out."""
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
-from hil.bench.stretches import records_of
+from firmware_py.shell.builds import Build
+from hil.bench.lockstep import run_lockstep
+from hil.bench.stretches import NATIVE, records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
+from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario
 from plant_sim.arrays import FloatArray
 from plant_sim.parts.parts import Parts
+from plant_sim.result import Impact
 
 SIGNALS = (
     "outputs.mode",
@@ -31,6 +37,10 @@ SIGNALS = (
     "state.gait.phase",
 )
 """What is kept of the firmware in every tick, for the judges."""
+
+
+Kept = tuple[FloatArray, NDArray[np.void], FloatArray]
+"""Of a run: the truth and what is kept of the firmware, a row a tick, and the true impacts."""
 
 
 class ModeChange(NamedTuple):
@@ -90,23 +100,47 @@ class Run:
         return (ticks + 1.0) * self.tick_s
 
 
-def run(scenario: Scenario, seed: int, more: Sequence[str] = ()) -> Run:
+def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build = "compiled") -> Run:
     """Run a scenario from power-up on; `more` of the firmware's signals are kept beside `SIGNALS`."""
-    columns = columns_of([*SIGNALS, *more])
-    plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
-    firmware = np.empty(scenario.ticks, columns)
-    impacts: list[FloatArray] = []
-    tick = 0
-    for records in records_of(scenario, seed, columns):
-        ticks = slice(tick, tick + len(records.plant))
-        plant[ticks], firmware[ticks] = records.plant, records.firmware
-        impacts.append(records.impacts.copy())
-        tick = ticks.stop
-    together: Any = np.concatenate(impacts)
+    kept = in_stretches if firmware in NATIVE else in_a_folder
+    plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
     return Run(
         scenario.scene.parts(seed),
         scenario.period_s,
         plant,
-        firmware,
-        together[np.argsort(together[:, 0], kind="stable")],
+        known,
+        impacts[np.argsort(impacts[:, 0], kind="stable")],
     )
+
+
+def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
+    """What is kept of a run that is compiled as a whole."""
+    plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
+    known = np.empty(scenario.ticks, columns)
+    impacts: list[FloatArray] = []
+    tick = 0
+    for records in records_of(scenario, seed, columns, firmware):
+        ticks = slice(tick, tick + len(records.plant))
+        plant[ticks], known[ticks] = records.plant, records.firmware
+        impacts.append(records.impacts.copy())
+        tick = ticks.stop
+    return plant, known, np.concatenate(impacts)
+
+
+def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
+    """The same, of a run in lockstep, by its traces."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_lockstep(scenario, Path(folder), seed, lambda *_: None, firmware)
+        plant, traced, impacts = (
+            read(Path(folder) / f"{name}.trace") for name in ("plant", "firmware", "impacts")
+        )
+    known = np.zeros(len(traced), columns)
+    for name in columns.names:
+        if name in (traced.dtype.names or ()):  # a run in which nobody walks records no gait
+            known[name] = traced[name]
+    return side_by_side(plant, PlantRecord._fields), known, side_by_side(impacts, Impact._fields)
+
+
+def side_by_side(records: NDArray[np.void], names: Sequence[str]) -> FloatArray:
+    """Members of records as columns, shape (records, names)."""
+    return np.stack([records[name].astype(np.float64) for name in names], axis=-1)

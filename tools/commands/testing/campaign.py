@@ -8,11 +8,12 @@ import tomli_w
 import typer
 from rich.table import Table
 
-from tools.commands.options import Json
+from tools.commands.options import FirmwareBuild, Json
 from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, print_json
-from tools.progress import counted_progress
+from tools.progress import counted_progress, shown_progress
 
 if TYPE_CHECKING:
+    from firmware_py.shell.builds import Build
     from tools.campaign.trial.outcome import Outcome
     from tools.campaign.trial.scenarios import Trial
 
@@ -59,13 +60,14 @@ def campaign(
         typer.Option(help="Write trials as scenarios below runs/: failures, all, or a trial's number."),
     ] = None,
     ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
+    firmware: FirmwareBuild = "compiled",
     as_json: Json = False,
 ) -> None:
     """Run many closed loops over sampled modules and starts, and judge them by their goals."""
     if name == "endurance":
-        result = run_endurance(ticks, change or [])
+        result = run_endurance(ticks, change or [], firmware)
     else:
-        result = run_campaign(name, trials, seed, change or [], workers, scheduler, keep)
+        result = run_campaign(name, trials, seed, change or [], workers, scheduler, keep, firmware)
     if as_json:
         print_json(result)
     elif name == "endurance":
@@ -76,11 +78,15 @@ def campaign(
         raise typer.Exit(EXIT_CHECK_FAILED)
 
 
-def run_endurance(ticks: int, changes: list[str]) -> dict[str, Any]:
+def run_endurance(ticks: int, changes: list[str], firmware: "Build") -> dict[str, Any]:
     """One long run."""
+    from hil.bench.stretches import NATIVE
     from tools.campaign.endurance import endurance
 
-    return endurance(ticks, changes)
+    if firmware not in NATIVE:
+        raise BadInputError(f"--firmware {firmware}: an endurance run takes {' or '.join(NATIVE)}")
+    with shown_progress() as progress:
+        return endurance(ticks, changes, build=firmware, progress=progress)
 
 
 def run_campaign(
@@ -91,8 +97,10 @@ def run_campaign(
     workers: int | None,
     scheduler: str | None,
     keep: str | None,
+    firmware: "Build",
 ) -> dict[str, Any]:
     """All trials, with a progress bar."""
+    from hil.bench.bench import prepare
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
     from tools.campaign.campaigns import CAMPAIGNS
@@ -110,10 +118,11 @@ def run_campaign(
     for cell in cells:
         refuse_other_drives(load_scene(cell.scene))
     refuse_unknown_trials(keep, count)
+    prepare(firmware, "lockstep")
     started_s = time.perf_counter()
     with counted_progress(name, count) as progress:
         outcomes = run_all(
-            name, cells, numbers, seed, count, lambda done, _: progress(done), workers, scheduler
+            name, cells, numbers, seed, count, lambda done, _: progress(done), workers, scheduler, firmware
         )
     result = result_of(chosen, cells, outcomes, seed, time.perf_counter() - started_s)
     folder = RUNS / f"campaign-{name}-{seed}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from tools.commands.options import Json
+from tools.commands.options import FirmwareBuild, Json
 from tools.output import (
     BadInputError,
     console,
@@ -36,13 +36,7 @@ def run(
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
     ] = "auto",
-    firmware: Annotated[
-        Literal["python", "compiled", "cortex-m7", "cortex-m4f"],
-        typer.Option(
-            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7 or, "
-            "in single precision, Cortex-M4F."
-        ),
-    ] = "python",
+    firmware: FirmwareBuild = "python",
     out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[
         int | None, typer.Option(help="Seed of everything random; by default the scenario's, or 1.", min=0)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from tools.commands.options import Json
+from tools.commands.options import FirmwareBuild, Json
 from tools.logs.changes import baseline_result, show_changes
 from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json
 from tools.outputs import folder_option
@@ -25,13 +25,7 @@ def suite(
         typer.Option(help="Wall clock or one that waits for all, one by one, or lockstep, two at a time."),
     ] = "lockstep",
     bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
-    firmware: Annotated[
-        Literal["python", "compiled", "cortex-m7", "cortex-m4f"],
-        typer.Option(
-            help="The firmware's build: interpreted, compiled, or in lockstep on an emulated Cortex-M7 or, "
-            "in single precision, Cortex-M4F."
-        ),
-    ] = "compiled",
+    firmware: FirmwareBuild = "compiled",
     out: Annotated[
         Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
     ] = None,

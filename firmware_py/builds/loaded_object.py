@@ -1,0 +1,17 @@
+"""A function of an object file for this machine, in this process, without a linker."""
+
+from typing import Any
+
+import llvmlite.binding as llvm
+
+
+def function(code: bytes, name: str, prototype: Any) -> Any:
+    """The function `name` of an object file, called by ctypes as `prototype` says."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    linker = llvm.create_lljit_compiler(use_jit_link=True)  # keeps code and constants side by side
+    library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(name)
+    linked = library.link(linker, name)
+    found = prototype(linked[name])
+    found.linked = linked  # whose end would be the code's
+    return found
