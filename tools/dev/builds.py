@@ -6,6 +6,9 @@ each within a tick. `vibrohil compare` of a suite on each build compares the ver
 
 In the first run two more nodes receive the same frames: the interpreted firmware with its algebra written
 out, and the compiled one. These two have to send the same bytes in every tick. Without names: all scenarios.
+
+`--board cortex-m7` instead runs each scenario on the emulated board and on the compiled build, `--board
+cortex-m4f` on the board and on `host-single`: can.log has to be the same to the byte.
 """
 
 import argparse
@@ -14,13 +17,14 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from firmware_py.core.estimation import kalman
 from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame
-from firmware_py.shell.builds import node_of
+from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep
@@ -95,20 +99,43 @@ def difference(name: str, seed: int) -> str:
     return f"{len(found)} decisions differ, first {found[0]}" if found else ""
 
 
+HERE: dict[str, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"}
+"""The build on this machine that computes as a board does."""
+
+
+def different_log(name: str, seed: int, board: Build) -> str:
+    """The first line in which can.log on the board is another one than on this machine; empty if none is."""
+    logs = []
+    for build in (board, HERE[board]):
+        with tempfile.TemporaryDirectory() as folder:
+            run_lockstep(load_scenario(name), Path(folder), seed, silent, build)
+            logs.append((Path(folder) / "can.log").read_text().splitlines())
+    pairs = enumerate(zip_longest(*logs, fillvalue="nothing"))
+    return next((f"line {k}: {ours} here {here}" for k, (ours, here) in pairs if ours != here), "")
+
+
 def main() -> None:
     """Compare, and exit with 1 where anything differs."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.builds", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--board", choices=HERE)
     given = parser.parse_args()
     names = given.names or scenario_names()
-    warm_firmware({}, "compiled")  # compiled once, for all processes
+    # Compiled once, for all processes.
+    if given.board is None:
+        warm_firmware({}, "compiled")
+        compare, same = partial(difference, seed=given.seed), "the same bytes and decisions"
+    else:
+        for build in (given.board, HERE[given.board]):
+            warm_firmware({}, build)
+        compare, same = partial(different_log, seed=given.seed, board=given.board), "the same bytes"
     failed = 0
-    for name, found in workers.results(partial(difference, seed=given.seed), names, PROCESSES):
+    for name, found in workers.results(compare, names, PROCESSES):
         differs = workers.alive(found)
         failed += differs != ""
-        print(f"{name}: {differs or 'the same bytes and decisions'}", flush=True)
-    print(f"{len(names) - failed} of {len(names)} scenarios: the same bytes and decisions from all builds")
+        print(f"{name}: {differs or same}", flush=True)
+    print(f"{len(names) - failed} of {len(names)} scenarios: {same} from all builds")
     sys.exit(1 if failed else 0)
 
 
