@@ -44,7 +44,8 @@ from firmware_py.core.estimation.estimator_state import (
     estimate_of,
 )
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
-from firmware_py.core.estimation.striker_model import model_acceleration
+from firmware_py.core.estimation.newton import newton, thrown_back
+from firmware_py.core.estimation.striker_model import is_of_the_stop, model_acceleration
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
 from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
@@ -100,9 +101,13 @@ def _strapdown_noise(
 
 def _by_model(
     config: EstimatorConfig, estimate: StateEstimate, angle_rad: float, omega_rad_s: float, ticks: int
-) -> StateEstimate:
-    """Carry the estimate over `ticks` without a reading; the crank turned to `angle_rad` meanwhile."""
+) -> tuple[StateEstimate, float]:
+    """Carry the estimate over `ticks` without a reading; the crank turned to `angle_rad` meanwhile.
+
+    With the speed of the last impact that this has taken for granted, 0 without one.
+    """
     bounded = min(ticks, LONGEST_GAP_TICKS)
+    approach_m_s = 0.0
     for tick in range(bounded):
         middle_rad = angle_rad - omega_rad_s * config.tick_s * (bounded - tick - 0.5)
         # The spring's rest position x0 + x_A moves the fixed point of the damped oscillator.
@@ -115,24 +120,9 @@ def _by_model(
         )
         unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact longer than a gap is not over within it
         if unseen and estimate.x_m > config.striker.stop_m and estimate.v_m_s > 0.0:
-            estimate = _thrown_back(config, estimate)
-    return estimate
-
-
-def _thrown_back(config: EstimatorConfig, estimate: StateEstimate) -> StateEstimate:
-    """Newton's law for an impact that nobody saw; when it was is known to a contact's length only."""
-    k = config.striker.restitution
-    jitter_m = (1.0 + k) * estimate.v_m_s * config.separation_jitter_s
-    return kalman.predict_written_out(
-        estimate,
-        Transition(-k, 0.0, 0.0, 0.0, -k, 0.0),
-        Push(x_m=(1.0 + k) * config.striker.stop_m, v_m_s=0.0),
-        ProcessNoise(
-            xx=config.stop_variance + jitter_m * jitter_m,
-            vv=estimate.v_m_s * estimate.v_m_s * config.restitution_variance,
-            bb=0.0,
-        ),
-    )
+            approach_m_s = estimate.v_m_s
+            estimate = thrown_back(config, estimate)
+    return estimate, approach_m_s
 
 
 def propagate(
@@ -180,8 +170,11 @@ def propagate(
         if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
             # The impact that the gap began in is over by now, and nobody saw how it ended.
             since_rad = omega_rad_s * elapsed_ticks * config.tick_s
-            estimate = _newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
-        estimate = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
+            estimate = newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
+        estimate, approach_m_s = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
+        if fresh and approach_m_s > 0.0 and is_of_the_stop(config.striker, sensor.acceleration_m_s2):
+            # The impact of the gap is not over yet.
+            estimate = StateEstimate(config.striker.stop_m, approach_m_s, estimate.bias_m_s2, estimate.p)
 
     innovation = of_state_m_s2 = 0.0
     model_variance = state.model_variance if state.started else config.noise.start
@@ -227,7 +220,7 @@ def correct(
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
     still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
-    strange_ticks = _strange_ticks(config.noise, state.strange_ticks, predicted, elapsed_ticks)
+    strange_ticks = _strange_ticks(config, state.strange_ticks, predicted, elapsed_ticks)
     sure = estimate.p.xx < DOUBT_VARIANCE
     if contact.touch_down or (contact.separation and contact.measured and sure):
         # Since then it has moved on by about v · age.
@@ -253,7 +246,7 @@ def correct(
     elif contact.separation:
         # In a gap the first step was Newton's.
         if sure and not contact.measured and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
-            estimate = _newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
+            estimate = newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < strange_ticks <= config.noise.strange_ticks:
         of_state_m_s2 = predicted.of_state_m_s2
         waits = 1 if 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)) < STILL_M_S else LONGEST_SLIDE
@@ -405,45 +398,15 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
 
 
 def _strange_ticks(
-    noise: AdaptiveNoise, strange_ticks: int, predicted: Prediction, elapsed_ticks: int
+    config: EstimatorConfig, strange_ticks: int, predicted: Prediction, elapsed_ticks: int
 ) -> int:
     """For how long the innovation has been beyond what the model may be off by.
 
     Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
     again where that lasts, as the estimate is lost then.
     """
-    if abs(predicted.innovation_m_s2) <= noise.strange_sigmas * predicted.innovation_std_m_s2:
+    if abs(predicted.innovation_m_s2) <= config.noise.strange_sigmas * predicted.innovation_std_m_s2:
         return 0
-    if elapsed_ticks > 1:
-        return NEVER_TICKS  # in what was skipped an impact may be missing: lost at once
-    return min(strange_ticks + elapsed_ticks, NEVER_TICKS)
-
-
-def _newton(
-    config: EstimatorConfig, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
-) -> StateEstimate:
-    """Reset by x'⁺ = −k x'⁻, `age_s` after the separation.
-
-    Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
-    """
-    striker = config.striker
-    k = striker.restitution
-    before_m_s = at_least(touch_down.v_m_s, 0.05)
-    after_m_s = -k * before_m_s
-    a_before = model_acceleration(striker, angle_rad, striker.stop_m, before_m_s)
-    a_after = model_acceleration(striker, angle_rad, striker.stop_m, after_m_s)
-    slope = (a_after + k * a_before) / before_m_s
-    spread = before_m_s * before_m_s * config.restitution_variance
-    jitter_m = after_m_s * config.separation_jitter_s
-    jumped = kalman.predict(
-        touch_down,
-        Transition(-k, 0.0, 0.0, slope, -k, 0.0),
-        Push(x_m=(1.0 + k) * striker.stop_m, v_m_s=-slope * striker.stop_m),
-        ProcessNoise(xx=config.stop_variance + jitter_m * jitter_m, vv=spread, bb=0.0),
-    )
-    return StateEstimate(
-        x_m=striker.stop_m + after_m_s * age_s,
-        v_m_s=after_m_s + a_after * age_s,
-        bias_m_s2=bias_m_s2,
-        p=jumped.p,
-    )
+    if elapsed_ticks > 1:  # in what was skipped an impact may be missing: lost at once, unless it still lasts
+        return 1 if is_of_the_stop(config.striker, predicted.sensor.acceleration_m_s2) else NEVER_TICKS
+    return min(strange_ticks + 1, NEVER_TICKS)

@@ -6,6 +6,9 @@ from typing import NamedTuple
 from firmware_py.core.elementary import sin
 from firmware_py.core.estimation.kalman import Transition
 
+PULL_FACTOR = 1.5
+"""A reading beyond this many times the nominal spring's hardest pull is not the spring's."""
+
 
 class NominalStriker(NamedTuple):
     """The firmware's nominal striker, by unit of mass; the plant's truth may differ."""
@@ -28,6 +31,12 @@ def model_acceleration(config: NominalStriker, angle_rad: float, x_m: float, v_m
         friction -= config.dry_m_s2
     pull = config.stiffness_1_s2 * (x_m - config.rest_length_m - config.amplitude_m * sin(angle_rad))
     return -pull - friction
+
+
+def is_of_the_stop(striker: NominalStriker, reading_m_s2: float) -> bool:
+    """Whether only the stop can push so hard: nowhere before it does the spring pull as much."""
+    travel_m = striker.stop_m - striker.rest_length_m + striker.amplitude_m
+    return reading_m_s2 < -PULL_FACTOR * (striker.stiffness_1_s2 * travel_m + striker.dry_m_s2)
 
 
 def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:

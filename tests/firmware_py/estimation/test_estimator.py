@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from firmware_py.core.estimation import accelerometer, estimator, estimator_state, striker_model
+from firmware_py.core.estimation import accelerometer, estimator, estimator_state, newton, striker_model
 from firmware_py.core.estimation.estimator_state import Contact, EstimatorConfig, EstimatorState
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
@@ -169,7 +169,7 @@ def test_newtons_law_stands_in_for_a_clipped_contact_and_its_covariance_is_the_s
     config = config._replace(separation_jitter_s=0.0)
     p = Covariance(1e-8, 2e-9, 0.0, 1e-6, 0.0, 1e-4)
     before = StateEstimate(0.18, 0.9, 0.2, p)
-    after = estimator._newton(config, 0.25, before, 0.4, 0.0)
+    after = newton.newton(config, 0.25, before, 0.4, 0.0)
     assert after.x_m == pytest.approx(0.18)
     assert after.v_m_s == pytest.approx(-0.45)
     assert after.bias_m_s2 == 0.25
@@ -379,7 +379,7 @@ def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
 
 
 def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
-    noise = config_from(EXACT_SENSOR).estimator.noise
+    config = config_from(EXACT_SENSOR).estimator
     usual = estimator_state.Prediction(
         estimate=estimator_state.estimate_of(estimator_state.INITIAL),
         sensor=estimator_state.INITIAL.sensor,
@@ -394,7 +394,9 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_ski
         of_state_m_s2=0.0,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
-    assert estimator._strange_ticks(noise, 7, usual, 1) == 0
-    assert estimator._strange_ticks(noise, 7, pushed, 1) == 8
-    assert estimator._strange_ticks(noise, 0, pushed, 3) > noise.strange_ticks
-    assert estimator._strange_ticks(noise, NEVER_TICKS, pushed, 1) == NEVER_TICKS
+    assert estimator._strange_ticks(config, 7, usual, 1) == 0
+    assert estimator._strange_ticks(config, 7, pushed, 1) == 8
+    assert estimator._strange_ticks(config, 0, pushed, 3) > config.noise.strange_ticks
+    assert estimator._strange_ticks(config, NEVER_TICKS, pushed, 1) == NEVER_TICKS
+    by_the_stop = pushed._replace(sensor=pushed.sensor._replace(acceleration_m_s2=-50.0))
+    assert estimator._strange_ticks(config, 0, by_the_stop, 30) == 1

@@ -88,6 +88,21 @@ def test_the_limits_on_an_impact_hold_within_an_overrun() -> None:
     assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0
 
 
+@pytest.mark.parametrize(("before", "ticks"), [(2, 25), (5, 32), (8, 32), (16, 40), (66, 90)])
+def test_a_first_reading_in_the_midst_of_an_impact_is_not_taken_for_the_spring_s(
+    before: int, ticks: int
+) -> None:
+    """More than the samples that are kept has passed; the oldest of those is of a contact already."""
+    bench = overrun(touch_down_tick() - before, ticks)
+    speed_m_s = bench.touch_downs[-1][1]
+    state, truth = bench.node.state, bench.motions[-1]
+    assert state.estimator.x_m == pytest.approx(truth.x_m, abs=1e-3)
+    assert state.estimator.v_m_s == pytest.approx(truth.v_m_s, abs=0.05)
+    bench.run(0.02)
+    assert bench.node.outputs.impact_impulse_n_s == pytest.approx(1.5 * MASS_KG * speed_m_s, rel=0.1)
+    assert bench.node.outputs.fault == Fault.NONE
+
+
 @pytest.mark.parametrize("silent_ticks", [2, 40])
 def test_samples_from_before_the_last_tick_are_not_used_again(silent_ticks: int) -> None:
     """The bus was held up, and the model bridged it; what then comes late is of a time that is over."""
