@@ -8,12 +8,8 @@ import math
 from typing import NamedTuple
 
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Stribeck
-from plant_sim.parts.housing import Moving
-from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, RigidStop
-from plant_sim.parts.walking import Walking
+from plant_sim.parts.stop import RigidStop
 from plant_sim.scene import Scene
 
 
@@ -62,10 +58,10 @@ def choose(scene: Scene, parts: Parts) -> Choice:
         return Choice("stepping", solver.step_s or _step_for(scene, parts, solver.accuracy))
     if solver.method != "auto":
         return Choice(solver.method)
-    alone = _only_adaptive(parts)
-    if alone is not None:
+    if scene.beyond_stepping:
+        alone = " and ".join(scene.beyond_stepping)
         return Choice("adaptive", note=f"auto took adaptive: no other method has {alone}")
-    if not isinstance(parts.friction, Stribeck):
+    if not scene.beyond_closed_form:
         return Choice("exact", note="auto took exact: a closed form is both cheapest and most accurate")
     coarsest = STEPPING_PRICES[0]
     error_m = coarsest.error * _length_m(scene, parts)
@@ -80,15 +76,6 @@ def choose(scene: Scene, parts: Parts) -> Choice:
     return Choice(
         "adaptive", note=f"auto took adaptive: stepping at its cheapest errs by {error_m:.2g} m a period"
     )
-
-
-def _only_adaptive(parts: Parts) -> str | None:
-    """What only the adaptive solver has, if the scene has it."""
-    if not isinstance(parts.drive, IdealDrive) or not isinstance(parts.stop, NoStop | RigidStop):
-        return "a motor or a soft stop"
-    if not isinstance(parts.linkage, Sine) or isinstance(parts.housing, Moving | Walking):
-        return "a rod or a moving housing"
-    return None
 
 
 def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:

@@ -5,58 +5,29 @@ is not there.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
-from plant_sim.parts.housing import Housing, Level, Moving, Tilted
+from plant_sim.parts.drive import DriveTable, IdealDrive, MotorTable
+from plant_sim.parts.friction import FrictionTable, NoFrictionTable, is_dry
+from plant_sim.parts.housing import Housing, Level, MotionTable
 from plant_sim.parts.linkage import Sine, SliderCrank
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.restitution import (
-    HERTZ_EXPONENT,
-    hertz_stiffness,
-    hunt_crossley_dissipation,
-    kelvin_voigt_damping,
-    linear_stiffness,
-)
-from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, NoStop, RigidStop, Stop
-from plant_sim.parts.striker import Striker
+from plant_sim.parts.stop import NoStopTable, RigidStopTable, StopTable
+from plant_sim.parts.striker import StrikerTable
 from plant_sim.parts.walking import TOE_OFF, Walking
-from plant_sim.parts.wearer import Ankle, NoWearer, Wearer, contact_mass_kg
-from plant_sim.parts.winding import DqWinding, Settled, Smooth, Unevenness, Wave, Waves, Winding
+from plant_sim.parts.wearer import NoWearer, WearerTable
+from plant_sim.parts.winding import Settled, Winding, WindingTable
 from plant_sim.strides import draw_strides
 from plant_sim.tables.gait_tables import GaitTable
 from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
-from plant_sim.tables.scene_tables import (
-    CONTACT_REFERENCE_SPEED_M_S,
-    AxisTable,
-    CoulombTable,
-    DqMotorDriveTable,
-    HuntCrossleyTable,
-    IdealDriveTable,
-    InitialTable,
-    KelvinVoigtTable,
-    MotionTable,
-    MotorDriveTable,
-    MotorTable,
-    NoFrictionTable,
-    NoStopTable,
-    RigidStopTable,
-    SolverTable,
-    StribeckTable,
-    StrikerTable,
-    Table,
-    TorqueDriveTable,
-    ViscousTable,
-    WearerTable,
-    WindingTable,
-)
+from plant_sim.tables.scene_tables import AxisTable, InitialTable, SolverTable
 from plant_sim.tables.sensor_tables import SensorsTable
+from plant_sim.tables.table import Table
 from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import complaints, nearest
 
@@ -76,15 +47,9 @@ class Scene(Table):
     striker: StrikerTable = Field(
         description="the table [striker] with mass_kg, spring_n_m and rest_length_m"
     )
-    drive: Annotated[IdealDriveTable | MotorDriveTable | DqMotorDriveTable, Field(discriminator="model")] = (
-        Field(description="the table [drive] with model and amplitude_m")
-    )
-    friction: Annotated[
-        NoFrictionTable | ViscousTable | CoulombTable | StribeckTable, Field(discriminator="law")
-    ] = NoFrictionTable(law="none")
-    stop: Annotated[
-        NoStopTable | RigidStopTable | KelvinVoigtTable | HuntCrossleyTable, Field(discriminator="law")
-    ] = NoStopTable(law="none")
+    drive: DriveTable = Field(description="the table [drive] with model and amplitude_m")
+    friction: FrictionTable = NoFrictionTable(law="none")
+    stop: StopTable = NoStopTable(law="none")
     initial: InitialTable = InitialTable()
     solver: SolverTable = SolverTable()
     motor: MotorTable | None = Field(default=None, description="the table [motor]")
@@ -127,7 +92,7 @@ class Scene(Table):
     def _speeds_fit(self) -> None:
         """Work per simulated second grows with the crank's speed and the striker's own."""
         speeds = {"sqrt(striker.spring_n_m / striker.mass_kg)": self.natural_rad_s}
-        drive = self._drive()
+        drive = self.drive.part(self.natural_rad_s, self.motor)
         if isinstance(drive, IdealDrive):
             speeds["the drive's speed"] = drive.omega_rad_s
         for name, speed_rad_s in speeds.items():
@@ -146,16 +111,16 @@ class Scene(Table):
                 "a soft stop has: set stop.law = 'hunt-crossley' or 'kelvin-voigt', or delete the table "
                 "[wearer]"
             )
-        if self.friction.law in ("coulomb", "stribeck"):
+        if is_dry(self.friction.part()):
             raise ValueError(
                 f"wearer is given while friction.law = {self.friction.law!r}; a striker that sticks against "
                 "a moving foot plate is not modelled: set friction.law = 'viscous' or 'none', or delete the "
                 "table [wearer]"
             )
 
-    def _method_fits(self) -> None:
-        if self.solver.method not in ("exact", "stepping"):
-            return
+    @property
+    def beyond_closed_form(self) -> list[str]:
+        """The keys, with names' values, of which only the adaptive solver has what they ask for."""
         beyond = [
             f"{key} = {value!r}"
             for key, value, possible in (
@@ -175,15 +140,23 @@ class Scene(Table):
             )
             if is_given
         ]
+        return beyond
+
+    @property
+    def beyond_stepping(self) -> list[str]:
+        """As `beyond_closed_form`, without friction: time stepping has every law."""
+        return [fault for fault in self.beyond_closed_form if not fault.startswith("friction")]
+
+    def _method_fits(self) -> None:
+        beyond, unstepped = self.beyond_closed_form, self.beyond_stepping
         if beyond and self.solver.method == "exact":
             raise ValueError(
                 f"solver.method = 'exact' has no closed form for {' and '.join(beyond)}; "
                 "use 'auto' or 'adaptive'"
             )
-        rigid_only = [fault for fault in beyond if not fault.startswith("friction")]
-        if rigid_only and self.solver.method == "stepping":
+        if unstepped and self.solver.method == "stepping":
             raise ValueError(
-                f"solver.method = 'stepping' has no {' and no '.join(rigid_only)}; use 'auto' or 'adaptive'"
+                f"solver.method = 'stepping' has no {' and no '.join(unstepped)}; use 'auto' or 'adaptive'"
             )
 
     @property
@@ -198,25 +171,23 @@ class Scene(Table):
 
     def parts(self, seed: int = 1) -> Parts:
         """The records that kernels are specialised for; of a walk the strides are sampled with `seed`."""
+        striker = self.striker.part(0.0 if self.housing is None else self.housing.tilt_rad)
+        wearer = NoWearer() if self.wearer is None else self.wearer.part()
         return Parts(
-            self._striker(),
-            self._drive(),
-            self._friction(),
-            self._stop(),
+            striker,
+            self.drive.part(self.natural_rad_s, self.motor),
+            self.friction.part(),
+            self.stop.part(striker.mass_kg, wearer),
             Sine() if self.drive.rod_m is None else SliderCrank(self.drive.rod_m),
             self._housing(seed),
-            self._wearer(),
+            wearer,
             self._winding(),
         )
 
-    def _wearer(self) -> Wearer:
-        return NoWearer() if self.wearer is None else Ankle(*self.wearer.model_dump().values())
-
-    def _striker(self) -> Striker:
-        striker = Striker(**self.striker.model_dump())
-        if self.housing is None:
-            return striker
-        return striker._replace(gravity_m_s2=striker.gravity_m_s2 * math.cos(self.housing.tilt_rad))
+    def _housing(self, seed: int) -> Housing:
+        if self.gait is not None:
+            return self._walking(self.gait, seed)
+        return Level() if self.housing is None else self.housing.part(self.striker.gravity_m_s2)
 
     def _walking(self, gait: GaitTable, seed: int) -> Walking:
         # χ = φ + w sin² π φ reaches the curves' toe-off at φ = stance_share.
@@ -225,82 +196,10 @@ class Scene(Table):
         rows = draw_strides(gait.walk(), np.random.default_rng((seed, STRIDES_STREAM)))
         return Walking(*gait.direction, gait.mount_m, self.striker.gravity_m_s2, warp, rows)
 
-    def _housing(self, seed: int) -> Housing:
-        housing = self.housing
-        if self.gait is not None:
-            return self._walking(self.gait, seed)
-        if housing is None:
-            return Level()
-        along_m_s2 = self.striker.gravity_m_s2 * math.sin(housing.tilt_rad)
-        swing, shock = housing.harmonic, housing.shock
-        if swing is None and shock is None:
-            return Tilted(along_m_s2)
-        return Moving(
-            along_m_s2,
-            *(
-                (swing.amplitude_m_s2, 2.0 * math.pi * swing.frequency_hz, swing.phase_rad)
-                if swing
-                else (0.0,) * 3
-            ),
-            *((shock.peak_m_s2, shock.start_s, shock.duration_s) if shock else (0.0,) * 3),
-        )
-
-    def _drive(self) -> Drive:
-        drive = self.drive
-        if isinstance(drive, TorqueDriveTable):
-            motor = self.motor or MotorTable()
-            return MotorDrive(drive.amplitude_m, drive.phase_rad, **motor.model_dump())
-        units = (
-            (drive.ratio, self.natural_rad_s),
-            (drive.frequency_hz, 2.0 * math.pi),
-            (drive.speed_rad_s, 1.0),
-        )
-        speed = sum(value * unit for value, unit in units if value is not None)  # exactly one is given
-        return IdealDrive(drive.amplitude_m, speed, drive.phase_rad)
-
     def _winding(self) -> Winding:
-        if not isinstance(self.drive, DqMotorDriveTable):
+        if self.drive.model != "dq-motor":
             return Settled()
-        winding, inductance_h = self.winding or WindingTable(), (self.motor or MotorTable()).inductance_h
-        return DqWinding(
-            winding.d_inductance_h or inductance_h,
-            winding.q_inductance_h or inductance_h,
-            winding.bandwidth_rad_s,
-            _unevenness((wave.order, wave.amplitude_n_m, wave.phase_rad) for wave in winding.cogging),
-            _unevenness((wave.order, wave.share, wave.phase_rad) for wave in winding.ripple),
-        )
-
-    def _friction(self) -> Friction:
-        friction = self.friction
-        if isinstance(friction, ViscousTable):
-            return Viscous(friction.b_n_s_m)
-        if isinstance(friction, CoulombTable):
-            return Coulomb(friction.mu, friction.b_n_s_m)
-        if isinstance(friction, StribeckTable):
-            return Stribeck(friction.mu, friction.mu_s, friction.v_s_m_s, friction.delta, friction.b_n_s_m)
-        return NoFriction()
-
-    def _stop(self) -> Stop:
-        stop, wearer, mass_kg = self.stop, self._wearer(), self.striker.mass_kg
-        if isinstance(stop, RigidStopTable):
-            return RigidStop(stop.position_m, stop.restitution)
-        if isinstance(stop, KelvinVoigtTable):
-            stiffness = stop.stiffness or linear_stiffness(mass_kg, stop.contact_s or math.nan)
-            damping = kelvin_voigt_damping(contact_mass_kg(wearer, mass_kg), stiffness, stop.restitution)
-            return KelvinVoigt(stop.position_m, stiffness, damping)
-        if isinstance(stop, HuntCrossleyTable):
-            stiffness = stop.stiffness or hertz_stiffness(
-                mass_kg, stop.contact_s or math.nan, CONTACT_REFERENCE_SPEED_M_S
-            )
-            dissipation = hunt_crossley_dissipation(stop.restitution)
-            return HuntCrossley(stop.position_m, stiffness, HERTZ_EXPONENT, dissipation)
-        return NoStop()
-
-
-def _unevenness(waves: Iterable[tuple[int, float, float]]) -> Unevenness:
-    """Waves of an order, an amplitude and a phase."""
-    found = tuple(Wave(float(order), amplitude, phase_rad) for order, amplitude, phase_rad in waves)
-    return Waves(found) if found else Smooth()
+        return (self.winding or WindingTable()).part((self.motor or MotorTable()).inductance_h)
 
 
 def require_scene(scene: object) -> Scene:

@@ -16,7 +16,7 @@ from hil.scenario.fault_tables import (
     SupplySag,
 )
 from plant_sim.parts.drive import MotorDrive
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
+from plant_sim.parts.friction import times
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop
 
@@ -29,19 +29,6 @@ def is_physical(fault: Fault) -> TypeGuard[PhysicalFault]:
     return isinstance(fault, get_args(PhysicalFault))
 
 
-def rubbed(friction: Friction, factor: float) -> Friction:
-    """The friction with its coefficients times `factor`."""
-    match friction:
-        case Viscous(b_n_s_m):
-            return Viscous(factor * b_n_s_m)
-        case Coulomb(mu, b_n_s_m):
-            return Coulomb(factor * mu, factor * b_n_s_m)
-        case Stribeck(mu, mu_s, v_s_m_s, delta, b_n_s_m):
-            return Stribeck(factor * mu, factor * mu_s, v_s_m_s, delta, factor * b_n_s_m)
-        case NoFriction():
-            return friction
-
-
 def broken_parts(parts: Parts, faults: Sequence[PhysicalFault]) -> Parts:
     """The module's parts while `faults` act."""
     for fault in faults:
@@ -50,7 +37,7 @@ def broken_parts(parts: Parts, faults: Sequence[PhysicalFault]) -> Parts:
                 striker = parts.striker
                 parts = parts._replace(striker=striker._replace(spring_n_m=factor * striker.spring_n_m))
             case FrictionChanged(factor=factor):
-                parts = parts._replace(friction=rubbed(parts.friction, factor))
+                parts = parts._replace(friction=times(parts.friction, factor))
             case StopMoved(by_m=by_m):
                 stop = parts.stop
                 if not isinstance(stop, NoStop):

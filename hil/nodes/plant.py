@@ -32,13 +32,13 @@ from hil.drive.reports import NOTHING, Reports, first_reports, look, report_tick
 from hil.faults.plant import PlantFaults
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import Fault
-from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.drive import MotorDrive, MotorTable
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.sensors.readings import SensorReading
-from plant_sim.tables.scene_tables import AxisTable, MotorTable
+from plant_sim.tables.scene_tables import AxisTable
 
 OBEYED_IDS = (*COMMAND_IDS, *NOT_MODELLED_IDS)
 ACCEPTED_IDS = (*OBEYED_IDS, *REQUEST_IDS, *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS))

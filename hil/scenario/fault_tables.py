@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, field_validator
 
 from firmware_py.interface.codec import CODECS
-from plant_sim.tables.scene_tables import Table
+from plant_sim.tables.table import Table
 from plant_sim.validation_messages import nearest
 
 FRAME_IDS = {record.__name__: codec.can_id for record, codec in CODECS.items()}

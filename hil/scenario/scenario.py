@@ -21,7 +21,7 @@ from hil.scenario.operator import Command, Request
 from hil.scenario.parameter_file import merged, read_parameters
 from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene, load_scene, read_scene
-from plant_sim.tables.scene_tables import Table
+from plant_sim.tables.table import Table
 from plant_sim.text_input import TextInputError, read_toml
 from plant_sim.validation_messages import complaints, nearest
 

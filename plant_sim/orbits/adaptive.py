@@ -35,7 +35,7 @@ from plant_sim.orbits.sections import (
 )
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import is_rigid, is_soft, origin_m
+from plant_sim.parts.stop import has_stop, is_rigid, is_soft, origin_m
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.crank import crank_now
@@ -145,8 +145,7 @@ def _period(
     clear(row)
     y, mode, shift_m = memory.y, memory.mode, _shift_m(parts)
     work = work_place(parts)
-    has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
-    drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop else 0.0
+    drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop(parts.stop) else 0.0
     looks = LOOKS + 1 if looked_at else 0
     for look in range(looks):
         grid[look] = begin_s + (end_s - begin_s) * look / LOOKS
@@ -161,7 +160,7 @@ def _period(
         mode[IMPACTS] = 0
     row[Y_END], row[V_END] = y[0], y[1]
     row[DRIVE], row[FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
-    row[LOSS] = y[work + 2] - loss_j if has_stop else 0.0
+    row[LOSS] = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
     row[RESTED] = 1.0 if mode[SEEN] & 1 << REST else 0.0
     row[MOVED] = 1.0 if _slid_m(parts, row[FRICTION], mode[SEEN]) > STUCK_M else 0.0
     if looked_at and status == DONE:

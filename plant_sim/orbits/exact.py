@@ -37,12 +37,11 @@ from plant_sim.orbits.sections import (
     size_of,
 )
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Coulomb, Viscous
+from plant_sim.parts.friction import Coulomb, Viscous, is_dry
 from plant_sim.parts.stop import RigidStop
 from plant_sim.parts.striker import Striker
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import TURN_RAD
-from plant_sim.solvers.exact.laws import is_dry
 from plant_sim.solvers.exact.ledger import booked, empty_ledger
 from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_event
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch, oscillator

@@ -1,9 +1,16 @@
-"""Friction laws of the striker's guide. Dry ones are set-valued at rest: the striker sticks."""
+"""Friction laws of the striker's guide. Dry ones are set-valued at rest: the striker sticks.
+
+Solvers know no law. The adaptive one asks for the force and its limit at rest; time stepping takes b v as it
+comes and the rest of the force as dry; the closed form has the laws of `ClosedForm` alone.
+"""
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
+
+from pydantic import Field, model_validator
 
 from plant_sim.kernels import by_part, law
+from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
 """Of a sum of forces or torques, as a share of the largest term: what holds at rest, be it friction, the dry
@@ -38,6 +45,7 @@ class Stribeck(NamedTuple):
 
 
 Friction: TypeAlias = NoFriction | Viscous | Coulomb | Stribeck
+ClosedForm: TypeAlias = NoFriction | Viscous | Coulomb
 
 
 @by_part
@@ -86,3 +94,138 @@ def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> fl
     weight_n = normal_n * direction
     sliding_n = -(friction.mu * weight_n) - friction.b_n_s_m * v_m_s
     return sliding_n - (friction.mu_s - friction.mu) * weight_n * math.exp(-power)
+
+
+@by_part
+def is_dry(friction: Friction) -> bool:
+    """Whether the law has a dry part: the striker can stick, and friction turns round with its direction."""
+    return False
+
+
+@law(is_dry, Coulomb, Stribeck)
+def _(friction: Coulomb | Stribeck) -> bool:
+    return True
+
+
+@by_part
+def damping_n_s_m(friction: Friction) -> float:
+    """b, N s/m, of the part b v."""
+    return 0.0
+
+
+@law(damping_n_s_m, Viscous, Coulomb, Stribeck)
+def _(friction: Viscous | Coulomb | Stribeck) -> float:
+    return friction.b_n_s_m
+
+
+@by_part
+def dry_force_n(friction: Friction, normal_n: float, v_m_s: float) -> float:
+    """Size, N, of the friction at a speed, without b v."""
+    speed = abs(v_m_s)
+    return -friction_force_n(friction, normal_n, speed, 1.0) - damping_n_s_m(friction) * speed
+
+
+@law(dry_force_n, Coulomb)
+def _(friction: Coulomb, normal_n: float, v_m_s: float) -> float:
+    return friction.mu * normal_n
+
+
+@by_part
+def bend_m_s(friction: Friction) -> float:
+    """Speed, m/s, within which the force bends near rest; infinite where it is straight."""
+    return math.inf
+
+
+@law(bend_m_s, Stribeck)
+def _(friction: Stribeck) -> float:
+    return friction.v_s_m_s
+
+
+@by_part
+def times(friction: Friction, factor: float) -> Friction:
+    """The law with its force times a factor, at every speed."""
+    raise NotImplementedError
+
+
+@law(times, NoFriction)
+def _(friction: NoFriction, factor: float) -> NoFriction:
+    return friction
+
+
+@law(times, Viscous)
+def _(friction: Viscous, factor: float) -> Viscous:
+    return Viscous(factor * friction.b_n_s_m)
+
+
+@law(times, Coulomb)
+def _(friction: Coulomb, factor: float) -> Coulomb:
+    return Coulomb(factor * friction.mu, factor * friction.b_n_s_m)
+
+
+@law(times, Stribeck)
+def _(friction: Stribeck, factor: float) -> Stribeck:
+    return friction._replace(
+        mu=factor * friction.mu, mu_s=factor * friction.mu_s, b_n_s_m=factor * friction.b_n_s_m
+    )
+
+
+class NoFrictionTable(Table):
+    """A guide without friction."""
+
+    law: Literal["none"]
+
+    def part(self) -> NoFriction:
+        """The law's record."""
+        return NoFriction()
+
+
+class ViscousTable(Table):
+    """Friction proportional to speed."""
+
+    law: Literal["viscous"]
+    b_n_s_m: float = Field(ge=0.0, description="the viscous coefficient in N s/m")
+
+    def part(self) -> Viscous:
+        """The law's record."""
+        return Viscous(self.b_n_s_m)
+
+
+class CoulombTable(Table):
+    """Dry friction; it sticks."""
+
+    law: Literal["coulomb"]
+    mu: float = Field(ge=0.0, description="the coefficient of dry friction")
+    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+
+    def part(self) -> Coulomb:
+        """The law's record."""
+        return Coulomb(self.mu, self.b_n_s_m)
+
+
+class StribeckTable(Table):
+    """Dry friction that falls from μ_s to μ with speed; it sticks."""
+
+    law: Literal["stribeck"]
+    mu: float = Field(ge=0.0, description="the coefficient of sliding friction at speed")
+    mu_s: float = Field(ge=0.0, description="the coefficient of static friction, at least mu")
+    v_s_m_s: float = Field(gt=0.0, description="the Stribeck speed in m/s")
+    delta: float = Field(gt=0.0, description="the Stribeck exponent")
+    b_n_s_m: float = Field(default=0.0, ge=0.0, description="the viscous coefficient in N s/m")
+
+    @model_validator(mode="after")
+    def _static_not_below_sliding(self) -> Self:
+        if self.mu_s < self.mu:
+            raise ValueError(
+                f"friction.mu_s = {self.mu_s} is below friction.mu = {self.mu}; "
+                "static friction is at least the sliding one, raise mu_s or lower mu"
+            )
+        return self
+
+    def part(self) -> Stribeck:
+        """The law's record."""
+        return Stribeck(self.mu, self.mu_s, self.v_s_m_s, self.delta, self.b_n_s_m)
+
+
+FrictionTable: TypeAlias = Annotated[
+    NoFrictionTable | ViscousTable | CoulombTable | StribeckTable, Field(discriminator="law")
+]

@@ -8,8 +8,11 @@ the striker, a_b on the housing. Gravity's part across the axis presses on the g
 import math
 from typing import NamedTuple, TypeAlias
 
+from pydantic import Field
+
 from plant_sim.kernels import by_part, law
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
+from plant_sim.tables.table import Table
 
 SAME_INSTANT_S = 1e-12
 """A step that ends this close to where a shock begins or ends has ended there."""
@@ -132,3 +135,48 @@ def is_level(housing: Housing) -> bool:
 @law(is_level, Level)
 def _(housing: Level) -> bool:
     return True
+
+
+class HarmonicTable(Table):
+    """The housing swings along the axis; ±20° of slow tilt is 3.4 m/s² of it."""
+
+    amplitude_m_s2: float = Field(gt=0.0, description="the amplitude in m/s²")
+    frequency_hz: float = Field(gt=0.0, description="the frequency in Hz")
+    phase_rad: float = Field(default=0.0, description="the phase at t = 0 in rad")
+
+
+class ShockTable(Table):
+    """The housing is knocked along the axis once, as a half-sine."""
+
+    peak_m_s2: float = Field(description="the largest acceleration in m/s², negative away from the stop")
+    start_s: float = Field(ge=0.0, description="when it begins in s")
+    duration_s: float = Field(gt=0.0, description="how long it lasts in s")
+
+
+class MotionTable(Table):
+    """[housing]: tilt and acceleration of what carries the module, along the striker's axis."""
+
+    tilt_rad: float = Field(
+        default=0.0,
+        ge=-math.pi / 2.0,
+        le=math.pi / 2.0,
+        description="by how much the axis rises towards the stop in rad",
+    )
+    harmonic: HarmonicTable | None = Field(default=None, description="the table [housing.harmonic]")
+    shock: ShockTable | None = Field(default=None, description="the table [housing.shock]")
+
+    def part(self, gravity_m_s2: float) -> Tilted | Moving:
+        """The housing under this gravity."""
+        along_m_s2 = gravity_m_s2 * math.sin(self.tilt_rad)
+        swing, shock = self.harmonic, self.shock
+        if swing is None and shock is None:
+            return Tilted(along_m_s2)
+        return Moving(
+            along_m_s2,
+            *(
+                (swing.amplitude_m_s2, 2.0 * math.pi * swing.frequency_hz, swing.phase_rad)
+                if swing
+                else (0.0,) * 3
+            ),
+            *((shock.peak_m_s2, shock.start_s, shock.duration_s) if shock else (0.0,) * 3),
+        )

@@ -1,10 +1,21 @@
 """The stop that the striker meets at x = position_m, approached with x' > 0."""
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
+
+from pydantic import Field, model_validator
 
 from plant_sim.kernels import by_part, law
+from plant_sim.parts.restitution import (
+    HERTZ_EXPONENT,
+    hertz_stiffness,
+    hunt_crossley_dissipation,
+    kelvin_voigt_damping,
+    linear_stiffness,
+)
 from plant_sim.parts.striker import Striker
+from plant_sim.parts.wearer import Wearer, contact_mass_kg
+from plant_sim.tables.table import Table
 
 
 class NoStop(NamedTuple):
@@ -121,6 +132,28 @@ def _(stop: HuntCrossley, depth_m: float) -> float:
 
 
 @by_part
+def has_stop(stop: Stop) -> bool:
+    """Whether there is a stop."""
+    return True
+
+
+@law(has_stop, NoStop)
+def _(stop: NoStop) -> bool:
+    return False
+
+
+@by_part
+def stop_position_m(stop: Stop) -> float:
+    """Where a rigid stop is, m; infinitely far if there is none."""
+    return math.inf
+
+
+@law(stop_position_m, RigidStop)
+def _(stop: RigidStop) -> float:
+    return stop.position_m
+
+
+@by_part
 def is_rigid(stop: Stop) -> bool:
     """Whether an impact takes no time."""
     return False
@@ -171,3 +204,93 @@ def _(stop: HuntCrossley, mass_kg: float, touch_speed_m_s: float) -> float:
     order = stop.exponent + 1.0
     depth_m: float = (0.5 * order * mass_kg * speed * speed / stop.stiffness_n_mn) ** (1.0 / order)
     return speed / depth_m
+
+
+CONTACT_REFERENCE_SPEED_M_S = 0.9
+"""`contact_s` holds at this approach speed: the module's at r = 1.3 (0.91 m/s)."""
+
+
+class NoStopTable(Table):
+    """No stop."""
+
+    law: Literal["none"]
+
+    def part(self, striker_kg: float, wearer: Wearer) -> NoStop:
+        """No stop."""
+        return NoStop()
+
+
+_Position = Annotated[float, Field(description="the stop's position in m")]
+
+
+class RigidStopTable(Table):
+    """Newton's impact law."""
+
+    law: Literal["rigid"]
+    position_m: _Position
+    restitution: float = Field(ge=0.0, le=1.0, description="the coefficient of restitution, 0 to 1")
+
+    def part(self, striker_kg: float, wearer: Wearer) -> RigidStop:
+        """The stop."""
+        return RigidStop(self.position_m, self.restitution)
+
+
+class SoftStopTable(Table):
+    """What every soft stop is given."""
+
+    position_m: _Position
+    restitution: float = Field(
+        gt=0.0,
+        le=1.0,
+        description="the coefficient of restitution, above 0 (a soft stop always returns some) to 1",
+    )
+    contact_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        description=f"the elastic contact time in s at {CONTACT_REFERENCE_SPEED_M_S} m/s of approach",
+    )
+    stiffness: float | None = Field(
+        default=None, gt=0.0, description="the stop's stiffness in N/m (hunt-crossley: N/m^1.5)"
+    )
+
+    @model_validator(mode="after")
+    def _one_stiffness(self) -> Self:
+        if self.contact_s is not None and self.stiffness is not None:
+            raise ValueError(
+                f"stop.contact_s = {self.contact_s} and stop.stiffness = {self.stiffness} are both given; "
+                "each gives the other, keep one of them"
+            )
+        if self.contact_s is None and self.stiffness is None:
+            raise ValueError("stop has no stiffness; give one of stop.contact_s (in s) or stop.stiffness")
+        return self
+
+
+class KelvinVoigtTable(SoftStopTable):
+    """A linear spring and damper that cannot pull."""
+
+    law: Literal["kelvin-voigt"]
+
+    def part(self, striker_kg: float, wearer: Wearer) -> KelvinVoigt:
+        """The stop of a striker of this mass, on this wearer."""
+        stiffness = self.stiffness or linear_stiffness(striker_kg, self.contact_s or math.nan)
+        damping = kelvin_voigt_damping(contact_mass_kg(wearer, striker_kg), stiffness, self.restitution)
+        return KelvinVoigt(self.position_m, stiffness, damping)
+
+
+class HuntCrossleyTable(SoftStopTable):
+    """A Hertzian spring whose damping grows with depth."""
+
+    law: Literal["hunt-crossley"]
+
+    def part(self, striker_kg: float, wearer: Wearer) -> HuntCrossley:
+        """The stop of a striker of this mass."""
+        stiffness = self.stiffness or hertz_stiffness(
+            striker_kg, self.contact_s or math.nan, CONTACT_REFERENCE_SPEED_M_S
+        )
+        dissipation = hunt_crossley_dissipation(self.restitution)
+        return HuntCrossley(self.position_m, stiffness, HERTZ_EXPONENT, dissipation)
+
+
+StopTable: TypeAlias = Annotated[
+    NoStopTable | RigidStopTable | KelvinVoigtTable | HuntCrossleyTable, Field(discriminator="law")
+]

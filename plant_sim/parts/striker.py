@@ -1,6 +1,12 @@
 """The striker: a mass on the coupling spring."""
 
+import math
 from typing import NamedTuple
+
+from pydantic import Field
+
+from plant_sim.kernels import shared
+from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
 
 class Striker(NamedTuple):
@@ -13,3 +19,39 @@ class Striker(NamedTuple):
     spring_n_m: float
     rest_length_m: float
     gravity_m_s2: float
+
+
+@shared
+def spring_force_n(striker: Striker, stretch_m: float) -> float:
+    """Force, N, of the coupling spring along +x, stretched by x_A + l0 − x."""
+    return striker.spring_n_m * stretch_m
+
+
+@shared
+def spring_energy_j(striker: Striker, stretch_m: float) -> float:
+    """Energy, J, in the coupling spring."""
+    return 0.5 * striker.spring_n_m * stretch_m * stretch_m
+
+
+@shared
+def spring_stretch_m(striker: Striker, force_n: float) -> float:
+    """The stretch, m, at which the coupling spring pulls with a force."""
+    return force_n / striker.spring_n_m
+
+
+class StrikerTable(Table):
+    """The impact mass on its coupling spring."""
+
+    mass_kg: float = Field(gt=0.0, description="the striker's mass in kg")
+    spring_n_m: float = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
+    rest_length_m: float = Field(description="the striker's position in m where the spring is relaxed")
+    gravity_m_s2: float = Field(
+        default=STANDARD_GRAVITY_M_S2,
+        ge=0.0,
+        description="gravity in m/s² (it enters dry friction, and the motion where the housing is tilted)",
+    )
+
+    def part(self, tilt_rad: float) -> Striker:
+        """The striker in a housing that rises by this much towards the stop."""
+        across_m_s2 = self.gravity_m_s2 * math.cos(tilt_rad)
+        return Striker(self.mass_kg, self.spring_n_m, self.rest_length_m, across_m_s2)

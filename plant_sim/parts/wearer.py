@@ -6,7 +6,10 @@ stop's law holds between striker and plate. What the wearer feels is k_a p + d_a
 
 from typing import NamedTuple, TypeAlias
 
+from pydantic import Field
+
 from plant_sim.kernels import by_part, law
+from plant_sim.tables.table import Table
 
 
 class NoWearer(NamedTuple):
@@ -44,3 +47,15 @@ def contact_mass_kg(wearer: Wearer, striker_kg: float) -> float:
 @law(contact_mass_kg, Ankle)
 def _(wearer: Ankle, striker_kg: float) -> float:
     return striker_kg * wearer.plate_kg / (striker_kg + wearer.plate_kg)
+
+
+class WearerTable(Table):
+    """[wearer]: the stop rests on a foot plate, the plate on the ankle. In `result`: peak_felt_force_n."""
+
+    plate_kg: float = Field(gt=0.0, description="the mass of foot plate and foot in kg")
+    ankle_n_m: float = Field(gt=0.0, description="the ankle's stiffness along the axis in N/m")
+    ankle_n_s_m: float = Field(ge=0.0, description="the ankle's damping along the axis in N s/m")
+
+    def part(self) -> Ankle:
+        """The ankle."""
+        return Ankle(self.plate_kg, self.ankle_n_m, self.ankle_n_s_m)

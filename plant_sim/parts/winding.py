@@ -14,10 +14,14 @@ a loop of 20 kHz would add 75 µs of delay to a lag of 1 ms, yet cost twenty res
 """
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
+
+from pydantic import Field
 
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import MotorDrive
+from plant_sim.tables.table import Table
 
 
 class Wave(NamedTuple):
@@ -134,3 +138,52 @@ def asked_current_a(drive: MotorDrive, torque_n_m: float) -> float:
     """i_q*, A."""
     asked_a = torque_n_m / drive.torque_constant_n_m_a
     return min(max(asked_a, -drive.current_limit_a), drive.current_limit_a)
+
+
+class CoggingTable(Table):
+    """[[winding.cogging]]: a wave of the magnets' torque on the slots."""
+
+    order: int = Field(ge=1, description="the number of periods in a turn of the crank")
+    amplitude_n_m: float = Field(ge=0.0, description="the amplitude in N m")
+    phase_rad: float = Field(default=0.0, description="the phase at θ = 0 in rad, of a sine")
+
+
+class RippleTable(Table):
+    """[[winding.ripple]]: a wave of the magnets' flux, and with it of torque and back-EMF."""
+
+    order: int = Field(ge=1, description="the number of periods in an electrical turn, p θ")
+    share: float = Field(ge=0.0, lt=1.0, description="the amplitude as a share of the mean flux, below 1")
+    phase_rad: float = Field(default=0.0, description="the phase at θ = 0 in rad, of a sine")
+
+
+class WindingTable(Table):
+    """[winding]: what a dq-motor has beside [motor], whose R and L are a phase's and K_t per peak ampere."""
+
+    d_inductance_h: float | None = Field(
+        default=None, gt=0.0, description="the inductance along the magnets in H (default: the motor's)"
+    )
+    q_inductance_h: float | None = Field(
+        default=None, gt=0.0, description="the inductance across them in H (default: the motor's)"
+    )
+    # An ODrive's own default. With the 1 ms tick of the torque command a faster loop shows little.
+    bandwidth_rad_s: float = Field(
+        default=1000.0, gt=0.0, description="the bandwidth of the current loop in rad/s"
+    )
+    cogging: list[CoggingTable] = Field(default=[], description="the tables [[winding.cogging]]")
+    ripple: list[RippleTable] = Field(default=[], description="the tables [[winding.ripple]]")
+
+    def part(self, inductance_h: float) -> DqWinding:
+        """The windings of a motor of this inductance."""
+        return DqWinding(
+            self.d_inductance_h or inductance_h,
+            self.q_inductance_h or inductance_h,
+            self.bandwidth_rad_s,
+            _unevenness((wave.order, wave.amplitude_n_m, wave.phase_rad) for wave in self.cogging),
+            _unevenness((wave.order, wave.share, wave.phase_rad) for wave in self.ripple),
+        )
+
+
+def _unevenness(waves: Iterable[tuple[int, float, float]]) -> Unevenness:
+    """Waves of an order, an amplitude and a phase."""
+    found = tuple(Wave(float(order), amplitude, phase_rad) for order, amplitude, phase_rad in waves)
+    return Waves(found) if found else Smooth()

@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import jit
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import ROUNDING, Friction
+from plant_sim.parts.friction import ROUNDING, Friction, damping_n_s_m, dry_force_n
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import NoStop, RigidStop, Stop
+from plant_sim.parts.stop import NoStop, RigidStop, Stop, has_stop, restitution, stop_position_m
 from plant_sim.parts.striker import Striker
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.cost import ALLOWANCE, TIME_STEP, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
 from plant_sim.solvers.exact.exact import UnsupportedSceneError, require_plain, require_run, start_m
-from plant_sim.solvers.exact.laws import damping_n_s_m, dry_limit_m_s2, has_stop, restitution, stop_position_m
 
 THETA = 0.5
 
@@ -60,7 +59,7 @@ def _step(rig: _Rig, y: float, v: float, x_A0: float, x_A1: float, h: float) -> 
     effective = m + THETA * h * b + THETA * THETA * h * h * c
     ahead = y + (1.0 - THETA) * h * v
     right = m * v - h * ((1.0 - THETA) * (c * (y - x_A0) + b * v) + THETA * c * (ahead - x_A1))
-    dry = h * m * dry_limit_m_s2(rig.friction, rig.gravity_m_s2, v)
+    dry = h * dry_force_n(rig.friction, m * rig.gravity_m_s2, v)
     # What dry friction leaves of the momentum.
     sliding = abs(right) - dry if abs(right) > dry * (1.0 + ROUNDING) else 0.0
     v1 = math.copysign(sliding, right) / effective

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.parts.walking import TOE_OFF
 from plant_sim.strides import Pace, Trip, Walk
-from plant_sim.tables.scene_tables import Table
+from plant_sim.tables.table import Table
 
 
 class PaceTable(Table):

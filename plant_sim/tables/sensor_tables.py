@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from plant_sim.sensors.models import AccelerometerModel, EncoderModel, GaitSensorModel, SensorModels
-from plant_sim.tables.scene_tables import STANDARD_GRAVITY_M_S2, Table
+from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
 
 class AccelerometerTable(Table):

@@ -28,8 +28,9 @@ from hil.scenario.scenario import (
     load_scenario,
     scenario_names,
 )
-from plant_sim.tables import scene_tables
+from plant_sim.scene import Scene
 from plant_sim.tables.quantities import QUANTITIES
+from plant_sim.tables.table import tables_in
 from tools.cli import app
 
 PLACE = Path("docs/reference")
@@ -202,21 +203,11 @@ def keys_of(fields: Mapping[str, FieldInfo]) -> str:
     return table(["key", "default", "bounds", "meaning"], rows)
 
 
-def models(module: Any) -> list[type[BaseModel]]:
-    """The tables a module defines, in its order."""
-    found = [
-        thing
-        for thing in vars(module).values()
-        if isinstance(thing, type) and issubclass(thing, module.Table) and thing is not module.Table
-    ]
-    return [thing for thing in found if thing.__module__ == module.__name__]
-
-
 def scenes() -> str:
     """Every key of a scene's and a scenario's file."""
     parts = ["A missing table means that the part is not there. Unknown keys are refused."]
     of_scenario: list[type[BaseModel]] = [ScenarioTable, ScriptTable, CommandTable]
-    for heading, found in (("A scenario", of_scenario), ("A scene", models(scene_tables))):
+    for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(Scene)][1:])):
         parts.append(f"## {heading}")
         for model in found:
             name = model.__name__.removesuffix("Table")

@@ -8,9 +8,9 @@ from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.restitution import HERTZ_EXPONENT, hertz_stiffness, hunt_crossley_dissipation
-from plant_sim.parts.stop import HuntCrossley, RigidStop
+from plant_sim.parts.stop import CONTACT_REFERENCE_SPEED_M_S, HuntCrossley, RigidStop
 from plant_sim.parts.striker import Striker
-from plant_sim.tables.scene_tables import CONTACT_REFERENCE_SPEED_M_S, STANDARD_GRAVITY_M_S2
+from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 LAWS = ("viscous", "coulomb", "stribeck")
 

@@ -1,9 +1,11 @@
 """Any scene: DOP853 with error control from event to event."""
 
+import math
+
 import numpy as np
 
 from plant_sim.kernels import jit, subroutine, unowned
-from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
 from plant_sim.result import Impacts, MotionState, Samples, SimulationResult
@@ -209,7 +211,7 @@ def _remedy(parts: Parts, memory: Memory) -> str:
             "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "
             "(initial.x_m, stop.position_m), or raise solver.accuracy"
         )
-    if isinstance(parts.friction, Stribeck):
+    if math.isfinite(bend_m_s(parts.friction)):
         return "make friction less steep at rest (friction.v_s_m_s), or raise solver.accuracy"
     if is_rigid(parts.stop):
         return "lower stop.restitution if it chatters, or raise solver.accuracy"

@@ -8,7 +8,7 @@ STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
 
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, stop_force_n
+from plant_sim.parts.stop import elastic_force_n, has_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.sensors.sensing import Probe
 from plant_sim.solvers.adaptive.bernstein import NO_ROOT
@@ -106,8 +106,7 @@ def may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vec
     change = h_s * 2.0 * steepest(k, VELOCITY)
     if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
         return True
-    has_stop = is_soft(parts.stop) or is_rigid(parts.stop)
-    if has_stop and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
+    if has_stop(parts.stop) and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
         return True
     return crank_may_halt(parts.drive, flow, h_s, y, new, k) or voltage_may_end(
         parts.winding, parts.drive, parts, flow, h_s, y, new, k

@@ -13,6 +13,7 @@ from plant_sim.parts.friction import ROUNDING
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
+from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.winding import DqWinding, Winding, cogging_n_m
 from plant_sim.solvers.adaptive.bernstein import DEGREE, NO_ROOT, NODES, evaluate, interpolate
 from plant_sim.solvers.adaptive.event_location import (
@@ -131,8 +132,7 @@ def coupling_n(parts: Parts, angle_rad: float, place_m: float) -> float:
     striker = parts.striker
     reach = striker.rest_length_m - origin_m(parts.stop, striker)
     piston = piston_m(parts.linkage, parts.drive.amplitude_m, angle_rad)
-    force_n: float = striker.spring_n_m * (piston + reach - place_m)
-    return force_n
+    return spring_force_n(striker, piston + reach - place_m)
 
 
 @subroutine

@@ -9,6 +9,7 @@ from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
+from plant_sim.parts.striker import spring_energy_j
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.winding import cogging_energy_j, cogging_n_m
 from plant_sim.solvers.adaptive.crank import (
@@ -119,7 +120,7 @@ def stored_energy_j(parts: Parts, phase: int, y: Vector, crank: Crank) -> float:
     piston = piston_m(parts.linkage, drive.amplitude_m, crank.angle_rad)
     place_m = from_stop_m(parts.wearer, drive, y)
     stretch = piston + striker.rest_length_m - origin_m(stop, striker) - place_m
-    energy: float = 0.5 * striker.mass_kg * v_m_s * v_m_s + 0.5 * striker.spring_n_m * stretch * stretch
+    energy: float = 0.5 * striker.mass_kg * v_m_s * v_m_s + spring_energy_j(striker, stretch)
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
     energy += plate_energy_j(parts.wearer, drive, y)

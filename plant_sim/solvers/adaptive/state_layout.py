@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, shared
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.friction import Stribeck
+from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.housing import Housing, Moving, Tilted
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, RigidStop, Stop, is_soft, origin_m
@@ -189,8 +189,8 @@ SHARE_OF_A_CONTACT = 0.1
 """A contact takes few steps, and what it errs by the orbit may grow: each may err by this share of others."""
 
 
-SHARE_OF_STRIBECK_SPEED = 1e-3
-"""However loose the accuracy: a larger error of velocity would undo the bend of friction near rest."""
+SHARE_OF_BEND = 1e-3
+"""Of `bend_m_s`, however loose the accuracy: a larger error would undo the bend of friction near rest."""
 
 
 class Crank(NamedTuple):
@@ -319,7 +319,7 @@ def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -
 
 def _scale(parts: Parts, accuracy: float) -> Vector:
     """Error of one step in each quantity that weighs as much as a step's share of `accuracy` in position."""
-    striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
+    striker, drive, stop = parts.striker, parts.drive, parts.stop
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     length = max(drive.amplitude_m, 1e-3)
     motion = [1.0, natural]
@@ -339,6 +339,5 @@ def _scale(parts: Parts, accuracy: float) -> Vector:
     ledger = [force, force, force, striker.mass_kg * natural][: 2 + ledger_size(stop)]
     ledger += [force] * (state_size(parts) - housing_place(parts))
     scale: Vector = share * accuracy * np.array(motion + ledger)
-    if isinstance(friction, Stribeck):
-        scale[1] = min(scale[1], SHARE_OF_STRIBECK_SPEED * friction.v_s_m_s)
+    scale[1] = min(scale[1], SHARE_OF_BEND * bend_m_s(parts.friction))
     return scale

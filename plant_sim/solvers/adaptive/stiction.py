@@ -11,6 +11,7 @@ from plant_sim.parts.housing import Housing, Level, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, sine_at
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
+from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, Wearer
 from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
@@ -60,7 +61,7 @@ def held_limit_n(parts: Parts, y: Vector, time_s: float) -> float:
     limit = dry_limit_n(parts)
     reach = abs(striker.rest_length_m - origin_m(stop, striker))
     reach += abs(from_stop_m(parts.wearer, parts.drive, y))
-    spring = striker.spring_n_m * (parts.drive.amplitude_m + reach)
+    spring = spring_force_n(striker, parts.drive.amplitude_m + reach)
     inertia = striker.mass_kg * abs(housing_m_s2(parts.housing, time_s))
     return limit + ROUNDING * (spring + elastic_force_n(stop, max(y[0], 0.0)) + inertia + limit)
 
@@ -79,11 +80,11 @@ def _release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) 
         return math.inf, -math.inf
     limit = dry_limit_n(parts)
     reach = striker.rest_length_m - origin_m(stop, striker) - depth_m
-    held = elastic_force_n(stop, max(depth_m, 0.0)) / striker.spring_n_m - reach
-    held += striker.mass_kg * housing_m_s2(parts.housing, 0.0) / striker.spring_n_m
-    high = sine_at(parts.linkage, amplitude, held + limit / striker.spring_n_m)
-    low = sine_at(parts.linkage, amplitude, held - limit / striker.spring_n_m)
-    turning = 1.0 - ROUNDING * (1.0 + (abs(held) + limit / striker.spring_n_m) / amplitude)
+    held_n = elastic_force_n(stop, max(depth_m, 0.0)) + striker.mass_kg * housing_m_s2(parts.housing, 0.0)
+    high = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, held_n + limit) - reach)
+    low = sine_at(parts.linkage, amplitude, spring_stretch_m(striker, held_n - limit) - reach)
+    summed_m = abs(reach) + abs(spring_stretch_m(striker, held_n)) + spring_stretch_m(striker, limit)
+    turning = 1.0 - ROUNDING * (1.0 + summed_m / amplitude)
     up, down = math.inf, -math.inf
     if phase == STICK and abs(high) < turning:
         rising = math.asin(high)

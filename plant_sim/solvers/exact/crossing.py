@@ -7,8 +7,9 @@ slides in: both are ≤ 0 in a flight, and the first to reach zero ends it.
 from typing import NamedTuple
 
 from plant_sim.kernels import jit
+from plant_sim.parts.friction import is_dry
+from plant_sim.parts.stop import has_stop
 from plant_sim.solvers.exact.cells import Doubt, Place, bends_below, doubt, onward
-from plant_sim.solvers.exact.laws import has_stop, is_dry
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, Point, flow, point
 from plant_sim.solvers.exact.roots import guess_between, near_root
 

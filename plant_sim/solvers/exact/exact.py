@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point, jit
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Viscous
+from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.housing import Level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
@@ -39,7 +39,7 @@ class UnsupportedSceneError(ValueError):
 def _run(
     striker: Striker,
     drive: IdealDrive,
-    friction: Friction,
+    friction: ClosedForm,
     stop: Stop,
     start: tuple[float, float, float, float],
     until_s: float,
@@ -151,7 +151,7 @@ def simulate(
     require_plain(parts)
     if (
         not isinstance(drive, IdealDrive)
-        or not isinstance(friction, NoFriction | Viscous | Coulomb)
+        or not isinstance(friction, ClosedForm)
         or not isinstance(stop, NoStop | RigidStop)
     ):
         raise UnsupportedSceneError(

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.kernels import jit
+from plant_sim.parts.friction import is_dry
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import two_sum
-from plant_sim.solvers.exact.laws import is_dry
 from plant_sim.solvers.exact.modes import Motion
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch
 

@@ -27,10 +27,11 @@ from typing import NamedTuple
 
 from plant_sim.kernels import jit
 from plant_sim.parts.friction import ROUNDING as HELD_ROUNDING
+from plant_sim.parts.friction import is_dry
+from plant_sim.parts.stop import has_stop
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import TURN_RAD, add, turned
 from plant_sim.solvers.exact.crossing import Crossing, clear_up_to, cross_cells, sets_off
-from plant_sim.solvers.exact.laws import has_stop, is_dry
 from plant_sim.solvers.exact.oscillator import (
     Flight,
     Oscillator,

@@ -20,12 +20,11 @@ from typing import NamedTuple
 
 from plant_sim.kernels import jit
 from plant_sim.parts.drive import IdealDrive
-from plant_sim.parts.friction import Friction
-from plant_sim.parts.stop import Stop
+from plant_sim.parts.friction import ClosedForm, damping_n_s_m, static_limit_n
+from plant_sim.parts.stop import Stop, restitution, stop_position_m
 from plant_sim.parts.striker import Striker
 from plant_sim.solvers.double_double import quotient, square_root, turned, two_product
 from plant_sim.solvers.exact.cells import Cells, cells
-from plant_sim.solvers.exact.laws import damping_n_s_m, dry_limit_m_s2, restitution, stop_position_m
 
 RESONANT_GAIN = 40.0
 """Steady amplitude over A from which on the steady motion is left alone: its cancellation costs digits."""
@@ -36,7 +35,7 @@ LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 class Oscillator(NamedTuple):
     """Constants of one scene; `friction` and `stop` choose at compile time what the kernel holds."""
 
-    friction: Friction
+    friction: ClosedForm
     stop: Stop
     mass_kg: float
     spring_n_m: float
@@ -78,7 +77,7 @@ class Flight(NamedTuple):
 
 
 @jit
-def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: Stop) -> Oscillator:
+def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: Stop) -> Oscillator:
     """Constants of a scene with an ideal drive; callable from kernels, once per scene."""
     Omega = drive.omega_rad_s
     w2, w2_low = quotient(striker.spring_n_m, striker.mass_kg)
@@ -117,7 +116,7 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: Friction, stop: St
         nu,
         nu_low,
         split,
-        dry_limit_m_s2(friction, striker.gravity_m_s2, 0.0) / w2,
+        static_limit_n(friction, striker.gravity_m_s2) / w2,
         stop_position_m(stop) - striker.rest_length_m,
         restitution(stop),
         drive.amplitude_m * in_phase,

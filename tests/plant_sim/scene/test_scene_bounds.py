@@ -6,23 +6,18 @@ import pytest
 from changed_scenes import changed
 
 from plant_sim.plant import Plant
-from plant_sim.scene import SceneError, load_scene, scene_names
+from plant_sim.scene import Scene, SceneError, load_scene, scene_names
 from plant_sim.simulation import simulate
 from plant_sim.solvers.adaptive.state_layout import DEBT
 from plant_sim.solvers.cost import ALLOWANCE, SolverError, debt
-from plant_sim.tables import scene_tables
 from plant_sim.tables.quantities import quantity_of
-from plant_sim.tables.scene_tables import Table
-
-TABLES = [
-    thing for thing in vars(scene_tables).values() if isinstance(thing, type) and issubclass(thing, Table)
-]
+from plant_sim.tables.table import Table, tables_in
 
 
 def number_keys() -> list[tuple[type[Table], str]]:
     return [
         (table, key)
-        for table in TABLES
+        for table in tables_in(Scene)
         for key, field in table.model_fields.items()
         if {float, int} & {field.annotation, *get_args(field.annotation)}
     ]

@@ -1,0 +1,59 @@
+"""What every table of a scene file is: how its keys are checked, and how the tables in it are found."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from plant_sim.tables.quantities import quantity_of
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+
+class Table(BaseModel):
+    """Unknown keys, wrong types, NaN, infinity and unphysical sizes are refused; a table never changes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_numbers(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        return {key: value.item() if isinstance(value, np.generic) else value for key, value in data.items()}
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _has_a_physical_size(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int | float) or info.field_name is None:
+            return value
+        quantity = quantity_of(info.field_name)
+        bounds = cls.model_fields[info.field_name].metadata
+        is_positive = any(getattr(bound, "gt", None) == 0.0 for bound in bounds)
+        smallest = quantity.smallest if is_positive else 0.0
+        if not smallest <= abs(value) <= quantity.largest:
+            raise PydanticCustomError(
+                "physical_size",
+                "not a size from {smallest} to {largest}",
+                {"smallest": f"{smallest:g}", "largest": f"{quantity.largest:g}", "reason": quantity.reason},
+            )
+        return value
+
+
+def tables_in(kind: Any) -> Iterator[type[Table]]:
+    """A table and all that are within it, each once, in the order of their keys; of a union, its members'."""
+    found: dict[type[Table], None] = {}
+
+    def look(one: Any) -> None:
+        if not (isinstance(one, type) and issubclass(one, Table)):
+            for inner in get_args(one):
+                look(inner)
+        elif one not in found:
+            found[one] = None
+            for field in one.model_fields.values():
+                look(field.annotation)
+
+    look(kind)
+    return iter(found)
