@@ -108,7 +108,9 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
         "Stribeck speed v_s", stribeck, "friction.v_s_m_s", (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-14), " m/s"
     )
     yield from _range("Stribeck exponent δ", stribeck, "friction.delta", (0.1, 0.5, 1.0, 2.0, 10.0))
-    yield Extreme("gap", "0", viscous, {"stop.position_m": 0.12}, 2.0)
+    for gap_m, value in ((-1e-12, "−1e-12 m"), (0.0, "0"), (1e-12, "1e-12 m")):
+        start = {"stop.position_m": 0.12 + gap_m, "initial.x_m": 0.12 + min(gap_m, 0.0)}
+        yield Extreme("gap", value, viscous, start, 2.0)
     laid = {"stop.position_m": 0.10, "initial.x_m": 0.10}
     yield Extreme("gap", "−20 mm: pre-loaded, rigid", viscous, laid, 2.0)
     for stop in (HUNT_CROSSLEY, KELVIN_VOIGT):
@@ -131,7 +133,7 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
         {"stop.position_m": 0.12, "drive.ratio": 0.3},
         5.0,
     )
-    for ratio in (0.0, 1e-6, 1e-3, 10.0, 1e4):
+    for ratio in (0.0, 1e-6, 1e-3, 1.0, 10.0, 100.0, 1e4):
         speed = {"initial.v_m_s": 0.5, "drive.ratio": None, "drive.speed_rad_s": ratio * NATURAL_RAD_S}
         until_s = 0.05 if ratio > 100.0 else 1.0
         yield Extreme("crank speed Ω/ω", f"{ratio:g}", viscous, speed, until_s, axis=ratio or None)

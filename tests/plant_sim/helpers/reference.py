@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
+from plant_sim.parts.friction import Coulomb, Stribeck, Viscous
 from plant_sim.parts.housing import Moving, Tilted
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
@@ -89,9 +89,11 @@ class Reference:
         return drive.dry_n_m if isinstance(drive, MotorDrive) else 0.0
 
     def _crank_net(self, torque: float, x: float) -> float:
+        return torque - self._spring(self.theta, x) * self._lever(self.theta)
+
+    def _spring(self, theta: float, x: float) -> float:
         striker = self.parts.striker
-        stretch = self._piston(self.theta) + striker.rest_length_m - x
-        return torque - striker.spring_n_m * stretch * self._lever(self.theta)
+        return striker.spring_n_m * (self._piston(theta) + striker.rest_length_m - x)
 
     def _piston(self, theta: float) -> float:
         """By the cosine theorem: L² = A² + s² − 2 A s sin θ in the triangle of crank, rod and axis."""
@@ -140,27 +142,15 @@ class Reference:
         return _event(lambda t, y: y[3], -direction)
 
     def _pull(self) -> float:
-        striker = self.parts.striker
-        spring = striker.spring_n_m * (self._piston(self.theta) + striker.rest_length_m - self.x)
-        return spring - striker.mass_kg * self._shaken(self.t)
+        return self._spring(self.theta, self.x) - self.parts.striker.mass_kg * self._shaken(self.t)
 
     def _derivative(self, t, y, torque, direction, crank_direction):
         x, v, theta, omega, plate, plate_v = y
-        striker, drive, friction, stop, *_ = self.parts
-        m, c, weight = striker.mass_kg, striker.spring_n_m, striker.mass_kg * striker.gravity_m_s2
-        force = c * (self._piston(theta) + striker.rest_length_m - x)
+        drive, stop = self.parts.drive, self.parts.stop
+        force = self._spring(theta, x)
         load = force * self._lever(theta)
         shaken = self._shaken(t)
-        match friction:
-            case Viscous(b):
-                force -= b * v
-            case Coulomb(mu, b):
-                force -= mu * weight * direction + b * v
-            case Stribeck(mu, mu_s, v_s, delta, b):
-                fall = math.exp(-((abs(v) / v_s) ** delta))
-                force -= (mu + (mu_s - mu) * fall) * weight * direction + b * v
-            case NoFriction():
-                pass
+        force -= self._drag(v, direction)
         push = 0.0
         if self.touch_v is not None:
             push = self._stop_force(x - stop.position_m - plate, v - plate_v)
@@ -181,7 +171,19 @@ class Reference:
                 alpha = (kt * current - losses - load) / drive.inertia_kg_m2
                 if self.is_crank_stuck:
                     alpha = 0.0
-        return [v, force / m - shaken, omega, alpha, plate_v, plate_a]
+        return [v, force / self.parts.striker.mass_kg - shaken, omega, alpha, plate_v, plate_a]
+
+    def _drag(self, v: float, direction: float) -> float:
+        weight = self.parts.striker.mass_kg * self.parts.striker.gravity_m_s2
+        match self.parts.friction:
+            case Viscous(b):
+                return b * v
+            case Coulomb(mu, b):
+                return mu * weight * direction + b * v
+            case Stribeck(mu, mu_s, v_s, delta, b):
+                fall = math.exp(-((abs(v) / v_s) ** delta))
+                return (mu + (mu_s - mu) * fall) * weight * direction + b * v
+        return 0.0
 
     def _stop_force(self, depth: float, v: float) -> float:
         match self.parts.stop:
@@ -204,7 +206,7 @@ class Reference:
         return _event(lambda t, y: y[0] - y[4] - stop.position_m, -1.0)
 
     def _halt_event(self, direction):
-        if isinstance(self.parts.friction, NoFriction | Viscous):
+        if self._limit() == 0.0:
             return _never
         return _event(lambda t, y: y[1], -direction)
 
