@@ -14,7 +14,7 @@ from reference import Reference
 from plant_sim.scene import load_scene
 from plant_sim.simulation import initial_state
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 PAGE = (REPOSITORY / "docs/how-to/add-a-part.md").read_text("utf-8")
 LAW_CHANGE, BACKLASH_CHANGE = re.findall(r"^```diff\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
 COUNTS = re.findall(r"^\| (.*) \| (\d+) \|", PAGE, re.MULTILINE)
