@@ -10,6 +10,8 @@ from pydantic_core import PydanticCustomError
 from plant_sim.tables.quantities import quantity_of
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+SMALLEST_BESIDE_0 = 1e-15
+"""Of what may be 0: less is lost in rounding, and a solver would look for it without end."""
 
 
 class Table(BaseModel):
@@ -31,8 +33,11 @@ class Table(BaseModel):
             return value
         quantity = quantity_of(info.field_name)
         bounds = cls.model_fields[info.field_name].metadata
-        is_positive = any(getattr(bound, "gt", None) == 0.0 for bound in bounds)
-        smallest = quantity.smallest if is_positive else 0.0
+        smallest = 0.0
+        if any(getattr(bound, "gt", None) == 0.0 for bound in bounds):
+            smallest = quantity.smallest
+        elif value != 0.0 and any(getattr(bound, "ge", None) == 0.0 for bound in bounds):
+            smallest = SMALLEST_BESIDE_0
         if not smallest <= abs(value) <= quantity.largest:
             raise PydanticCustomError(
                 "physical_size",

@@ -214,7 +214,7 @@ def scenes() -> str:
             parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
     parts.append(
         "## Sizes\n\nEvery number has a largest size, and one that has to be above 0 a smallest one, by the "
-        "unit at the end of its key; the first row that fits holds."
+        "unit at the end of its key; the first row that fits holds. What may be 0 is 0, or at least 1e-15."
     )
     rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
     parts.append(table(["key", "size", "why no more"], rows))

@@ -32,9 +32,10 @@ def test_every_number_has_a_largest_size(table: type[Table], key: str, value: fl
 
 
 @pytest.mark.parametrize(("table", "key"), number_keys())
-def test_a_number_that_is_above_0_has_a_smallest_size(table: type[Table], key: str) -> None:
-    if not any(getattr(one, "gt", None) == 0.0 for one in table.model_fields[key].metadata):
-        return  # 0 is allowed, and what is next to it does what 0 does
+def test_a_number_that_is_not_below_0_has_a_smallest_size(table: type[Table], key: str) -> None:
+    bounds = table.model_fields[key].metadata
+    if 0.0 not in [getattr(one, name, None) for one in bounds for name in ("gt", "ge")]:
+        return  # where the striker is, or which way it goes: 1e-308 is there as good as 0
     with pytest.raises(ValueError, match=key):
         table.model_validate({key: 1e-308})
 
@@ -49,6 +50,7 @@ def test_each_bound_has_its_reason() -> None:
     [
         ({"striker.mass_kg": 1e308}, "striker.mass_kg = 1e+308 is not a size from 1e-06 to 1e+06"),
         ({"striker.mass_kg": 1e-308}, "striker.mass_kg = 1e-308 is not a size from 1e-06 to 1e+06"),
+        ({"drive.ratio": 1e-308}, "drive.ratio = 1e-308 is not a size from 1e-15 to 1e+09"),
         ({"striker.mass_kg": 1e-6, "striker.spring_n_m": 1e10}, "rad/s"),
         ({"drive.ratio": 1e6}, "rad/s"),
     ],
