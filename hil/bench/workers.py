@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import spawn
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
@@ -76,7 +77,7 @@ def main() -> None:
     if os.getppid() != program:  # it was killed while this process began
         return
     try:
-        sys.path[:] = pipe.recv()
+        spawn.prepare(pipe.recv())
         serve(pipe, *pipe.recv())
     except (EOFError, ConnectionError):  # the program has closed the pipe, or is gone
         return
@@ -97,6 +98,13 @@ def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[]
             error.add_note(traceback.format_exc())
             answer = (None, error)
         pipe.send(answer)
+
+
+def own_modules() -> dict[str, Any]:
+    """Where this program finds its modules, its main one too, for `spawn.prepare`."""
+    data: dict[str, Any] = spawn.get_preparation_data("worker")
+    del data["authkey"]  # a pipe needs none
+    return data
 
 
 killed_with_parent = partial(end_with_parent, signal.SIGKILL)
@@ -198,7 +206,7 @@ class Workers(Generic[Task, Result]):
                 preexec_fn=killed_with_parent,  # noqa: PLW1509  one system call, no lock
             )
         with suppress(BrokenPipeError):  # it has died already; its pipe's end says so to `results`
-            ours.send(sys.path)
+            ours.send(own_modules())
             ours.send(self._serve)
         return Worker(process, ours)
 

@@ -51,6 +51,24 @@ def test_a_worker_that_dies_costs_its_task_alone() -> None:
         alive(found[0])
 
 
+OF_A_PROGRAM = """
+from hil.bench.workers import results
+
+def doubled(task: int) -> int:
+    return 2 * task
+
+if __name__ == "__main__":
+    print(dict(results(doubled, [1, 2], 2)))
+"""
+
+
+def test_the_function_may_be_one_of_the_program_itself(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(OF_A_PROGRAM)
+    done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) in (("{1: 2, 2: 4}\n", ""), ("{2: 4, 1: 2}\n", ""))
+
+
 def test_one_that_dies_between_two_calls_is_told_as_well() -> None:
     with Workers(pid_after, 1) as some:
         [(_, pid)] = some.results([1])
@@ -102,7 +120,7 @@ def test_a_worker_whose_program_is_gone_with_an_answer_unread_ends_in_silence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ours, theirs = Pipe()
-    ours.send(sys.path)
+    ours.send(workers.own_modules())
     ours.send((pid_after, None))
     theirs.send("unread")
     ours.close()
