@@ -68,7 +68,12 @@ class Queue:
     def finished(self) -> dict[str, str]:
         """What is finished, by name, and what distinguishes it from the same done again."""
         if not self.is_suite:
-            lines = [line for path in self._journals.glob("*.jsonl") for line in path.open() if "\n" in line]
+            lines = [
+                line
+                for path in self._journals.glob("*.jsonl")
+                for line in path.read_text().splitlines(keepends=True)
+                if "\n" in line
+            ]
             return {str(json.loads(line)["trial"]): "" for line in lines}
         runs = {path.parent: read_json(path) for path in self.out.glob("*/verdict.json")}
         return {
