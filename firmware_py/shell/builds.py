@@ -8,6 +8,8 @@ Build = Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"]
 """`python`: interpreted, with filterpy's algebra. `compiled`: numba's code behind one C function.
 `host-single`: the same in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
 `host-single` for a Cortex-M7 and a Cortex-M4F, on a board that QEMU emulates, in lockstep alone."""
+NATIVE: tuple[Build, ...] = ("compiled", "host-single")
+"""Builds whose nodes are of `native.NativeNode`: compiled code can call them."""
 
 
 def node_of(build: Build) -> MakeNode:

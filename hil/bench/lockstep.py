@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.builds import NATIVE, Build, node_of
 from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
@@ -88,7 +88,7 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
         for node in (plant, firmware, operator, bus):
             stack.callback(node.close)
         stretches = None
-        if build in ("compiled", "host-single") and make is None and isinstance(to_plant, InProcessNode):
+        if build in NATIVE and make is None and isinstance(to_plant, InProcessNode):
             from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports compiled code
 
             nodes = Nodes(plant_node, firmware_node, operator, to_plant)

@@ -56,8 +56,6 @@ from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
 
-NATIVE: tuple[Build, ...] = ("compiled", "host-single")
-"""Builds that compiled code can call."""
 STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
 """Faults that do nothing from tick to tick between their begin and their end."""
 OF_A_CLOCK = (ClockJitter, ClockJumped, Restarted)
@@ -291,8 +289,8 @@ class RecordedStretches:
 def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "compiled") -> Iterator[Records]:
     """A whole compiled run without a folder, stretch by stretch; of the firmware `columns` are kept.
 
-    `build` is one of `NATIVE`. Raise ValueError for faults that act from tick to tick, which need lockstep's
-    nodes.
+    `build` is one of `firmware_py.shell.builds.NATIVE`. Raise ValueError for faults that act from tick to
+    tick, which need lockstep's nodes.
     """
     if not has_stretches(scenario) or not all(isinstance(fault, STEADY) for fault in scenario.faults):
         kinds = ", ".join(fault.kind for fault in scenario.faults)

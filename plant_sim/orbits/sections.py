@@ -2,8 +2,8 @@
 
 Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
 is then far from the stop, so that an impact never falls on the border between two of them. A row per period
-holds what studies want to know. What carries the motion on is a solver's `Carrier` (`streaming`: the closed
-form; `streaming_adaptive`: any scene with an ideal drive). All of it runs without the interpreter's lock.
+holds what studies want to know. What carries the motion on is a solver's `Carrier` (`exact`: the closed
+form; `adaptive`: any scene with an ideal drive). All of it runs without the interpreter's lock.
 """
 
 import math

@@ -97,6 +97,11 @@ def outcome_of(verdict: dict[str, Any]) -> Outcome:
     return Outcome(verdict["passed"], host_named, verdict["fault"], "" if host_named else "; ".join(said))
 
 
+def neither(outcomes: list[Outcome]) -> int:
+    """How many have neither passed nor named the machine."""
+    return sum(not one.passed and not one.host_named for one in outcomes)
+
+
 def main() -> int:
     """Run, print the table as it grows, and what was not in order."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.pauses", description=__doc__)
@@ -113,8 +118,8 @@ def main() -> int:
     for condition, some in found.items():
         passed, named = sum(one.passed for one in some), sum(one.host_named for one in some)
         faults = ", ".join(sorted({one.fault for one in some} - {"none"}))
-        print(f"| {condition} | {len(some)} | {passed} | {named} | {len(some) - passed - named} | {faults} |")
-    return int(any(not one.passed and not one.host_named for some in found.values() for one in some))
+        print(f"| {condition} | {len(some)} | {passed} | {named} | {neither(some)} | {faults} |")
+    return int(any(neither(some) for some in found.values()))
 
 
 if __name__ == "__main__":

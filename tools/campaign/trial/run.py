@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
-from firmware_py.shell.builds import Build
+from firmware_py.shell.builds import NATIVE, Build
 from hil.bench.lockstep import run_lockstep
-from hil.bench.stretches import NATIVE, records_of
+from hil.bench.stretches import records_of
 from hil.record.traces.firmware_trace import columns_of
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import read

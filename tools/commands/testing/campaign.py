@@ -80,7 +80,7 @@ def campaign(
 
 def run_endurance(ticks: int, changes: list[str], firmware: "Build") -> dict[str, Any]:
     """One long run."""
-    from hil.bench.stretches import NATIVE
+    from firmware_py.shell.builds import NATIVE
     from tools.campaign.endurance import endurance
 
     if firmware not in NATIVE:
