@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.core.configure import config_of
+from firmware_py.core.estimation.kalman import filterpy_filter
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.state import Config, Outputs, State
@@ -83,6 +84,7 @@ class FirmwareNode:
         self.parameters = parameters_of(with_overrides(parameters or {}))
         self.memory = None
         self._state = INITIAL
+        filterpy_filter()  # imports filterpy now, not in the first tick
 
     @property
     def can_ids(self) -> Collection[int]:

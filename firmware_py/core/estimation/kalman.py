@@ -4,10 +4,9 @@ State x = (position, velocity, accelerometer bias). `builds.numba_subset` puts `
 `update_written_out` in the place of `predict` and `update`.
 """
 
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
-import filterpy.kalman
 import numpy as np
 from numpy.typing import NDArray
 
@@ -171,32 +170,39 @@ def _row(row: Row) -> Array:
     return _constant([row])
 
 
-class _Filter(filterpy.kalman.KalmanFilter):  # type: ignore[misc]  # filterpy has no types
-    """filterpy's filter, made anew for every call: nothing is left of the call before.
+@cache
+def filterpy_filter() -> Any:
+    """filterpy's filter, made anew for every call of `predict` and `update`: no state is left between calls.
 
     Its own `__init__` takes longer than the whole tick; what it would set is the same in every call and
     stands at the class. filterpy's functions of the same names would do, but take 25 µs a tick longer.
+    To import filterpy takes a second: a node calls this function before its first tick, and builds with the
+    algebra written out never do.
     """
+    import filterpy.kalman  # noqa: PLC0415 - see above
 
-    B = None
-    dim_z = 1
-    inv = staticmethod(np.reciprocal)  # S is one by one
-    _I = _constant(np.eye(3))
-    _alpha_sq = 1.0
+    class Filter(filterpy.kalman.KalmanFilter):  # type: ignore[misc]  # filterpy has no types
+        B = None
+        dim_z = 1
+        inv = staticmethod(np.reciprocal)  # S is one by one
+        _I = _constant(np.eye(3))
+        _alpha_sq = 1.0
 
-    def __init__(self, estimate: StateEstimate) -> None:
-        (xx, xv, xb, vv, vb, bb) = estimate.p
-        self.x = np.array(estimate[:3])
-        self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
+        def __init__(self, estimate: StateEstimate) -> None:
+            (xx, xv, xb, vv, vb, bb) = estimate.p
+            self.x = np.array(estimate[:3])
+            self.P = np.array(((xx, xv, xb), (xv, vv, vb), (xb, vb, bb)))
 
-    def covariance(self) -> Covariance:
-        (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
-        return Covariance(xx, xv, xb, vv, vb, bb)
+        def covariance(self) -> Covariance:
+            (xx, xv, xb), (_, vv, vb), (_, _, bb) = self.P.tolist()
+            return Covariance(xx, xv, xb, vv, vb, bb)
+
+    return Filter
 
 
 def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise) -> StateEstimate:
     """F x and P = F P Fᵀ + Q (`filterpy.kalman.KalmanFilter.predict`), then x = F x + u."""
-    one = _Filter(estimate)
+    one = filterpy_filter()(estimate)
     one.F = _transition(f)
     one.Q = _diagonal(q)
     one.predict()
@@ -206,7 +212,7 @@ def predict(estimate: StateEstimate, f: Transition, push: Push, q: ProcessNoise)
 
 def update(estimate: StateEstimate, z: float, row: Row, variance: float) -> StateEstimate:
     """x = x + K y, P in Joseph form (`filterpy.kalman.KalmanFilter.update`)."""
-    one = _Filter(estimate)
+    one = filterpy_filter()(estimate)
     one.R = np.array(((variance,),))
     one.update(z, H=_row(row))
     x_m, v_m_s, bias_m_s2 = one.x.tolist()
