@@ -130,8 +130,8 @@ def figures() -> str:
     rows = (row(f"`{spec.name}`", spec.unit or "—", spec.meaning) for spec in CATALOGUE.values())
     return page(
         "Figures",
-        "What is known of a run once it is over. A check names one of these, with `low` and/or `high`, or "
-        "`equals`. A figure that the run cannot give is null, and a check on it fails.",
+        "The figures of a finished run. A check names one of these, with `low` and/or `high`, or `equals`. "
+        "A figure that does not exist for a run is null, and a check on it fails.",
         table(["name", "unit", "meaning"], rows),
     )
 
@@ -152,10 +152,10 @@ def requirement_page() -> str:
     """Every requirement and what proves it."""
     return page(
         "Requirements",
-        "What the module must do. A scenario's check names its requirement with the key `requirement`. "
-        "`vibrohil suite` writes which checks prove each requirement and whether they passed: on its page, "
-        "in `suite.json` and in JUnit. A requirement that nothing proves, or a scenario's check that proves "
-        "none, fails the tests.",
+        "The requirements on the module, and the checks and tests that prove them. A scenario's check names "
+        "its requirement with the key `requirement`. `vibrohil suite` lists for each requirement the checks "
+        "that prove it and their results: on its page, in `suite.json` and in JUnit. The tests fail if a "
+        "requirement has no proof, or if a scenario's check proves no requirement.",
         table(["id", "requirement", "stated in", "checks", "tests"], requirement_rows()),
     )
 
