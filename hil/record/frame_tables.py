@@ -19,6 +19,7 @@ from firmware_py.interface.records import (
     Accelerometer,
     DriveCurrent,
     EncoderEstimates,
+    GaitSensors,
     SetInputTorque,
     StrikerEstimate,
 )
@@ -27,7 +28,14 @@ from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 FREQUENT = frozenset(
     record.__name__
-    for record in (Accelerometer, DriveCurrent, EncoderEstimates, SetInputTorque, StrikerEstimate)
+    for record in (
+        Accelerometer,
+        DriveCurrent,
+        EncoderEstimates,
+        GaitSensors,
+        SetInputTorque,
+        StrikerEstimate,
+    )
 )
 """Frames that come 100 times a second or more, by the names of the DBC."""
 
@@ -132,7 +140,7 @@ def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
         if signal.is_float:
             bits = (words >> np.uint64(signal.start)).astype(np.uint32)
             valid &= np.isfinite(bits.view(np.float32))
-        elif signal.kind is SignalKind.QUANTITY:
+        elif signal.kind in (SignalKind.QUANTITY, SignalKind.EXACT):
             above = 64 - signal.start - signal.bits
             kind = np.int64 if signal.is_signed else np.uint64
             counts = (words << np.uint64(above)).view(kind) >> kind(64 - signal.bits)

@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from hil.record.candump import NO_BUS, BusCounts, BusLog, counted, joined_logs
 from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
+from hil.record.rates import slow_entity
 from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
@@ -61,7 +62,9 @@ def repair(path: Path) -> bool:
     return True
 
 
-RAW, FIRMWARE, SLOW = "/can/raw", "/firmware", "/firmware/slow"
+RAW = "/can/raw"
+TICKED = ("/plant", "/firmware")
+"""The entities with a record a tick; `slow_entity` of each has the signals at 100 Hz."""
 RECORD = "trace:record"
 
 
@@ -101,13 +104,13 @@ def names(path: Path) -> list[str]:
     """The tables that can be read of a log."""
     known = entities(path)
     frames = frames_of_bytes(path, known) if RAW in known else set()
-    return sorted(known - {SLOW} | frames)
+    return sorted(known - {slow_entity(name) for name in TICKED} | frames)
 
 
 def table(path: Path, name: str) -> pa.Table:
     """The rows of an entity in order of simulated time, one column a component; nothing static.
 
-    Frames have a row each, raw and decoded, and the firmware's slow columns stand with the others.
+    Frames have a row each, raw and decoded, and the slow signals of a trace stand with its others.
     """
     if name == RAW:
         return in_order(a_row_a_frame(block) for block in blocks(path, RAW))
@@ -115,7 +118,12 @@ def table(path: Path, name: str) -> pa.Table:
     if name not in known:
         return in_order(decoded_blocks(path, name))
     rows = in_order(blocks(path, name))
-    return with_slow(rows, in_order(blocks(path, SLOW))) if name == FIRMWARE and SLOW in known else rows
+    return with_slow(rows, in_order(blocks(path, slow_entity(name)))) if has_slow(name, known) else rows
+
+
+def has_slow(name: str, known: set[str]) -> bool:
+    """Whether the log has an entity for the slow signals of this one."""
+    return name in TICKED and slow_entity(name) in known
 
 
 def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
@@ -125,17 +133,17 @@ def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
         yield table(path, name)
     elif name == RAW:
         yield from map(a_row_a_frame, blocks(path, RAW))
-    elif name == FIRMWARE and SLOW in entities(path):
-        yield from firmware_blocks(path)
+    elif has_slow(name, entities(path)):
+        yield from ticked_blocks(path, name)
     else:
         yield from blocks(path, name)
 
 
-def firmware_blocks(path: Path) -> Iterator[pa.Table]:
-    """The firmware's records with the slow columns, some at a time."""
-    slow = blocks(path, SLOW)
+def ticked_blocks(path: Path, name: str) -> Iterator[pa.Table]:
+    """The records of a trace with the slow signals, some at a time."""
+    slow = blocks(path, slow_entity(name))
     held = next(slow)
-    for fast in blocks(path, FIRMWARE):
+    for fast in blocks(path, name):
         ticked = sim_ns_of(fast)
         while sim_ns_of(held)[-1] < ticked[-1] and (more := next(slow, None)) is not None:
             held = pa.concat_tables([held, more])
@@ -197,7 +205,7 @@ def newest(ticked: NDArray[Any], held: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def with_slow(fast: pa.Table, slow: pa.Table) -> pa.Table:
-    """The firmware's records, the slow columns as they were last logged by then."""
+    """The records of a trace, the slow signals as they were last logged by then."""
     rows = newest(sim_ns_of(fast), sim_ns_of(slow))
     both = joined(leaf(fast, RECORD), leaf(slow, RECORD).take(pa.array(rows)))
     return fast.set_column(fast.column_names.index(RECORD), RECORD, one_each(both))
@@ -275,7 +283,7 @@ class LoggedTrace(StoredColumns):
 
 
 class WithSlow:
-    """The firmware's records, the slow columns as they were last logged by then."""
+    """The records of a trace, the slow signals as they were last logged by then."""
 
     def __init__(self, fast: Records, slow: Records) -> None:
         self._fast = fast
@@ -349,12 +357,14 @@ def read_traces(path: Path) -> RunTraces:
         return records_of(path, entity) if entity in known else NO_RECORDS
 
     def long(entity: str) -> Records:
-        return LoggedTrace(path, entity) if entity in known else NO_RECORDS
+        if entity not in known:
+            return NO_RECORDS
+        fast = LoggedTrace(path, entity)
+        return WithSlow(fast, LoggedTrace(path, slow_entity(entity))) if has_slow(entity, known) else fast
 
-    firmware = long(FIRMWARE)
     return RunTraces(
         plant=long("/plant"),
-        firmware=WithSlow(firmware, long(SLOW)) if SLOW in known else firmware,
+        firmware=long("/firmware"),
         impacts=small("/impacts/truth"),
         operator=small("/operator"),
         bus=LoggedBus(path) if RAW in known else NO_BUS,

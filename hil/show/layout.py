@@ -162,7 +162,7 @@ def estimator(
             plot(
                 "Accelerometer bias [m/s²]",
                 Line(
-                    "/firmware",
+                    "/firmware/slow",
                     "state.estimator.bias_m_s2",
                     "bias ± σ",
                     "m/s²",
@@ -204,10 +204,10 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
         ),
         plot(
             "Energy [J]",
-            Line("/plant", "drive_work_j", "drive work", "J", TRUTH),
-            Line("/plant", "friction_j", "friction", "J", TARGET),
-            Line("/plant", "impact_loss_j", "impacts", "J", GOOD),
-            Line("/plant", "stored_j", "stored", "J", OTHER),
+            Line("/plant/slow", "drive_work_j", "drive work", "J", TRUTH),
+            Line("/plant/slow", "friction_j", "friction", "J", TARGET),
+            Line("/plant/slow", "impact_loss_j", "impacts", "J", GOOD),
+            Line("/plant/slow", "stored_j", "stored", "J", OTHER),
         ),
         name="Impacts",
     )
@@ -246,8 +246,8 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
             plot(
                 "Strides a second, crank turns a stride, confidence",
-                Line("/plant", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
-                Line("/firmware", "state.lock.harmonic", "turns a stride", "", OTHER),
+                Line("/plant/slow", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
+                Line("/firmware/slow", "state.lock.harmonic", "turns a stride", "", OTHER),
                 Line("/firmware", "state.gait.confidence", "confidence", "", ESTIMATE),
             ),
         ),
@@ -258,16 +258,16 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
             close_up(
                 "Push-off: the ankle's moment, close up [N m/kg]",
-                Line("/plant", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
+                Line("/plant/slow", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
             ),
             close_up(
                 "Shank's rate, close up [rad/s]",
-                Line("/can/GaitSensors", "shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
-                Line("/plant", "gait.shank_rad_s", "true", "rad/s", TRUTH),
+                Line("/firmware", "inputs.gait.shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
+                Line("/plant/slow", "gait.shank_rad_s", "true", "rad/s", TRUTH),
             ),
             close_up(
                 "Along the striker's axis, close up [m/s²]",
-                Line("/plant", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
+                Line("/plant/slow", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
             ),
         ),
         by=(4, 7, 5, 5),

@@ -2,7 +2,7 @@
 
 Each trace is one entity with one Arrow struct a tick, its fields named as in the trace, so that the log
 costs little more than the numbers themselves; the layout picks the fields it plots. What changes slowly is
-logged more rarely (`hil.record.firmware_rates`), and frames in rows (`hil.record.frame_tables`). Two
+logged more rarely (`hil.record.rates`), and frames in rows (`hil.record.frame_tables`). Two
 timelines: `sim_time`, and `wall_time`, when the process woke (in lockstep: when it would have).
 One writer serves the recorder, which appends once a second while a run goes on, the live view, and the
 rebuild of a whole run; what it writes depends on the traces alone.
@@ -30,8 +30,8 @@ from hil.judge.figures.gait import push_off
 from hil.judge.figures.records import Figures
 from hil.judge.reasons import IMPORTED, reasons_of
 from hil.record.candump import BusLog
-from hil.record.firmware_rates import by_rate, signals_of_checks
 from hil.record.frame_tables import FREQUENT, decoded, in_rows
+from hil.record.rates import by_rate, signals_of_checks, slow_entity
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
@@ -230,11 +230,18 @@ class RunLog:
 
     # --- one trace each ------------------------------------------------------------------------------
 
+    def _ticked(self, trace: str, records: Records) -> None:
+        """A record a tick, its slow signals at 100 Hz."""
+        rates = by_rate(trace, records, self._named)
+        self.out.ticked(trace, rates.every_tick, column(rates.every_tick, "wake_latency_us"))
+        if len(rates.slow):
+            self.out.ticked(slow_entity(trace), rates.slow, 0.0)
+
     def _plant(self, records: Records) -> None:
         if len(records) == 0:
             return
         t_s = column(records, "t_s")
-        self.out.ticked("plant", records, column(records, "wake_latency_us"))
+        self._ticked("plant", records)
         self.out.lanes(records, PLANT_LANES)
         self.drawing.truth(records)
         if self.stop_m is not None:
@@ -275,10 +282,7 @@ class RunLog:
     def _firmware(self, records: Records) -> None:
         if len(records) == 0:
             return
-        rates = by_rate(records, self._named)
-        self.out.ticked("firmware", rates.every_tick, column(rates.every_tick, "wake_latency_us"))
-        if len(rates.slow):
-            self.out.ticked("firmware/slow", rates.slow, 0.0)
+        self._ticked("firmware", records)
         self.out.lanes(records, FIRMWARE_LANES)
         if self._walked:
             self.out.lanes(records, (LEG_ESTIMATED_LANE,))

@@ -38,6 +38,7 @@ from hil.judge.figures.records import (
     TrueImpact,
 )
 from hil.judge.hold import Window, hold_motion, hold_window
+from hil.record.rates import slow_rows
 from hil.record.run_traces import RunTraces, column, read_run
 from hil.record.state_timeline import lower_name
 from hil.record.traces.stored_trace import Records
@@ -137,6 +138,7 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
 
 def energy_residual(plant: Records) -> float | None:
     """What work of drive and housing − stored − all losses leaves, over the sum of their magnitudes."""
+    plant = slow_rows(plant)  # the log has the energies in these
     if len(plant) == 0:
         return None
     names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")

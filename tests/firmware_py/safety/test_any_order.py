@@ -284,7 +284,6 @@ def test_nothing_moves_that_must_not_whatever_comes_in_whatever_order() -> None:
             settings=settings(
                 max_examples=EXAMPLES,
                 stateful_step_count=30,
-                deadline=None,
                 database=None,
                 phases=[Phase.generate],
                 report_multiple_bugs=False,

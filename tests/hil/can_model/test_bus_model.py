@@ -113,14 +113,14 @@ def stories(draw: st.DrawFn, nodes: int) -> list[Entry]:
     return entries
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(entries=stories(nodes=3))
 def test_arbitration_and_timing_are_those_of_the_reference(entries: list[Entry]) -> None:
     play = assert_agree([NodeState()] * 3, entries, end=2400)
     assert sum(len(received) for received in play.received) == 2 * len(entries)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     entries=stories(nodes=3),
     hits=st.dictionaries(st.integers(0, 12), st.integers(0, 130), min_size=1, max_size=6),
@@ -130,7 +130,7 @@ def test_disturbed_frames_are_those_of_the_reference(entries: list[Entry], hits:
     assert play.waiting == [[], [], []]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     transmit_errors=st.integers(100, 255),
     payload=payloads,
@@ -145,7 +145,7 @@ def test_a_failing_sender_up_to_bus_off_and_back(
     assert_agree(nodes, entries, end=4200, hits=hits)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(traffic=st.lists(payloads, min_size=1, max_size=4), gap=st.integers(20, 300), hit=st.integers(0, 130))
 def test_recovery_counts_recessive_bits_between_others_frames(
     traffic: list[bytes], gap: int, hit: int
@@ -161,7 +161,7 @@ def test_recovery_counts_recessive_bits_between_others_frames(
     assert (2, b"") in [frame for _, frame in play.received[1]]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.lists(payloads, min_size=2, max_size=3), listeners=st.integers(0, 1), bit=st.integers(0, 60))
 def test_equal_identifiers_collide_as_in_the_reference(data: list[bytes], listeners: int, bit: int) -> None:
     """Up to the fifteenth collision; with the next one, error-passive nodes come in."""
@@ -211,7 +211,7 @@ def test_a_node_alone_turns_error_passive_and_stays_there(before: int, after: in
     assert play.waiting == [[LONG]]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     payload=payloads,
     skip=st.integers(0, 2),

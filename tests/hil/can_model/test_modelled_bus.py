@@ -107,7 +107,7 @@ def test_what_does_not_exist_is_refused() -> None:
         bus_of().babble("a", SHORT, 0, 0, 1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     entries=st.lists(
         st.tuples(st.integers(0, 400), st.sampled_from(NODES), st.integers(0, 0x7FF), st.binary(max_size=8)),

@@ -119,7 +119,7 @@ def message_sets(draw: st.DrawFn, jittered: bool = True) -> list[Stream]:
     return streams
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(streams=message_sets())
 def test_the_bound_is_reached_at_the_critical_instant(streams: list[Stream]) -> None:
     """Fixed-point equations against an event-by-event replay: equal, not only greater."""
@@ -132,7 +132,7 @@ def test_the_bound_is_reached_at_the_critical_instant(streams: list[Stream]) -> 
         assert response.response_ns == served(streams, one, response.blocking_ns, horizon)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(streams=message_sets(), seed=st.integers(0, 2**32))
 def test_no_play_of_random_phases_exceeds_the_bound(streams: list[Stream], seed: int) -> None:
     dice = random.Random(seed)
@@ -181,7 +181,7 @@ def played(streams: Sequence[Stream], dice: random.Random, duration: int) -> dic
     return longest
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(streams=message_sets(jittered=False))
 def test_the_papers_sufficient_test_is_never_more_hopeful(streams: list[Stream]) -> None:
     """Davis et al. 2007: one instance, blocked by its own predecessor or by lower priority."""
@@ -250,7 +250,7 @@ def test_paced_frames_take_their_places_one_by_one() -> None:
     assert load(crowded) == Fraction(10 + 12, 100) + Fraction(5, 1000)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(streams=message_sets(), paced=st.sets(st.integers(1, 6)), seed=st.integers(0, 2**32))
 def test_no_play_of_paced_frames_exceeds_the_bound(streams: list[Stream], paced: set[int], seed: int) -> None:
     pacing = Pacing("node", 15)

@@ -183,10 +183,11 @@ def test_a_good_run_keeps_its_log_instead_of_its_traces(
 MOST_KEPT_MB_A_MINUTE = 25.0
 
 
-def test_what_a_good_run_keeps_has_bounds(tmp_path: Path) -> None:
-    """Of the default scenario, in whose run-up and hold all signals change in every tick."""
-    arguments = ["run", "soft-start-multistable", "--clock", "lockstep", "--firmware", "compiled"]
+@pytest.mark.parametrize("name", ["soft-start-multistable", "a-steady-walk-has-a-pulse-in-every-push-off"])
+def test_what_a_good_run_keeps_has_bounds(tmp_path: Path, name: str) -> None:
+    """Of the default scenario, in whose run-up and hold most signals change in every tick, and of a walk."""
+    arguments = ["run", name, "--clock", "lockstep", "--firmware", "compiled"]
     assert run([*arguments, "--out", str(tmp_path / "run"), "--json"]) == 0
     kept = {path.name: path.stat().st_size for path in (tmp_path / "run").iterdir()}
-    minutes = load_scenario("soft-start-multistable").duration_s / 60.0
+    minutes = load_scenario(name).duration_s / 60.0
     assert sum(kept.values()) / minutes < MOST_KEPT_MB_A_MINUTE * 1e6, kept

@@ -43,7 +43,7 @@ def test_evaluation() -> None:
 
 
 @given(st.floats(0.001, 0.999), st.floats(3e-7, 0.5))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_the_first_of_two_roots_is_found_however_close_the_second(first: float, apart: float) -> None:
     found = first_rise(-Polynomial.fromroots([first, first + apart]))
     assert found == pytest.approx(first, abs=1e-14 / apart)
@@ -57,7 +57,7 @@ def test_a_graze_is_found_and_none_is_invented(overshoot: float) -> None:
 
 
 @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=7))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_no_root_is_earlier_than_the_one_found(roots: list[float]) -> None:
     polynomial = Polynomial.fromroots(roots)
     polynomial *= -math.copysign(1.0, polynomial(0.0))

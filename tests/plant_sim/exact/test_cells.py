@@ -45,7 +45,7 @@ def test_thirty_cells_are_the_motion_of_forty_digits(ratio, damping_ratio):
     assert place.cos_m == pytest.approx(0.02 * math.cos(angle), abs=1e-14 * max(1.0, angle))
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(
     ratio=st.floats(0.0, 30.0),
     damping_ratio=st.floats(0.0, 0.25),
@@ -76,7 +76,7 @@ def test_a_motion_is_nowhere_further_from_its_cubic_than_is_doubted(
     assert doubts.place_m > 0.0 or ratio == y_m == v_m_s == 0.0
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(
     g=st.floats(-1.0, 0.0),
     slope=st.floats(-5.0, 5.0),
@@ -99,7 +99,7 @@ def test_a_level_guard_stays_below_if_it_lies_below_by_its_slack():
     assert not bends_below(-0.3, 0.0, -0.2, -0.5, 1.0, 0.1)
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(end=st.floats(-1.0, -1e-6), end_slope=st.floats(-5.0, 5.0), slack=st.floats(0.0, 0.1))
 def test_a_guard_from_rest_stays_below_by_all_of_its_slack(end, end_slope, slack):
     """What the fourth derivative may add is 2 E B₂ at most."""
@@ -117,7 +117,7 @@ def test_a_damped_striker_has_no_cells():
     assert _oscillator(1.0, 0.24)[1].cells.span_s > 0.0
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(
     root=st.floats(0.05, 0.95),
     slope=st.floats(0.5, 2.0),

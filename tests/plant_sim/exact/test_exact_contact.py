@@ -185,7 +185,7 @@ def test_stuck_on_the_stop_between_press_and_pull():
         assert simulate(parts, start(REST_M), until_s).final.phase == phase
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 @given(
     gap_m=st.floats(-0.04, 0.04),
     amplitude_m=st.floats(0.0, 0.05),

@@ -29,7 +29,7 @@ def _highest_turn(parts, initial, until_s: float) -> tuple[float, float]:
         return float(turn_s), float(motion(turn_s)[0])
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     ratio=st.one_of(st.floats(0.2, 3.0), st.floats(0.999, 1.001)),
     b_n_s_m=st.sampled_from([0.0, 0.05, 0.2, 1.0]),

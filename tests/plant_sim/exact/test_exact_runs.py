@@ -86,7 +86,7 @@ def test_impulse_is_mass_times_change_of_speed_and_newtons_law_holds():
     assert np.all(np.isnan(impacts.peak_force_n))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(seed=st.integers(0, 10**6))
 def test_the_energy_ledger_balances(seed):
     parts, initial = random_module(np.random.default_rng(seed))
