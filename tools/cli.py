@@ -1,4 +1,4 @@
-"""`vibrohil`, the one program: commands, and what each exit status means.
+"""The program `vibrohil`: its commands and exit statuses.
 
 Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, SIGTERM or SIGHUP), 3
 internal error, 4 usage or bad input, 5 nothing ran.
@@ -99,11 +99,11 @@ def program(
         ),
     ] = False,
 ) -> None:
-    """Hardware-in-the-loop bench for a vibro-impact drive: run, simulate, look."""
+    """Hardware-in-the-loop bench for a vibro-impact drive."""
 
 
 def bad_input_types() -> tuple[type[Exception], ...]:
-    """The errors that blame the input; looked up only once one has been raised."""
+    """The types of errors caused by the input; imported only after an error."""
     from firmware_py.shell.parameters import ParameterError
     from hil.bench.recorded_run import RunError
     from hil.bench.workers import WorkerDiedError
@@ -126,7 +126,7 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
 
 def solver_errors() -> tuple[type[Exception], ...]:
-    """The solvers' refusals; none where no solver was loaded, which a refusal need not wait for."""
+    """The solvers' error types, if a solver has been loaded; loading one would take time."""
     if "plant_sim.solvers.cost" not in sys.modules:
         return ()
     from plant_sim.solvers.cost import SolverError
@@ -136,7 +136,7 @@ def solver_errors() -> tuple[type[Exception], ...]:
 
 
 def board_errors() -> tuple[type[Exception], ...]:
-    """The refusals of a build for a board; none where no such build was asked for."""
+    """The error types of a build for a board, if such a build has been loaded."""
     if "firmware_py.builds.board" not in sys.modules:
         return ()
     from firmware_py.builds.board import BoardError
@@ -145,7 +145,7 @@ def board_errors() -> tuple[type[Exception], ...]:
 
 
 def say_error(label: str, message: str, as_json: bool) -> None:
-    """Print an error for people and, where asked for, in JSON."""
+    """Print an error on the console and, if requested, in JSON."""
     progress_console.print(label, style="bold red", end=" ")
     progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
     if as_json:
@@ -153,7 +153,7 @@ def say_error(label: str, message: str, as_json: bool) -> None:
 
 
 def refuse(message: str, as_json: bool) -> int:
-    """Say what was wrong with the input, in a sentence and, where asked for, in JSON."""
+    """Print the error in the input in one sentence and, if requested, in JSON."""
     if len(message) > LONGEST_MESSAGE:  # what was given may be a megabyte
         half = LONGEST_MESSAGE // 2
         message = f"{message[:half]} … {message[-half:]}"
@@ -162,7 +162,7 @@ def refuse(message: str, as_json: bool) -> int:
 
 
 def report_internal_error(error: Exception, as_json: bool) -> int:
-    """Write the traceback to a file of its own, and say in one line what happened and where that file is."""
+    """Write the traceback to a file, and print the error and the file's path in one line."""
     text = "".join(traceback.format_exception(error))
     try:
         descriptor, where = tempfile.mkstemp(prefix="vibrohil-", suffix=".traceback")

@@ -9,7 +9,7 @@ FirmwareBuild = Annotated[
     Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"],
     typer.Option(
         "--firmware",
-        help="The firmware's build: interpreted, compiled, compiled in single precision, or in lockstep on "
+        help="The firmware's build: interpreted, compiled, in single precision, or (lockstep only) on "
         "an emulated Cortex-M7 or, in single precision, Cortex-M4F.",
     ),
 ]
@@ -20,4 +20,4 @@ Sync = Annotated[
 Again = Annotated[
     bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
 ]
-Until = Annotated[float | None, typer.Option(help="Stop after so many seconds; else on Ctrl-C.")]
+Until = Annotated[float | None, typer.Option(help="Stop after this time in s; by default on Ctrl-C.")]

@@ -291,7 +291,7 @@ def commands() -> str:
     """Every command and its options."""
     program: Any = typer.main.get_command(app)
     parts = [
-        "Every command explains itself with `--help`. With `--json` it prints one JSON object on standard "
+        "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
         "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
         "SIGTERM or SIGHUP), 3 internal error, 4 usage or "
         "bad input, 5 nothing ran."

@@ -30,7 +30,6 @@ ON_PAGES = {r"lanes?": "state timeline", r"prices?": "cost"}
 ALLOWED = {
     ("", "a-violent-kick-just-before-an-impact"): "a scenario's name",
     ("", "a-heavier-striker-than-believed"): "a scenario's name",
-    ("", "Stop after so many seconds"): "the option's value is that number",
 }
 """Beginning of the path and text around the word, with the reason why it stands."""
 

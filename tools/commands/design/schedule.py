@@ -1,4 +1,4 @@
-"""`vibrohil schedule`: whether every CAN frame is through in time, at worst."""
+"""`vibrohil schedule`: worst-case response time of every CAN frame."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,13 +26,13 @@ def schedule(
     module: Annotated[
         list[str] | None,
         typer.Option(
-            help="The node numbers of a module on the bus, its drive's and its first own; repeatable.",
+            help="Node numbers of a module on the bus: its drive's, its first own; repeatable.",
             metavar="DRIVE,OWN",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Worst-case response time of every CAN frame, from vibro.dbc; fails if one may miss its deadline."""
+    """Calculate the worst-case response time of every CAN frame, and check its deadline."""
     from hil.can_model.bits import BitRateError
     from hil.can_model.message_set import ONE_ERROR, bus_schedule
 
@@ -77,7 +77,7 @@ def places_of(text: str) -> "Addresses":
 
 
 def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
-    """One row a frame, times in seconds; a response that nothing bounds is infinite."""
+    """One row per frame, times in seconds; an unbounded response time is infinite."""
     from hil.can_model.schedulability import seconds
 
     table = []
@@ -104,7 +104,7 @@ def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
 
 
 def show(payload: dict[str, Any]) -> None:
-    """Print the frames by priority, then what other bit rates would give."""
+    """Print the frames by priority, then the results at other bit rates."""
     table = Table(box=None, pad_edge=False)
     table.add_column("id")
     for name in ("frame", "sender"):

@@ -15,7 +15,7 @@ from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
 LONGEST_PLOT_S = 3600.0
-"""A plot takes a sample a millisecond."""
+"""Interval of the plot's samples: 1 ms."""
 
 
 def register(app: typer.Typer) -> None:
@@ -25,8 +25,10 @@ def register(app: typer.Typer) -> None:
 
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
-    until: Annotated[float, typer.Option(help="Simulated seconds.")] = 10.0,
-    torque: Annotated[float, typer.Option(help="Held motor torque in N m, in a scene with a motor.")] = 0.0,
+    until: Annotated[float, typer.Option(help="Simulated time in s.")] = 10.0,
+    torque: Annotated[
+        float, typer.Option(help="Constant motor torque in N m, in a scene with a motor.")
+    ] = 0.0,
     change: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change one value of the scene, e.g. scene.drive.ratio=1.1; repeatable."),
@@ -97,7 +99,7 @@ def simulate(
 
 
 def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
-    """What a motor with windings took, and what of it heated the copper."""
+    """Electrical work of a motor with windings, and the copper's share of it."""
     if electrical is None:
         return []
     return [
@@ -107,7 +109,7 @@ def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, floa
 
 
 def show(payload: dict[str, Any]) -> None:
-    """Print the run for people: what happened, then the last impacts."""
+    """Print a summary of the run, then the last impacts."""
     times, speeds = payload["impacts_t_s"], payload["impacts_v_m_s"]
     rows = [
         ("impacts", len(times), ""),

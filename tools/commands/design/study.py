@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 study = typer.Typer(
     name="study",
     help=(
-        "The paper's diagrams, basins and claims; whole ranges of parameters in seconds.\n\n"
-        "Work runs on this machine's cores unless --scheduler names a Dask cluster: in threads, as kernels "
-        "hold no interpreter's lock and are compiled once for all cores; closed loops with the firmware "
-        "(basin --start soft) in processes of their own. The results are the same."
+        "The paper's diagrams, basins and claims, over whole ranges of parameters.\n\n"
+        "The work runs on this machine's cores, or with --scheduler on a Dask cluster. Kernels run in "
+        "threads, because they release the interpreter's lock and are compiled once for all cores. Closed "
+        "loops with the firmware (basin --start soft) run in processes. The results are the same."
     ),
     no_args_is_help=True,
 )
 
-Out = Annotated[Path, folder_option("Folder of figures and results; a killed study goes on there.")]
-Cores = Annotated[int | None, typer.Option(help="Cores of this machine to use; all by default.")]
+Out = Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")]
+Cores = Annotated[int | None, typer.Option(help="Number of cores of this machine; by default all.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")
 ]
@@ -48,9 +48,9 @@ Rrd = Annotated[
 ]
 Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
 Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
-Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; the preset's own by default.")]
-Amplitude = Annotated[float | None, typer.Option(help="Drive amplitude A in m; the preset's own by default.")]
-Ratio = Annotated[float, typer.Option(help="Ω/ω.")]
+Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; by default the preset's.")]
+Amplitude = Annotated[float | None, typer.Option(help="Drive amplitude A in m; by default the preset's.")]
+Ratio = Annotated[float, typer.Option(help="Speed ratio r = Ω/ω.")]
 
 DEFAULT_OUT = Path("studies")
 
@@ -74,7 +74,7 @@ def sweep(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Amplitude–frequency diagrams, run-up and run-down, 50 s a ratio with 30 s discarded."""
+    """Amplitude–frequency diagrams, run-up and run-down; 50 s per ratio, the first 30 s discarded."""
     from dataclasses import replace
 
     from tools.study import cases, figures, recordings
@@ -119,7 +119,7 @@ def basin(
     start: Annotated[
         str,
         typer.Option(
-            help="instant: the crank at speed at once; soft: by the firmware, a closed loop a cell."
+            help="instant: the crank starts at speed; soft: the firmware starts it, in closed loop."
         ),
     ] = "instant",
     size: Annotated[
@@ -130,11 +130,11 @@ def basin(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Basins of attraction: which starts end in impacts, and how sharp the border is.
+    """Basins of attraction: which starts end in impacts, and how sharp the boundary is.
 
-    With --start soft a cell counts as impact where the firmware ends in its mode RUN with lasting impacts, 30
-    s after it was asked to; motor, sensors and soft stop are those of the bench's default scene. Beside it
-    stands what an instant start of the same module would have come to.
+    With --start soft a cell counts as impact if the firmware is in mode RUN with lasting impacts 30 s after
+    the request. Motor, sensors and soft stop are those of the bench's default scene. The result of an
+    instant start of the same module stands beside it.
     """
     import numpy as np
 
@@ -188,7 +188,7 @@ def chart(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Charts over two parameters: regime, and how surely a start ends in impacts."""
+    """Maps over two parameters: the regime, and the share of starts that end in impacts."""
     import numpy as np
     import pyarrow as pa
 
@@ -245,7 +245,7 @@ def portrait(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Time histories and phase portraits of both motions of each friction law."""
+    """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures, recordings, store
     from tools.study.portraits import as_table, pair
     from tools.study.sweep import diagrams
@@ -281,14 +281,14 @@ def portrait(
 @study.command()
 def claims(
     page: Annotated[
-        Path | None, file_option("The page to read; claims.md in the folder of results by default.")
+        Path | None, file_option("The page to write; by default claims.md in the folder of results.")
     ] = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """The paper's fourteen claims: verdict, figures and reason of each, and a page to read."""
+    """Test the paper's fourteen claims: verdict, figures and reason of each, on a page."""
     from dataclasses import replace
 
     import numpy as np
@@ -338,14 +338,14 @@ def feasibility(
     preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
     page: Annotated[
         Path | None,
-        file_option("The page to read; feasibility.md in the folder of results by default."),
+        file_option("The page to write; by default feasibility.md in the folder of results."),
     ] = None,
     out: Out = DEFAULT_OUT,
     cores: Cores = None,
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Which settings can serve a walk: cadence, axis, guide, contact and wearer, and what fails first."""
+    """Find the settings that suit a walk (cadence, axis, guide, contact, wearer), and the first failure."""
     from collections import Counter
 
     from tools.study import store
@@ -397,7 +397,7 @@ def pulse(
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """One pulse a stride: by one crank turn a stride, by subharmonics, or by a crank that rests between."""
+    """Compare ways to give one pulse a stride: one turn a stride, subharmonics, or a resting crank."""
     from tools.study import store
     from tools.study.pulse import figures
     from tools.study.pulse.judging import SUBHARMONIC, WAYS

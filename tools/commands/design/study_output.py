@@ -1,4 +1,4 @@
-"""What the study commands share: options checked, progress, what is shown and stored."""
+"""Shared by the study commands: checked options, progress, output and storage."""
 
 import os
 import time
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Stopwatch:
-    """Wall and processor time of this process, and of those it started that have ended, since it was made."""
+    """Wall and processor time of this process and of its ended child processes, since the object was made."""
 
     def __init__(self) -> None:
         self.wall_s, self.cpu_s = time.perf_counter(), sum(os.times()[:4])
@@ -29,7 +29,7 @@ class Stopwatch:
 
 
 class StudyJob:
-    """One study from its options to its result: where it is computed, at what cost, how it is reported."""
+    """One study from its options to its result: place of computation, cost and report."""
 
     def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
         from tools.study import work
@@ -46,7 +46,7 @@ class StudyJob:
 
     @contextmanager
     def computing(self) -> Iterator[None]:
-        """What is within counts as computing."""
+        """The time within the context counts as computing."""
         clock = Stopwatch()
         yield
         self._cost = clock.read()
@@ -77,12 +77,12 @@ class StudyJob:
 
 
 def without_nan(row: dict[str, Any]) -> dict[str, Any]:
-    """A row for JSON, which has no NaN: what was not measured is null."""
+    """A row for JSON, which has no NaN: values that were not measured are null."""
     return {name: None if value != value else value for name, value in row.items()}  # noqa: PLR0124 - NaN
 
 
 def caption_of(found: "Basin") -> str:
-    """What a map of starts says in a line."""
+    """The summary of a map of starts, in a line."""
     numbers = found.statistics
     share, bounds = numbers["impact_fraction"], numbers["impact_fraction_wilson"]
     if found.start == "soft":

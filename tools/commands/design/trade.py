@@ -1,4 +1,4 @@
-"""`vibrohil trade`: speed against accuracy, measured here and now."""
+"""`vibrohil trade`: speed against accuracy, measured on this machine."""
 
 import math
 import os
@@ -30,16 +30,16 @@ def trade(
     ] = False,
     parts: Annotated[
         bool,
-        typer.Option("--parts", help="Measure a scene's parts instead: what each costs and changes."),
+        typer.Option("--parts", help="Measure the cost and effect of each part of a scene instead."),
     ] = False,
     extremes: Annotated[
         Path | None,
-        file_option("Write this page instead: every extreme by every method. Takes minutes.", (".md",)),
+        file_option("Write the page of extreme cases by every method instead; takes minutes.", (".md",)),
     ] = None,
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure solvers, peers, fidelity, control rate and builds: error against cost, in one run."""
+    """Measure error and cost of solvers, peers, stop models, control rates and builds."""
     from tools.trade import builds, control_rate, fidelity, heyoka_peer, pictures
     from tools.trade import costs as prices
     from tools.trade.cases import CASES
@@ -94,7 +94,7 @@ def write_extremes(page: Path, as_json: bool) -> None:
 
 
 def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
-    """The price list of a scene's parts."""
+    """The costs of a scene's parts."""
     from tools.trade import parts
 
     with shown_progress() as progress:
@@ -134,7 +134,7 @@ def figure_of(value: float, digits: int) -> str:
 
 
 def show(payload: Mapping[str, Any]) -> None:
-    """The price lists for people."""
+    """Print the costs as tables."""
     rows = payload["rows"]
     for case in dict.fromkeys(row["case"] for row in rows if row["kind"] == "solver"):
         console.print(solver_table(case, [row for row in rows if row.get("case") == case], payload["pareto"]))
@@ -179,7 +179,7 @@ def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[st
 
 
 def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """What each stop changes and costs."""
+    """Effect and cost of each stop model."""
     table = _table(
         "fidelity: table1 on its impact orbit at r = 1.3, ideal drive",
         ("stop", "impulse [N s]", "off by", "peak [N]", "v⁻ [m/s]", "method", "µs/s"),
@@ -198,7 +198,7 @@ def parts_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """What each control rate gives and costs."""
+    """Accuracy and cost of each control rate."""
     table = _table(
         "control rate: soft start to r = 1.3 with motor, sensors and firmware, in lockstep",
         ("rate [Hz]", "x [mm]", "v [m/s]", "late [ms]", "ripple", "v⁻ [m/s]", "regime", "failed", "ms/s"),
@@ -219,7 +219,7 @@ def rates_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def builds_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """What each build of the firmware gives and costs."""
+    """Accuracy and cost of each build of the firmware."""
     table = _table(
         "firmware builds: the same start in lockstep; differ: decisions over a tick off the compiled build's",
         ("build", "x [mm]", "v [m/s]", "decisions", "differ", "µs/tick"),

@@ -1,4 +1,4 @@
-"""`vibrohil tune`: parameters designed, fitted to a log, or chosen by campaigns; and compared."""
+"""`vibrohil tune`: design the firmware's parameters, fit them to a log, or choose them by campaigns."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -22,21 +22,24 @@ Found = TypeVar("Found")
 
 tune = typer.Typer(
     name="tune",
-    help="Design and fit the firmware's parameters; each command writes a parameter file that the safety "
-    "scenarios have let pass.",
+    help="Design or identify the firmware's parameters; a parameter file is written "
+    "only if the safety scenarios pass with it.",
     no_args_is_help=True,
 )
 
 Force = Annotated[
-    bool, typer.Option("--force", help="Write the file although a safety scenario fails; it then says so.")
+    bool,
+    typer.Option("--force", help="Write the file even if a safety scenario fails; the file then says so."),
 ]
-Plot = Annotated[Path | None, file_option("Draw what explains the result into this file.", PICTURES)]
+Plot = Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)]
 Rrd = Annotated[
-    Path | None, file_option("Write the result as a Rerun recording, too; open it with view.", RECORDINGS)
+    Path | None, file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS)
 ]
-Seed = Annotated[int | None, typer.Option(help="Seed of the trials to choose on, below 10000.", min=0)]
-FreshSeed = Annotated[int | None, typer.Option(help="Seed of the trials to judge on, from 10000 on.", min=0)]
-Workers = Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)]
+Seed = Annotated[int | None, typer.Option(help="Seed of the trials for the choice, below 10000.", min=0)]
+FreshSeed = Annotated[
+    int | None, typer.Option(help="Seed of the trials for the judgement, from 10000 on.", min=0)
+]
+Workers = Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)]
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +48,7 @@ def register(app: typer.Typer) -> None:
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """The options that were given; the others have the called function's own defaults."""
+    """The options that the user set; the called function has defaults for the others."""
     return {name: value for name, value in options.items() if value is not None}
 
 
@@ -67,7 +70,7 @@ def conclude(
     more: Callable[[Found], dict[str, Any]],
     bench: "Bench | None" = None,
 ) -> None:
-    """Run a tuning, draw and record what it found, judge it, write its file, print it."""
+    """Run a tuning, draw and record its result, judge it, write its file and print it."""
     from tools.tuning.recordings.recording import record_tuning
 
     with shown_progress() as progress:
@@ -91,7 +94,7 @@ def finish(
     more: Mapping[str, Any],
     bench: "Bench | None" = None,
 ) -> tuple[dict[str, Any], list["SafetyResult"]]:
-    """Judge, write, and give the JSON object."""
+    """Judge the result, write its file, and return the JSON object."""
     from tools.tuning.parameter_file import write
     from tools.tuning.safety import judge_safety
 
@@ -111,7 +114,7 @@ def finish(
 
 
 def report(payload: Mapping[str, Any], as_json: bool) -> None:
-    """Print it; a file that was not written is a failed check."""
+    """Print the result; a file that was not written is a failed check."""
     if as_json:
         print_json(payload)
     else:
@@ -123,15 +126,21 @@ def report(payload: Mapping[str, Any], as_json: bool) -> None:
 @tune.command()
 def speed(
     bandwidth_hz: Annotated[
-        float | None, typer.Option(help="From target to speed, −3 dB; by default the firmware's.", min=0.1)
+        float | None,
+        typer.Option(help="Bandwidth from target to speed, −3 dB; by default the firmware's.", min=0.1),
     ] = None,
     phase_margin_deg: Annotated[
-        float | None, typer.Option(help="What is left of it decides the integral.", min=1.0, max=120.0)
+        float | None,
+        typer.Option(help="Phase margin; a surplus increases the integral gain.", min=1.0, max=120.0),
     ] = None,
-    inertia_kg_m2: Annotated[float | None, typer.Option(help="Of rotor and flywheel.", min=1e-7)] = None,
-    tracker_rad_s: Annotated[float | None, typer.Option(help="The encoder tracker's poles.", min=1.0)] = None,
+    inertia_kg_m2: Annotated[
+        float | None, typer.Option(help="Inertia of rotor and flywheel.", min=1e-7)
+    ] = None,
+    tracker_rad_s: Annotated[
+        float | None, typer.Option(help="Poles of the encoder tracker.", min=1.0)
+    ] = None,
     measure: Annotated[
-        bool, typer.Option(help="Measure the loop in lockstep, with sines on the torque's frames.")
+        bool, typer.Option(help="Measure the loop in lockstep, with sines added to the torque.")
     ] = True,
     out: Annotated[Path, file_option("The parameter file.")] = Path("speed.toml"),
     plot: Plot = None,
@@ -139,7 +148,7 @@ def speed(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """PI gains of the crank's speed loop for a bandwidth and a phase margin, measured on the bench."""
+    """Design the PI gains of the speed loop for a bandwidth and a phase margin, and measure the loop."""
     from hil.scenario.parameter_file import nested
     from tools.tuning.figures import views
     from tools.tuning.figures.speed import draw_speed
@@ -178,18 +187,18 @@ def identify(
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(help="The plant of the safety scenarios; by default the run's own, else theirs."),
+        typer.Option(help="The plant of the safety scenarios; by default that of the run, else their own."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the resampling that gives the bounds.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the resampling for the bounds.", min=0)] = 1,
     trials: Annotated[
         int | None,
         typer.Option(
-            help="Instead of a log: sampled modules of all friction laws, and how often each is identified.",
+            help="Instead of a log: number of sampled modules on which to measure the identification.",
             min=1,
         ),
     ] = None,
     trials_out: Annotated[
-        Path, file_option("What trials came to, a line each; trials that are in it are not run again.")
+        Path, file_option("File with a line per finished trial; finished trials are not run again.")
     ] = Path("identify-trials.jsonl"),
     workers: Workers = None,
     out: Annotated[Path, file_option("The parameter file.")] = Path("identified.toml"),
@@ -198,10 +207,10 @@ def identify(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Spring, friction, crank radius and stop from one log; only what went over CAN is used.
+    """Identify spring, friction, crank radius and stop from the CAN frames of one log.
 
-    With --trials the identification itself is judged: shares with Wilson's bounds, errors against the truth,
-    and how often its 95 % bounds hold the truth.
+    With --trials the command judges the identification itself: shares with Wilson's bounds, errors against
+    the truth, and how often the 95 % bounds contain the truth.
     """
     from tools.tuning.figures import views
     from tools.tuning.figures.identify import draw_identified
@@ -262,7 +271,7 @@ def detector(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """The impact detector's floor from the costs of misses and false alarms, on sampled modules."""
+    """Choose the impact detector's floor by the costs of misses and false alarms, on sampled modules."""
     from tools.tuning.detector import tune_detector
     from tools.tuning.figures import views
     from tools.tuning.figures.detector import draw_detector
@@ -289,12 +298,12 @@ def detector(
 def estimator(
     logs: Annotated[
         list[Path] | None,
-        typer.Argument(help="Run folders or candump logs; without any, logs of sampled modules are made."),
+        typer.Argument(help="Run folders or candump logs; by default logs of sampled modules are recorded."),
     ] = None,
     modules: Annotated[int | None, typer.Option(help="Number of sampled modules.", min=2)] = None,
     fresh_trials: Annotated[
         int | None,
-        typer.Option(help="Trials to judge the result on, beside default and naive; 0: none.", min=0),
+        typer.Option(help="Trials that compare the result with default and naive values; 0: none.", min=0),
     ] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
@@ -305,7 +314,7 @@ def estimator(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Q and R of the estimator from logs, by the likelihood of what touch-downs say; no truth is used."""
+    """Choose the estimator's Q and R from logs, by the likelihood of the touch-downs, without truth."""
     from tools.tuning.estimator import tune_estimator
     from tools.tuning.figures import views
     from tools.tuning.figures.estimator import draw_estimator
@@ -327,14 +336,14 @@ def estimator(
 
 @tune.command()
 def start(
-    candidates: Annotated[int | None, typer.Option(help="How many are tried in all.", min=2)] = None,
+    candidates: Annotated[int | None, typer.Option(help="Number of candidates in all.", min=2)] = None,
     trials: Annotated[int | None, typer.Option(help="Trials for each candidate.", min=8)] = None,
     fresh_trials: Annotated[
-        int | None, typer.Option(help="Trials to choose among the best, and to judge on.", min=8)
+        int | None, typer.Option(help="Trials for the choice among the best, and for the judgement.", min=8)
     ] = None,
     journal: Annotated[
         Path | None,
-        file_option("What was tried; the same command goes on with it. By default beside the file."),
+        file_option("Journal of the search, from which the command continues; by default beside the file."),
     ] = None,
     seed: Seed = None,
     fresh_seed: FreshSeed = None,
@@ -345,7 +354,7 @@ def start(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Ramp, capture speed and hold loop for starts that fail least, then overshoot, time and energy."""
+    """Tune start-up and hold loop: fewest failures, then hardest impacts, then time, then energy."""
     from tools.tuning.figures import views
     from tools.tuning.figures.start import draw_start
     from tools.tuning.start import tune_start
@@ -372,14 +381,14 @@ def start(
 
 @tune.command()
 def check(
-    quick: Annotated[bool, typer.Option("--quick", help="Few trials: whether all runs and agrees.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few trials, for a quick test.")] = False,
     workers: Workers = None,
-    out: Annotated[Path, folder_option("Folder of what is tuned; a killed search goes on there.")] = Path(
+    out: Annotated[Path, folder_option("Folder of the results; a killed search continues there.")] = Path(
         "tuned"
     ),
     as_json: Json = False,
 ) -> None:
-    """Whether the defaults are what all tunings come to, within tolerances; and what they are better than."""
+    """Compare the firmware's defaults with the results of all tunings, and with naive values."""
     from tools.tuning.check import QUICK, Effort, check_defaults
     from tools.tuning.parameter_file import write
     from tools.tuning.safety import judge_safety
@@ -406,17 +415,18 @@ def check(
 @tune.command()
 def diff(
     a: Annotated[Path, typer.Argument(help="A parameter file.")],
-    b: Annotated[Path, typer.Argument(help="Another one.")],
+    b: Annotated[Path, typer.Argument(help="The other parameter file.")],
     scenario: Annotated[
         list[str] | None,
-        typer.Option(help="What both are run on, by a scenario's name; repeatable. By default three."),
+        typer.Option(help="Name of a scenario to run with both; repeatable. By default three."),
     ] = None,
     suite: Annotated[bool, typer.Option(help="Run both on scenarios of the suite, in lockstep.")] = True,
     as_json: Json = False,
 ) -> None:
-    """What changed between two parameter files, and what it does on scenarios of the suite.
+    """Compare two parameter files, and their effect on scenarios of the suite.
 
-    A parameter that a file lacks has its default. A scenario that only the second fails is a failed check.
+    A parameter that is missing in a file has its default. A scenario that fails only with the second file
+    is a failed check.
     """
     from tools.tuning.difference import SCENARIOS, difference, effects
 

@@ -1,4 +1,4 @@
-"""What `vibrohil tune` prints: values beside defaults, rates, margins, safety verdicts, differences."""
+"""The tables of `vibrohil tune`: values beside defaults, rates, margins, safety verdicts, differences."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ def columns(*titles: str) -> Table:
 
 
 def show(payload: Mapping[str, Any]) -> None:
-    """Parameters, figures of merit, warnings and what the safety scenarios said."""
+    """Parameters, figures of merit, warnings and verdicts of the safety scenarios."""
     from firmware_py.shell.parameters import DEFAULTS
 
     console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}", highlight=False)
@@ -43,14 +43,14 @@ def show(payload: Mapping[str, Any]) -> None:
 
 
 def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
-    """One line a judgement."""
+    """One line per judgement."""
     for result in safety:
         mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
         console.print(f"safety, {result['scenario']}: {mark}", highlight=False)
 
 
 def show_trials(payload: Mapping[str, Any]) -> None:
-    """Rates with bounds, then errors with limits, then what was named wrongly."""
+    """Rates with bounds, then errors with limits, then the wrong identifications."""
     table = columns("<", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds")
 
     def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
@@ -73,7 +73,7 @@ def show_trials(payload: Mapping[str, Any]) -> None:
 
 
 def show_check(payload: Mapping[str, Any]) -> None:
-    """Defaults beside tuned values, defaults beside naive ones, and what was said."""
+    """Defaults beside tuned values, defaults beside naive values, and the warnings."""
     table = columns("<parameter", "<tune", "default", "tuned", "<unit", "<tolerance", "<")
     for row in payload["parameters"]:
         mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"

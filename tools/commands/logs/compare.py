@@ -25,7 +25,7 @@ def compare(
     b: Annotated[Path, typer.Argument(help="The other one.")],
     out: Annotated[
         Path | None,
-        new_option("Write both runs, overlaid, to one new .rrd file; open it with view.", RECORDINGS),
+        new_option("Write both runs to one new .rrd file; open it with view.", RECORDINGS),
     ] = None,
     must_be_equal: Annotated[
         bool, typer.Option("--must-be-equal", help="Check that the runs are equal: exit status 1 if not.")
@@ -34,8 +34,8 @@ def compare(
 ) -> None:
     """Show the figures of two runs side by side and the first moment at which they differ.
 
-    Of two suites: which checked figures are better or worse, and which verdicts differ. Two runs may
-    differ: unless --must-be-equal asks for a check, the exit status is 0 either way.
+    For two suites: show which checked figures are better or worse, and which verdicts differ. The exit
+    status is 0 even if the runs differ, unless --must-be-equal is given.
     """
     from hil.bench.compare_suites import is_suite
 

@@ -17,18 +17,18 @@ def register(app: typer.Typer) -> None:
 
 def export(
     run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
+        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
     ] = None,
     to: Annotated[
         Literal["mf4", "mcap", "parquet", "csv"],
-        typer.Option(help="The format; parquet and csv are folders with a file for each frame."),
+        typer.Option(help="The format; parquet and csv write a folder with a file per frame."),
     ] = "mf4",
     out: Annotated[
-        Path | None, new_option("What to write; by default frames.KIND in the run's folder.")
+        Path | None, new_option("File or folder to write; by default frames.KIND in the run's folder.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write every frame of a run, decoded by vibro.dbc, with units, for MDF, MCAP or table programs."""
+    """Write every frame of a run, decoded with units by vibro.dbc, for MDF, MCAP or table programs."""
     from hil.bench.recorded_run import open_run
     from tools.logs.exporting import export as write
 

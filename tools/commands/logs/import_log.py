@@ -23,14 +23,14 @@ def import_log(
         Path | None, folder_option("The run folder to make; by default a new one under runs/.")
     ] = None,
     channel: Annotated[
-        str | None, typer.Option(help="The channel to take, where the log has several.", metavar="NAME")
+        str | None, typer.Option(help="The channel to read, if the log has several.", metavar="NAME")
     ] = None,
     tolerant: Annotated[
-        bool, typer.Option("--tolerant", help="Leave out lines that cannot be read, and list them.")
+        bool, typer.Option("--tolerant", help="Skip unreadable lines, and list them.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Make a run folder of a CAN log, to view and to inspect like a run; it holds no truth."""
+    """Make a run folder from a CAN log, to view and inspect like a run, but without truth."""
     from tools.logs.importing import import_log as make_run
 
     result = make_run(log, out, channel, tolerant)
@@ -41,7 +41,7 @@ def import_log(
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print what was in the log, and what could not be shown."""
+    """Print the contents of the log, and the frames that could not be shown."""
     rows = [
         ("duration", result["duration_s"], "s"),
         ("frames", result["frames"], ""),

@@ -31,19 +31,21 @@ def register(app: typer.Typer) -> None:
 
 def inspect(
     run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
+        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
     ] = None,
     table: Annotated[
-        str | None, typer.Option(help="Show one table of the log, such as plant or can/Accelerometer.")
+        str | None, typer.Option(help="Show one table of the log, e.g. plant or can/Accelerometer.")
     ] = None,
     to: Annotated[
         Path | None, file_option("Write that table to a .parquet, .csv or .arrow file.", TABLES)
     ] = None,
     plot: Annotated[Path | None, file_option("Draw signals into this file.", PICTURES)] = None,
-    signal: Annotated[list[str] | None, typer.Option(help="What to draw, TABLE.COLUMN; repeatable.")] = None,
+    signal: Annotated[
+        list[str] | None, typer.Option(help="A signal to draw, TABLE.COLUMN; repeatable.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Recompute a run's figures and verdict from its log, or take tables and plots out of it."""
+    """Recompute a run's figures and verdict from its log, or extract tables and plots."""
     from hil.bench.recorded_run import open_run
     from tools.logs.inspection import DEFAULT_SIGNALS, plot_signals, write_table
 
@@ -89,7 +91,7 @@ def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
 
 
 def show_figures(logged: "Run") -> None:
-    """Print every figure with its meaning, the checks, and what tables there are."""
+    """Print every figure with its meaning, the checks, and the names of the tables."""
     from hil.judge.figures.records import CATALOGUE, value_of
     from tools.commands.testing.run import show_checks
 

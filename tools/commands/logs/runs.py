@@ -1,4 +1,4 @@
-"""`vibrohil runs`: the catalogue of what was run."""
+"""`vibrohil runs`: the catalogue of runs."""
 
 import time
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
 
 COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
-"""Figures that the table shows where no others are asked for."""
+"""Figures that the table shows by default."""
 
 
 def register(app: typer.Typer) -> None:
@@ -23,19 +23,23 @@ def register(app: typer.Typer) -> None:
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(help="Where the runs are.")] = Path("runs"),
+    folder: Annotated[Path, typer.Argument(help="The folder of the runs.")] = Path("runs"),
     where: Annotated[
         list[str] | None,
         typer.Option(
             help="Keep runs with FIGURE<VALUE, e.g. 'impact_v_m_s>0.9' or passed=false; repeatable."
         ),
     ] = None,
-    show: Annotated[list[str] | None, typer.Option(help="A figure to show, by its name; repeatable.")] = None,
-    most: Annotated[int, typer.Option(help="Runs shown at the most, the newest first.", min=1)] = 40,
-    view: Annotated[bool, typer.Option(help="Open the runs shown side by side in the Rerun viewer.")] = False,
+    show: Annotated[list[str] | None, typer.Option(help="Name of a figure to show; repeatable.")] = None,
+    most: Annotated[
+        int, typer.Option(help="The largest number of runs shown, the newest first.", min=1)
+    ] = 40,
+    view: Annotated[
+        bool, typer.Option(help="Open the listed runs side by side in the Rerun viewer.")
+    ] = False,
     older: Annotated[
         str | None,
-        typer.Option("--prune", help="Remove the runs of the table that are older than this, such as 30d."),
+        typer.Option("--prune", help="Remove the listed runs that are older than this, e.g. 30d."),
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -13,12 +13,12 @@ def register(app: typer.Typer) -> None:
 
 def view(
     run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; the newest run without it.")
+        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
     ] = None,
-    web: Annotated[bool, typer.Option(help="In a browser instead of a window; loopback only.")] = False,
+    web: Annotated[bool, typer.Option(help="Open in a browser instead of a window; loopback only.")] = False,
     live: Annotated[bool, typer.Option(help="Wait for runs that are started with --live.")] = False,
 ) -> None:
-    """Open a run in the Rerun viewer, or a viewer that waits for live ones."""
+    """Open a run in the Rerun viewer, or a viewer that waits for live runs."""
     from tools.logs.view import view as open_viewer
 
     open_viewer(run, web=web, live=live)

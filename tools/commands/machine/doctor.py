@@ -1,4 +1,4 @@
-"""`vibrohil doctor`: what this machine can and can't do, with the remedy."""
+"""`vibrohil doctor`: what this machine can run, and what to install for the rest."""
 
 import typer
 from rich.table import Table
@@ -13,7 +13,9 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Report what this machine can run, and what to install for the rest; exits with 1 where nothing runs."""
+    """Report what this machine can run, and what to install for the rest.
+
+    The exit status is 1 if nothing can run."""
     from tools.doctor import checks as run_checks
     from tools.doctor import conclude
 

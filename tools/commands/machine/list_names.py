@@ -1,4 +1,4 @@
-"""`vibrohil list`: the scenarios, scenes and firmware parameters there are."""
+"""`vibrohil list`: the names of scenarios, scenes and firmware parameters."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
@@ -11,7 +11,7 @@ from tools.output import console, print_json
 
 
 class Named(NamedTuple):
-    """One thing that can be named on the command line."""
+    """A name for the command line, with its title."""
 
     name: str
     title: str
@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 
 def list_names(
     what: Annotated[
-        Literal["scenarios", "scenes", "parameters"], typer.Argument(help="What to list.")
+        Literal["scenarios", "scenes", "parameters"], typer.Argument(help="The kind of names to list.")
     ] = "scenarios",
     as_json: Json = False,
 ) -> None:

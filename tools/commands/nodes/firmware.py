@@ -14,7 +14,7 @@ from tools.progress import shown_progress
 
 Scenario = Annotated[
     str | None,
-    typer.Argument(help="A scenario whose firmware parameters to take; the defaults without one."),
+    typer.Argument(help="A scenario with the firmware's parameters; without it the defaults."),
 ]
 Change = Annotated[
     list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
@@ -22,12 +22,12 @@ Change = Annotated[
 
 
 class NodeUnlessNamed(TyperGroup):
-    """A group with a command for where none is named."""
+    """A group with a default command."""
 
     unnamed = "node"
 
     def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
-        """Name the command."""
+        """Insert the default command if the arguments name none."""
         is_named = args[:1] == ["--help"] or any(name in self.commands for name in args[:1])
         return super().parse_args(ctx, args if is_named else [self.unnamed, *args])
 
@@ -51,18 +51,18 @@ def build(
     target: Annotated[
         Literal["cortex-m7", "cortex-m4f", "host", "host-single"],
         typer.Option(
-            help="The machine: a Cortex-M7 with double precision, a Cortex-M4F with single precision, or one "
-            "like this with either."
+            help="The target: a Cortex-M7 with double precision, a Cortex-M4F with single precision, or this "
+            "machine with either."
         ),
     ],
     out: Annotated[Path, folder_option("The folder for the object file and its headers.")],
     change: Change = None,
     as_json: Json = False,
 ) -> None:
-    """Make an object file of the firmware, a C header for it and one with its config; it takes no C compiler.
+    """Make an object file of the firmware, its C header and a header with its config, without C compiler.
 
-    Prints where the bytes are: the code by module, config and state by block. The first time after a change
-    of the firmware it takes a minute.
+    The command prints the bytes of the code by module and of config and state by block. The first call
+    after a change of the firmware takes a minute.
     """
     from firmware_py.builds.c_header import config_header, header
     from firmware_py.builds.machine_code import TARGETS, object_code, sizes
@@ -96,14 +96,15 @@ def build(
 @firmware.command()
 def budget(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Scenarios to measure in; an ordinary one and a pause without.")
+        list[str] | None,
+        typer.Argument(help="Scenarios to measure; by default an ordinary one and one with a stall."),
     ] = None,
     target: Annotated[
         Literal["cortex-m7", "cortex-m4f"], typer.Option(help="The emulated processor.")
     ] = "cortex-m7",
     as_json: Json = False,
 ) -> None:
-    """Measure what the firmware takes of an emulated Cortex-M: flash, RAM, stack, instructions a tick."""
+    """Measure the firmware on an emulated Cortex-M: flash, RAM, stack, instructions per tick."""
     from tools.budget import budget as measure
 
     with shown_progress() as progress:
@@ -132,14 +133,14 @@ def node(
         Literal["python", "compiled"],
         typer.Option("--firmware", help="The firmware's build: interpreted, or compiled by numba."),
     ] = "python",
-    out: Annotated[Path | None, folder_option("A run folder for the trace; none without it.")] = None,
+    out: Annotated[Path | None, folder_option("A run folder for the trace; by default none.")] = None,
     change: Change = None,
-    seed: Annotated[int, typer.Option(help="Seed of what faults break at random.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the faults' random numbers.", min=0)] = 1,
     sync: Sync = False,
     again: Again = False,
     until: Until = None,
 ) -> None:
-    """Run the controller as one CAN node at 1 kHz; the command of `vibrohil firmware` where none is named."""
+    """Run the controller as one CAN node at 1 kHz; the default of `vibrohil firmware`."""
     from hil.nodes.main import NodeProcess, firmware_main
 
     process = NodeProcess(bus, out, seed, sync, again, until)

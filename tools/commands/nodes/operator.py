@@ -13,15 +13,15 @@ def register(app: typer.Typer) -> None:
 
 
 def operator(
-    scenario: Annotated[str, typer.Argument(help="The scenario whose script to play.")],
+    scenario: Annotated[str, typer.Argument(help="The scenario with the script.")],
     bus: NodeBus = "auto",
     change: Annotated[
         list[str] | None, typer.Option("--set", help="Change a value: script.…=VALUE; repeatable.")
     ] = None,
 ) -> None:
-    """Play the operator of a scenario as one CAN node; Ctrl-C sends an E-stop and ends.
+    """Send a scenario's commands as one CAN node; Ctrl-C sends an E-stop and ends.
 
-    At the end of the script it falls silent, and a firmware that still moves stops by its watchdog.
+    At the end of the script the operator sends no more commands. The firmware's watchdog then stops it.
     """
     from hil.nodes.main import operator_main
 

@@ -15,9 +15,9 @@ def register(app: typer.Typer) -> None:
 
 
 def plant(
-    scenario: Annotated[str, typer.Argument(help="The scenario whose scene to simulate.")],
+    scenario: Annotated[str, typer.Argument(help="The scenario with the scene.")],
     bus: NodeBus = "auto",
-    out: Annotated[Path | None, folder_option("A run folder for the traces; none without it.")] = None,
+    out: Annotated[Path | None, folder_option("A run folder for the traces; by default none.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 1,
     change: Annotated[
         list[str] | None,

@@ -39,7 +39,7 @@ def campaign(
             "walk",
             "endurance",
         ],
-        typer.Argument(help="What is put to the test; endurance: the covariance over many ticks."),
+        typer.Argument(help="The campaign; endurance tests the covariance over many ticks."),
     ],
     trials: Annotated[
         int | None, typer.Option(help="Number of trials; by default enough for the campaign's goals.", min=1)
@@ -49,21 +49,25 @@ def campaign(
     ] = 20_260,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Change a value: scene., firmware. or campaign., dotted; repeatable."),
+        typer.Option(
+            "--set", help="Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE; repeatable."
+        ),
     ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; by default one a core.", min=1)] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of processes; by default one per core.", min=1)
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler to run on instead of this machine.")
     ] = None,
     keep: Annotated[
         str | None,
-        typer.Option(help="Write trials as scenarios below runs/: failures, all, or a trial's number."),
+        typer.Option(help="Write trials as scenarios under runs/: failures, all, or a trial's number."),
     ] = None,
     ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
     firmware: FirmwareBuild = "compiled",
     as_json: Json = False,
 ) -> None:
-    """Run many closed loops over sampled modules and starts, and judge them by their goals."""
+    """Run the closed loop on many sampled modules and starts, and judge the results by goals."""
     if name == "endurance":
         result = run_endurance(ticks, change or [], firmware)
     else:
@@ -132,19 +136,19 @@ def run_campaign(
 
 
 def refuse_unknown_trials(keep: str | None, trials: int) -> None:
-    """Raise BadInputError for a `--keep` that names nothing."""
+    """Raise BadInputError if `--keep` names no trial."""
     if keep not in (None, "failures", "all") and not (keep.isdecimal() and int(keep) < trials):
         raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {trials - 1}")
 
 
 def is_kept(outcome: "Outcome", keep: str | None) -> bool:
-    """Whether a trial is written down as a scenario."""
+    """Whether a trial is to be written as a scenario."""
     is_failure = outcome.eligible and outcome.why != ""
     return keep == "all" or (keep == "failures" and is_failure) or keep == str(outcome.trial)
 
 
 def keep_trial(folder: Path, trial: "Trial") -> Path:
-    """Write a trial's scenario; `vibrohil run`, in lockstep and compiled, repeats it to the same bits."""
+    """Write a trial's scenario; `vibrohil run`, compiled and in lockstep, repeats it bit for bit."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{trial.scenario.name}.toml"
     path.write_text(tomli_w.dumps(trial.scenario.document), encoding="utf-8")
@@ -152,7 +156,7 @@ def keep_trial(folder: Path, trial: "Trial") -> Path:
 
 
 def histogram(counts: list[int]) -> str:
-    """Counts as a row of bars."""
+    """Counts, as a row of bars."""
     highest = max(counts, default=0)
     if highest == 0:
         return ""

@@ -1,4 +1,4 @@
-"""`vibrohil fuzz`: frames and files that nobody should give, kills at any moment; no harm comes of them."""
+"""`vibrohil fuzz`: invalid frames and files, and kills at any time, must do no harm."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -11,7 +11,9 @@ from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table
 from tools.progress import counted_progress
 
 fuzz = typer.Typer(
-    name="fuzz", help="Treat the program badly at random; a seed repeats it.", no_args_is_help=True
+    name="fuzz",
+    help="Test the program with random invalid input and kills; a seed repeats a test.",
+    no_args_is_help=True,
 )
 
 
@@ -21,7 +23,7 @@ def register(app: typer.Typer) -> None:
 
 
 def progress_of(what: str, count: int) -> AbstractContextManager[Callable[[int], None]]:
-    """How many are done; refuses a count below 1."""
+    """A progress bar over `count` cases; raises BadInputError for a count below 1."""
     if count < 1:
         raise BadInputError(f"--count: got {count}, wanted at least 1")
     return counted_progress(what, count)
@@ -29,14 +31,16 @@ def progress_of(what: str, count: int) -> AbstractContextManager[Callable[[int],
 
 @fuzz.command()
 def frames(
-    count: Annotated[int, typer.Option(help="Frames at the two inputs together.")] = 1_000_000,
-    seed: Annotated[int, typer.Option(help="Of the first life; each next one has the next seed.")] = 1,
+    count: Annotated[int, typer.Option(help="Number of frames at both inputs together.")] = 1_000_000,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the first loop; each further loop has the next seed.")
+    ] = 1,
     as_json: Json = False,
 ) -> None:
-    """Throw random and mutated frames at firmware and plant while they do their work.
+    """Send random and mutated frames to a running firmware and plant.
 
-    No exception, no torque beyond its limit, every frame accounted for; a failure names the seed that repeats
-    it. Ten million frames take some minutes.
+    The test requires no exception, no torque beyond its limit, and a count of every frame. A failure names
+    the seed that repeats it. Ten million frames take some minutes.
     """
     from tools.fuzz import frames as core
 
@@ -49,11 +53,11 @@ def frames(
     else:
         rows = [
             ("frames", f"{outcome.frames:,}", ""),
-            ("taken", f"{outcome.taken:,}", ""),
-            ("dropped for a reason", f"{outcome.dropped:,}", ""),
-            ("for nobody there", f"{outcome.not_addressed:,}", ""),
+            ("accepted", f"{outcome.taken:,}", ""),
+            ("rejected with a reason", f"{outcome.dropped:,}", ""),
+            ("without a receiver", f"{outcome.not_addressed:,}", ""),
             ("ticks", f"{outcome.ticks:,}", ""),
-            ("of them with torque", f"{outcome.ticks_with_torque:,}", ""),
+            ("ticks with torque", f"{outcome.ticks_with_torque:,}", ""),
             ("largest torque, firmware", outcome.firmware_torque_n_m, "N m"),
             ("largest torque, drive", outcome.drive_torque_n_m, "N m"),
         ]
@@ -67,34 +71,38 @@ def frames(
 
 @fuzz.command()
 def scenes(
-    count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
-    seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
+    count: Annotated[int, typer.Option(help="Number of inputs.")] = 2500,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the first input; each further input has the next seed.", min=0)
+    ] = 1,
     as_json: Json = False,
 ) -> None:
-    """Give scenes, scenarios, parameter files and settings that are damaged at random.
+    """Read randomly damaged scenes, scenarios, parameter files and settings.
 
-    Each has to end with a verdict or in a sentence: no traceback, at most 20 s and 2 GB, no file touched
-    but its own, nothing left behind.
+    Each command must end with a verdict or one sentence: no traceback, at most 20 s and 2 GB, no file
+    changed but its own, no temporary file left.
     """
     fuzz_inputs("scenes", count, seed, as_json)
 
 
 @fuzz.command()
 def files(
-    count: Annotated[int, typer.Option(help="Inputs.")] = 2500,
-    seed: Annotated[int, typer.Option(help="Of the first input; each next one has the next.", min=0)] = 1,
+    count: Annotated[int, typer.Option(help="Number of inputs.")] = 2500,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the first input; each further input has the next seed.", min=0)
+    ] = 1,
     as_json: Json = False,
 ) -> None:
-    """Give run folders, logs, traces and CAN logs that are damaged at random to the commands that read them.
+    """Read randomly damaged run folders, logs, traces and CAN logs.
 
-    Each has to end with a verdict or in a sentence: no traceback, at most 20 s and 2 GB, no file touched
-    but its own, nothing left behind.
+    Each command must end with a verdict or one sentence: no traceback, at most 20 s and 2 GB, no file
+    changed but its own, no temporary file left.
     """
     fuzz_inputs("files", count, seed, as_json)
 
 
 def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json: bool) -> None:
-    """Run the cases and print what they came to."""
+    """Run the cases and print the results."""
     from tools.fuzz import inputs as core
 
     with progress_of(kind, count) as progress:
@@ -122,15 +130,15 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
 
 @fuzz.command()
 def kills(
-    count: Annotated[int, typer.Option(help="Runs that are killed.")] = 200,
-    seed: Annotated[int, typer.Option(help="Of their order and moments.")] = 1,
+    count: Annotated[int, typer.Option(help="Number of kills.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of their order and times.")] = 1,
     as_json: Json = False,
 ) -> None:
-    """Send each process of a run each signal that ends or stops it, at each stage, also while it is judged.
+    """Send each signal that ends or stops a process to each process of a run, at each stage.
 
-    So it does with suites, campaigns and their workers. After 2 s no process, socket or temporary file is
-    left; the log verifies; the verdict names the cause; what was finished is kept. 200 kills take about an
-    hour.
+    The command also kills suites, campaigns and their workers. After 2 s no process, socket or temporary
+    file may be left. The log must verify, the verdict must name the cause, and finished runs must be kept.
+    200 kills take about an hour.
     """
     from tools.fuzz.kills import fuzz_kills
 

@@ -31,7 +31,9 @@ def run(
     scenario: Annotated[str, typer.Argument(help="A scenario's name or its TOML file.")],
     clock: Annotated[
         Literal["real", "patient", "lockstep"],
-        typer.Option(help="Wall clock with two processes, one that waits for them, or lockstep in one."),
+        typer.Option(
+            help="real: two processes in real time; patient: they wait for each other; lockstep: one process."
+        ),
     ] = "real",
     bus: Annotated[
         str, typer.Option(help="auto, vcan, local, socketcan:can0 or any python-can interface:channel.")
@@ -39,27 +41,27 @@ def run(
     firmware: FirmwareBuild = "python",
     out: Annotated[Path | None, folder_option("The run folder; by default a new one under runs/.")] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of everything random; by default the scenario's, or 1.", min=0)
+        int | None, typer.Option(help="Seed of all random numbers; by default the scenario's, or 1.", min=0)
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Change a value: scene., firmware. or script., dotted; repeatable."),
+        typer.Option(
+            "--set", help="Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE; repeatable."
+        ),
     ] = None,
     parameters: Annotated[
         list[Path] | None,
-        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
     ] = None,
     soak: Annotated[
         str | None,
-        typer.Option(
-            help="Extend the run by this time before its last command, such as 10m; memory must not grow."
-        ),
+        typer.Option(help="Extend the run by this time before its last command, e.g. 10m, and check memory."),
     ] = None,
     keep_traces: Annotated[
-        bool, typer.Option("--keep-traces", help="Keep the traces of a good run too.")
+        bool, typer.Option("--keep-traces", help="Keep the traces of a passed run too.")
     ] = False,
     live: Annotated[
-        bool, typer.Option(help="Show it while it runs, in an open viewer or a new window.")
+        bool, typer.Option(help="Show the run while it runs, in an open viewer or a new window.")
     ] = False,
     as_json: Json = False,
 ) -> None:

@@ -19,21 +19,23 @@ def register(app: typer.Typer) -> None:
 
 
 def suite(
-    names: Annotated[list[str] | None, typer.Argument(help="Scenarios by name or file; all without.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Scenarios by name or file; by default all.")
+    ] = None,
     clock: Annotated[
         Literal["real", "patient", "lockstep"],
-        typer.Option(help="Wall clock or one that waits for all, one by one, or lockstep, two at a time."),
+        typer.Option(help="real or patient: one run at a time; lockstep: several at a time."),
     ] = "lockstep",
-    bus: Annotated[str, typer.Option(help="In real time: the bus, as for run.")] = "auto",
+    bus: Annotated[str, typer.Option(help="The bus of real-time runs, as for run.")] = "auto",
     firmware: FirmwareBuild = "compiled",
     out: Annotated[
         Path | None, folder_option("The folder for all runs; by default a new one under runs/.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 1,
     seeds: Annotated[
         int,
         typer.Option(
-            help="Run each scenario with this number of seeds, from --seed on; all have to pass.", min=1
+            help="Run each scenario with this number of seeds, from --seed on; all must pass.", min=1
         ),
     ] = 1,
     change: Annotated[
@@ -42,16 +44,16 @@ def suite(
     ] = None,
     parameters: Annotated[
         list[Path] | None,
-        typer.Option(help="A parameter file of `vibrohil tune`; repeatable, --set goes over it."),
+        typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
     ] = None,
     baseline: Annotated[
         str | None,
-        typer.Option(help="Show what differs from this suite: its folder, or previous for the newest one."),
+        typer.Option(help="Compare with this suite: its folder, or previous for the newest one."),
     ] = None,
-    jobs: Annotated[int, typer.Option(help="In lockstep: runs at once.", min=1)] = 2,
+    jobs: Annotated[int, typer.Option(help="Lockstep runs at the same time.", min=1)] = 2,
     as_json: Json = False,
 ) -> None:
-    """Run many scenarios and judge each; exits with 5 if there was nothing to run."""
+    """Run many scenarios and judge each; the exit status is 5 if nothing ran."""
     from hil.bench.suite import run_suite
 
     before = None if baseline is None else baseline_result(baseline)
@@ -83,7 +85,7 @@ def suite(
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print each scenario's verdict, what went wrong in it, and the whole's."""
+    """Print each scenario's verdict with its failures, and the verdict of the suite."""
     many = len(result["seeds"]) > 1
     table = Table(box=None, pad_edge=False, show_header=False)
     for _ in range(2):
@@ -110,7 +112,7 @@ def show(result: dict[str, Any]) -> None:
 
 
 def line_of(check: dict[str, Any], many: bool) -> str:
-    """A check's figure beside its limit; of many seeds their range, and the seed that came nearest to it."""
+    """A check's figure beside its limit; for many seeds the range, and the seed nearest to the limit."""
     value = figure(check["value"], check["unit"])
     if not many:
         return f"[red]{check['name']} = {value}, wanted {check['limit']}[/]"
