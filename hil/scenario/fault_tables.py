@@ -1,6 +1,6 @@
-"""The tables [[script.faults]] of a scenario: what breaks, when, for how long, and how badly.
+"""The tables [[script.faults]] of a scenario: the faults, their times and sizes.
 
-The scenario's checks say what must follow, on the truth: the motor's torque, the stop's force, impacts.
+The scenario's checks state the required reaction, on the truth: the motor's torque, the stop's force, impacts.
 """
 
 import math
@@ -19,24 +19,26 @@ Node: TypeAlias = Literal["plant", "firmware", "operator"]
 Process: TypeAlias = Literal["plant", "firmware"]
 Sensor: TypeAlias = Literal["striker", "striker-low", "striker-high", "housing", "encoder"]
 
-Share = Annotated[float, Field(gt=0.0, le=1.0, description="the share of what is hit, chosen at random, 0…1")]
+Share = Annotated[
+    float, Field(gt=0.0, le=1.0, description="the share of frames or readings hit, chosen at random, 0…1")
+]
 
 
 class FaultTable(Table):
-    """What every fault is given. It acts on t with at_s ≤ t < at_s + duration_s."""
+    """The keys of every fault. It acts at times t with at_s ≤ t < at_s + duration_s."""
 
-    at_s: float = Field(ge=0.0, description="when it begins, in s from the start")
+    at_s: float = Field(ge=0.0, description="the fault's beginning, in s from the start")
     duration_s: float | None = Field(
-        default=None, gt=0.0, description="how long it lasts, in s; left out: to the end of the run"
+        default=None, gt=0.0, description="the fault's duration, in s; by default to the end of the run"
     )
 
     @property
     def end_s(self) -> float:
-        """When it is over."""
+        """The end of the fault."""
         return math.inf if self.duration_s is None else self.at_s + self.duration_s
 
     def acts(self, t_s: float) -> bool:
-        """Whether it acts at `t_s`; rounding of times aside."""
+        """Whether the fault acts at `t_s`, apart from the rounding of times."""
         return self.at_s - 1e-9 <= t_s < self.end_s - 1e-9
 
 
@@ -44,7 +46,7 @@ class FaultTable(Table):
 
 
 class FramesFault(FaultTable):
-    """A fault of the frames that are named."""
+    """A fault of named frames."""
 
     frames: list[str] = Field(min_length=1, description="the frames' names in vibro.dbc")
 
@@ -70,73 +72,73 @@ class Dropped(FramesFault):
 
 
 class Duplicated(FramesFault):
-    """Frames that come again at once."""
+    """Frames that are sent several times at once."""
 
     kind: Literal["duplicated"]
-    copies: int = Field(default=2, ge=2, le=100, description="how often each frame comes")
+    copies: int = Field(default=2, ge=2, le=100, description="how many times each frame is sent")
 
 
 class Delayed(FramesFault):
-    """Frames that come late, each by as much."""
+    """Frames that are delayed by a constant time."""
 
     kind: Literal["delayed"]
-    delay_s: float = Field(gt=0.0, description="how late frames come, in s")
+    delay_s: float = Field(gt=0.0, description="the delay, in s")
 
 
 class Bundled(FramesFault):
-    """Frames that wait and come together, as through a USB adapter with a latency timer or a gateway."""
+    """Frames that wait and arrive in bundles, as from a USB adapter with a latency timer or a gateway."""
 
     kind: Literal["bundled"]
     period_s: float = Field(gt=0.0, le=1.0, description="the time from one bundle to the next, in s")
 
 
 class Thinned(FramesFault):
-    """Frames at a lower rate: those in between never leave their sender."""
+    """Frames at a lower rate: the frames in between never leave their sender."""
 
     kind: Literal["thinned"]
-    period_s: float = Field(
-        gt=0.0, le=10.0, description="the time from one frame that leaves to the next, in s"
-    )
+    period_s: float = Field(gt=0.0, le=10.0, description="the time between two frames that leave, in s")
 
 
 class Reordered(FramesFault):
-    """Of each two frames of an identifier the later one comes first."""
+    """Frames of an identifier that change their order in pairs."""
 
     kind: Literal["reordered"]
 
 
 class Corrupted(FramesFault):
-    """Frames with some bits of one byte turned over, behind the CAN controller's own checksum."""
+    """Frames with some inverted bits in one byte, not detected by the CAN controller's own checksum."""
 
     kind: Literal["corrupted"]
     share: Share = 1.0
 
 
 class Babbling(FaultTable):
-    """A stranger on the bus that sends one frame again and again."""
+    """A foreign node that sends one frame again and again."""
 
     kind: Literal["babbling"]
-    can_id: int = Field(ge=0, le=0x7FF, description="the identifier it sends")
-    data_hex: str = Field(default="", pattern="^([0-9a-fA-F]{2}){0,8}$", description="its data in hex")
-    period_s: float = Field(ge=2e-5, description="the time between its frames, in s")
+    can_id: int = Field(ge=0, le=0x7FF, description="the frame's identifier")
+    data_hex: str = Field(
+        default="", pattern="^([0-9a-fA-F]{2}){0,8}$", description="the frame's data in hex"
+    )
+    period_s: float = Field(ge=2e-5, description="the time between two frames, in s")
 
 
 class Flood(FaultTable):
-    """A stranger on the bus that sends random data of random length on random identifiers."""
+    """A foreign node that sends random data of random length on random identifiers."""
 
     kind: Literal["flood"]
-    frames_a_tick: int = Field(ge=1, le=1000, description="frames in each of the bench's ticks")
+    frames_a_tick: int = Field(ge=1, le=1000, description="the number of frames in each tick of the bench")
 
 
 class Unplugged(FaultTable):
-    """A node whose connector is off: it neither sends nor receives."""
+    """A node with its connector off: it neither sends nor receives."""
 
     kind: Literal["unplugged"]
     node: Node = Field(description="the node: plant, firmware or operator")
 
 
 class BusOff(FaultTable):
-    """A node whose CAN controller has gone bus-off, held there; afterwards it recovers by CAN's rules."""
+    """A node whose CAN controller is held bus-off; afterwards it recovers by the rules of CAN."""
 
     kind: Literal["bus-off"]
     node: Node = Field(description="the node: plant, firmware or operator")
@@ -160,34 +162,34 @@ class SensorFault(FaultTable):
 
 
 class SensorStuck(SensorFault):
-    """The last reading, again and again."""
+    """A sensor that repeats its last reading."""
 
     kind: Literal["sensor-stuck"]
 
 
 class SensorNoisy(SensorFault):
-    """Normal noise on top, of accelerations in m/s², of the encoder's angle in rad."""
+    """Additional normal noise: of accelerations in m/s², of the encoder's angle in rad."""
 
     kind: Literal["sensor-noisy"]
     std: float = Field(gt=0.0, description="the noise's standard deviation, in m/s² or rad")
 
 
 class SensorBiased(SensorFault):
-    """A constant on top, of accelerations in m/s², of the encoder's angle in rad."""
+    """An additional constant: of accelerations in m/s², of the encoder's angle in rad."""
 
     kind: Literal["sensor-biased"]
-    bias: float = Field(description="what is added, in m/s² or rad")
+    bias: float = Field(description="the constant, in m/s² or rad")
 
 
 class SensorClipped(SensorFault):
-    """Accelerations that end at a limit."""
+    """Accelerations that are clipped at a limit."""
 
     kind: Literal["sensor-clipped"]
     limit_m_s2: float = Field(gt=0.0, description="the largest reading, in m/s²")
 
 
 class SensorSlow(SensorFault):
-    """Readings that lag behind, as of a filter of first order."""
+    """Readings that lag, as behind a filter of first order."""
 
     kind: Literal["sensor-slow"]
     lag_s: float = Field(gt=0.0, le=1.0, description="the filter's time constant, in s")
@@ -200,7 +202,7 @@ class SensorWrongSign(SensorFault):
 
 
 class SensorIntermittent(SensorFault):
-    """Readings that are 0 now and then, as of a loose contact."""
+    """Readings that are 0 now and then, as with a loose contact."""
 
     kind: Literal["sensor-intermittent"]
     share: Share = 0.5
@@ -210,19 +212,19 @@ class SensorIntermittent(SensorFault):
 
 
 class EncoderSlip(FaultTable):
-    """The encoder's magnet turns on the shaft, once."""
+    """The encoder's magnet slips on the shaft, once."""
 
     kind: Literal["encoder-slip"]
-    slip_rev: float = Field(ge=-0.5, le=0.5, description="by how much, in revolutions")
+    slip_rev: float = Field(ge=-0.5, le=0.5, description="the angle of the slip, in revolutions")
 
 
 class EncoderWrap(FaultTable):
-    """The drive no longer counts in a circle but on and on, as a float32 of revolutions, and wraps round."""
+    """The drive counts revolutions without end, as a float32, instead of one turn, and wraps at a limit."""
 
     kind: Literal["encoder-wrap"]
-    count_rev: int = Field(ge=0, lt=2**24, description="what it has counted when it begins, in revolutions")
+    count_rev: int = Field(ge=0, lt=2**24, description="the count at the fault's beginning, in revolutions")
     wraps_at_rev: int = Field(
-        default=2**24, ge=1, le=2**24, description="where the count goes over to its negative, in revolutions"
+        default=2**24, ge=1, le=2**24, description="the count that wraps to its negative, in revolutions"
     )
 
 
@@ -233,16 +235,16 @@ class MotorStall(FaultTable):
 
 
 class PhaseLoss(FaultTable):
-    """One winding's wire is off: torque pulsates, and is half on average."""
+    """One winding is disconnected: the torque pulsates, with half of its mean."""
 
     kind: Literal["phase-loss"]
 
 
 class TorqueStuck(FaultTable):
-    """The drive ignores the torque it is commanded: while its axis is closed it gives another."""
+    """The drive ignores its torque command and gives a constant torque while its axis is closed."""
 
     kind: Literal["torque-stuck"]
-    torque_n_m: float = Field(ge=-10.0, le=10.0, description="the torque that it gives, in N m")
+    torque_n_m: float = Field(ge=-10.0, le=10.0, description="the drive's torque, in N m")
 
 
 class OverTemperature(FaultTable):
@@ -253,89 +255,91 @@ class OverTemperature(FaultTable):
 
 
 class SupplySag(FaultTable):
-    """The supply gives another voltage."""
+    """The supply has another voltage."""
 
     kind: Literal["supply-sag"]
     supply_v: float = Field(gt=0.0, le=60.0, description="the supply's voltage, in V")
 
 
 class BrownOut(FaultTable):
-    """The drive's electronics go off, and start anew when it is over."""
+    """The drive's electronics lose their supply, and start anew at the fault's end."""
 
     kind: Literal["brown-out"]
 
 
 class StiffnessChanged(FaultTable):
-    """The coupling spring is another."""
+    """The coupling spring has another stiffness."""
 
     kind: Literal["stiffness-changed"]
-    factor: float = Field(gt=0.0, le=10.0, description="the new stiffness over the old")
+    factor: float = Field(gt=0.0, le=10.0, description="the new stiffness divided by the old one")
 
 
 class FrictionChanged(FaultTable):
-    """The guide's friction is another."""
+    """The guide has other friction."""
 
     kind: Literal["friction-changed"]
-    factor: float = Field(ge=0.0, le=1000.0, description="the new coefficients over the old")
+    factor: float = Field(ge=0.0, le=1000.0, description="the new coefficients divided by the old ones")
 
 
 class StopMoved(FaultTable):
-    """The stop has shifted."""
+    """The stop is shifted."""
 
     kind: Literal["stop-moved"]
-    by_m: float = Field(ge=-0.2, le=0.2, description="by how much, in m, away from the drive positive")
+    by_m: float = Field(ge=-0.2, le=0.2, description="the shift in m, positive away from the drive")
 
 
 class Kick(FaultTable):
     """An impulse from outside changes the striker's velocity, once."""
 
     kind: Literal["kick"]
-    change_m_s: float = Field(description="by how much, in m/s, towards the stop positive")
+    change_m_s: float = Field(description="the change of velocity in m/s, positive towards the stop")
 
 
 # --- in the processes ----------------------------------------------------------------------------------
 
 
 class Killed(FaultTable):
-    """A process ends without a word, and stays away."""
+    """A process is killed and not restarted."""
 
     kind: Literal["killed"]
     process: Process = Field(description="the process: plant or firmware")
 
 
 class Paused(FaultTable):
-    """A process stands still, and then goes on."""
+    """A process is stopped, and then continues."""
 
     kind: Literal["paused"]
     process: Process = Field(description="the process: plant or firmware")
-    duration_s: float = Field(gt=0.0, description="how long it stands still, in s")
+    duration_s: float = Field(gt=0.0, description="the duration of the stall, in s")
 
 
 class Restarted(FaultTable):
-    """A process ends without a word, and one like it starts from nothing."""
+    """A process is killed, and a new one starts from its initial state."""
 
     kind: Literal["restarted"]
     process: Process = Field(description="the process: plant or firmware")
-    duration_s: float = Field(ge=0.1, description="how long it is away, in s")
+    duration_s: float = Field(ge=0.1, description="the time until the new process starts, in s")
 
 
 class ClockJumped(FaultTable):
     """The controller's clock is set, once, while it runs."""
 
     kind: Literal["clock-jumped"]
-    by_s: float = Field(ge=-10.0, le=10.0, description="by how much, in s, forwards positive")
+    by_s: float = Field(ge=-10.0, le=10.0, description="the change in s, positive forwards")
 
 
 class ClockJitter(FaultTable):
-    """A clock that wakes its process late, each time by another time."""
+    """A clock that wakes its process late, by a random time."""
 
     kind: Literal["clock-jitter"]
     process: Process = Field(description="the process: plant or firmware")
-    largest_s: float = Field(gt=0.0, le=0.1, description="each is sampled from 0 to this, in s")
+    largest_s: float = Field(
+        gt=0.0, le=0.1, description="the largest delay, in s; each is sampled from 0 to this"
+    )
 
 
 class ParametersDamaged(FaultTable):
-    """A digit of the firmware's parameter file is another, for a firmware that starts while it acts."""
+    """A digit of the firmware's parameter file is changed, for a firmware that starts during the fault."""
 
     kind: Literal["parameters-damaged"]
 

@@ -43,9 +43,9 @@ class ScenarioError(TextInputError):
 class CommandTable(Table):
     """One line of the script."""
 
-    at_s: float = Field(ge=0.0, description="when it is given, in s from the start")
+    at_s: float = Field(ge=0.0, description="the command's time, in s from the start")
     request: Literal["idle", "run", "clear-faults", "e-stop", "silent"] = Field(
-        description="what is asked for: idle, run, clear-faults, e-stop or silent"
+        description="the request: idle, run, clear-faults, e-stop or silent"
     )
     target_ratio: float | None = Field(
         default=None, gt=0.0, le=LARGEST_RATIO, description="the drive's speed as a ratio of the nominal ω"
@@ -124,14 +124,16 @@ class BusTable(Table):
 class ScenarioTable(Table):
     """The file, its scene and its firmware's parameters not yet looked into."""
 
-    title: str = Field(min_length=1, description="what must hold, as a sentence")
+    title: str = Field(min_length=1, description="the statement that the run must confirm, as a sentence")
     scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
     firmware: dict[str, Any] = Field(
         default={}, description="parameters that differ from their defaults, or a file of `vibrohil tune`"
     )
-    bus: BusTable | None = Field(default=None, description="the table [bus]: frames take their time")
+    bus: BusTable | None = Field(
+        default=None, description="the table [bus]: a modelled bus, on which frames take time"
+    )
     script: ScriptTable = Field(description="the table [script] with duration_s and commands")
-    seed: int = Field(default=1, ge=0, description="the seed of a run that is given none")
+    seed: int = Field(default=1, ge=0, description="the default seed of a run")
     checks: list[Check] = Field(default=[], description="the tables [[checks]]")
 
     @model_validator(mode="after")

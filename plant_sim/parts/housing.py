@@ -149,8 +149,8 @@ class ShockTable(Table):
     """The housing is knocked along the axis once, as a half-sine."""
 
     peak_m_s2: float = Field(description="the largest acceleration in m/s², negative away from the stop")
-    start_s: float = Field(ge=0.0, description="when it begins in s")
-    duration_s: float = Field(gt=0.0, description="how long it lasts in s")
+    start_s: float = Field(ge=0.0, description="the shock's beginning in s")
+    duration_s: float = Field(gt=0.0, description="the shock's duration in s")
 
 
 class MotionTable(Table):
@@ -160,7 +160,7 @@ class MotionTable(Table):
         default=0.0,
         ge=-math.pi / 2.0,
         le=math.pi / 2.0,
-        description="by how much the axis rises towards the stop in rad",
+        description="the angle by which the axis rises towards the stop in rad",
     )
     harmonic: HarmonicTable | None = Field(default=None, description="the table [housing.harmonic]")
     shock: ShockTable | None = Field(default=None, description="the table [housing.shock]")

@@ -64,7 +64,7 @@ class GaitTable(Table):
     )
     # 0.62 is what the curves have; a paretic leg stands shorter, the other one longer.
     stance_share: float = Field(
-        default=TOE_OFF, ge=0.5, le=0.75, description="where in the cycle the foot leaves the ground"
+        default=TOE_OFF, ge=0.5, le=0.75, description="the phase at which the foot leaves the ground"
     )
     range_share: float = Field(
         default=1.0, ge=0.0, le=1.5, description="the leg's range of motion over a healthy one's"

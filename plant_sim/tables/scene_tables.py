@@ -47,7 +47,7 @@ class AxisTable(Table):
 
     # Half of the 100 ms in which the motor is to be free of torque.
     watchdog_s: float = Field(
-        default=0.05, ge=1e-3, description="without a command for this long the axis disarms, in s"
+        default=0.05, ge=1e-3, description="the time without a command after which the axis disarms, in s"
     )
     # ODrive's heartbeat_rate_ms, whose own default is 100 ms.
     heartbeat_s: float = Field(default=0.1, ge=1e-3, le=60.0, description="the heartbeat's period in s")

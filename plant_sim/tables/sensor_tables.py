@@ -88,18 +88,24 @@ class GaitSensorsTable(Table):
         default=0.02 * STANDARD_GRAVITY_M_S2, description="the specific force's bias in m/s²"
     )
     # 3° and 6°: straps on a calf.
-    tilt_rad: float = Field(default=0.05, description="by how much the IMU leans forward on the shank in rad")
-    twist_rad: float = Field(default=0.1, description="by how much it is turned about the shank in rad")
+    tilt_rad: float = Field(default=0.05, description="the forward tilt of the IMU on the shank in rad")
+    twist_rad: float = Field(default=0.1, description="the rotation of the IMU about the shank in rad")
     # Force-sensing resistors close at some 5 to 10 % of body weight.
     heel_threshold: float = Field(
-        default=0.1, gt=0.0, lt=0.5, description="the load that closes the heel switch, of the largest"
+        default=0.1,
+        gt=0.0,
+        lt=0.5,
+        description="the load that closes the heel switch, as a share of the largest load",
     )
     toe_threshold: float = Field(
-        default=0.1, gt=0.0, lt=0.5, description="the load that closes the toe switch, of the largest"
+        default=0.1,
+        gt=0.0,
+        lt=0.5,
+        description="the load that closes the toe switch, as a share of the largest load",
     )
-    bounce_s: float = Field(default=0.008, ge=0.0, description="how long a switch bounces in s")
+    bounce_s: float = Field(default=0.008, ge=0.0, description="the duration of a switch's bounce in s")
     dropout_share: float = Field(default=0.0, ge=0.0, lt=1.0, description="the share of frames that drop out")
-    dropout_s: float = Field(default=0.02, ge=0.0, description="how long a drop-out lasts in s, on average")
+    dropout_s: float = Field(default=0.02, ge=0.0, description="the mean duration of a drop-out in s")
 
     def model(self) -> GaitSensorModel:
         """Plain record for the sensors."""

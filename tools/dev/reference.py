@@ -114,13 +114,13 @@ def parameters() -> str:
     )
     return page(
         "Firmware parameters",
-        "The nominal numbers of the module and how the controller is tuned: in a scenario under "
-        "`[firmware]`, on the command line as `--set firmware.NAME=VALUE`, on the bus by index.",
-        "The **tier** says who settles a parameter. **build**: the control period and the hard ceilings; "
-        "they are read on the bus but never written (`NOT_WRITABLE`), and a parameter file that has one is "
-        "refused; a scenario, which describes the bench's build as well, may set them. **module**: the "
-        "nominal numbers of the module and its motor. **tuning**: how the controller behaves. Both are "
-        "written at rest, within their bounds; a bound that is a name is the value of that parameter.",
+        "The nominal parameters of the module and the tuning of the controller. A scenario sets them under "
+        "`[firmware]`, the command line with `--set firmware.NAME=VALUE`, the bus by index.",
+        "The **tier** of a parameter determines who may change it. **build**: the control period and the hard "
+        "ceilings; the bus can read but not write them (`NOT_WRITABLE`), and a parameter file that contains one "
+        "is rejected. A scenario may set them, because it also describes the bench's build. **module**: the "
+        "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The bus can "
+        "write both at rest, within their bounds. A bound given as a name is the value of that parameter.",
         table(["index", "name", "tier", "unit", "default", "bounds", "meaning"], rows),
     )
 
@@ -205,7 +205,7 @@ def keys_of(fields: Mapping[str, FieldInfo]) -> str:
 
 def scenes() -> str:
     """Every key of a scene's and a scenario's file."""
-    parts = ["A missing table means that the part is not there. Unknown keys are refused."]
+    parts = ["A part without a table is absent. Unknown keys are rejected."]
     of_scenario: list[type[BaseModel]] = [ScenarioTable, ScriptTable, CommandTable]
     for heading, found in (("A scenario", of_scenario), ("A scene", [*tables_in(Scene)][1:])):
         parts.append(f"## {heading}")
@@ -213,8 +213,8 @@ def scenes() -> str:
             name = model.__name__.removesuffix("Table")
             parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
     parts.append(
-        "## Sizes\n\nEvery number has a largest size, and one that has to be above 0 a smallest one, by the "
-        "unit at the end of its key; the first row that fits holds. What may be 0 is 0, or at least 1e-15."
+        "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by the unit at "
+        "the end of its key; the first matching row applies. A number that may be 0 is 0 or at least 1e-15."
     )
     rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
     parts.append(table(["key", "size", "why no more"], rows))
@@ -232,8 +232,8 @@ FAULT_PLACES = (
 )
 DEADLINES = {
     "after_fault.torque_zero_after_s": "the motor's torque is 0 within",
-    "safe_state.command_zero_after_s": "the torque asked for is 0 within",
-    "after_fault.impacts_again_after_s": "after it, the impacts are back within",
+    "safe_state.command_zero_after_s": "the commanded torque is 0 within",
+    "after_fault.impacts_again_after_s": "after the fault, the impacts are back within",
 }
 """Figures that bound how long a reaction may take, and what that reaction is."""
 
@@ -252,11 +252,10 @@ def faults() -> str:
     """Every fault, its keys, and the scenarios that hold the firmware to a reaction."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     parts = [
-        "A fault is a table `[[script.faults]]` of a scenario. It acts where the thing breaks: on the bus, "
-        "at a sensor, in the drive or the module, on a process or its clock; none acts inside the firmware. "
-        "Each has `at_s`, when it begins, in s from the start, and `duration_s`, how long it lasts, to the "
-        "end of the run if it is left out. The reaction is measured on the truth. "
-        "`vibrohil suite --seeds 20` runs each in twenty seeds."
+        "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive or "
+        "the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, its "
+        "beginning in s from the start, and `duration_s`, by default to the end of the run. The reaction is "
+        "measured on the truth. `vibrohil suite --seeds 20` runs each fault with twenty seeds."
     ]
     for heading, kinds in FAULT_PLACES:
         parts.append(f"## {heading}")

@@ -235,16 +235,21 @@ def measure(extreme: Extreme) -> dict[str, Cell]:
 
 
 INTRODUCTION = """\
-# Every extreme, by every method
+# Extreme cases, by every solver
 
-Written by `vibrohil trade --extremes docs/extremes.md`; tests measure each row again. A cell is the error of
-the state at the end of a run (position, or velocity over ω, whichever errs more), in metres, or the number
-of the sentence that refuses it, listed below. `Plant` is the module advanced tick by tick, of 1 ms if not
-said otherwise. Accuracy asked for: 1e-9 m a period, of time stepping {stepping:g}. The truth is the closed
-form; for the closed form itself, and where there is none, it is the adaptive solver at {fine:g} (where that
-refuses: time stepping, ten times as fine): the figures of the first column are the sum of both errors. What
-is not named is as in the scenes `table1-viscous`, `-coulomb`, `-stribeck` and `-motor-soft`. The estimator's
-extremes are on [its own page](explanation/estimator.md).
+This page gives the error of each solver in extreme cases, or the reason why the solver rejects the case. It is
+written by `vibrohil trade --extremes docs/extremes.md`, and tests measure each row again.
+
+A cell is the error of the state at the end of a run, in m: the error of the position or of the velocity divided
+by ω, whichever is larger. *refused* gives the number of the error message in the list below. `Plant` advances
+the module tick by tick, with ticks of 1 ms unless stated otherwise. The requested accuracy is 1e-9 m per period,
+and {stepping:g} for time stepping. All other parameters are those of the scenes `table1-viscous`, `-coulomb`,
+`-stribeck` and `-motor-soft`.
+
+The reference is the closed form. For the closed form itself, and if there is none, the reference is the adaptive
+solver at {fine:g}, or time stepping at a tenth of its step if the adaptive solver rejects the case. The first
+column therefore contains the errors of both methods. The estimator's extreme cases are on
+[its own page](explanation/estimator.md).
 
 ![error over the parameter](extremes.svg)
 

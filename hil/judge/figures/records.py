@@ -56,10 +56,8 @@ class LoopTiming:
     overruns: Annotated[int, Quantity("", "ticks skipped because the next deadline had passed")]
     late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late")]
     long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick")]
-    longest_hold_ms: Annotated[
-        float | None, Quantity("ms", "the longest the loop was held up between two of its ticks")
-    ]
-    longest_hold_at_s: Annotated[float | None, Quantity("s", "when that began")]
+    longest_hold_ms: Annotated[float | None, Quantity("ms", "the loop's longest stall between two ticks")]
+    longest_hold_at_s: Annotated[float | None, Quantity("s", "the beginning of this stall")]
     work_us: Annotated[Spread, Quantity("", "work in a tick")]
     wake_us: Annotated[Spread, Quantity("", "wake-up latency")]
 
@@ -84,9 +82,11 @@ class TrueImpact:
 class MemoryFigures:
     """Growth since the processes had settled; none in short runs and in lockstep."""
 
-    nodes_growth_mb: Annotated[float | None, Quantity("MB", "the largest of all but the recorder's")]
+    nodes_growth_mb: Annotated[
+        float | None, Quantity("MB", "largest growth of a process, without the recorder")
+    ]
     recorder_growth_mb_min: Annotated[
-        float | None, Quantity("MB/min", "the recorder's, which keeps the log's index")
+        float | None, Quantity("MB/min", "the recorder's growth; it keeps the log's index")
     ]
 
 
@@ -99,7 +99,7 @@ class EstimateFigures:
     x_worst_m: Annotated[float | None, Quantity("m", "largest error of the striker's position")]
     nis_mean: Annotated[
         float | None,
-        Quantity("", "mean normalised innovation squared; 1 if the filter's covariance is honest"),
+        Quantity("", "mean normalised innovation squared; 1 if the filter's covariance is right"),
     ]
 
 
@@ -107,14 +107,14 @@ class EstimateFigures:
 class DetectorFigures:
     """The firmware's detections against the true touch-downs of at least 0.05 m/s, over the whole run."""
 
-    precision: Annotated[float | None, Quantity("", "detections that belong to an impact, of all detections")]
-    recall: Annotated[float | None, Quantity("", "impacts that were detected, of all that should have been")]
+    precision: Annotated[float | None, Quantity("", "share of the detections that belong to an impact")]
+    recall: Annotated[float | None, Quantity("", "share of the detectable impacts that were detected")]
     latency_ms: Annotated[Latency, Quantity("", "from touch-down to the tick that reports it")]
     speed_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the reported approach speed")]
     slept_through: Annotated[
         int,
         Quantity(
-            "", "impacts missed since the firmware did not run for 5 ms from touch-down: not in the recall"
+            "", "impacts missed because the firmware stalled for 5 ms from touch-down; not in the recall"
         ),
     ]
 
@@ -124,19 +124,21 @@ class SpeedFigures:
     """The crank's true speed over the second half of the hold."""
 
     mean_rad_s: Annotated[float | None, Quantity("rad/s", "mean crank speed")]
-    error: Annotated[float | None, Quantity("", "mean crank speed over its mean target, less one")]
-    ripple: Annotated[float | None, Quantity("", "half of the peak-to-peak crank speed over its mean")]
+    error: Annotated[float | None, Quantity("", "mean crank speed divided by its mean target, minus one")]
+    ripple: Annotated[float | None, Quantity("", "half of the peak-to-peak crank speed, divided by its mean")]
 
 
 @dataclass(frozen=True, slots=True)
 class LatchedFigures:
     """Before the first fault the firmware latched: loops held up look like silent sensors."""
 
-    at_s: Annotated[float | None, Quantity("s", "when the first fault was latched")]
+    at_s: Annotated[float | None, Quantity("s", "time at which the first fault was latched")]
     firmware_held_ms: Annotated[
-        float | None, Quantity("ms", "the longest the firmware's loop was held up in the 0.2 s before it")
+        float | None, Quantity("ms", "longest stall of the firmware's loop in the 0.2 s before the fault")
     ]
-    plant_held_ms: Annotated[float | None, Quantity("ms", "the longest the plant's loop was, then")]
+    plant_held_ms: Annotated[
+        float | None, Quantity("ms", "longest stall of the plant's loop in the same time")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +147,19 @@ class SafeStateFigures:
 
     cause: Annotated[
         str | None,
-        Quantity("", "stop, fault, e-stop, firmware-silent or plant-silent; none while still driving"),
+        Quantity(
+            "", "cause: stop, fault, e-stop, firmware-silent or plant-silent; none if the drive stayed on"
+        ),
     ]
-    at_s: Annotated[float | None, Quantity("s", "when the drive was to be off")]
-    torque_zero_after_s: Annotated[float | None, Quantity("s", "until the motor's torque was zero for good")]
+    at_s: Annotated[float | None, Quantity("s", "time from which the drive must be off")]
+    torque_zero_after_s: Annotated[
+        float | None, Quantity("s", "time until the motor's torque was finally zero")
+    ]
     command_zero_after_s: Annotated[
-        float | None, Quantity("s", "until the firmware's torque command was zero for good")
+        float | None, Quantity("s", "time until the firmware's torque command was finally zero")
     ]
     impacts_after: Annotated[
-        int | None, Quantity("", "impacts after that moment: a torque of zero is no promise of none")
+        int | None, Quantity("", "impacts after the drive must be off; some may follow at zero torque")
     ]
 
 
@@ -162,18 +168,21 @@ class FaultFigures:
     """What followed the first fault of the script, on the truth alone; none without a fault."""
 
     torque_zero_after_s: Annotated[
-        float | None, Quantity("s", "from the fault's begin until the motor's torque was zero for good")
+        float | None, Quantity("s", "from the fault's beginning until the motor's torque was finally zero")
     ]
-    impacts_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was zero for good")]
+    impacts_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was finally zero")]
     largest_torque_n_m: Annotated[
-        float | None, Quantity("N m", "largest motor torque from the fault's begin on")
+        float | None, Quantity("N m", "largest motor torque from the fault's beginning on")
     ]
     largest_speed_rad_s: Annotated[
-        float | None, Quantity("rad/s", "largest crank speed from the fault's begin on, either way round")
+        float | None,
+        Quantity("rad/s", "largest crank speed from the fault's beginning on, in either direction"),
     ]
     peak_force_n: Annotated[
         float | None,
-        Quantity("N", "largest force of impacts on the stop from the fault's start on; 0 without any"),
+        Quantity(
+            "N", "largest force of impacts on the stop from the fault's beginning on; 0 without impacts"
+        ),
     ]
     impacts_again_after_s: Annotated[
         float | None,
@@ -188,12 +197,14 @@ class FaultFigures:
 class FeltFigures:
     """The force of ankle spring and damper on the wearer, at the ticks; none where there is no wearer."""
 
-    peak_n: Annotated[float | None, Quantity("N", "largest force on the wearer, pushed or pulled")]
+    peak_n: Annotated[float | None, Quantity("N", "largest force on the wearer, in either direction")]
     settled_low_n: Annotated[
         float | None,
-        Quantity("N", "smallest of the peaks of each turn of the crank over the second half of the hold"),
+        Quantity("N", "smallest peak force of a crank turn in the second half of the hold"),
     ]
-    settled_high_n: Annotated[float | None, Quantity("N", "largest of them")]
+    settled_high_n: Annotated[
+        float | None, Quantity("N", "largest peak force of a crank turn in the second half of the hold")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,27 +212,31 @@ class GaitFigures:
     """Somebody walks: over the hold; strides from its fifth whole one on, until a stop or a stumble."""
 
     phase_rmse_percent: Annotated[
-        float | None, Quantity("%", "RMS error of the estimated gait phase, of the cycle")
+        float | None, Quantity("%", "RMS error of the estimated gait phase, as a share of the cycle")
     ]
     phase_worst_percent: Annotated[float | None, Quantity("%", "largest error of the estimated gait phase")]
-    strides: Annotated[int | None, Quantity("", "whole strides that are counted")]
+    strides: Annotated[int | None, Quantity("", "number of whole strides that count")]
     in_window: Annotated[
-        float | None, Quantity("", "strides with a pulse within the firmware's window, of all")
+        float | None, Quantity("", "share of the strides with a pulse in the firmware's window")
     ]
-    pulses_per_stride: Annotated[float | None, Quantity("", "pulses in a stride, on average")]
-    outside_per_stride: Annotated[float | None, Quantity("", "those outside of the window, on average")]
-    end: Annotated[str | None, Quantity("", "what ended the steady walk: stop or stumble")]
-    end_s: Annotated[float | None, Quantity("s", "when the leg stood still, or the foot tripped")]
+    pulses_per_stride: Annotated[float | None, Quantity("", "mean number of pulses in a stride")]
+    outside_per_stride: Annotated[
+        float | None, Quantity("", "mean number of pulses outside of the window in a stride")
+    ]
+    end: Annotated[str | None, Quantity("", "the end of the steady walk: stop or stumble")]
+    end_s: Annotated[float | None, Quantity("s", "time at which the leg stood still or the foot tripped")]
     last_pulse_after_s: Annotated[
         float | None,
-        Quantity("s", "from that moment to the last pulse that follows; 0 without any"),
+        Quantity("s", "from the end of the walk to the last pulse; 0 without a pulse"),
     ]
     hardest_after: Annotated[
         float | None,
-        Quantity("", "approach speed of the hardest of them over that of the hardest in the steady half"),
+        Quantity(
+            "", "largest approach speed after the end of the walk, divided by the largest in the steady half"
+        ),
     ]
     undriven: Annotated[
-        int | None, Quantity("", "pulses with the crank off for 2 s or more: the leg's own doing")
+        int | None, Quantity("", "pulses with the crank off for 2 s or more, caused by the leg's motion")
     ]
 
 
@@ -230,9 +245,9 @@ class LogFigures:
     """Whether the log holds every frame that was on the bus."""
 
     frames_lost: Annotated[
-        int | None, Quantity("", "frames the recorder lost; none where the bus does not count them")
+        int | None, Quantity("", "frames that the recorder lost; none if the bus does not count them")
     ]
-    lost_s: Annotated[float | None, Quantity("s", "time around the lost frames, in all")]
+    lost_s: Annotated[float | None, Quantity("s", "total time around the lost frames")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,15 +256,17 @@ class Figures:
 
     scenario: Annotated[str, Quantity("", "the scenario's name")]
     clock: Annotated[str, Quantity("", "real, patient or lockstep")]
-    bus: Annotated[str, Quantity("", "the bus it ran on")]
+    bus: Annotated[str, Quantity("", "the bus of the run")]
     kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
     real_time: Annotated[
-        bool | None, Quantity("", "whether a real-time run met its timing; none on other clocks")
+        bool | None, Quantity("", "whether a real-time run met its timing; none with other clocks")
     ]
     duration_s: Annotated[float, Quantity("s", "simulated duration")]
-    ticks: Annotated[int, Quantity("", "ticks the firmware ran")]
+    ticks: Annotated[int, Quantity("", "ticks that the firmware ran")]
     overruns: Annotated[int, Quantity("", "ticks skipped, both loops")]
-    baseline_overruns: Annotated[int | None, Quantity("", "ticks a bare sleep loop skipped beside the run")]
+    baseline_overruns: Annotated[
+        int | None, Quantity("", "ticks that a bare sleep loop beside the run skipped")
+    ]
     late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late, both loops")]
     long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick, both loops")]
     tick_us: Annotated[Spread, Quantity("", "work in a firmware tick")]
@@ -259,13 +276,13 @@ class Figures:
         float | None,
         Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", from_log=True),
     ]
-    realtime_factor: Annotated[float | None, Quantity("", "simulated over elapsed time")]
+    realtime_factor: Annotated[float | None, Quantity("", "simulated time divided by elapsed time")]
     memory: Annotated[MemoryFigures, Quantity("", "growth of the processes' own memory")]
-    log: Annotated[LogFigures, Quantity("", "what can.log lacks")]
-    losses: Annotated[tuple[LogLoss, ...], Quantity("", "when the recorder lost frames")]
+    log: Annotated[LogFigures, Quantity("", "frames missing in can.log")]
+    losses: Annotated[tuple[LogLoss, ...], Quantity("", "intervals in which the recorder lost frames")]
     impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
     impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
-    regime: Annotated[str, Quantity("", "what the striker truly did during the hold")]
+    regime: Annotated[str, Quantity("", "the striker's true regime during the hold")]
     regime_estimated: Annotated[
         str, Quantity("", "the regime that the firmware reported at the end of the hold")
     ]
@@ -273,7 +290,7 @@ class Figures:
     hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
     impacts_per_period: Annotated[float | None, Quantity("", "impacts per turn of the crank during the hold")]
     capture_s: Annotated[
-        float | None, Quantity("s", "first impact from which on every drive period of the hold had one")
+        float | None, Quantity("s", "first impact after which every drive period of the hold has an impact")
     ]
     largest_v_m_s: Annotated[float | None, Quantity("m/s", "largest approach speed of the run")]
     largest_v_on_the_way_m_s: Annotated[
@@ -285,22 +302,24 @@ class Figures:
     impact_impulse_n_s: Annotated[
         float | None, Quantity("N s", "median impulse of an impact over the second half of the hold")
     ]
-    peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none at a rigid stop")]
+    peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none with a rigid stop")]
     felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]
-    gait: Annotated[GaitFigures, Quantity("", "the walk: phase, pulses in the window, how it ended")]
+    gait: Annotated[GaitFigures, Quantity("", "the walk: phase, pulses in the window, its end")]
     estimate: Annotated[EstimateFigures, Quantity("", "the firmware's estimate against the truth")]
     detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
     speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]
-    fault: Annotated[str, Quantity("", "the first fault the firmware latched, or none")]
-    latched: Annotated[LatchedFigures, Quantity("", "how the loops kept their pace before that fault")]
-    final_mode: Annotated[str, Quantity("", "the mode the firmware ended in")]
+    fault: Annotated[str, Quantity("", "the first fault that the firmware latched, or none")]
+    latched: Annotated[LatchedFigures, Quantity("", "stalls of the loops before that fault")]
+    final_mode: Annotated[str, Quantity("", "the firmware's mode at the end")]
     motor_torque_after_stop_n_m: Annotated[
-        float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive was to be off")
+        float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive must be off")
     ]
-    safe_state: Annotated[SafeStateFigures, Quantity("", "what happened once the drive was to be off")]
-    after_fault: Annotated[FaultFigures, Quantity("", "what followed the first fault of the script")]
+    safe_state: Annotated[SafeStateFigures, Quantity("", "torque and impacts after the drive must be off")]
+    after_fault: Annotated[
+        FaultFigures, Quantity("", "torque, speed and impacts after the first fault of the script")
+    ]
     energy_residual: Annotated[
-        float | None, Quantity("", "what the plant's energy ledger leaves unbalanced, of all exchanged")
+        float | None, Quantity("", "unbalanced energy of the plant, as a share of the exchanged energy")
     ]
 
     def as_json(self) -> dict[str, Any]:
