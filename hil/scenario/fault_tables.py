@@ -1,6 +1,6 @@
 """The tables [[script.faults]] of a scenario: the faults, their times and sizes.
 
-The scenario's checks state the required reaction, on the truth: the motor's torque, the stop's force, impacts.
+The scenario's checks state the required reaction, on the truth: motor torque, stop force, impacts.
 """
 
 import math
