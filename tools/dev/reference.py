@@ -118,7 +118,8 @@ def parameters() -> str:
         "`[firmware]`, the command line with `--set firmware.NAME=VALUE`, the bus by index.",
         "The **tier** of a parameter determines who may change it. **build**: the control period and the "
         "hard ceilings; the bus can read but not write them (`NOT_WRITABLE`), and a parameter file that "
-        "contains one is rejected. A scenario may set them, because it also describes the bench's build. **module**: the "
+        "contains one is rejected. A scenario may set them, because it also describes the bench's build. "
+        "**module**: the "
         "nominal parameters of the module and its motor. **tuning**: the controller's behaviour. The bus can "
         "write both at rest, within their bounds. A bound given as a name is the value of that parameter.",
         table(["index", "name", "tier", "unit", "default", "bounds", "meaning"], rows),
@@ -214,7 +215,8 @@ def scenes() -> str:
             parts += [f"### {name}\n\n{first_sentences(model)}", keys_of(model.model_fields)]
     parts.append(
         "## Sizes\n\nEvery number has a largest size, and a number above 0 has a smallest one, by the unit "
-        "at the end of its key; the first matching row applies. A number that may be 0 is 0 or at least 1e-15."
+        "at the end of its key; the first matching row applies. A number that may be 0 is 0 or at least "
+        "1e-15."
     )
     rows = (row(f"`…{one.suffix}`", f"{one.smallest:g} … {one.largest:g}", one.reason) for one in QUANTITIES)
     parts.append(table(["key", "size", "why no more"], rows))
@@ -253,7 +255,8 @@ def faults() -> str:
     scenarios = [load_scenario(name) for name in scenario_names()]
     parts = [
         "A fault is a table `[[script.faults]]` of a scenario. It acts on the bus, at a sensor, in the drive "
-        "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, its "
+        "or the module, on a process or on its clock, but never inside the firmware. Each fault has `at_s`, "
+        "its "
         "beginning in s from the start, and `duration_s`, by default to the end of the run. The reaction is "
         "measured on the truth. `vibrohil suite --seeds 20` runs each fault with twenty seeds."
     ]

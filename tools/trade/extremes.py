@@ -237,18 +237,18 @@ def measure(extreme: Extreme) -> dict[str, Cell]:
 INTRODUCTION = """\
 # Extreme cases, by every solver
 
-This page gives the error of each solver in extreme cases, or the reason why the solver rejects the case. It is
-written by `vibrohil trade --extremes docs/extremes.md`, and tests measure each row again.
+This page gives the error of each solver in extreme cases, or the reason why the solver rejects the case. It
+is written by `vibrohil trade --extremes docs/extremes.md`, and tests measure each row again.
 
-A cell is the error of the state at the end of a run, in m: the error of the position or of the velocity divided
-by ω, whichever is larger. *refused* gives the number of the error message in the list below. `Plant` advances
-the module tick by tick, with ticks of 1 ms unless stated otherwise. The requested accuracy is 1e-9 m per period,
-and {stepping:g} for time stepping. All other parameters are those of the scenes `table1-viscous`, `-coulomb`,
-`-stribeck` and `-motor-soft`.
+A cell is the error of the state at the end of a run, in m: the error of the position or of the velocity
+divided by ω, whichever is larger. *refused* gives the number of the error message in the list below.
+`Plant` advances the module tick by tick, with ticks of 1 ms unless stated otherwise. The requested accuracy
+is 1e-9 m per period, and {stepping:g} for time stepping. All other parameters are those of the scenes
+`table1-viscous`, `-coulomb`, `-stribeck` and `-motor-soft`.
 
-The reference is the closed form. For the closed form itself, and if there is none, the reference is the adaptive
-solver at {fine:g}, or time stepping at a tenth of its step if the adaptive solver rejects the case. The first
-column therefore contains the errors of both methods. The estimator's extreme cases are on
+The reference is the closed form. For the closed form itself, and if there is none, the reference is the
+adaptive solver at {fine:g}, or time stepping at a tenth of its step if the adaptive solver rejects the
+case. The first column therefore contains the errors of both methods. The estimator's extreme cases are on
 [its own page](explanation/estimator.md).
 
 ![error over the parameter](extremes.svg)

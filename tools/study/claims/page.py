@@ -34,18 +34,18 @@ INTRODUCTION = """\
 
 This page tests the claims of Jelačić & Jelačić (2026), *From Nonlinear Dynamics to Neurorehabilitation:
 Translational Modeling of a Vibro-Impact Actuator for Ankle Exoskeletons*, IRJIET 10(3), 124–129, doi
-10.47001/IRJIET/2026.103016. It is written by `vibrohil study claims --page docs/claims.md`; every figure below
-comes from that run.
+10.47001/IRJIET/2026.103016. It is written by `vibrohil study claims --page docs/claims.md`; every figure
+below comes from that run.
 
-Two modules are tested. `table1` is Table 1 as printed: c = 70 N/m. The paper gives no amplitude; `table1` has
-A = 20 mm with viscous and 30 mm with dry friction, which needs more to move at all. `gait` has c = 505 N/m and
-A = 12 mm, so that text and table agree on the frequency.
+Two modules are tested. `table1` is Table 1 as printed: c = 70 N/m. The paper gives no amplitude; `table1`
+has A = 20 mm with viscous and 30 mm with dry friction, which needs more to move at all. `gait` has c = 505
+N/m and A = 12 mm, so that text and table agree on the frequency.
 
 Both modules have m_B = 0.8 kg, l0 = 0.12 m, x_stop = 0.18 m, k = 0.5, and b = 0.2 N s/m or μ = 0.15.
-Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1, which the paper does not give either. Ratios
-r = Ω/ω run from 0.7 to 1.8 in 111 steps, up and down, 50 s each with the first 30 s discarded. Viscous and Coulomb
-friction are solved in closed form from event to event. Coulomb–Stribeck friction and soft stops are solved by an
-adaptive method to 1e-7 m per period.
+Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1, which the paper does not give either.
+Ratios r = Ω/ω run from 0.7 to 1.8 in 111 steps, up and down, 50 s each with the first 30 s discarded.
+Viscous and Coulomb friction are solved in closed form from event to event. Coulomb–Stribeck friction and
+soft stops are solved by an adaptive method to 1e-7 m per period.
 """
 
 

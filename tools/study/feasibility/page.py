@@ -45,22 +45,22 @@ MARKS = {
 INTRODUCTION = """\
 # Which settings suit a walk
 
-This page shows for which module, axis, stop, wearer and cadence the module gives a suitable pulse in every turn. It is
-written by `vibrohil study feasibility --page docs/feasibility.md`; every cell comes from that run. A cell is **yes** if
-all conditions hold. Otherwise it names the first condition that fails:
+This page shows for which module, axis, stop, wearer and cadence the module gives a suitable pulse in every
+turn. It is written by `vibrohil study feasibility --page docs/feasibility.md`; every cell comes from that
+run. A cell is **yes** if all conditions hold. Otherwise it names the first condition that fails:
 
 | mark | failed condition |
 |---|---|
 | region | no r has exactly one impact a turn: a stiff foot plate rebounds and the striker meets it twice |
 | n | no whole number n of crank turns per stride puts r = n f 2π/ω into the measured region |
-| leg | the leg's motion alone, with the crank at rest, causes impacts, so that the pulses cannot be switched off |
+| leg | the leg's motion alone causes impacts, even with the crank at rest |
 | lost | more than 1 % of the turns have no impact |
 | hard, soft | the peak of some felt pulse is above 40 N, or below 10 N |
 
-**Simulation.** The plant runs alone, with an ideal crank at n turns per mean stride and a walk of 2 % variability. A run
-has a rise of 6 s and then 30 s, of which the last 24 s count. If the n nearest to r = 1.12 fails, the n with the
-softest impacts is tried too. The region is measured for each module, stop and wearer on a standing leg, from r = 0.97
-on.
+**Simulation.** The plant runs alone, with an ideal crank at n turns per mean stride and a walk of 2 %
+variability. A run has a rise of 6 s and then 30 s, of which the last 24 s count. If the n nearest to r =
+1.12 fails, the n with the softest impacts is tried too. The region is measured for each module, stop and
+wearer on a standing leg, from r = 0.97 on.
 
 | module | c | gap | A |
 |---|---:|---:|---:|
@@ -68,12 +68,12 @@ on.
 | `gait` | 505 N/m | 60 mm | 12 mm |
 | `walking` | 720 N/m | 22 mm | 6.5 mm |
 
-All modules have m_B = 0.8 kg, k = 0.5, and b = 0.2 N s/m or μ = 0.15 with μ_s = 4/3 μ. Axes refer to the shank: *up*
-along it, *forward* and *outward* across it. Wearers are a foot plate of 1 kg on 10 kN/m and 100 N s/m (stiff) or 2 kN/m
-and 40 N s/m (compliant). The felt pulse is the ankle's force above its value at touch-down. With dry friction the plant
-has no compliant wearer: there the force is that of the bare stop, and the compliant wearer is omitted.
-[The gait](explanation/gait.md) describes how the crank is locked to the stride and puts one impact into the push-off
-window.
+All modules have m_B = 0.8 kg, k = 0.5, and b = 0.2 N s/m or μ = 0.15 with μ_s = 4/3 μ. Axes refer to the
+shank: *up* along it, *forward* and *outward* across it. Wearers are a foot plate of 1 kg on 10 kN/m and 100
+N s/m (stiff) or 2 kN/m and 40 N s/m (compliant). The felt pulse is the ankle's force above its value at
+touch-down. With dry friction the plant has no compliant wearer: there the force is that of the bare stop,
+and the compliant wearer is omitted. [The gait](explanation/gait.md) describes how the crank is locked to
+the stride and puts one impact into the push-off window.
 """
 
 
