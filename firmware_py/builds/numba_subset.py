@@ -2,7 +2,7 @@
 
 `register()` leaves the functions as they are, so that both builds live in one process. What the subset cannot
 write down, the bits of a float32, an enum out of a number and records in memory, is given here as machine
-instructions.
+instructions; a record with some fields replaced, in `numba_replace`.
 """
 
 import functools
@@ -17,6 +17,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload, register_jitable
 
+import firmware_py.builds.numba_replace
 import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members

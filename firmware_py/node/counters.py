@@ -24,39 +24,23 @@ NOTHING_YET = Counters(0, 0, 0, 0, 0, 0, 0, 0)
 
 def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
     """Count a frame that the codec refuses."""
-    frames, length, crc, value, repeated, gaps, skipped, unsent = counters
     if reason == FrameErrorReason.LENGTH:
-        length += 1
-    elif reason == FrameErrorReason.CRC:
-        crc += 1
-    else:
-        value += 1
-    return Counters(frames, length, crc, value, repeated, gaps, skipped, unsent)
+        return counters._replace(rejected_length=counters.rejected_length + 1)
+    if reason == FrameErrorReason.CRC:
+        return counters._replace(rejected_crc=counters.rejected_crc + 1)
+    return counters._replace(rejected_value=counters.rejected_value + 1)
 
 
 def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
     """Count a frame that the codec accepts."""
-    return Counters(
-        counters.frames if repeated else counters.frames + 1,
-        counters.rejected_length,
-        counters.rejected_crc,
-        counters.rejected_value,
-        counters.rejected_repeated + 1 if repeated else counters.rejected_repeated,
-        counters.counter_gaps + 1 if gap else counters.counter_gaps,
-        counters.skipped_ticks,
-        counters.unsent,
-    )
+    if repeated:
+        return counters._replace(rejected_repeated=counters.rejected_repeated + 1)
+    gaps = counters.counter_gaps + 1 if gap else counters.counter_gaps
+    return counters._replace(frames=counters.frames + 1, counter_gaps=gaps)
 
 
 def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counters:
     """Count skipped ticks and own frames that do not leave."""
-    return Counters(
-        counters.frames,
-        counters.rejected_length,
-        counters.rejected_crc,
-        counters.rejected_value,
-        counters.rejected_repeated,
-        counters.counter_gaps,
-        counters.skipped_ticks + skipped_ticks,
-        counters.unsent + unsent,
+    return counters._replace(
+        skipped_ticks=counters.skipped_ticks + skipped_ticks, unsent=counters.unsent + unsent
     )

@@ -101,36 +101,6 @@ INITIAL = Received(
 )
 
 
-def without_requests(received: Received) -> Received:
-    """All parameter requests are answered."""
-    return Received(
-        received.accelerometer,
-        received.accelerometer_heard,
-        received.encoder,
-        received.encoder_heard,
-        received.heartbeat,
-        received.heartbeat_heard,
-        received.disarm_reason,
-        received.disarm_reason_heard,
-        received.current_a,
-        received.current_heard,
-        received.temperature,
-        received.temperature_heard,
-        received.voltage_v,
-        received.voltage_heard,
-        received.estop_tick,
-        received.command,
-        received.command_heard,
-        received.coarse,
-        received.coarse_heard,
-        received.gait,
-        received.gait_heard,
-        received.requests,
-        0,
-        received.request_heard,
-    )
-
-
 def dated(heard: Heard, tick: int, sampled: int) -> Heard:
     """The same, of `sampled` if it was received in `tick`."""
     return Heard(sampled, sampled, heard.counter) if heard.tick == tick else heard
@@ -138,31 +108,11 @@ def dated(heard: Heard, tick: int, sampled: int) -> Heard:
 
 def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
     """The same, with the sensors' readings that were received in `tick` of the earlier tick `sampled`."""
-    return Received(
-        received.accelerometer,
-        dated(received.accelerometer_heard, tick, sampled),
-        received.encoder,
-        dated(received.encoder_heard, tick, sampled),
-        received.heartbeat,
-        received.heartbeat_heard,
-        received.disarm_reason,
-        received.disarm_reason_heard,
-        received.current_a,
-        received.current_heard,
-        received.temperature,
-        received.temperature_heard,
-        received.voltage_v,
-        received.voltage_heard,
-        received.estop_tick,
-        received.command,
-        received.command_heard,
-        received.coarse,
-        dated(received.coarse_heard, tick, sampled),
-        received.gait,
-        dated(received.gait_heard, tick, sampled),
-        received.requests,
-        received.request_count,
-        received.request_heard,
+    return received._replace(
+        accelerometer_heard=dated(received.accelerometer_heard, tick, sampled),
+        encoder_heard=dated(received.encoder_heard, tick, sampled),
+        coarse_heard=dated(received.coarse_heard, tick, sampled),
+        gait_heard=dated(received.gait_heard, tick, sampled),
     )
 
 

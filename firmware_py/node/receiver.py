@@ -63,133 +63,104 @@ def receive(  # noqa: PLR0912, PLR0915 - a table of identifiers, the most freque
 ) -> tuple[Received, Counters]:
     """Take one frame that arrived before tick number `tick`; other identifiers are passed over."""
     can_id, length, word = frame
-    (
-        acceleration,
-        acceleration_heard,
-        encoder,
-        encoder_heard,
-        heartbeat,
-        heartbeat_heard,
-        disarm_reason,
-        disarm_reason_heard,
-        current_a,
-        current_heard,
-        temperature,
-        temperature_heard,
-        voltage_v,
-        voltage_heard,
-        estop_tick,
-        command,
-        command_heard,
-        coarse,
-        coarse_heard,
-        gait,
-        gait_heard,
-        requests,
-        request_count,
-        request_heard,
-    ) = received
     if can_id == kinds.ACCELEROMETER.can_id:
         sample, reason = unpacking.unpack_accelerometer(length, word)
-        acceleration_heard, counters, usable = taken(
-            acceleration_heard, counters, tick, reason, kinds.ACCELEROMETER, word, tick_s
+        heard, counters, usable = taken(
+            received.accelerometer_heard, counters, tick, reason, kinds.ACCELEROMETER, word, tick_s
         )
-        acceleration = sample if usable else acceleration
+        received = received._replace(accelerometer_heard=heard)
+        if usable:
+            received = received._replace(accelerometer=sample)
     elif can_id == kinds.ENCODER_ESTIMATES.can_id:
         estimates, reason = unpacking.unpack_encoder_estimates(length, word)
-        encoder_heard, counters, usable = taken(
-            encoder_heard, counters, tick, reason, kinds.ENCODER_ESTIMATES, word, tick_s
+        heard, counters, usable = taken(
+            received.encoder_heard, counters, tick, reason, kinds.ENCODER_ESTIMATES, word, tick_s
         )
-        encoder = estimates if usable else encoder
+        received = received._replace(encoder_heard=heard)
+        if usable:
+            received = received._replace(encoder=estimates)
     elif can_id == kinds.DRIVE_CURRENT.can_id:
         current, reason = unpacking.unpack_drive_current(length, word)
-        current_heard, counters, usable = taken(
-            current_heard, counters, tick, reason, kinds.DRIVE_CURRENT, word, tick_s
+        heard, counters, usable = taken(
+            received.current_heard, counters, tick, reason, kinds.DRIVE_CURRENT, word, tick_s
         )
-        current_a = current.measured_a if usable else current_a
+        received = received._replace(current_heard=heard)
+        if usable:
+            received = received._replace(current_a=current.measured_a)
     elif can_id == kinds.GAIT_SENSORS.can_id:
         leg, reason = unpacking.unpack_gait_sensors(length, word)
-        gait_heard, counters, usable = taken(
-            gait_heard, counters, tick, reason, kinds.GAIT_SENSORS, word, tick_s
+        heard, counters, usable = taken(
+            received.gait_heard, counters, tick, reason, kinds.GAIT_SENSORS, word, tick_s
         )
-        gait = leg if usable else gait
+        received = received._replace(gait_heard=heard)
+        if usable:
+            received = received._replace(gait=leg)
     elif can_id == kinds.COARSE_POSITION.can_id:
         position, reason = unpacking.unpack_coarse_position(length, word)
-        coarse_heard, counters, usable = taken(
-            coarse_heard, counters, tick, reason, kinds.COARSE_POSITION, word, tick_s
+        heard, counters, usable = taken(
+            received.coarse_heard, counters, tick, reason, kinds.COARSE_POSITION, word, tick_s
         )
-        coarse = position if usable else coarse
+        received = received._replace(coarse_heard=heard)
+        if usable:
+            received = received._replace(coarse=position)
     elif can_id == kinds.DRIVE_HEARTBEAT.can_id:
         beat, reason = unpacking.unpack_drive_heartbeat(length, word)
-        heartbeat_heard, counters, usable = taken(
-            heartbeat_heard, counters, tick, reason, kinds.DRIVE_HEARTBEAT, word, tick_s
+        heard, counters, usable = taken(
+            received.heartbeat_heard, counters, tick, reason, kinds.DRIVE_HEARTBEAT, word, tick_s
         )
-        heartbeat = beat if usable else heartbeat
+        received = received._replace(heartbeat_heard=heard)
+        if usable:
+            received = received._replace(heartbeat=beat)
     elif can_id == kinds.DRIVE_ERRORS.can_id:
         errors, reason = unpacking.unpack_drive_errors(length, word)
-        disarm_reason_heard, counters, usable = taken(
-            disarm_reason_heard, counters, tick, reason, kinds.DRIVE_ERRORS, word, tick_s
+        heard, counters, usable = taken(
+            received.disarm_reason_heard, counters, tick, reason, kinds.DRIVE_ERRORS, word, tick_s
         )
-        disarm_reason = errors.disarm_reason & errors.active_errors if usable else disarm_reason
+        received = received._replace(disarm_reason_heard=heard)
+        if usable:
+            received = received._replace(disarm_reason=errors.disarm_reason & errors.active_errors)
     elif can_id == kinds.DRIVE_TEMPERATURE.can_id:
         warmth, reason = unpacking.unpack_drive_temperature(length, word)
-        temperature_heard, counters, usable = taken(
-            temperature_heard, counters, tick, reason, kinds.DRIVE_TEMPERATURE, word, tick_s
+        heard, counters, usable = taken(
+            received.temperature_heard, counters, tick, reason, kinds.DRIVE_TEMPERATURE, word, tick_s
         )
-        temperature = warmth if usable else temperature
+        received = received._replace(temperature_heard=heard)
+        if usable:
+            received = received._replace(temperature=warmth)
     elif can_id == kinds.DRIVE_SUPPLY.can_id:
         supply, reason = unpacking.unpack_drive_supply(length, word)
-        voltage_heard, counters, usable = taken(
-            voltage_heard, counters, tick, reason, kinds.DRIVE_SUPPLY, word, tick_s
+        heard, counters, usable = taken(
+            received.voltage_heard, counters, tick, reason, kinds.DRIVE_SUPPLY, word, tick_s
         )
-        voltage_v = supply.voltage_v if usable else voltage_v
+        received = received._replace(voltage_heard=heard)
+        if usable:
+            received = received._replace(voltage_v=supply.voltage_v)
     elif can_id == kinds.DRIVE_ESTOP.can_id:
         _, reason = unpacking.unpack_drive_estop(length, word)
         _, counters, usable = taken(NEVER, counters, tick, reason, kinds.DRIVE_ESTOP, word, tick_s)
-        estop_tick = tick if usable else estop_tick
+        if usable:
+            received = received._replace(estop_tick=tick)
     elif can_id == kinds.OPERATOR_COMMAND.can_id:
         wanted, reason = unpacking.unpack_operator_command(length, word)
-        command_heard, counters, usable = taken(
-            command_heard, counters, tick, reason, kinds.OPERATOR_COMMAND, word, tick_s
+        heard, counters, usable = taken(
+            received.command_heard, counters, tick, reason, kinds.OPERATOR_COMMAND, word, tick_s
         )
-        command = wanted if usable else command
+        received = received._replace(command_heard=heard)
+        if usable:
+            received = received._replace(command=wanted)
     elif can_id == kinds.PARAMETER_REQUEST.can_id:
         request, reason = unpacking.unpack_parameter_request(length, word)
-        request_heard, counters, usable = taken(
-            request_heard, counters, tick, reason, kinds.PARAMETER_REQUEST, word, tick_s
+        heard, counters, usable = taken(
+            received.request_heard, counters, tick, reason, kinds.PARAMETER_REQUEST, word, tick_s
         )
-        if usable and request_count < REQUESTS:
-            requests = with_one(requests, request_count, request)
-            request_count += 1
+        received = received._replace(request_heard=heard)
+        count = received.request_count
+        if usable and count < REQUESTS:
+            requests = with_one(received.requests, count, request)
+            received = received._replace(requests=requests, request_count=count + 1)
         elif usable:
             counters = also_counted(counters, 0, 1)
-    taken_in = Received(
-        acceleration,
-        acceleration_heard,
-        encoder,
-        encoder_heard,
-        heartbeat,
-        heartbeat_heard,
-        disarm_reason,
-        disarm_reason_heard,
-        current_a,
-        current_heard,
-        temperature,
-        temperature_heard,
-        voltage_v,
-        voltage_heard,
-        estop_tick,
-        command,
-        command_heard,
-        coarse,
-        coarse_heard,
-        gait,
-        gait_heard,
-        requests,
-        request_count,
-        request_heard,
-    )
-    return taken_in, counters
+    return received, counters
 
 
 def begins_sample(received: Received, tick: int, frame: WordFrame, first_id: int) -> bool:

@@ -169,7 +169,9 @@ def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Pa
         lost += 0 if fits else 1
     # Of damaged parameters one is written, and the others are as unknown as before.
     config = config_of(parameters, config.monitors.parameters_damaged)
-    received = readings.without_requests(received)
-    counters = also_counted(state.counters, 0, lost)
-    state = NodeState(state.ticks, received, state.inputs, state.core, state.outputs, waiting, counters)
+    state = state._replace(
+        received=received._replace(request_count=0),
+        waiting=waiting,
+        counters=also_counted(state.counters, 0, lost),
+    )
     return parameters, config, state

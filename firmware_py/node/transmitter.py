@@ -150,84 +150,45 @@ def queued(
     has_gait: bool,
 ) -> tuple[Transmitter, int]:
     """Let everything wait that falls due in this tick; how many frames found no place."""
-    (
-        place,
-        sent,
-        faults,
-        fault_count,
-        impacts,
-        impact_count,
-        refusal,
-        refusal_place,
-        period_ended,
-        report,
-        regime,
-        estimate,
-        heartbeat,
-        gait,
-        answers,
-        answer_count,
-        answer_place,
-    ) = waiting
     lost = 0
+    place = waiting.next_place
     if outputs.separation:
         impulse_n_s = max(outputs.impact_impulse_n_s, 0.0)
         one = Impact(tick, outputs.impact_age_s, outputs.impact_speed_m_s, impulse_n_s)
-        if impact_count < EVENTS:
-            impacts = with_one(impacts, impact_count, one)
-            impact_count += 1
+        count = waiting.impact_count
+        if count < EVENTS:
+            impacts = with_one(waiting.impacts, count, one)
+            waiting = waiting._replace(impacts=impacts, impact_count=count + 1)
         else:
             lost += 1
     reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
     if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
         event = FaultEvent(outputs.fault.value, outputs.disarm_reason, 0)
-        if fault_count < EVENTS:
-            faults = with_one(faults, fault_count, event)
-            fault_count += 1
+        count = waiting.fault_count
+        if count < EVENTS:
+            faults = with_one(waiting.faults, count, event)
+            waiting = waiting._replace(faults=faults, fault_count=count + 1)
         else:
             lost += 1
     if outputs.refusal not in (NO_REFUSAL, before.refusal):
-        lost += 0 if refusal_place == NOT_WAITING else 1
-        refusal = outputs.refusal.value
-        refusal_place = place
+        lost += 0 if waiting.refusal_place == NOT_WAITING else 1
+        waiting = waiting._replace(refusal=outputs.refusal.value, refusal_place=place)
         place += 1
-    period_ended = period_ended or outputs.period_ended
-    if period_ended and tick - regime.due_tick >= round(REGIME_S / tick_s):
+    period_ended = waiting.period_ended or outputs.period_ended
+    if period_ended and tick - waiting.regime.due_tick >= round(REGIME_S / tick_s):
         period_ended = False
-        report = regime_report(outputs)
-        regime = Cyclic(tick, place)
+        waiting = waiting._replace(report=regime_report(outputs), regime=Cyclic(tick, place))
         place += 1
-    if is_due(estimate, tick, kinds.STRIKER_ESTIMATE.period_s, tick_s):
-        estimate = Cyclic(tick, place)
+    if is_due(waiting.estimate, tick, kinds.STRIKER_ESTIMATE.period_s, tick_s):
+        waiting = waiting._replace(estimate=Cyclic(tick, place))
         place += 1
-    if is_due(heartbeat, tick, kinds.FIRMWARE_HEARTBEAT.period_s, tick_s):
-        heartbeat = Cyclic(tick, place)
+    if is_due(waiting.heartbeat, tick, kinds.FIRMWARE_HEARTBEAT.period_s, tick_s):
+        waiting = waiting._replace(heartbeat=Cyclic(tick, place))
         place += 1
-    if has_gait and is_due(gait, tick, kinds.GAIT_REPORT.period_s, tick_s):
-        gait = Cyclic(tick, place)
+    if has_gait and is_due(waiting.gait, tick, kinds.GAIT_REPORT.period_s, tick_s):
+        waiting = waiting._replace(gait=Cyclic(tick, place))
         place += 1
-    return (
-        Transmitter(
-            place,
-            sent,
-            faults,
-            fault_count,
-            impacts,
-            impact_count,
-            refusal,
-            refusal_place,
-            period_ended,
-            report,
-            regime,
-            estimate,
-            heartbeat,
-            gait,
-            answers,
-            answer_count,
-            answer_place,
-        ),
-        lost,
-    )
+    return waiting._replace(next_place=place, period_ended=period_ended), lost
 
 
 def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:
@@ -235,24 +196,11 @@ def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitt
     if waiting.answer_count >= EVENTS:
         return waiting, False
     place = waiting.next_place
-    later = Transmitter(
-        place + 1,
-        waiting.sent,
-        waiting.faults,
-        waiting.fault_count,
-        waiting.impacts,
-        waiting.impact_count,
-        waiting.refusal,
-        waiting.refusal_place,
-        waiting.period_ended,
-        waiting.report,
-        waiting.regime,
-        waiting.estimate,
-        waiting.heartbeat,
-        waiting.gait,
-        with_one(waiting.answers, waiting.answer_count, answer),
-        waiting.answer_count + 1,
-        place if waiting.answer_place == NOT_WAITING else waiting.answer_place,
+    later = waiting._replace(
+        next_place=place + 1,
+        answers=with_one(waiting.answers, waiting.answer_count, answer),
+        answer_count=waiting.answer_count + 1,
+        answer_place=place if waiting.answer_place == NOT_WAITING else waiting.answer_place,
     )
     return later, True
 
@@ -311,57 +259,45 @@ def next_frame(
     tick_s: float, waiting: Transmitter, tick: int, state: State, outputs: Outputs
 ) -> tuple[Transmitter, WordFrame]:
     """Take the frame whose turn it is; `NO_FRAME` for one that cannot be encoded."""
-    (
-        place,
-        sent,
-        faults,
-        fault_count,
-        impacts,
-        impact_count,
-        refusal,
-        refusal_place,
-        period_ended,
-        report,
-        regime,
-        estimate,
-        heartbeat,
-        gait,
-        answers,
-        answer_count,
-        answer_place,
-    ) = waiting
-    heartbeats, estimates, regimes, impacts_sent, faults_sent, values, gaits = sent
+    sent = waiting.sent
     frame, sendable = NO_FRAME, True
     first = first_place(waiting)
-    if fault_count > 0:
-        frame, sendable = packing.pack_fault_event(faults[0], faults_sent)
-        faults = (faults[1], faults[2], faults[3], NO_EVENT)
-        fault_count -= 1
-        faults_sent += 1
-    elif impact_count > 0:
+    if waiting.fault_count > 0:
+        faults = waiting.faults
+        frame, sendable = packing.pack_fault_event(faults[0], sent.fault)
+        waiting = waiting._replace(
+            faults=(faults[1], faults[2], faults[3], NO_EVENT),
+            fault_count=waiting.fault_count - 1,
+            sent=sent._replace(fault=sent.fault + 1),
+        )
+    elif waiting.impact_count > 0:
+        impacts = waiting.impacts
         known_tick, age_s, approach_speed_m_s, impulse_n_s = impacts[0]
         age_s += (tick - known_tick + 0.5) * tick_s  # half a tick: from the sensors' time to the tick's
         event = ImpactEvent(age_s, approach_speed_m_s, impulse_n_s)
-        frame, sendable = packing.pack_impact_event(event, impacts_sent)
-        impacts = (impacts[1], impacts[2], impacts[3], NO_IMPACT)
-        impact_count -= 1
-        impacts_sent += 1
-    elif first == refusal_place:
-        frame, sendable = packing.pack_fault_event(
-            FaultEvent(Fault.REQUEST_REFUSED.value, 0, refusal), faults_sent
+        frame, sendable = packing.pack_impact_event(event, sent.impact)
+        waiting = waiting._replace(
+            impacts=(impacts[1], impacts[2], impacts[3], NO_IMPACT),
+            impact_count=waiting.impact_count - 1,
+            sent=sent._replace(impact=sent.impact + 1),
         )
-        refusal_place = NOT_WAITING
-        faults_sent += 1
-    elif first == regime.place:
-        frame, sendable = packing.pack_regime_report(report, regimes)
-        regime = Cyclic(regime.due_tick, NOT_WAITING)
-        regimes += 1
-    elif first == estimate.place:
+    elif first == waiting.refusal_place:
+        refused = FaultEvent(Fault.REQUEST_REFUSED.value, 0, waiting.refusal)
+        frame, sendable = packing.pack_fault_event(refused, sent.fault)
+        waiting = waiting._replace(refusal_place=NOT_WAITING, sent=sent._replace(fault=sent.fault + 1))
+    elif first == waiting.regime.place:
+        frame, sendable = packing.pack_regime_report(waiting.report, sent.regime)
+        waiting = waiting._replace(
+            regime=waiting.regime._replace(place=NOT_WAITING), sent=sent._replace(regime=sent.regime + 1)
+        )
+    elif first == waiting.estimate.place:
         now = StrikerEstimate(state.estimator.x_m, state.estimator.v_m_s, state.crank.omega_rad_s)
-        frame, sendable = packing.pack_striker_estimate(now, estimates)
-        estimate = Cyclic(estimate.due_tick, NOT_WAITING)
-        estimates += 1
-    elif first == heartbeat.place:
+        frame, sendable = packing.pack_striker_estimate(now, sent.estimate)
+        waiting = waiting._replace(
+            estimate=waiting.estimate._replace(place=NOT_WAITING),
+            sent=sent._replace(estimate=sent.estimate + 1),
+        )
+    elif first == waiting.heartbeat.place:
         beat = FirmwareHeartbeat(
             outputs.mode.value,
             outputs.fault.value,
@@ -369,41 +305,25 @@ def next_frame(
             outputs.regime.value,
             outputs.target_omega_rad_s,
         )
-        frame, sendable = packing.pack_firmware_heartbeat(beat, heartbeats)
-        heartbeat = Cyclic(heartbeat.due_tick, NOT_WAITING)
-        heartbeats += 1
-    elif first == gait.place:
-        frame, sendable = packing.pack_gait_report(gait_report(state), gaits)
-        gait = Cyclic(gait.due_tick, NOT_WAITING)
-        gaits += 1
-    elif first == answer_place:
-        frame, sendable = packing.pack_parameter_value(answers[0], values)
-        answers = (answers[1], answers[2], answers[3], NO_ANSWER)
-        answer_count -= 1
-        answer_place = NOT_WAITING
-        if answer_count > 0:
-            answer_place = place
-            place += 1
-        values += 1
-    return (
-        Transmitter(
-            place,
-            Sent(heartbeats, estimates, regimes, impacts_sent, faults_sent, values, gaits),
-            faults,
-            fault_count,
-            impacts,
-            impact_count,
-            refusal,
-            refusal_place,
-            period_ended,
-            report,
-            regime,
-            estimate,
-            heartbeat,
-            gait,
-            answers,
-            answer_count,
-            answer_place,
-        ),
-        frame if sendable else NO_FRAME,
-    )
+        frame, sendable = packing.pack_firmware_heartbeat(beat, sent.heartbeat)
+        waiting = waiting._replace(
+            heartbeat=waiting.heartbeat._replace(place=NOT_WAITING),
+            sent=sent._replace(heartbeat=sent.heartbeat + 1),
+        )
+    elif first == waiting.gait.place:
+        frame, sendable = packing.pack_gait_report(gait_report(state), sent.gait)
+        waiting = waiting._replace(
+            gait=waiting.gait._replace(place=NOT_WAITING), sent=sent._replace(gait=sent.gait + 1)
+        )
+    elif first == waiting.answer_place:
+        answers, place = waiting.answers, waiting.next_place
+        frame, sendable = packing.pack_parameter_value(answers[0], sent.value)
+        more = waiting.answer_count > 1
+        waiting = waiting._replace(
+            answers=(answers[1], answers[2], answers[3], NO_ANSWER),
+            answer_count=waiting.answer_count - 1,
+            answer_place=place if more else NOT_WAITING,
+            next_place=place + 1 if more else place,
+            sent=sent._replace(value=sent.value + 1),
+        )
+    return waiting, frame if sendable else NO_FRAME

@@ -177,13 +177,13 @@ def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Ev
     return Event(event.phase + share * off, variance, 0.0)
 
 
-def _seen(event: Event, at_s: float) -> Event:
-    return Event(event.phase, event.variance, at_s)
-
-
 def _unseen(events: Events) -> Events:
     """Ready for the next stride."""
-    return Events(_seen(events.toe_down, 0.0), _seen(events.heel_off, 0.0), _seen(events.toe_off, 0.0))
+    return Events(
+        events.toe_down._replace(at_s=0.0),
+        events.heel_off._replace(at_s=0.0),
+        events.toe_off._replace(at_s=0.0),
+    )
 
 
 def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
@@ -247,16 +247,11 @@ def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
         event.phase * math.sqrt(stride.variance + noise),
         stride.early,
     )
-    return Stride(
-        stride.mean_s,
-        stride.expected_s + gain * off_s,
-        (1.0 - gain) * stride.variance,
-        stride.spread,
-        stride.since_s,
-        stride.since_seen_s,
-        0 if surprising else stride.known,
-        stride.missed,
-        0.0,
+    return stride._replace(
+        expected_s=stride.expected_s + gain * off_s,
+        variance=(1.0 - gain) * stride.variance,
+        known=0 if surprising else stride.known,
+        early=0.0,
     )
 
 
@@ -288,47 +283,37 @@ def _heard(
             )
         events = _unseen(events)
     elif toe and not leg.toe and _due(stride, toe_down, at_s):
-        toe_down = _seen(toe_down, at_s)
+        toe_down = toe_down._replace(at_s=at_s)
         stride = _told(config, stride, toe_down)
-        events = Events(toe_down, heel_off, toe_off)
+        events = events._replace(toe_down=toe_down)
     elif leg.heel and not heel and _due(stride, heel_off, at_s):
-        heel_off = _seen(heel_off, at_s)
+        heel_off = heel_off._replace(at_s=at_s)
         stride = _told(config, stride, heel_off)
-        events = Events(toe_down, heel_off, toe_off)
+        events = events._replace(heel_off=heel_off)
     elif leg.toe and not toe and _due(stride, toe_off, at_s):
-        toe_off = _seen(toe_off, at_s)
+        toe_off = toe_off._replace(at_s=at_s)
         stride = _told(config, stride, toe_off)
-        events = Events(toe_down, heel_off, toe_off)
+        events = events._replace(toe_off=toe_off)
     return stride, events, Leg(heel, toe, swung, still_s)
 
 
 def _missed(stride: Stride) -> Stride:
     """A heel strike that must have been: the cycle goes on from where it should have come."""
-    return Stride(
-        stride.mean_s,
-        stride.mean_s,
-        2.0 * stride.spread * stride.spread,
-        stride.spread,
-        stride.since_s - stride.expected_s,
-        stride.since_seen_s,
-        stride.known,
-        stride.missed + 1,
-        0.0,
+    return stride._replace(
+        expected_s=stride.mean_s,
+        variance=2.0 * stride.spread * stride.spread,
+        since_s=stride.since_s - stride.expected_s,
+        missed=stride.missed + 1,
+        early=0.0,
     )
 
 
 def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
     """The stride a tick later; who does not walk has none."""
-    return Stride(
-        stride.mean_s,
-        stride.expected_s,
-        stride.variance,
-        stride.spread,
-        min(stride.since_s + dt_s, LONGEST_S),
-        min(stride.since_seen_s + dt_s, LONGEST_S),
-        stride.known if walking else 0,
-        stride.missed,
-        stride.early,
+    return stride._replace(
+        since_s=min(stride.since_s + dt_s, LONGEST_S),
+        since_seen_s=min(stride.since_seen_s + dt_s, LONGEST_S),
+        known=stride.known if walking else 0,
     )
 
 

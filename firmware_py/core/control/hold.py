@@ -143,15 +143,7 @@ def step(
     else:
         unmet = NO_REFUSAL
     if not holding:
-        return HoldState(
-            trim=0.0,
-            trim_rate_1_s=0.0,
-            wanted_trim=0.0,
-            guarded=False,
-            bound_periods=0,
-            impulse_n_s=0.0,
-            refusal=unmet,
-        )
+        return INITIAL._replace(refusal=unmet)
     wanted_trim, guarded = state.wanted_trim, state.guarded
     bound_periods, impulse_n_s, refusal = state.bound_periods, state.impulse_n_s, state.refusal
     of_ratio = refusal in (NO_REFUSAL, Refusal.RATIO_TOO_HIGH)

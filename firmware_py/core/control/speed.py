@@ -103,14 +103,7 @@ def known_acceleration(
 
 def safe(state: SpeedState) -> SpeedState:
     """Torque zero at once, with the integral emptied."""
-    return SpeedState(
-        integral_n_m=0.0,
-        error_rad_s=0.0,
-        feedforward_n_m=0.0,
-        torque_n_m=0.0,
-        acting_n_m=state.torque_n_m,
-        acting_limit=ActingLimit.SAFE_STATE,
-    )
+    return INITIAL._replace(acting_n_m=state.torque_n_m)
 
 
 def step(

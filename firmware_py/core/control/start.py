@@ -135,7 +135,7 @@ def _curve(
     state: StartState, stage: Stage, from_rad_s: float, to_rad_s: float, duration_s: float, attempts: int
 ) -> StartState:
     """A new S-curve."""
-    return StartState(
+    return state._replace(
         stage=stage,
         from_rad_s=from_rad_s,
         to_rad_s=to_rad_s,
@@ -146,10 +146,6 @@ def _curve(
         hits=0,
         misses=0,
         attempts=attempts,
-        captured=state.captured,
-        failed=state.failed,
-        ceiling_ratio=state.ceiling_ratio,
-        searching_s=state.searching_s,
     )
 
 
@@ -160,21 +156,10 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
     s = state.s + elapsed_ticks * config.tick_s / state.duration_s
     height, slope = s_curve(s)
     span = state.to_rad_s - state.from_rad_s
-    return StartState(
-        state.stage,
-        state.from_rad_s,
-        state.to_rad_s,
-        state.duration_s,
-        min(s, 1.0),
-        state.from_rad_s + span * height,
-        span * slope / state.duration_s,
-        state.hits,
-        state.misses,
-        state.attempts,
-        state.captured,
-        state.failed,
-        state.ceiling_ratio,
-        state.searching_s,
+    return state._replace(
+        s=min(s, 1.0),
+        target_omega_rad_s=state.from_rad_s + span * height,
+        target_acceleration_rad_s2=span * slope / state.duration_s,
     )
 
 
@@ -186,42 +171,12 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
     hit = regime.last.impacts > 0
     odd = not hit and state.misses == 0
     hits = state.hits + 1 if hit else state.hits
-    return StartState(
-        stage=state.stage,
-        from_rad_s=state.from_rad_s,
-        to_rad_s=state.to_rad_s,
-        duration_s=state.duration_s,
-        s=state.s,
-        target_omega_rad_s=state.target_omega_rad_s,
-        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
-        hits=hits if hit or odd else 0,
-        misses=0 if hit else state.misses + 1,
-        attempts=state.attempts,
-        captured=state.captured,
-        failed=state.failed,
-        ceiling_ratio=state.ceiling_ratio,
-        searching_s=state.searching_s,
-    )
+    return state._replace(hits=hits if hit or odd else 0, misses=0 if hit else state.misses + 1)
 
 
 def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
     """The same, at another stage, counting from `hits` impacts and no misses."""
-    return StartState(
-        stage=stage,
-        from_rad_s=state.from_rad_s,
-        to_rad_s=state.to_rad_s,
-        duration_s=state.duration_s,
-        s=state.s,
-        target_omega_rad_s=state.target_omega_rad_s,
-        target_acceleration_rad_s2=state.target_acceleration_rad_s2,
-        hits=hits,
-        misses=0,
-        attempts=state.attempts,
-        captured=captured,
-        failed=failed,
-        ceiling_ratio=state.ceiling_ratio,
-        searching_s=state.searching_s,
-    )
+    return state._replace(stage=stage, hits=hits, misses=0, captured=captured, failed=failed)
 
 
 def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
@@ -237,22 +192,10 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
     # What has held for long was not lost by its speed, the first time.
     has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
     step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
-    return StartState(
-        stage=DIP,
-        from_rad_s=state.target_omega_rad_s,
-        to_rad_s=config.dip_ratio * config.natural_rad_s,
-        duration_s=config.dip_s,
-        s=0.0,
-        target_omega_rad_s=state.target_omega_rad_s,
-        target_acceleration_rad_s2=0.0,
-        hits=0,
-        misses=0,
-        attempts=state.attempts + 1,
-        captured=False,
-        failed=False,
-        ceiling_ratio=at_least(lost_ratio - step_ratio, config.dip_ratio),
-        searching_s=state.searching_s,
-    )
+    dip_rad_s = config.dip_ratio * config.natural_rad_s
+    dip = _curve(state, DIP, state.target_omega_rad_s, dip_rad_s, config.dip_s, state.attempts + 1)
+    ceiling_ratio = at_least(lost_ratio - step_ratio, config.dip_ratio)
+    return dip._replace(captured=False, failed=False, ceiling_ratio=ceiling_ratio)
 
 
 def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bool:
@@ -266,26 +209,10 @@ def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bo
 
 def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
     """The first S-curve, from a crank that may still turn; a rise quicker than the approach needs none."""
-    turning = StartState(
-        stage=REST,
-        from_rad_s=omega_rad_s,
-        to_rad_s=omega_rad_s,
-        duration_s=1.0,
-        s=1.0,
-        target_omega_rad_s=omega_rad_s,
-        target_acceleration_rad_s2=0.0,
-        hits=0,
-        misses=0,
-        attempts=0,
-        captured=False,
-        failed=False,
-        ceiling_ratio=NO_CEILING,
-        searching_s=0.0,
-    )
     approach_rad_s = config.approach_ratio * config.natural_rad_s
     if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
-        return _curve(turning, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
-    return _curve(turning, RISE, omega_rad_s, goal_rad_s, config.rise_s, 0)
+        return _curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
+    return _curve(INITIAL, RISE, omega_rad_s, goal_rad_s, config.rise_s, 0)
 
 
 def _moved(  # noqa: PLR0911 - stages, read top to bottom
@@ -315,22 +242,8 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
         share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, config.shortest_change_s)
         # The impacts on the way go on counting, and so do the misses.
-        return StartState(
-            RISE,
-            target_rad_s,
-            goal_rad_s,
-            duration_s,
-            0.0,
-            target_rad_s,
-            0.0,
-            state.hits,
-            state.misses,
-            state.attempts,
-            state.captured,
-            state.failed,
-            state.ceiling_ratio,
-            state.searching_s,
-        )
+        curve = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
+        return curve._replace(hits=state.hits, misses=state.misses)
     if state.stage == RISE:
         # Impacts on the way count, but for the last two: those have to come at the target.
         hits = min(state.hits, max(config.confirm_periods - 2, 0))
@@ -342,21 +255,12 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
     if needs_impacts and state.misses >= config.lost_periods:
         return _again(config, state, held_periods)
     again = state.attempts > 0 and state.hits >= 10 * config.confirm_periods
-    return StartState(
-        HOLD,
-        state.from_rad_s,
-        goal_rad_s,
-        state.duration_s,
-        state.s,
-        goal_rad_s + trim * config.natural_rad_s,
-        trim_rate_1_s * config.natural_rad_s,
-        state.hits,
-        state.misses,
-        0 if again else state.attempts,
-        state.captured,
-        state.failed,
-        state.ceiling_ratio,
-        state.searching_s,
+    return state._replace(
+        stage=HOLD,
+        to_rad_s=goal_rad_s,
+        target_omega_rad_s=goal_rad_s + trim * config.natural_rad_s,
+        target_acceleration_rad_s2=trim_rate_1_s * config.natural_rad_s,
+        attempts=0 if again else state.attempts,
     )
 
 
@@ -369,21 +273,8 @@ def _bounded(
     if mode == RUN and found:
         searching_s = 0.0
     overdue = searching_s > LONGEST_SEARCH_S
-    return StartState(
-        state.stage,
-        state.from_rad_s,
-        state.to_rad_s,
-        state.duration_s,
-        state.s,
-        state.target_omega_rad_s,
-        state.target_acceleration_rad_s2,
-        state.hits,
-        state.misses,
-        state.attempts,
-        state.captured and not overdue,
-        state.failed or overdue,
-        state.ceiling_ratio,
-        searching_s,
+    return state._replace(
+        captured=state.captured and not overdue, failed=state.failed or overdue, searching_s=searching_s
     )
 
 

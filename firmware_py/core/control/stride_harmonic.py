@@ -85,15 +85,9 @@ def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float)
 def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> TherapyState:
     """The same impacts with r* and what is left over."""
     aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
-    return TherapyState(
-        state.harmonic,
-        state.turns,
-        state.ratio,
-        state.impulse_n_s,
-        state.left_ratio,
-        state.left_impulse_n_s,
-        min(max(aim_ratio, config.lowest_ratio), config.highest_ratio),
-        unmet(config, state, target_impulse_n_s),
+    return state._replace(
+        aim_ratio=min(max(aim_ratio, config.lowest_ratio), config.highest_ratio),
+        refusal=unmet(config, state, target_impulse_n_s),
     )
 
 

@@ -55,17 +55,7 @@ def sense(
         and math.isfinite(new.housing_m_s2)
         and not (housing_used and abs(new.housing_m_s2) > CLIPPED_SHARE * config.low_full_scale_m_s2)
     ):
-        return SensorState(
-            acceleration_m_s2=state.acceleration_m_s2,
-            before_m_s2=state.before_m_s2,
-            second_m_s2=state.second_m_s2,
-            housing_m_s2=state.housing_m_s2,
-            housing_offset_m_s2=state.housing_offset_m_s2,
-            housing_readings=state.housing_readings,
-            high_offset_m_s2=state.high_offset_m_s2,
-            clipped=state.clipped,
-            missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS),
-        )
+        return state._replace(missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS))
     offset_m_s2 = state.high_offset_m_s2
     if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2

@@ -93,13 +93,10 @@ def step(
     if usable:
         measured_rad = TAU * fraction(encoder.position_rev) - config.zero_rad
         if state.missed_ticks >= NEVER_TICKS:
-            return CrankState(
+            return INITIAL._replace(
                 angle_rad=wrap_two_pi(measured_rad),
                 omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
-                disturbance_rad_s2=0.0,
-                innovation_rad=0.0,
                 missed_ticks=0,
-                late_ticks=0,
             )
     elif state.missed_ticks >= NEVER_TICKS:
         return state
@@ -110,13 +107,11 @@ def step(
     angle_rad = state.angle_rad + state.omega_rad_s * dt_s + 0.5 * a * dt_s * dt_s
     omega_rad_s = state.omega_rad_s + a * dt_s
     if not usable:
-        return CrankState(
+        return state._replace(
             angle_rad=wrap_two_pi(angle_rad),
             omega_rad_s=clamp(omega_rad_s, FASTEST_RAD_S),
-            disturbance_rad_s2=state.disturbance_rad_s2,
             innovation_rad=0.0,
             missed_ticks=min(state.missed_ticks + elapsed_ticks, NEVER_TICKS - 1),
-            late_ticks=state.late_ticks,
         )
     late_ticks = lateness(state, elapsed_ticks, omega_rad_s * T, wrap_pi(measured_rad - angle_rad))
     measured_rad += late_ticks * omega_rad_s * T

@@ -176,18 +176,13 @@ def _free(
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
     suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
     if not (suspected and _may_touch(config, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
-        quiet = DetectorState(
-            FREE,
-            0,
-            blind_ticks,
-            excess_m_s2,
-            0.0,
-            state.approach_speed_m_s,
-            state.impulse_n_s,
-            0.0,
-            state.since_touch_down_s,
-            True,
-            state.impacts,
+        quiet = state._replace(
+            contact_ticks=0,
+            blind_ticks=blind_ticks,
+            excess_m_s2=excess_m_s2,
+            peak_m_s2=0.0,
+            area_m_s=0.0,
+            measurable=True,
         )
         return quiet, FLYING if blind_ticks == 0 else SWINGING_OUT
 
@@ -230,27 +225,16 @@ def _contact(
     ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
     if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):
-        held = DetectorState(
-            phase=CONTACT,
+        held = state._replace(
             contact_ticks=contact_ticks,
-            blind_ticks=0,
             excess_m_s2=excess_m_s2,
             peak_m_s2=peak_m_s2,
-            approach_speed_m_s=state.approach_speed_m_s,
-            impulse_n_s=state.impulse_n_s,
             area_m_s=area_m_s,
             since_touch_down_s=since_touch_down_s,
             measurable=measurable,
-            impacts=state.impacts,
         )
         return held, Contact(
-            CONTACT,
-            False,
-            False,
-            0.0,
-            state.approach_speed_m_s,
-            measured=measurable,
-            settled=False,
+            CONTACT, False, False, 0.0, state.approach_speed_m_s, measured=measurable, settled=False
         )
 
     before_m_s = state.approach_speed_m_s
@@ -262,18 +246,16 @@ def _contact(
     if measurable and not plausible:
         # Estimate and readings contradict each other: the limit on an impact counts the worse of the two.
         change_m_s = at_least(area_m_s, expected_m_s)
-    freed = DetectorState(
+    freed = state._replace(
         phase=FREE,
         contact_ticks=0,
         blind_ticks=config.refractory_ticks,
         excess_m_s2=excess_m_s2,
         peak_m_s2=peak_m_s2,
-        approach_speed_m_s=before_m_s,
         impulse_n_s=config.mass_kg * change_m_s,
         area_m_s=area_m_s,
         since_touch_down_s=since_touch_down_s,
         measurable=True,
-        impacts=state.impacts,
     )
     return freed, Contact(
         FREE, False, True, config.separation_age_s, before_m_s, measured=measured, settled=False

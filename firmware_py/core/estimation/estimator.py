@@ -92,11 +92,7 @@ def _strapdown_noise(
         return config.strapdown_noise
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
     error_m_s = config.bend_share * bend_m_s2 * dt_s
-    return ProcessNoise(
-        xx=config.contact_noise.xx,
-        vv=config.contact_noise.vv + error_m_s * error_m_s,
-        bb=config.contact_noise.bb,
-    )
+    return config.contact_noise._replace(vv=config.contact_noise.vv + error_m_s * error_m_s)
 
 
 def _by_model(
@@ -315,12 +311,7 @@ def _doubted(config: EstimatorConfig, estimate: StateEstimate, doubt: float) -> 
     """An estimate whose position has this variance more, and whose velocity that of power-up where it has."""
     p = estimate.p
     faster = config.spread.initial_vv if doubt > 0.0 else 0.0
-    return StateEstimate(
-        estimate.x_m,
-        estimate.v_m_s,
-        estimate.bias_m_s2,
-        Covariance(p.xx + doubt, p.xv, p.xb, p.vv + faster, p.vb, p.bb),
-    )
+    return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
 
 
 def _flight(

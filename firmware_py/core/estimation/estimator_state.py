@@ -203,31 +203,3 @@ def estimate_of(state: EstimatorState) -> StateEstimate:
             xx=state.p_xx, xv=state.p_xv, xb=state.p_xb, vv=state.p_vv, vb=state.p_vb, bb=state.p_bb
         ),
     )
-
-
-def fed(state: EstimatorState, spring_share: float, friction_share: float) -> EstimatorState:
-    """The same, with a model whose spring and friction exceed their nominal values by these shares."""
-    return EstimatorState(
-        state.x_m,
-        state.v_m_s,
-        state.bias_m_s2,
-        state.p_xx,
-        state.p_xv,
-        state.p_xb,
-        state.p_vv,
-        state.p_vb,
-        state.p_bb,
-        state.innovation_m_s2,
-        state.innovation_std_m_s2,
-        state.spread_m_s2,
-        state.nis,
-        state.model_variance,
-        state.still_ticks,
-        state.strange_ticks,
-        state.sensor,
-        state.touch_down,
-        state.started,
-        state.flight,
-        spring_share,
-        friction_share,
-    )

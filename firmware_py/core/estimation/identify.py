@@ -14,7 +14,7 @@ only where that explains it better than the parameters do, p and f are handed on
 from typing import NamedTuple
 
 from firmware_py.core.elementary import sin
-from firmware_py.core.estimation.estimator_state import Contact, EstimatorState, fed
+from firmware_py.core.estimation.estimator_state import Contact, EstimatorState
 from firmware_py.core.estimation.striker_model import NominalStriker
 from firmware_py.core.numbers import clamp
 
@@ -222,16 +222,7 @@ def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -
     sums = _NO_SUMS if begins else state.sums
     if state.has_pending and not begins:
         sums = _added(sums, state.pending)
-    return IdentifyState(
-        sample,
-        usable,
-        sums,
-        state.normal,
-        state.flights,
-        state.gain,
-        state.spring,
-        state.friction,
-    )
+    return state._replace(pending=sample, has_pending=usable, sums=sums)
 
 
 def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
@@ -255,16 +246,7 @@ def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
             )
             flights = min(flights + 1, 1_000_000)
             spring, friction = solved(config, normal)
-    return IdentifyState(
-        _NO_SAMPLE,
-        False,
-        _NO_SUMS,
-        normal,
-        flights,
-        gain,
-        spring,
-        friction,
-    )
+    return IdentifyState(_NO_SAMPLE, False, _NO_SUMS, normal, flights, gain, spring, friction)
 
 
 def towards(
@@ -275,7 +257,7 @@ def towards(
     to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
     spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
     friction = estimate.friction_share + clamp(to_friction - estimate.friction_share, config.friction_step)
-    return fed(estimate, spring, friction)
+    return estimate._replace(spring_share=spring, friction_share=friction)
 
 
 def trusted(config: IdentifyConfig, state: IdentifyState) -> bool:

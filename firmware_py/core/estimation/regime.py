@@ -121,35 +121,13 @@ def _touched(
     running: Period, touch_down: bool, speed_m_s: float, phase_rad: float, peak_m_s2: float
 ) -> Period:
     if not touch_down:
-        return Period(
-            running.impacts,
-            running.speed_m_s,
-            running.phase_rad,
-            at_least(peak_m_s2, running.peak_m_s2),
-        )
+        return running._replace(peak_m_s2=at_least(peak_m_s2, running.peak_m_s2))
     impacts = running.impacts + 1
     return Period(
         impacts=impacts,
         speed_m_s=running.speed_m_s + (speed_m_s - running.speed_m_s) / impacts,
         phase_rad=phase_rad,
         peak_m_s2=at_least(peak_m_s2, running.peak_m_s2),
-    )
-
-
-def _standing(angle_rad: float) -> RegimeState:
-    """Nothing is known of a crank that stands."""
-    return RegimeState(
-        angle_rad=angle_rad,
-        running=_EMPTY,
-        last=_EMPTY,
-        second=_EMPTY,
-        third=_EMPTY,
-        fourth=_EMPTY,
-        periods=0,
-        candidate=Regime.UNCERTAIN,
-        agreed=0,
-        regime=Regime.UNCERTAIN,
-        ended=False,
     )
 
 
@@ -169,24 +147,13 @@ def step(
     `ended`: a period ended with a sample that has waited with this one.
     """
     if not omega_rad_s >= config.slowest_rad_s:
-        return _standing(angle_rad)
+        return INITIAL._replace(angle_rad=angle_rad)  # nothing is known of a crank that stands
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
     phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
     running = state.running
     if not turned:
-        return RegimeState(
-            angle_rad,
-            _touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2)),
-            state.last,
-            state.second,
-            state.third,
-            state.fourth,
-            state.periods,
-            state.candidate,
-            state.agreed,
-            state.regime,
-            ended,
-        )
+        running = _touched(running, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
+        return state._replace(angle_rad=angle_rad, running=running, ended=ended)
     running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
     fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
     candidate = decide(config, running, state.last, state.second, state.third)

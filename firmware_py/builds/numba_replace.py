@@ -1,0 +1,51 @@
+"""`record._replace(field=value)` in compiled code, for every NamedTuple: numba has none of its own.
+
+It is typed as a method with a parameter for each field; those that a call leaves out have the type none.
+"""
+
+from inspect import Parameter, Signature
+from typing import Any
+
+import numba.core.types
+from numba.core.errors import TypingError
+from numba.core.typing import templates
+from numba.extending import lower_builtin
+
+_KEY = "record._replace"
+_templates: Any = templates
+_types: Any = numba.core.types
+_lowered: Any = lower_builtin
+
+
+class _Replace(_templates.AbstractTemplate):  # type: ignore[misc]  # numba carries no types
+    key = _KEY
+    this: Any
+
+    def generic(self, args: Any, kws: Any) -> Any:
+        """The signature of a call: each field that it names has the record's own type for it."""
+        fields = self.this.fields
+        if args or not kws.keys() <= set(fields):
+            raise TypingError(f"_replace: got {', '.join(kws)}, wanted some of {', '.join(fields)}")
+        kinds = zip(fields, self.this.types, strict=True)
+        given = [kind if name in kws else _types.none for name, kind in kinds]
+        parameters = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=None) for name in fields]
+        found = _templates.signature(self.this, *given, recvr=self.this)
+        return found.replace(pysig=Signature(parameters))
+
+
+@_templates.infer_getattr
+class _Record(_templates.AttributeTemplate):  # type: ignore[misc]  # numba carries no types
+    key = _types.BaseNamedTuple
+
+    def resolve__replace(self, record: Any) -> Any:
+        """The method itself."""
+        return _types.BoundFunction(_Replace, record)
+
+
+@_lowered(_KEY, _types.BaseNamedTuple, _types.VarArg(_types.Any))
+def _replaced(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    record, *values = args
+    for place, (kind, value) in enumerate(zip(sig.args[1:], values, strict=True)):
+        if kind is not _types.none:
+            record = builder.insert_value(record, value, place)
+    return record
