@@ -28,7 +28,6 @@ class Config(NamedTuple):
     crank: crank.CrankConfig
     estimator: estimator_state.EstimatorConfig
     detector: detector.DetectorConfig
-    regime: regime.RegimeConfig
     start: start.StartConfig
     hold: hold.HoldConfig
     speed: speed.SpeedConfig

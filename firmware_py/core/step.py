@@ -120,7 +120,6 @@ def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: I
         n,
     )
     regime_now = regime.step(
-        config.regime,
         sensed.regime,
         crank_now.angle_rad,
         crank_now.omega_rad_s,

@@ -48,35 +48,24 @@ LARGEST_SPREAD = 0.15
 STRIDES_TO_TRUST = 3
 """Before anything is said."""
 STRIKE_PHASE = 0.012
-"""Where the heel's switch closes: at a tenth of the load."""
+"""Where in the cycle the heel's switch closes: at a tenth of the load."""
 
 
 class GaitConfig(NamedTuple):
     """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
 
-    `strike_phase`: where in the cycle the heel's switch closes, which takes some load. `overdue`: by how
-    much of the cycle a heel strike may be late. `still_rad_s`, for `still_s`: a leg at rest.
+    `overdue`: by how much of the cycle a heel strike may be late. `still_s`: after so long a leg is at rest.
     """
 
     tick_s: float
     stale_ticks: int
     edge_age_s: float
-    strike_phase: float
-    shortest_s: float
-    longest_s: float
-    swing_rad_s: float
-    still_rad_s: float
     still_s: float
-    standing_s: float
-    gain_stride: float
     gain_learning: float
     timing_variance: float
     overdue: float
-    irregular: float
     surprise: float
     surprise_spread: float
-    largest_spread: float
-    strides_to_trust: int
 
 
 class Event(NamedTuple):
@@ -186,9 +175,9 @@ def _unseen(events: Events) -> Events:
     )
 
 
-def _whole_strides(config: GaitConfig, stride: Stride, took_s: float) -> int:
+def _whole_strides(stride: Stride, took_s: float) -> int:
     """How many strides lie between two heel strikes seen: more than one where a switch missed some."""
-    if stride.known < config.strides_to_trust:
+    if stride.known < STRIDES_TO_TRUST:
         return 1
     return max(int(took_s / stride.mean_s + 0.5), 1)
 
@@ -209,34 +198,34 @@ def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> 
 def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
     """A heel strike: a stride has ended, or several, and the next one begins."""
     took_s = stride.since_seen_s - config.edge_age_s
-    whole = _whole_strides(config, stride, took_s)
+    whole = _whole_strides(stride, took_s)
     one_s = took_s / whole
     mean_s, spread, known = stride.mean_s, stride.spread, stride.known
     off = one_s - mean_s
-    late_s = stride.since_s - config.edge_age_s - (1.0 + config.strike_phase) * stride.expected_s
+    late_s = stride.since_s - config.edge_age_s - (1.0 + STRIKE_PHASE) * stride.expected_s
     off_share = late_s / stride.expected_s
     off_spread = math.sqrt(stride.variance + config.timing_variance)
-    plain = stride.missed == 0 and known > config.strides_to_trust
+    plain = stride.missed == 0 and known > STRIDES_TO_TRUST
     stumbled = plain and _surprising(config, off_share, PACE * off_spread, 0.0)
     early = -off_share / off_spread if plain and off_share < 0.0 else 0.0
-    if stumbled or not config.shortest_s < one_s < config.longest_s or whole > MOST_MISSED:
+    if stumbled or not SHORTEST_STRIDE_S < one_s < LONGEST_STRIDE_S or whole > MOST_MISSED:
         known = 0
-    elif known == 0 or abs(off) > config.irregular * mean_s:
+    elif known == 0 or abs(off) > IRREGULAR * mean_s:
         # The first, or no walking that can be followed: begin from this stride.
         mean_s, spread, known = one_s, FIRST_SPREAD, 1
     else:
-        mean_s += config.gain_stride * off
+        mean_s += GAIN_STRIDE * off
         known = min(known + 1, 1000)
-        if known > config.strides_to_trust:
+        if known > STRIDES_TO_TRUST:
             # The mean of a normal distribution's magnitude is 0.8 σ.
             spread += 0.2 * (1.25 * abs(off) / mean_s - spread)
-    since_s = config.edge_age_s + config.strike_phase * mean_s
+    since_s = config.edge_age_s + STRIKE_PHASE * mean_s
     return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0, early)
 
 
 def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
     """The expected stride with what an event says of it that has just come."""
-    if stride.known <= config.strides_to_trust:
+    if stride.known <= STRIDES_TO_TRUST:
         return stride
     off_s = event.at_s / event.phase - stride.expected_s
     noise = (event.variance + config.timing_variance) / (event.phase * event.phase)
@@ -266,14 +255,14 @@ def _heard(
 ) -> tuple[Stride, Events, Leg]:
     """What a fresh frame says."""
     rate_rad_s, heel, toe = sensors.shank_rate_rad_s, sensors.heel, sensors.toe
-    swung = leg.swung or rate_rad_s < -config.swing_rad_s
-    still_s = leg.still_s + 2.0 * config.edge_age_s if abs(rate_rad_s) < config.still_rad_s else 0.0
+    swung = leg.swung or rate_rad_s < -SWING_RAD_S
+    still_s = leg.still_s + 2.0 * config.edge_age_s if abs(rate_rad_s) < STILL_RAD_S else 0.0
     toe_down, heel_off, toe_off = events.toe_down, events.heel_off, events.toe_off
     at_s = stride.since_s - config.edge_age_s
     if heel and not leg.heel and swung:
         swung = False
         took_s = stride.since_seen_s - config.edge_age_s
-        plain = stride.missed == 0 and _whole_strides(config, stride, took_s) == 1
+        plain = stride.missed == 0 and _whole_strides(stride, took_s) == 1
         stride = _heel_struck(config, stride)
         if plain and stride.known > 0:
             events = Events(
@@ -317,9 +306,9 @@ def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
     )
 
 
-def _doing(config: GaitConfig, confidence: float, leg: Leg, forgotten: bool) -> GaitState:
+def _doing(confidence: float, leg: Leg, forgotten: bool) -> GaitState:
     """What the leg does."""
-    if leg.still_s > config.standing_s or forgotten:
+    if leg.still_s > STANDING_S or forgotten:
         return GaitState.STANDING
     if confidence <= 0.0:
         return GaitState.UNCERTAIN
@@ -337,7 +326,7 @@ def step(config: GaitConfig, state: CycleState, sensors: GaitInput, elapsed_tick
     events, leg = state.events, state.leg
     if sensors.age_ticks == 0:
         stride, events, leg = _heard(config, stride, events, leg, sensors)
-    trusted = stride.known >= config.strides_to_trust
+    trusted = stride.known >= STRIDES_TO_TRUST
     if (
         trusted
         and stride.missed < MOST_MISSED
@@ -346,7 +335,7 @@ def step(config: GaitConfig, state: CycleState, sensors: GaitInput, elapsed_tick
         stride, events = _missed(stride), _unseen(events)
     confidence = 0.0
     if trusted and stride.missed < MOST_MISSED:
-        confidence = max(1.0 - stride.spread / config.largest_spread, 0.0) / (1.0 + stride.missed)
+        confidence = max(1.0 - stride.spread / LARGEST_SPREAD, 0.0) / (1.0 + stride.missed)
     phase = min(max(stride.since_s / stride.expected_s, 0.0), NEARLY_ONE)
-    doing = _doing(config, confidence, leg, stride.since_seen_s >= LONGEST_S)
+    doing = _doing(confidence, leg, stride.since_seen_s >= LONGEST_S)
     return CycleState(phase, confidence, doing, stride, events, leg)

@@ -19,9 +19,9 @@ from firmware_py.core.numbers import clamp
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 PHASE_SLOPE_RAD = 1.4
-"""By unit of r at 0 deg: 0.8 deg per 0.01."""
+"""φ' at 0°, per unit of r: 0.8° per 0.01."""
 PHASE_SLOPE_GROWTH = 1.6
-"""By rad: 2.3 deg per 0.01 at 65 deg and more."""
+"""Of φ' with each rad of φ: 2.3° per 0.01 at 65° and more."""
 GAIN_RETREAT = 0.5
 """Of the error a period, where φ exceeds φ*: the fold comes closer while a housing that swings at nearly the
 crank's frequency takes from its amplitude, and 0.3 is too slow for that."""
@@ -32,23 +32,19 @@ IMPULSE_TOLERANCE = 0.03
 
 
 class HoldConfig(NamedTuple):
-    """`phase_slope_rad` is φ' at 0°, per unit of r; it grows by `phase_slope_growth` with each rad of φ."""
+    """Bounds, gains and rates; `highest_phase_rad` is φ*, `impulse_slope_n_s` is J'."""
 
     tick_s: float
     natural_rad_s: float
     lowest_ratio: float
     highest_ratio: float
     highest_phase_rad: float
-    phase_slope_rad: float
-    phase_slope_growth: float
     gain_phase: float
     impulse_slope_n_s: float
-    gain_impulse: float
     largest_step: float
     rate_1_s: float
     lowest_impulse_n_s: float
     highest_impulse_n_s: float
-    impulse_tolerance: float
     refusing_periods: int
 
 
@@ -78,9 +74,7 @@ INITIAL = HoldState(
 def phase_step(config: HoldConfig, phase_rad: float) -> float:
     """Δ_guard: by how much the ratio may rise at this phase; below 0 it has to fall."""
     within_rad = clamp(phase_rad, 1.5)
-    slope_rad = config.phase_slope_rad * (
-        1.0 + config.phase_slope_growth * (within_rad if within_rad > 0.0 else 0.0)
-    )
+    slope_rad = PHASE_SLOPE_RAD * (1.0 + PHASE_SLOPE_GROWTH * (within_rad if within_rad > 0.0 else 0.0))
     error_rad = config.highest_phase_rad - within_rad
     gain = config.gain_phase if error_rad >= 0.0 else max(config.gain_phase, GAIN_RETREAT)
     return gain * error_rad / slope_rad
@@ -91,7 +85,7 @@ def wanted_step(
 ) -> float:
     """Δ_want, bounded."""
     if target_impulse_n_s > 0.0:
-        step = config.gain_impulse * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
+        step = GAIN_IMPULSE * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
     else:
         step = target_ratio - ratio
     return clamp(step, config.largest_step)
@@ -117,10 +111,10 @@ def _bound(
         short = guarded and target_ratio - ratio > config.largest_step
         return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL
     if (guarded or ratio >= config.highest_ratio) and impulse_n_s < target_impulse_n_s * (
-        1.0 - config.impulse_tolerance
+        1.0 - IMPULSE_TOLERANCE
     ):
         return Refusal.IMPULSE_TOO_HIGH
-    if ratio <= config.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + config.impulse_tolerance):
+    if ratio <= config.lowest_ratio and impulse_n_s > target_impulse_n_s * (1.0 + IMPULSE_TOLERANCE):
         return Refusal.IMPULSE_TOO_LOW
     return NO_REFUSAL
 

@@ -54,10 +54,8 @@ class StartConfig(NamedTuple):
     approach_ratio: float
     approach_s: float
     rise_s: float
-    dip_s: float
     again_s: float
     stop_s: float
-    shortest_change_s: float
     confirm_periods: int
     missing_periods: int
     lost_periods: int
@@ -193,7 +191,7 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
     has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
     step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
     dip_rad_s = config.dip_ratio * config.natural_rad_s
-    dip = _curve(state, DIP, state.target_omega_rad_s, dip_rad_s, config.dip_s, state.attempts + 1)
+    dip = _curve(state, DIP, state.target_omega_rad_s, dip_rad_s, DIP_S, state.attempts + 1)
     ceiling_ratio = at_least(lost_ratio - step_ratio, config.dip_ratio)
     return dip._replace(captured=False, failed=False, ceiling_ratio=ceiling_ratio)
 
@@ -240,7 +238,7 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
         return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
     if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
         share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
-        duration_s = at_least(config.rise_s * share, config.shortest_change_s)
+        duration_s = at_least(config.rise_s * share, SHORTEST_CHANGE_S)
         # The impacts on the way go on counting, and so do the misses.
         curve = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
         return curve._replace(hits=state.hits, misses=state.misses)

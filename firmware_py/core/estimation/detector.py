@@ -39,15 +39,9 @@ class DetectorConfig(NamedTuple):
     tick_s: float
     floor_m_s2: float
     dry_m_s2: float
-    sigmas: float
-    near_m: float
-    sure_factor: float
     stop_m: float
     growth: float
     delay_s: float
-    end_m_s2: float
-    end_fraction: float
-    separation_age_s: float
     refractory_ticks: int
     longest_contact_ticks: int
     newton_contact_ticks: int
@@ -146,11 +140,11 @@ def _may_touch(
     coming_m_s: float,
 ) -> bool:
     """Whether the striker may be at the stop, or is pushed back so hard that only the stop can be it."""
-    sure_m_s2 = config.sure_factor * limit_m_s2
+    sure_m_s2 = SURE_FACTOR * limit_m_s2
     if excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2:
         return True
     estimate = predicted.estimate
-    reach_m = config.near_m + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
+    reach_m = NEAR_M + 3.0 * math.sqrt(at_least(estimate.p.xx, 0.0))
     slack_m_s = 3.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
     return estimate.x_m > config.stop_m - reach_m and coming_m_s > -slack_m_s
 
@@ -172,7 +166,7 @@ def _free(
         coming_m_s += state.excess_m_s2 * (0.5 * dt_s - config.delay_s)
     # Where a dry guide reverses, the model is off by up to twice the friction.
     dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
-    limit_m_s2 = config.floor_m_s2 + dry_m_s2 + config.sigmas * predicted.spread_m_s2
+    limit_m_s2 = config.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
     suspected = fresh and blind_ticks == 0 and excess_m_s2 > limit_m_s2
     if not (suspected and _may_touch(config, state, predicted, excess_m_s2, limit_m_s2, coming_m_s)):
@@ -222,7 +216,7 @@ def _contact(
     area_m_s = state.area_m_s + excess_m_s2 * elapsed_ticks * config.tick_s
     # Ticks without a sample are a hole in that integral.
     measurable = state.measurable and fresh and elapsed_ticks == 1 and not predicted.sensor.clipped
-    ended = fresh and excess_m_s2 < at_least(config.end_fraction * peak_m_s2, config.end_m_s2)
+    ended = fresh and excess_m_s2 < at_least(END_FRACTION * peak_m_s2, END_M_S2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
     if not (ended or unseen or contact_ticks >= config.longest_contact_ticks):
         held = state._replace(
@@ -257,6 +251,4 @@ def _contact(
         since_touch_down_s=since_touch_down_s,
         measurable=True,
     )
-    return freed, Contact(
-        FREE, False, True, config.separation_age_s, before_m_s, measured=measured, settled=False
-    )
+    return freed, Contact(FREE, False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)

@@ -43,7 +43,7 @@ LARGEST_RESIDUAL_M_S2 = 0.5
 
 
 class IdentifyConfig(NamedTuple):
-    """`largest_…` bound p and f, `prior_…` are what is known of them beforehand, relative to the noise.
+    """`prior_…` are what is known of p and f beforehand, relative to the noise.
 
     `feeds`: p and f go to the estimator's model, else they are only reported.
     """
@@ -53,14 +53,10 @@ class IdentifyConfig(NamedTuple):
     tick_s: float
     delay_s: float
     memory: float
-    fewest_flights: int
-    largest_spring: float
-    largest_friction: float
     spring_step: float
     friction_step: float
     prior_spring: float
     prior_friction: float
-    largest_residual_m_s2: float
 
 
 class Sample(NamedTuple):
@@ -192,7 +188,7 @@ def solved(config: IdentifyConfig, normal: Normal) -> tuple[float, float]:
         return 0.0, 0.0
     spring = (normal.ay * ff - normal.fy * normal.af) / determinant
     friction = (normal.fy * aa - normal.ay * normal.af) / determinant
-    return clamp(spring, config.largest_spring), clamp(friction, config.largest_friction)
+    return clamp(spring, LARGEST_SPRING), clamp(friction, LARGEST_FRICTION)
 
 
 def sample_of(
@@ -231,7 +227,7 @@ def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
     spring, friction = state.spring, state.friction
     if state.sums.n >= FEWEST_SAMPLES:
         new, rest = without_parabola(state.sums)
-        if rest < state.sums.n * config.largest_residual_m_s2 * config.largest_residual_m_s2:
+        if rest < state.sums.n * LARGEST_RESIDUAL_M_S2 * LARGEST_RESIDUAL_M_S2:
             keep = 1.0 - 1.0 / config.memory
             better = 2.0 * (spring * new.ay + friction * new.fy) - (
                 spring * spring * new.aa + 2.0 * spring * friction * new.af + friction * friction * new.ff
@@ -262,7 +258,7 @@ def towards(
 
 def trusted(config: IdentifyConfig, state: IdentifyState) -> bool:
     """Whether p and f have explained new flights better than the parameters do."""
-    return config.feeds and state.flights >= config.fewest_flights and state.gain > 0.0
+    return config.feeds and state.flights >= FEWEST_FLIGHTS and state.gain > 0.0
 
 
 def step(

@@ -16,7 +16,7 @@ from firmware_py.interface.enums import Regime
 NO_PHASE_RAD = 0.0
 
 EQUAL_SPEED = 0.15
-"""Approach speeds of like periods; a rise changes 5 %."""
+"""Relative difference of approach speeds up to which two periods count as alike; a rise changes 5 %."""
 GRAZING_M_S = 0.05
 """Slower impacts decide nothing."""
 CHATTERING_IMPACTS = 4
@@ -24,23 +24,10 @@ CHATTERING_IMPACTS = 4
 STILL_M_S2 = 0.6
 """Peak of a striker that sticks: bias and noise."""
 LONGEST_PERIOD_S = 6.0
-"""Slower than 1 rad/s there is no regime."""
+SLOWEST_RAD_S = 2.0 * math.pi / LONGEST_PERIOD_S
+"""A crank that turns forward more slowly than this 1 rad/s, or backward, stands: there is no regime."""
 AGREEING_PERIODS = 2
 """Before a new regime is reported."""
-
-
-class RegimeConfig(NamedTuple):
-    """`equal_speed`: relative difference of approach speeds up to which two periods count as alike.
-
-    `slowest_rad_s`: a crank that turns forward more slowly, or backward, stands.
-    """
-
-    equal_speed: float
-    grazing_m_s: float
-    chattering_impacts: int
-    still_m_s2: float
-    slowest_rad_s: float
-    agreeing_periods: int
 
 
 class Period(NamedTuple):
@@ -85,34 +72,31 @@ INITIAL = RegimeState(
 )
 
 
-def alike(config: RegimeConfig, one: Period, other: Period) -> bool:
+def alike(one: Period, other: Period) -> bool:
     """Whether two periods have the same number of impacts at about the same speed."""
     larger_m_s = at_least(one.speed_m_s, other.speed_m_s)
-    return (
-        one.impacts == other.impacts
-        and abs(one.speed_m_s - other.speed_m_s) <= config.equal_speed * larger_m_s
-    )
+    return one.impacts == other.impacts and abs(one.speed_m_s - other.speed_m_s) <= EQUAL_SPEED * larger_m_s
 
 
 def decide(  # noqa: PLR0911 - a table, read top to bottom
-    config: RegimeConfig, last: Period, second: Period, third: Period, fourth: Period
+    last: Period, second: Period, third: Period, fourth: Period
 ) -> Regime:
     """The regime that the last four periods, newest first, speak for."""
     impacts = last.impacts + second.impacts + third.impacts + fourth.impacts
     if last.impacts + second.impacts == 0 and (third.impacts + fourth.impacts == 0 or impacts == 0):
-        still = last.peak_m_s2 < config.still_m_s2 and second.peak_m_s2 < config.still_m_s2
+        still = last.peak_m_s2 < STILL_M_S2 and second.peak_m_s2 < STILL_M_S2
         return Regime.STUCK if still else Regime.NON_IMPACT
-    if last.impacts >= config.chattering_impacts and second.impacts >= config.chattering_impacts:
+    if last.impacts >= CHATTERING_IMPACTS and second.impacts >= CHATTERING_IMPACTS:
         return Regime.CHATTERING
-    if at_least(last.speed_m_s, second.speed_m_s) < config.grazing_m_s:
+    if at_least(last.speed_m_s, second.speed_m_s) < GRAZING_M_S:
         return Regime.UNCERTAIN
-    if last.impacts > 0 and alike(config, last, second):
+    if last.impacts > 0 and alike(last, second):
         return Regime.IMPACT
     if last.impacts == 1 and second.impacts == 1 and third.impacts == 1:
         # One impact a period whose strength alternates repeats after two.
-        alternating = alike(config, last, third) and alike(config, second, fourth)
+        alternating = alike(last, third) and alike(second, fourth)
         return Regime.PERIOD_N if alternating else Regime.IMPACT
-    if alike(config, last, third) or alike(config, last, fourth):
+    if alike(last, third) or alike(last, fourth):
         return Regime.PERIOD_N
     return Regime.UNCERTAIN
 
@@ -132,7 +116,6 @@ def _touched(
 
 
 def step(
-    config: RegimeConfig,
     state: RegimeState,
     angle_rad: float,
     omega_rad_s: float,
@@ -146,7 +129,7 @@ def step(
 
     `ended`: a period ended with a sample that has waited with this one.
     """
-    if not omega_rad_s >= config.slowest_rad_s:
+    if not omega_rad_s >= SLOWEST_RAD_S:
         return INITIAL._replace(angle_rad=angle_rad)  # nothing is known of a crank that stands
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
     phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
@@ -156,7 +139,7 @@ def step(
         return state._replace(angle_rad=angle_rad, running=running, ended=ended)
     running = _touched(running, False, 0.0, 0.0, abs(acceleration_m_s2))
     fresh = _touched(_EMPTY, touch_down, speed_m_s, phase_rad, abs(acceleration_m_s2))
-    candidate = decide(config, running, state.last, state.second, state.third)
+    candidate = decide(running, state.last, state.second, state.third)
     if state.periods < 2:
         candidate = Regime.UNCERTAIN
     agreed = state.agreed + 1 if candidate == state.candidate else 1
@@ -164,8 +147,8 @@ def step(
     hit = regime in (Regime.IMPACT, Regime.PERIOD_N)
     if hit and running.impacts + state.last.impacts == 0:
         regime = Regime.LOST
-    elif agreed >= config.agreeing_periods and not (
-        regime == Regime.LOST and candidate == Regime.NON_IMPACT and agreed < 2 * config.agreeing_periods
+    elif agreed >= AGREEING_PERIODS and not (
+        regime == Regime.LOST and candidate == Regime.NON_IMPACT and agreed < 2 * AGREEING_PERIODS
     ):
         regime = candidate
     return RegimeState(

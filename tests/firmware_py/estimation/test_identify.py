@@ -49,8 +49,8 @@ def test_spring_and_friction_come_out_of_what_was_put_in_whatever_the_parabola()
 def test_what_is_identified_is_bounded_and_nothing_seen_says_nothing() -> None:
     assert identify.solved(CONFIG, identify.INITIAL.normal) == (0.0, 0.0)
     assert identify.solved(CONFIG, Normal(1e6, 0.0, 1e6, 1e6, -1e6)) == (
-        CONFIG.largest_spring,
-        -CONFIG.largest_friction,
+        identify.LARGEST_SPRING,
+        -identify.LARGEST_FRICTION,
     )
     assert identify.solved(CONFIG, Normal(*[math.nan] * 5)) == (0.0, 0.0)
 
@@ -74,14 +74,14 @@ def test_a_flight_with_a_push_is_left_out() -> None:
 
 def test_only_what_explains_new_flights_better_is_fed() -> None:
     state = identify.INITIAL
-    for _ in range(CONFIG.fewest_flights):
+    for _ in range(identify.FEWEST_FLIGHTS):
         state = after(state, flight())
     assert state.spring == pytest.approx(0.02, abs=2e-3)
     assert identify.trusted(CONFIG, state)
     assert not identify.trusted(CONFIG._replace(feeds=False), state)
     # Flights that contradict each other explain nothing.
     state = identify.INITIAL
-    for n in range(2 * CONFIG.fewest_flights):
+    for n in range(2 * identify.FEWEST_FLIGHTS):
         state = after(state, flight(spring=0.02 if n % 2 else -0.02))
     assert not identify.trusted(CONFIG, state)
 

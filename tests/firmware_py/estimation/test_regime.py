@@ -5,9 +5,7 @@ import pytest
 from firmware_py.core.estimation import regime
 from firmware_py.core.estimation.regime import Period
 from firmware_py.interface.enums import Regime
-from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({}).regime
 OMEGA = 12.0
 
 
@@ -39,7 +37,7 @@ STILL = Period(0, 0.0, 0.0, 0.3)
     ],
 )
 def test_four_periods_decide(periods: list[Period], expected: Regime) -> None:
-    assert regime.decide(CONFIG, *periods) == expected
+    assert regime.decide(*periods) == expected
 
 
 def turn(
@@ -52,7 +50,7 @@ def turn(
     for tick in range(ticks):
         angle = 2 * math.pi * tick / ticks
         touch = any(angle - 2 * math.pi / ticks < place <= angle for place in places)
-        state = regime.step(CONFIG, state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0, False)
+        state = regime.step(state, angle, OMEGA, touch, 0.0, speed, -250.0 if touch else 20.0, False)
     return state
 
 
@@ -94,13 +92,13 @@ def test_every_period_ends_once() -> None:
     assert ended == 4  # the fifth ends with the next turn's first tick
 
 
-@pytest.mark.parametrize("omega", [0.0, -OMEGA, 0.99 * CONFIG.slowest_rad_s, math.nan])
+@pytest.mark.parametrize("omega", [0.0, -OMEGA, 0.99 * regime.SLOWEST_RAD_S, math.nan])
 def test_a_crank_that_stands_has_no_regime(omega: float) -> None:
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
     assert state.regime == Regime.IMPACT
-    state = regime.step(CONFIG, state, 1.0, omega, False, 0.0, 0.0, 0.1, False)
+    state = regime.step(state, 1.0, omega, False, 0.0, 0.0, 0.1, False)
     assert state == regime.INITIAL._replace(angle_rad=1.0)
 
 
@@ -108,7 +106,7 @@ def test_the_slowest_crank_that_turns_keeps_its_regime() -> None:
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
-    state = regime.step(CONFIG, state, 1.0, CONFIG.slowest_rad_s, False, 0.0, 0.0, 0.1, False)
+    state = regime.step(state, 1.0, regime.SLOWEST_RAD_S, False, 0.0, 0.0, 0.1, False)
     assert state.regime == Regime.IMPACT
 
 
@@ -116,7 +114,7 @@ def test_an_encoder_that_flickers_about_zero_at_rest_ends_no_period() -> None:
     state = regime.INITIAL
     for tick in range(20):
         angle = 1e-3 if tick % 2 else 2.0 * math.pi - 1e-3
-        state = regime.step(CONFIG, state, angle, 0.0, False, 0.0, 0.0, 0.1, False)
+        state = regime.step(state, angle, 0.0, False, 0.0, 0.0, 0.1, False)
         assert not state.ended
     assert state.periods == 0
 
@@ -125,7 +123,7 @@ def test_after_a_stand_a_regime_is_found_anew() -> None:
     state = regime.INITIAL
     for _ in range(6):
         state = turn(state, 1)
-    state = regime.step(CONFIG, state, 0.0, 0.0, False, 0.0, 0.0, 0.1, False)
+    state = regime.step(state, 0.0, 0.0, False, 0.0, 0.0, 0.1, False)
     seen = []
     for _ in range(6):
         state = turn(state, 0)
