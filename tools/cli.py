@@ -147,7 +147,7 @@ def board_errors() -> tuple[type[Exception], ...]:
 def say_error(label: str, message: str, as_json: bool) -> None:
     """Print an error on the console and, if requested, in JSON."""
     progress_console.print(label, style="bold red", end=" ")
-    progress_console.print(message, markup=False, highlight=False, soft_wrap=True)
+    progress_console.print(message, markup=False, soft_wrap=True)
     if as_json:
         print_json({"error": message})
 

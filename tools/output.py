@@ -4,10 +4,11 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TextIO
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 
@@ -25,7 +26,8 @@ PIPED_WIDTH = 240
 def console_on(stream: TextIO) -> Console:
     """A console on standard output or error; in a terminal, or by $COLUMNS, it is as wide as that."""
     free = not stream.isatty() and "COLUMNS" not in os.environ
-    return Console(stderr=stream is sys.stderr, width=PIPED_WIDTH if free else None)
+    width = PIPED_WIDTH if free else None
+    return Console(stderr=stream is sys.stderr, width=width, highlight=False)
 
 
 console = console_on(sys.stdout)
@@ -62,6 +64,18 @@ def print_json(payload: Mapping[str, Any]) -> None:
     """Print one JSON object, and nothing else, on standard output."""
     sys.stdout.write(json.dumps(plain(payload), allow_nan=False) + "\n")
     sys.stdout.flush()
+
+
+def answer(
+    payload: Mapping[str, Any], as_json: bool, show: Callable[[], None], status: int = EXIT_PASSED
+) -> None:
+    """End a command: print its result, as one JSON object or as `show` does, and exit with `status`."""
+    if as_json:
+        print_json(payload)
+    else:
+        show()
+    if status:
+        raise typer.Exit(status)
 
 
 def figure(value: Any, unit: str = "") -> str:

@@ -54,7 +54,7 @@ def shown_progress() -> Iterator[Progress]:
                 bar.update(task, total=total, completed=fraction or 0.0, description=doing, refresh=True)
             else:
                 share = "" if fraction is None else f"{fraction:4.0%}  "
-                progress_console.print(f"{share}{doing}", highlight=False, soft_wrap=True)
+                progress_console.print(f"{share}{doing}", soft_wrap=True)
 
         yield progress
 

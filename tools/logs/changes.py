@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.output import BadInputError, console, figure
 
@@ -34,9 +34,8 @@ def baseline_result(place: str) -> dict[str, Any]:
 def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
     """Print the largest changes of checked figures, then how many there are of each verdict."""
     differing = [one for one in changes if not one["equal"]]
-    table = Table(box=None, pad_edge=False)
-    for title in ("scenario", "figure", "before", "after", "margin before", "after", ""):
-        table.add_column(title, overflow="fold")
+    titles = ("scenario", "figure", "before", "after", "margin before", "after", "")
+    table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
     for one in differing[:MOST_SHOWN]:
         values = (
             figure(one[side], one["unit"]) for side in ("before", "after", "margin_before", "margin_after")
@@ -50,6 +49,5 @@ def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
     console.print(
         f"of {len(changes)} figures {len(changes) - len(differing)} are equal, {counts['better']} better, "
         f"{counts['worse']} worse"
-        + (f"; {few} differ, too few seeds to judge them: --seeds 10" if few else ""),
-        highlight=False,
+        + (f"; {few} differ, too few seeds to judge them: --seeds 10" if few else "")
     )

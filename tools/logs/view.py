@@ -52,7 +52,7 @@ def view(run: Path | None, web: bool, live: bool) -> None:
         if web:
             in_browser(live_viewer_command(web) if log is None else viewer_command(log, web), shown)
             return
-        progress_console.print(shown, highlight=False)
+        progress_console.print(shown)
         if log is None:
             subprocess.run(live_viewer_command(web), env=rerun_environment(), check=True)
         else:
@@ -93,9 +93,7 @@ def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
             return
         except (ConnectionError, RuntimeError) as error:
             if time.monotonic() > deadline_s:
-                progress_console.print(
-                    f"the first failed check is at {at_s:.3f} s ({error})", highlight=False
-                )
+                progress_console.print(f"the first failed check is at {at_s:.3f} s ({error})")
                 return
             time.sleep(0.2)
 
@@ -114,7 +112,7 @@ def view_together(folders: Sequence[Path]) -> None:
 def in_browser(command: list[str], shown: str) -> None:
     """Serve the viewer until Ctrl-C, and open a browser on it where there is one."""
     with quiet_viewer.served(command, rerun_environment()) as (address, process):
-        progress_console.print(f"{shown}: at {address} until Ctrl-C", highlight=False, soft_wrap=True)
+        progress_console.print(f"{shown}: at {address} until Ctrl-C", soft_wrap=True)
         webbrowser.open(address)
         process.wait()
     raise subprocess.CalledProcessError(process.returncode, command)

@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
-from tools.output import EXIT_CHECK_FAILED, BadInputError, console, print_json
+from tools.output import BadInputError, answer, console, exit_of
 
 if TYPE_CHECKING:
     from firmware_py.interface.addresses import Addresses
@@ -55,12 +55,7 @@ def schedule(
             for other in others
         ],
     }
-    if as_json:
-        print_json(payload)
-    else:
-        show(payload)
-    if not analysed.schedulable:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    answer(payload, as_json, lambda: show(payload), exit_of(payload))
 
 
 def places_of(text: str) -> "Addresses":
@@ -105,12 +100,14 @@ def rows(analysed: "Schedule", disturbed: "Schedule") -> list[dict[str, Any]]:
 
 def show(payload: dict[str, Any]) -> None:
     """Print the frames by priority, then the results at other bit rates."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("id")
-    for name in ("frame", "sender"):
-        table.add_column(name, no_wrap=True)
-    for name in ("bytes", "period", "response", "disturbed", "slack", "load %"):
-        table.add_column(name, justify="right")
+    numbers = ("bytes", "period", "response", "disturbed", "slack", "load %")
+    table = Table(
+        "id",
+        *(Column(name, no_wrap=True) for name in ("frame", "sender")),
+        *(Column(name, justify="right") for name in numbers),
+        box=None,
+        pad_edge=False,
+    )
     for row in payload["frames"]:
         table.add_row(
             f"0x{row['id']:03X}",
@@ -129,7 +126,6 @@ def show(payload: dict[str, Any]) -> None:
         "times in ms · period: also the deadline, and an event's smallest gap\n"
         "response: at worst · disturbed: with a transmission destroyed at any time, then one every 10 ms",
         style="dim",
-        highlight=False,
     )
     say(payload["bitrate"], payload["load"], ", ".join(payload["late"]))
     for other in payload["others"]:
@@ -139,9 +135,7 @@ def show(payload: dict[str, Any]) -> None:
 def say(bitrate: int, load: float, late: str) -> None:
     """Print one line for one bit rate."""
     what = f"[red]may be late: {late}[/]" if late else "[green]every frame in time[/]"
-    console.print(
-        f"{bitrate / 1000:g} kbit/s, load {100 * load:.1f} % at most: {what}", highlight=False, soft_wrap=True
-    )
+    console.print(f"{bitrate / 1000:g} kbit/s, load {100 * load:.1f} % at most: {what}", soft_wrap=True)
 
 
 def milliseconds(time_s: float, digits: int = 3) -> str:

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
-from tools.output import BadInputError, console, figure_table, print_json
+from tools.output import BadInputError, answer, console, figure_table
 from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
@@ -92,10 +92,7 @@ def simulate(
 
         plot_motion(result, loaded, plot)
         payload["plot"] = str(plot)
-    if as_json:
-        print_json(payload)
-    else:
-        show(payload)
+    answer(payload, as_json, lambda: show(payload))
 
 
 def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
@@ -126,9 +123,9 @@ def show(payload: dict[str, Any]) -> None:
     ]
     console.print(figure_table(f"{payload['scene']}, {payload['final']['t_s']:g} s", rows))
     if len(times):
-        table = Table(title="last impacts", title_justify="left", box=None)
-        for name in ("time [s]", "v⁻ [m/s]", "impulse [N s]", "peak force [N]"):
-            table.add_column(name, justify="right")
+        names = ("time [s]", "v⁻ [m/s]", "impulse [N s]", "peak force [N]")
+        headers = [Column(name, justify="right") for name in names]
+        table = Table(*headers, title="last impacts", title_justify="left", box=None)
         for row in range(max(0, len(times) - 5), len(times)):
             peak = payload["peak_forces_n"][row]
             table.add_row(
@@ -139,4 +136,4 @@ def show(payload: dict[str, Any]) -> None:
             )
         console.print(table)
     for note in payload["notes"]:
-        console.print(f"note: {note}", highlight=False)
+        console.print(f"note: {note}")

@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -23,9 +23,6 @@ from tools.commands.design.study_output import (
 from tools.commands.options import Json
 from tools.output import BadInputError, console, figure_table
 from tools.outputs import RECORDINGS, file_option, folder_option
-
-if TYPE_CHECKING:
-    pass
 
 study = typer.Typer(
     name="study",
@@ -322,9 +319,7 @@ def claims(
     pages.write(judged, written)
 
     def show() -> None:
-        table = Table(box=None, pad_edge=False)
-        for name in ("claim", "the paper says", "verdict"):
-            table.add_column(name)
+        table = Table("claim", "the paper says", "verdict", box=None, pad_edge=False)
         for claim in judged:
             table.add_row(claim.id, claim.statement, claim.verdict)
         console.print(table)
@@ -372,9 +367,7 @@ def feasibility(
     }
 
     def show() -> None:
-        shown = Table(box=None, pad_edge=False)
-        for title in ("preset", "cells", *table.REASONS):
-            shown.add_column(title)
+        shown = Table("preset", "cells", *table.REASONS, box=None, pad_edge=False)
         for one in presets:
             cells = [str(counts[one].get(reason, 0)) for reason in table.REASONS]
             shown.add_row(one, str(sum(counts[one].values())), *cells)

@@ -135,9 +135,8 @@ def is_nominal(case: "Case") -> bool:
 
 def show_sweep(found: "list[Diagram]") -> None:
     """Print a row per case."""
-    table = Table(title="where there are impacts, in Ω/ω", title_justify="left", box=None)
-    for name in ("preset", "friction", "run-up", "run-down", "multistable", "ends by"):
-        table.add_column(name)
+    titles = ("preset", "friction", "run-up", "run-down", "multistable", "ends by")
+    table = Table(*titles, title="where there are impacts, in Ω/ω", title_justify="left", box=None)
     for diagram in found:
         kinds = sorted({edge.kind for edge in (*diagram.up.edges, *diagram.down.edges)})
         table.add_row(

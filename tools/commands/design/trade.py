@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from tools.commands.options import Json
-from tools.output import console, figure, print_json
+from tools.output import answer, console, figure, print_json
 from tools.outputs import PICTURES, file_option
 from tools.progress import shown_progress
 
@@ -75,10 +75,7 @@ def trade(
     if plot is not None:
         pictures.draw(measured, plot)
         payload["plot"] = str(plot)
-    if as_json:
-        print_json(payload)
-    else:
-        show(payload)
+    answer(payload, as_json, lambda: show(payload))
 
 
 def write_extremes(page: Path, as_json: bool) -> None:
@@ -87,10 +84,8 @@ def write_extremes(page: Path, as_json: bool) -> None:
 
     with shown_progress() as progress:
         rows = extremes.write(page, partial(progress, None))
-    if as_json:
-        print_json({"rows": rows, "page": str(page)})
-    else:
-        console.print(f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}", highlight=False)
+    told = f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}"
+    answer({"rows": rows, "page": str(page)}, as_json, lambda: console.print(told))
 
 
 def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
@@ -123,8 +118,7 @@ def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
         "×: cost over the first part's; N s: an impact's impulse, — where impacts have ended; J: the drive's "
         "work a cycle, where windings are modelled also that at their terminals; fold: the largest r at "
         "which impacts go on as the crank is made faster in steps of 0.01. All by the adaptive solver. "
-        f"Processor time of a thread, least of {repeats} interleaved repeats.",
-        highlight=False,
+        f"Processor time of a thread, least of {repeats} interleaved repeats."
     )
 
 
@@ -148,11 +142,10 @@ def show(payload: Mapping[str, Any]) -> None:
         "a closed form it is the truth, else the adaptive solver at 1e-13. Processor time of a thread, least "
         f"of {payload['repeats']} interleaved repeats, a row of calls each, as called from Python; a first "
         f"call takes longer (cost_first with --json). {payload['cores']} cores, load "
-        f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures.",
-        highlight=False,
+        f"{load['before']:.1f} before and {load['after']:.1f} after: ratios hold better than figures."
     )
     for note in payload["notes"]:
-        console.print(f"note: {note}", highlight=False)
+        console.print(f"note: {note}")
 
 
 def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:

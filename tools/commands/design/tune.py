@@ -9,7 +9,7 @@ import typer
 
 from tools.commands.design.tune_tables import show, show_check, show_difference, show_trials
 from tools.commands.options import Json
-from tools.output import EXIT_CHECK_FAILED, BadInputError, print_json
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError, answer, exit_of
 from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 from tools.progress import Progress, counted_progress, counting, shown_progress
 
@@ -115,12 +115,8 @@ def finish(
 
 def report(payload: Mapping[str, Any], as_json: bool) -> None:
     """Print the result; a file that was not written is a failed check."""
-    if as_json:
-        print_json(payload)
-    else:
-        show(payload)
-    if payload["out"] is None:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    status = EXIT_CHECK_FAILED if payload["out"] is None else EXIT_PASSED
+    answer(payload, as_json, lambda: show(payload), status)
 
 
 @tune.command()
@@ -249,12 +245,7 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
     with counted_progress("trials", trials) as progress:
         outcomes = run_trials(trials, path, progress=lambda done, _: progress(done), workers=workers)
     payload = {"command": "identify", **summary(outcomes), "out": str(path)}
-    if as_json:
-        print_json(payload)
-    else:
-        show_trials(payload)
-    if not payload["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    answer(payload, as_json, lambda: show_trials(payload), exit_of(payload))
 
 
 @tune.command()
@@ -404,12 +395,7 @@ def check(
         "safety": [result.as_json() for result in safety],
         "passed": payload["passed"] and all(result.passed for result in safety),
     }
-    if as_json:
-        print_json(payload)
-    else:
-        show_check(payload)
-    if not payload["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    answer(payload, as_json, lambda: show_check(payload), exit_of(payload))
 
 
 @tune.command()
@@ -434,9 +420,6 @@ def diff(
     if suite:
         with shown_progress() as progress:
             payload["suite"] = effects(a, b, scenario or SCENARIOS, progress)
-    if as_json:
-        print_json(payload)
-    else:
-        show_difference(payload, a, b)
-    if any(one["passed"]["a"] and not one["passed"]["b"] for one in payload["suite"]):
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    worse = any(one["passed"]["a"] and not one["passed"]["b"] for one in payload["suite"])
+    status = EXIT_CHECK_FAILED if worse else EXIT_PASSED
+    answer(payload, as_json, lambda: show_difference(payload, a, b), status)

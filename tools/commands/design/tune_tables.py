@@ -21,32 +21,32 @@ def show(payload: Mapping[str, Any]) -> None:
     """Parameters, figures of merit, warnings and verdicts of the safety scenarios."""
     from firmware_py.shell.parameters import DEFAULTS
 
-    console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}", highlight=False)
+    console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}")
     table = columns("<parameter", "value", "low", "high", "default", "<unit")
     for name, value in payload["parameters"].items():
         numbers = (value["value"], value["low"], value["high"], DEFAULTS[name])
         table.add_row(name, *(f"{number:.5g}" for number in numbers), value["unit"])
     console.print(table)
-    console.print(f"low, high: {payload['range_is']}", highlight=False, style="dim")
+    console.print(f"low, high: {payload['range_is']}", style="dim")
     rows = [
         (name.replace("_", " "), m["value"], m["unit"]) for name, m in payload["figures_of_merit"].items()
     ]
     console.print(figure_table("figures of merit", rows))
     for warning in payload["warnings"]:
-        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
+        console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
     if payload["out"] is None:
-        console.print("[bold red]not written[/]; --force writes it all the same", highlight=False)
+        console.print("[bold red]not written[/]; --force writes it all the same")
     else:
         forced = "" if payload["safe"] else "  [bold red]by force[/]"
-        console.print(f"[bold green]written[/]{forced}  {payload['out']}", highlight=False, soft_wrap=True)
+        console.print(f"[bold green]written[/]{forced}  {payload['out']}", soft_wrap=True)
 
 
 def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
     """One line per judgement."""
     for result in safety:
         mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
-        console.print(f"safety, {result['scenario']}: {mark}", highlight=False)
+        console.print(f"safety, {result['scenario']}: {mark}")
 
 
 def show_trials(payload: Mapping[str, Any]) -> None:
@@ -67,9 +67,9 @@ def show_trials(payload: Mapping[str, Any]) -> None:
     console.print(table)
     for one in payload["wrong"]:
         named = one["named"] or one["why"]
-        console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}", highlight=False)
+        console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}")
     mark = "[green]goals met[/]" if payload["passed"] else "[bold red]a goal is missed[/]"
-    console.print(f"{mark}; outcomes in {payload['out']}", highlight=False, soft_wrap=True)
+    console.print(f"{mark}; outcomes in {payload['out']}", soft_wrap=True)
 
 
 def show_check(payload: Mapping[str, Any]) -> None:
@@ -86,10 +86,10 @@ def show_check(payload: Mapping[str, Any]) -> None:
         margins.add_row(one["what"], one["command"], *numbers, one["unit"], one["naive_is"])
     console.print(margins)
     for warning in payload["warnings"]:
-        console.print(f"[bold yellow]warning:[/] {warning}", highlight=False)
+        console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
     mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
-    console.print(f"{mark}; files in {payload['out']}", highlight=False, soft_wrap=True)
+    console.print(f"{mark}; files in {payload['out']}", soft_wrap=True)
 
 
 def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
@@ -115,7 +115,7 @@ def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
             else f"[red]failed ({', '.join(one['failed'][side])})[/]"
             for side in ("a", "b")
         )
-        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts), highlight=False)
+        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts))
         if one["figures"]:
             console.print(_side_by_side("figure", one["figures"], a, b))
         else:

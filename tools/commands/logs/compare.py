@@ -4,11 +4,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
 from tools.logs.changes import show_changes
-from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
+from tools.output import (
+    EXIT_CHECK_FAILED,
+    EXIT_NOTHING_RAN,
+    EXIT_PASSED,
+    BadInputError,
+    answer,
+    console,
+    figure,
+)
 from tools.outputs import RECORDINGS, new_option
 
 MOST_CHANGES = 10
@@ -51,12 +59,8 @@ def compare(
         found = result["first_difference"]
         comparison.write_overlay(*runs, None if found is None else comparison.Difference(**found), out)
         result["out"] = str(out)
-    if as_json:
-        print_json(result)
-    else:
-        show(result)
-    if must_be_equal and not result["equal"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    status = EXIT_CHECK_FAILED if must_be_equal and not result["equal"] else EXIT_PASSED
+    answer(result, as_json, lambda: show(result), status)
 
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None:
@@ -69,19 +73,13 @@ def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None
         result = compare(before, after) | {"changes": changes(before, after)}
     except SuiteError as error:
         raise BadInputError(str(error)) from error
-    if as_json:
-        print_json(result)
-    else:
-        show_changes(result["changes"])
-        show_verdicts(result)
-    if not result["compared"]:
-        raise typer.Exit(EXIT_NOTHING_RAN)
-    if must_be_equal and not result["equal"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    status = EXIT_CHECK_FAILED if must_be_equal and not result["equal"] else EXIT_PASSED
+    answer(result, as_json, lambda: show_verdicts(result), status if result["compared"] else EXIT_NOTHING_RAN)
 
 
 def show_verdicts(result: dict[str, Any]) -> None:
-    """Print the verdicts that differ, then how many do not."""
+    """Print what changed, the verdicts that differ, then how many do not."""
+    show_changes(result["changes"])
     words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
     for one in result["differences"]:
         what = "" if one["check"] is None else f"  {one['check']}"
@@ -91,12 +89,11 @@ def show_verdicts(result: dict[str, Any]) -> None:
         )
     for side in ("a", "b"):
         if result[f"only_in_{side}"]:
-            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", highlight=False)
+            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}")
     scenarios = {one["scenario"] for one in result["differences"]}
     console.print(
         f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
-        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})",
-        highlight=False,
+        f"{result['checks']} checks have the same verdicts ({' and '.join(result['clocks'])})"
     )
 
 
@@ -105,9 +102,8 @@ def show(result: dict[str, Any]) -> None:
     from tools.logs.comparison import is_timing
 
     figures, changes = result["figures"], result["largest_changes"]
-    table = Table(box=None, pad_edge=False)
-    for title in ("figure", "a", "b", "b − a"):
-        table.add_column(title, no_wrap=True)
+    titles = (Column(title, no_wrap=True) for title in ("figure", "a", "b", "b − a"))
+    table = Table(*titles, box=None, pad_edge=False)
     words = {side: "passed" if passed else "FAILED" for side, passed in result["passed"].items()}
     table.add_row("verdict", words["a"], words["b"], "")
     table.add_row("fault", figures["fault"]["a"], figures["fault"]["b"], "")
@@ -118,13 +114,12 @@ def show(result: dict[str, Any]) -> None:
     console.print(table)
     more = f"; the {MOST_CHANGES} largest changes are shown" if len(physical) > MOST_CHANGES else ""
     equal = len(figures) - len(changes)
-    console.print(f"{equal} of {len(figures)} figures are equal{more}", highlight=False)
+    console.print(f"{equal} of {len(figures)} figures are equal{more}")
     work = figures["tick_us.p99"]
     console.print(
         f"the machine: firmware work p99 {figure(work['a'])} and {figure(work['b'])} µs, "
         f"overruns {figure(figures['overruns']['a'])} and {figure(figures['overruns']['b'])}",
         style="dim",
-        highlight=False,
     )
     first = result["first_difference"]
     if first is None:
@@ -133,8 +128,7 @@ def show(result: dict[str, Any]) -> None:
         values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
         console.print(
             f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {values}",
-            highlight=False,
             soft_wrap=True,
         )
     if "out" in result:
-        console.print(f"overlaid in {result['out']}", highlight=False, soft_wrap=True)
+        console.print(f"overlaid in {result['out']}", soft_wrap=True)

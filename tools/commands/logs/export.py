@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from tools.commands.options import Json
-from tools.output import console, figure_table, print_json
+from tools.output import answer, console, figure_table
 from tools.outputs import new_option, refuse_existing
 
 
@@ -36,7 +36,6 @@ def export(
     place = logged.log.parent / f"frames.{to}" if out is None else out
     refuse_existing("--out", place)
     frames = write(logged, to, place)
-    if as_json:
-        print_json({"run": str(logged.folder), "to": to, "out": str(place), "frames": frames})
-    else:
-        console.print(figure_table(str(place), [(name, number, "") for name, number in frames.items()]))
+    payload = {"run": str(logged.folder), "to": to, "out": str(place), "frames": frames}
+    rows = [(name, number, "") for name, number in frames.items()]
+    answer(payload, as_json, lambda: console.print(figure_table(str(place), rows)))

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from tools.commands.options import Json
-from tools.output import console, figure_table, print_json
+from tools.output import answer, console, figure_table
 from tools.outputs import folder_option
 
 
@@ -34,10 +34,7 @@ def import_log(
     from tools.logs.importing import import_log as make_run
 
     result = make_run(log, out, channel, tolerant)
-    if as_json:
-        print_json(result)
-    else:
-        show(result)
+    answer(result, as_json, lambda: show(result))
 
 
 def show(result: dict[str, Any]) -> None:
@@ -52,11 +49,9 @@ def show(result: dict[str, Any]) -> None:
     ]
     console.print(figure_table(result["log"], rows))
     for line in result["left_out"]:
-        console.print(
-            f"[yellow]left out line {line['number']}[/]: {line['why']}", soft_wrap=True, highlight=False
-        )
+        console.print(f"[yellow]left out line {line['number']}[/]: {line['why']}", soft_wrap=True)
     if result["truncated"] is not None:
-        console.print(f"[yellow]the log is cut short[/]: {result['truncated']}", highlight=False)
+        console.print(f"[yellow]the log is cut short[/]: {result['truncated']}")
     if not result["firmware_seen"]:
         console.print("no heartbeat of the firmware: neither modes nor estimate are shown")
-    console.print(f"open it with: vibrohil view {result['out']}", soft_wrap=True, highlight=False)
+    console.print(f"open it with: vibrohil view {result['out']}", soft_wrap=True)

@@ -4,18 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
-from tools.output import (
-    BadInputError,
-    console,
-    exit_of,
-    figure,
-    plain,
-    print_json,
-    progress_console,
-)
+from tools.output import BadInputError, answer, console, exit_of, figure, plain, progress_console
 from tools.outputs import PICTURES, TABLES, file_option
 
 if TYPE_CHECKING:
@@ -56,34 +48,25 @@ def inspect(
     logged = open_run(run)
     if plot is not None:
         plot_signals(logged, signal or list(DEFAULT_SIGNALS), plot)
-        progress_console.print(f"drawn: {plot}", highlight=False)
+        progress_console.print(f"drawn: {plot}")
     if table is not None:
         rows = logged.table(table)
         if to is not None:
             write_table(rows, to)
-        if as_json:
-            columns = {field.name: str(field.type) for field in rows.schema}
-            written = None if to is None else str(to)
-            print_json({"table": table, "rows": rows.num_rows, "columns": columns, "to": written})
-        else:
-            show_table(table, rows, to)
-        return
-    if plot is not None:
-        return
-    if as_json:
-        print_json(logged.verdict)
-    else:
-        show_figures(logged)
-    if status := exit_of(logged.verdict):
-        raise typer.Exit(status)
+        columns = {field.name: str(field.type) for field in rows.schema}
+        written = None if to is None else str(to)
+        payload = {"table": table, "rows": rows.num_rows, "columns": columns, "to": written}
+        answer(payload, as_json, lambda: show_table(table, rows, to))
+    elif plot is None:
+        answer(logged.verdict, as_json, lambda: show_figures(logged), exit_of(logged.verdict))
 
 
 def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
     """Print the columns of a table with their first and last values."""
     where = "" if to is None else f", written to {to}"
-    shown = Table(title=f"{name}: {rows.num_rows} rows{where}", title_justify="left", box=None)
-    for title in ("column", "type", "first", "last"):
-        shown.add_column(title, no_wrap=title == "column")
+    title = f"{name}: {rows.num_rows} rows{where}"
+    headers = (Column("column", no_wrap=True), "type", "first", "last")
+    shown = Table(*headers, title=title, title_justify="left", box=None)
     for field in rows.schema:
         ends = [rows[field.name].to_numpy()[at] for at in ((0, -1) if rows.num_rows else ())]
         shown.add_row(field.name, str(field.type), *(figure(plain(end)) for end in ends))
@@ -95,14 +78,13 @@ def show_figures(logged: "Run") -> None:
     from hil.judge.figures.records import CATALOGUE, value_of
     from tools.commands.testing.run import show_checks
 
-    shown = Table(title=str(logged.log), title_justify="left", show_header=False, box=None, pad_edge=False)
-    shown.add_column(style="cyan", no_wrap=True)
-    shown.add_column(no_wrap=True)
-    shown.add_column(style="dim")
+    columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(style="dim"))
+    title = str(logged.log)
+    shown = Table(*columns, title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
     for spec in CATALOGUE.values():
         shown.add_row(spec.name, figure(value_of(logged.verdict, spec.name), spec.unit), spec.meaning)
     console.print(shown)
     if len(logged.traces.plant) == 0:
         console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")
     show_checks(logged.verdict)
-    console.print(f"tables: {', '.join(logged.names)}", highlight=False, style="dim")
+    console.print(f"tables: {', '.join(logged.names)}", style="dim")

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
-from tools.output import EXIT_NOTHING_RAN, BadInputError, console, figure, print_json
+from tools.output import EXIT_NOTHING_RAN, BadInputError, answer, console, figure, print_json
 
 if TYPE_CHECKING:
     from tools.logs.catalogue import ListedRun
@@ -49,17 +49,15 @@ def runs(
     found = chosen(listed(folder), where or [])
     if older is not None:
         removed = prune(found, age_s(older))
-        if as_json:
-            print_json({"removed": [str(path) for path in removed]})
-        else:
-            console.print(f"removed {len(removed)} of {len(found)} runs", highlight=False)
+        told = f"removed {len(removed)} of {len(found)} runs"
+        answer({"removed": [str(path) for path in removed]}, as_json, lambda: console.print(told))
         return
     columns = show or list(COLUMNS)
     if as_json:
         print_json({"runs": [row_of(run, columns) for run in found]})
     else:
         print_table(found[:most], columns)
-        console.print(f"{min(most, len(found))} of {len(found)} runs in {folder}", highlight=False)
+        console.print(f"{min(most, len(found))} of {len(found)} runs in {folder}")
     if not found:
         raise typer.Exit(EXIT_NOTHING_RAN)
     if view:
@@ -82,9 +80,8 @@ def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
 def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
     """Print a line for each run."""
     words = {True: "[green]passed[/]", False: "[bold red]failed[/]", None: "[dim]no verdict[/]"}
-    table = Table(box=None, pad_edge=False)
-    for title in ("begun", "", "scenario", "commit", *columns, "folder"):
-        table.add_column(title, overflow="fold")
+    titles = ("begun", "", "scenario", "commit", *columns, "folder")
+    table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
     for run in shown:
         begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
         figures = [figure(run.figure(name)) for name in columns]

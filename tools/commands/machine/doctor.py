@@ -4,7 +4,7 @@ import typer
 from rich.table import Table
 
 from tools.commands.options import Json
-from tools.output import EXIT_CHECK_FAILED, console, print_json
+from tools.output import answer, console, exit_of
 
 
 def register(app: typer.Typer) -> None:
@@ -21,17 +21,15 @@ def doctor(as_json: Json = False) -> None:
 
     checks = run_checks()
     passed, sentence = conclude(checks)
-    if as_json:
-        found = [check._asdict() for check in checks]
-        print_json({"checks": found, "passed": passed, "conclusion": sentence})
-    else:
-        table = Table(box=None, pad_edge=False)
-        for name in ("check", "", "detail", "remedy"):
-            table.add_column(name)
+
+    def show() -> None:
+        table = Table("check", "", "detail", "remedy", box=None, pad_edge=False)
         for check in checks:
             mark = "[green]yes[/]" if check.passed else "[yellow]no[/]"
             table.add_row(check.name, mark, check.detail, "" if check.passed else check.remedy)
         console.print(table)
-        console.print(sentence, highlight=False)
-    if not passed:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+        console.print(sentence)
+
+    found = [check._asdict() for check in checks]
+    payload = {"checks": found, "passed": passed, "conclusion": sentence}
+    answer(payload, as_json, show, exit_of(payload))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import Json
 from tools.output import console, print_json
@@ -33,9 +33,8 @@ def list_names(
     if as_json:
         print_json({what: [one._asdict() for one in found]})
         return
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_column(style="cyan", no_wrap=True)
-    table.add_column(overflow="fold")
+    columns = (Column(style="cyan", no_wrap=True), Column(overflow="fold"))
+    table = Table(*columns, box=None, pad_edge=False, show_header=False)
     for one in found:
         table.add_row(one.name, one.title)
     console.print(table)

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from tools.commands.options import FirmwareBuild, Json
-from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure, print_json
+from tools.output import BadInputError, answer, console, exit_of, figure
 from tools.progress import counted_progress, shown_progress
 
 if TYPE_CHECKING:
@@ -72,14 +72,8 @@ def campaign(
         result = run_endurance(ticks, change or [], firmware)
     else:
         result = run_campaign(name, trials, seed, change or [], workers, scheduler, keep, firmware)
-    if as_json:
-        print_json(result)
-    elif name == "endurance":
-        show_endurance(result)
-    else:
-        show(result)
-    if not result["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    shown = show_endurance if name == "endurance" else show
+    answer(result, as_json, lambda: shown(result), exit_of(result))
 
 
 def run_endurance(ticks: int, changes: list[str], firmware: "Build") -> dict[str, Any]:
@@ -165,7 +159,7 @@ def histogram(counts: list[int]) -> str:
 
 def show(result: dict[str, Any]) -> None:
     """Print a campaign for people: trials by condition, distributions, shares, failures, goals."""
-    console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}", highlight=False)
+    console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}")
     table = Table(box=None, pad_edge=False, title="trials by condition", title_justify="left")
     for name in ("condition", "trials", "eligible", "success", "95 % bounds"):
         table.add_column(name, justify="left" if name == "condition" else "right")
@@ -175,25 +169,20 @@ def show(result: dict[str, Any]) -> None:
         table.add_row(cell["cell"], str(cell["trials"]), str(cell["eligible"]), str(cell["success"]), bounds)
     console.print(table)
     for why, count in result["ineligible"].items():
-        console.print(f"  not counted: {count} × {why}", highlight=False)
+        console.print(f"  not counted: {count} × {why}")
     show_metrics(result)
     for name, share in result["shares"].items():
         low, high = share.get("low"), share.get("high")
         bounds = "" if low is None else f" ({100 * low:.2f}–{100 * high:.2f} %)"
-        console.print(
-            f"{name.replace('_', ' ')}: {100 * share['value']:.3f} %{bounds} of {share['n']}", highlight=False
-        )
+        console.print(f"{name.replace('_', ' ')}: {100 * share['value']:.3f} %{bounds} of {share['n']}")
     for failure in result["failures"][:MOST_FAILURES]:
-        console.print(
-            f"[red]trial {failure['trial']}[/] ({failure['cell']}): {failure['why']}", highlight=False
-        )
+        console.print(f"[red]trial {failure['trial']}[/] ({failure['cell']}): {failure['why']}")
     if len(result["failures"]) > MOST_FAILURES:
-        console.print(f"… and {len(result['failures']) - MOST_FAILURES} more, see --json", highlight=False)
+        console.print(f"… and {len(result['failures']) - MOST_FAILURES} more, see --json")
     if result["kept"]:
         console.print(
             f"{len(result['kept'])} trials kept as scenarios; open one with\n"
             f"  vibrohil run {result['kept'][0]} --clock lockstep --firmware compiled",
-            highlight=False,
             soft_wrap=True,
         )
     show_goals(result)
@@ -224,9 +213,7 @@ def show_metrics(result: dict[str, Any]) -> None:
 
 def show_goals(result: dict[str, Any]) -> None:
     """Print the goals and the verdict."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("goal", "value", "limit", ""):
-        table.add_column(name)
+    table = Table("goal", "value", "limit", "", box=None, pad_edge=False)
     for goal in result["goals"]:
         limits = [f"≥ {goal['low']:g}"] if goal["low"] is not None else []
         limits += [f"≤ {goal['high']:g}"] if goal["high"] is not None else []
@@ -244,8 +231,7 @@ def show_goals(result: dict[str, Any]) -> None:
         )
     console.print(
         f"{result['simulated_s']:.0f} s simulated in {result['wall_s']:.1f} s, "
-        f"{result['realtime_factor_a_core']:.0f} × real time a core (references and judgement included)",
-        highlight=False,
+        f"{result['realtime_factor_a_core']:.0f} × real time a core (references and judgement included)"
     )
     console.print("[bold green]PASSED[/]" if result["passed"] else "[bold red]FAILED[/]")
 
@@ -255,7 +241,6 @@ def show_endurance(result: dict[str, Any]) -> None:
     console.print(
         f"{result['ticks']} ticks: smallest eigenvalue of P {result['smallest_eigenvalue']:.3g} "
         f"(tick {result['at_tick']}), position RMSE {figure(result['x_rmse_mm'], 'mm')}, at the end in "
-        f"{result['mode']}, {result['realtime_factor']:.0f} × real time",
-        highlight=False,
+        f"{result['mode']}, {result['realtime_factor']:.0f} × real time"
     )
     console.print("[bold green]PASSED[/]" if result["passed"] else "[bold red]FAILED[/]")

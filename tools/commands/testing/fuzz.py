@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from tools.commands.options import Json
-from tools.output import EXIT_CHECK_FAILED, BadInputError, console, figure_table, print_json
+from tools.output import BadInputError, answer, console, exit_of, figure_table
 from tools.progress import counted_progress
 
 fuzz = typer.Typer(
@@ -15,6 +15,11 @@ fuzz = typer.Typer(
     help="Test the program with random invalid input and kills; a seed repeats a test.",
     no_args_is_help=True,
 )
+
+Inputs = Annotated[int, typer.Option(help="Number of inputs.")]
+FirstSeed = Annotated[
+    int, typer.Option(help="Seed of the first input; each further input has the next seed.", min=0)
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -47,34 +52,31 @@ def frames(
     with progress_of("frames", count) as progress:
         outcome = core.fuzz(count, seed, progress)
     failures = [failure._asdict() for failure in outcome.failures]
-    passed = not failures
-    if as_json:
-        print_json({**outcome._asdict(), "failures": failures, "passed": passed})
-    else:
-        rows = [
-            ("frames", f"{outcome.frames:,}", ""),
-            ("accepted", f"{outcome.taken:,}", ""),
-            ("rejected with a reason", f"{outcome.dropped:,}", ""),
-            ("without a receiver", f"{outcome.not_addressed:,}", ""),
-            ("ticks", f"{outcome.ticks:,}", ""),
-            ("ticks with torque", f"{outcome.ticks_with_torque:,}", ""),
-            ("largest torque, firmware", outcome.firmware_torque_n_m, "N m"),
-            ("largest torque, drive", outcome.drive_torque_n_m, "N m"),
-        ]
+    rows = [
+        ("frames", f"{outcome.frames:,}", ""),
+        ("accepted", f"{outcome.taken:,}", ""),
+        ("rejected with a reason", f"{outcome.dropped:,}", ""),
+        ("without a receiver", f"{outcome.not_addressed:,}", ""),
+        ("ticks", f"{outcome.ticks:,}", ""),
+        ("ticks with torque", f"{outcome.ticks_with_torque:,}", ""),
+        ("largest torque, firmware", outcome.firmware_torque_n_m, "N m"),
+        ("largest torque, drive", outcome.drive_torque_n_m, "N m"),
+    ]
+
+    def show() -> None:
         console.print(figure_table("fuzz", rows))
         for failure in outcome.failures:
             console.print(f"[red]seed {failure.seed}, tick {failure.tick}[/]: {failure.what}")
-        console.print("[green]passed[/]" if passed else f"[red]{len(failures)} failures[/]")
-    if not passed:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+        console.print(f"[red]{len(failures)} failures[/]" if failures else "[green]passed[/]")
+
+    payload = {**outcome._asdict(), "failures": failures, "passed": not failures}
+    answer(payload, as_json, show, exit_of(payload))
 
 
 @fuzz.command()
 def scenes(
-    count: Annotated[int, typer.Option(help="Number of inputs.")] = 2500,
-    seed: Annotated[
-        int, typer.Option(help="Seed of the first input; each further input has the next seed.", min=0)
-    ] = 1,
+    count: Inputs = 2500,
+    seed: FirstSeed = 1,
     as_json: Json = False,
 ) -> None:
     """Read randomly damaged scenes, scenarios, parameter files and settings.
@@ -87,10 +89,8 @@ def scenes(
 
 @fuzz.command()
 def files(
-    count: Annotated[int, typer.Option(help="Number of inputs.")] = 2500,
-    seed: Annotated[
-        int, typer.Option(help="Seed of the first input; each further input has the next seed.", min=0)
-    ] = 1,
+    count: Inputs = 2500,
+    seed: FirstSeed = 1,
     as_json: Json = False,
 ) -> None:
     """Read randomly damaged run folders, logs, traces and CAN logs.
@@ -108,24 +108,24 @@ def fuzz_inputs(kind: Literal["scenes", "files"], count: int, seed: int, as_json
     with progress_of(kind, count) as progress:
         outcome = core.fuzz(kind, count, seed, progress)
     failures = [failure._asdict() for failure in outcome.failures]
-    if as_json:
-        print_json({**outcome._asdict(), "failures": failures, "seed": seed, "passed": not failures})
-    else:
-        rows: list[tuple[str, Any, str]] = [
-            ("inputs", f"{outcome.inputs:,}, seeds {seed} to {seed + outcome.inputs - 1}", ""),
-            *((f"  {case}", f"{number:,}", "") for case, number in outcome.cases.items()),
-            *((f"exit status {status}", number, "") for status, number in sorted(outcome.statuses.items())),
-            ("slowest", outcome.slowest_s, "s of processor time"),
-            ("largest memory", outcome.largest_mb, "MB"),
-        ]
+    rows: list[tuple[str, Any, str]] = [
+        ("inputs", f"{outcome.inputs:,}, seeds {seed} to {seed + outcome.inputs - 1}", ""),
+        *((f"  {case}", f"{number:,}", "") for case, number in outcome.cases.items()),
+        *((f"exit status {status}", number, "") for status, number in sorted(outcome.statuses.items())),
+        ("slowest", outcome.slowest_s, "s of processor time"),
+        ("largest memory", outcome.largest_mb, "MB"),
+    ]
+
+    def show() -> None:
         console.print(figure_table(f"fuzz {kind}", rows))
         for failure in outcome.failures:
             console.print(f"[red]seed {failure.seed}[/]", end=" ")
             said = f"({failure.case}) vibrohil {' '.join(failure.arguments)}: {failure.what}"
-            console.print(said, markup=False, highlight=False)
+            console.print(said, markup=False)
         console.print("[red]failed[/]" if failures else "[green]passed[/]")
-    if failures:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+
+    payload = {**outcome._asdict(), "failures": failures, "seed": seed, "passed": not failures}
+    answer(payload, as_json, show, exit_of(payload))
 
 
 @fuzz.command()
@@ -144,13 +144,13 @@ def kills(
 
     with progress_of("kills", count) as progress:
         failures = fuzz_kills(count, seed, progress)
-    passed = not failures
-    if as_json:
-        found = [{"kill": str(one.kill), "what": one.what} for one in failures]
-        print_json({"kills": count, "seed": seed, "failures": found, "passed": passed})
-    else:
+
+    def show() -> None:
         for one in failures:
-            console.print(f"[red]{one.kill}[/]: {'; '.join(one.what)}", highlight=False)
-        console.print(f"{count} kills, seed {seed}: " + ("passed" if passed else f"{len(failures)} failures"))
-    if not passed:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+            console.print(f"[red]{one.kill}[/]: {'; '.join(one.what)}")
+        result = f"{len(failures)} failures" if failures else "passed"
+        console.print(f"{count} kills, seed {seed}: {result}")
+
+    found = [{"kill": str(one.kill), "what": one.what} for one in failures]
+    payload = {"kills": count, "seed": seed, "failures": found, "passed": not failures}
+    answer(payload, as_json, show, exit_of(payload))

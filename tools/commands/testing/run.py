@@ -4,17 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import FirmwareBuild, Json
-from tools.output import (
-    BadInputError,
-    console,
-    exit_of,
-    figure,
-    figure_table,
-    print_json,
-)
+from tools.output import BadInputError, answer, console, exit_of, figure, figure_table
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
@@ -89,12 +82,7 @@ def run(
             firmware=firmware,
             keep_traces=keep_traces,
         )
-    if as_json:
-        print_json(verdict)
-    else:
-        show(verdict)
-    if status := exit_of(verdict):
-        raise typer.Exit(status)
+    answer(verdict, as_json, lambda: show(verdict), exit_of(verdict))
 
 
 def longer(scenario: "Scenario", by: str, clock: str) -> "Scenario":
@@ -139,9 +127,7 @@ def show(verdict: dict[str, Any]) -> None:
 
 def show_checks(verdict: dict[str, Any]) -> None:
     """Print a run's checks and its verdict."""
-    checks = Table(box=None, pad_edge=False)
-    for name in ("check", "value", "limit", ""):
-        checks.add_column(name, no_wrap=name == "check")
+    checks = Table(Column("check", no_wrap=True), "value", "limit", "", box=None, pad_edge=False)
     for check in verdict["checks"]:
         mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
         checks.add_row(check["name"], figure(check["value"], check["unit"]), str(check["limit"]), mark)
@@ -151,21 +137,19 @@ def show_checks(verdict: dict[str, Any]) -> None:
         console.print(
             f"fault {verdict['fault']} at {figure(latched['at_s'])} s; the longest that loops were held up "
             f"just before it: firmware {figure(latched['firmware_held_ms'])} ms, "
-            f"plant {figure(latched['plant_held_ms'])} ms",
-            highlight=False,
+            f"plant {figure(latched['plant_held_ms'])} ms"
         )
     for loss in verdict.get("losses", []):
         console.print(
             f"[yellow]can.log lacks {loss['frames']} frames between {loss['from_s']:.3f} s and "
-            f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]",
-            highlight=False,
+            f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]"
         )
     for reason in filter(None, [*verdict.get("reasons", []), verdict.get("host_stall")]):
-        console.print(f"[bold red]{reason}[/]", highlight=False)
+        console.print(f"[bold red]{reason}[/]")
     words = {
         True: "[bold green]PASSED[/]",
         False: "[bold red]FAILED[/]",
         None: "NOT JUDGED: nothing was checked",
     }
     word = words[verdict["passed"]]
-    console.print(f"{word}  {verdict['out']}", soft_wrap=True, highlight=False)
+    console.print(f"{word}  {verdict['out']}", soft_wrap=True)

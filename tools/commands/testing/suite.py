@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from tools.commands.options import FirmwareBuild, Json
 from tools.logs.changes import baseline_result, show_changes
-from tools.output import EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, console, figure, print_json
+from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure
 from tools.outputs import folder_option
 from tools.progress import shown_progress
 
@@ -72,24 +72,15 @@ def suite(
             parameter_files=parameters or [],
             baseline=before,
         )
-    if as_json:
-        print_json(result)
-    else:
-        show(result)
-        if result["changes"] is not None:
-            show_changes(result["changes"])
-    if not result["scenarios"]:
-        raise typer.Exit(EXIT_NOTHING_RAN)
-    if not result["passed"]:
-        raise typer.Exit(EXIT_CHECK_FAILED)
+    answer(
+        result, as_json, lambda: show(result), exit_of(result) if result["scenarios"] else EXIT_NOTHING_RAN
+    )
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print each scenario's verdict with its failures, and the verdict of the suite."""
+    """Print each scenario's verdict with its failures, that of the suite, and what differs from a baseline."""
     many = len(result["seeds"]) > 1
-    table = Table(box=None, pad_edge=False, show_header=False)
-    for _ in range(2):
-        table.add_column(overflow="fold")
+    table = Table(*(Column(overflow="fold") for _ in range(2)), box=None, pad_edge=False, show_header=False)
     for one in result["scenarios"]:
         word = "[green]passed[/]" if one["passed"] else "[bold red]failed[/]"
         seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""
@@ -100,15 +91,16 @@ def show(result: dict[str, Any]) -> None:
             table.add_row("", f"  {line_of(check, many)}")
     console.print(table)
     if result["left_out"]:
-        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", highlight=False)
+        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}")
     passed = sum(one["passed"] for one in result["scenarios"])
     in_seeds = f" in each of {len(result['seeds'])} seeds" if many else ""
     console.print(
         f"{passed} of {len(result['scenarios'])} passed{in_seeds} in {result['wall_s']:.0f} s "
         f"{result['report'] or ''}",
         soft_wrap=True,
-        highlight=False,
     )
+    if result["changes"] is not None:
+        show_changes(result["changes"])
 
 
 def line_of(check: dict[str, Any], many: bool) -> str:

@@ -18,9 +18,9 @@ Row = Mapping[str, Any]
 
 def bands_table(bands: Sequence[Band]) -> Table:
     """Where subharmonics are."""
-    table = Table(title="one impact in n turns, standing leg, hard stop", title_justify="left", box=None)
-    for name in ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)"):
-        table.add_column(name)
+    titles = ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)")
+    title = "one impact in n turns, standing leg, hard stop"
+    table = Table(*titles, title=title, title_justify="left", box=None)
     for band in sorted(bands, key=lambda one: (one.turns, one.low)):
         table.add_row(
             str(band.turns),
@@ -35,10 +35,9 @@ def bands_table(bands: Sequence[Band]) -> Table:
 
 def rows_table(rows: Sequence[Row]) -> Table:
     """A row a module and ground, a column a cadence: strides that come out right; and what is felt."""
-    table = Table(title="strides with one impact, in the window [%]", title_justify="left", box=None)
     cadences = sorted({row["stride_hz"] for row in rows})
-    for name in ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]"):
-        table.add_column(name)
+    titles = ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]")
+    table = Table(*titles, title="strides with one impact, in the window [%]", title_justify="left", box=None)
     kinds = dict.fromkeys((label_of(row), row["ground"]) for row in rows)
     for label, ground in kinds:
         own = [row for row in rows if (label_of(row), row["ground"]) == (label, ground)]
