@@ -13,10 +13,7 @@ PLOT_WINDOW_S = 5.0
 
 def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
     """Draw the last seconds of position over time, approach speeds, and the phase portrait into `path`."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     samples = result.samples
     if samples is None:
@@ -24,7 +21,8 @@ def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
     shown = samples.t_s >= samples.t_s[-1] - PLOT_WINDOW_S
     stop_m = getattr(scene.parts().stop, "position_m", np.nan)
 
-    figure, (history, speeds, portrait) = plt.subplots(1, 3, figsize=(14, 4.2), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.2), layout="constrained")
+    history, speeds, portrait = figure.subplots(1, 3)
     history.plot(samples.t_s[shown], 1e3 * samples.x_m[shown], lw=1.2)
     portrait.plot(1e3 * samples.x_m[shown], samples.v_m_s[shown], lw=0.8)
     if np.isfinite(stop_m):
@@ -38,4 +36,3 @@ def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:
     for axes in (history, speeds, portrait):
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=110)
-    plt.close(figure)

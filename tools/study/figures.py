@@ -27,27 +27,21 @@ LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–
 def new_figure(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple["Figure", Any]:
     """A grid of axes, always two-dimensional."""
     import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
     matplotlib.rcParams.update(
         {"svg.hashsalt": "vibrohil", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     )
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(
-        rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **options
-    )
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def save(figure: "Figure", folder: Path, name: str) -> list[str]:
     """Write both formats; returns their paths."""
-    import matplotlib.pyplot as plt
-
     folder.mkdir(parents=True, exist_ok=True)
     svg, png = folder / f"{name}.svg", folder / f"{name}.png"
     figure.savefig(svg, metadata={"Date": None})
     figure.savefig(png, dpi=130)
-    plt.close(figure)
     return [str(svg), str(png)]
 
 

@@ -310,21 +310,14 @@ def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
 def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> None:
     """Error over the parameter, a panel for each range."""
     import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
     matplotlib.rcParams["svg.hashsalt"] = "vibrohil"
-    import matplotlib.pyplot as plt
 
     ranges = [what for what in dict.fromkeys(one.what for one, _ in measured) if _has_range(measured, what)]
     columns = 3
-    figure, grid = plt.subplots(
-        -(-len(ranges) // columns),
-        columns,
-        figsize=(12.0, 6.4),
-        layout="constrained",
-        squeeze=False,
-        sharey=True,
-    )
+    figure = Figure(figsize=(12.0, 6.4), layout="constrained")
+    grid = figure.subplots(-(-len(ranges) // columns), columns, squeeze=False, sharey=True)
     for axes, what in zip(grid.flat, ranges, strict=False):
         for method, marker in zip(METHODS, "*os^", strict=True):
             points = [
@@ -339,7 +332,6 @@ def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> 
     grid[0, 0].set_ylabel("error [m]")
     grid[0, 0].legend()
     figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
 
 
 def _has_range(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], what: str) -> bool:

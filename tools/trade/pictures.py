@@ -20,25 +20,15 @@ SMALLEST_M = 1e-15
 
 def draw(prices: Sequence[Price], path: Path) -> None:
     """Draw all cases into an SVG or PNG. Hollow: a wrong number of impacts."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     cases = list(dict.fromkeys(price.case for price in prices))
     best = pareto(prices)
     columns = min(3, len(cases))
     rows = -(-len(cases) // columns)
-    figure, grid = plt.subplots(
-        rows,
-        columns,
-        figsize=(4.6 * columns, 3.5 * rows + 0.6),
-        layout="constrained",
-        squeeze=False,
-        sharex=True,
-        sharey=True,
-    )
+    figure = Figure(figsize=(4.6 * columns, 3.5 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, case in zip(grid.flat, cases, strict=False):
         mine = [price for price in prices if price.case is case]
         for method, (colour, marker) in STYLES.items():
@@ -76,4 +66,3 @@ def draw(prices: Sequence[Price], path: Path) -> None:
     handles.append(Line2D([], [], color="black", ls=":", label="cheapest for its error"))
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
     figure.savefig(path, dpi=110)
-    plt.close(figure)

@@ -11,12 +11,10 @@ from tools.tuning.result import Tuning
 
 def draw_detector(tuning: Tuning, points: Sequence[Operating], path: Path) -> None:
     """Draw into an SVG or PNG."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (roc, latency, cost) = plt.subplots(1, 3, figsize=(14.0, 4.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
+    roc, latency, cost = figure.subplots(1, 3)
     value = tuning.parameters[PARAMETER]
     floors = np.array([point.floor_m_s2 for point in points])
     alarms = [point.false_alarms_1_h for point in points]
@@ -57,4 +55,3 @@ def draw_detector(tuning: Tuning, points: Sequence[Operating], path: Path) -> No
     for axes in (roc, latency, cost):
         axes.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=110)
-    plt.close(figure)

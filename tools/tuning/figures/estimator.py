@@ -13,12 +13,10 @@ from tools.tuning.result import Tuning
 
 def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) -> None:
     """Draw into an SVG or PNG."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, grid = plt.subplots(1, 4, figsize=(17.0, 4.4), layout="constrained")
+    figure = Figure(figsize=(17.0, 4.4), layout="constrained")
+    grid = figure.subplots(1, 4)
     chosen = {**DEFAULTS, **tuning.values}
     stop_m = chosen[STOP]
     shown = [one for one in points if one.parameters[STOP] == stop_m]
@@ -50,7 +48,6 @@ def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) ->
     grid[3].grid(alpha=0.3, which="both")
     figure.suptitle("square: chosen, diamond: default; the stop known to " + f"{1e3 * stop_m:g} mm")
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _surface(

@@ -14,12 +14,10 @@ COLOURS = {Law.VISCOUS: "tab:blue", Law.COULOMB: "tab:orange", Law.BOTH: "tab:gr
 
 def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
     """Draw into an SVG or PNG."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(14.0, 4.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
+    axes = figure.subplots(1, 3)
     striker = found.fit.striker
     figure.suptitle(
         f"{found.law.value} friction: c/m = {striker.stiffness_1_s2:.3f} 1/s², A = "
@@ -30,7 +28,6 @@ def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
     _laws(axes[1], found)
     _impacts(axes[2], found)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _friction(axes: Any, found: Identified) -> None:

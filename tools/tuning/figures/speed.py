@@ -16,14 +16,10 @@ LOAD_N_M = 0.1
 
 def draw_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None, path: Path) -> None:
     """Draw into an SVG or PNG."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, grid = plt.subplot_mosaic(
-        [["gain", "nyquist", "step"], ["phase", "nyquist", "load"]], figsize=(14.0, 7.0), layout="constrained"
-    )
+    figure = Figure(figsize=(14.0, 7.0), layout="constrained")
+    grid = figure.subplot_mosaic([["gain", "nyquist", "step"], ["phase", "nyquist", "load"]])
     figure.suptitle(
         f"speed loop: K_p = {design.gain_p_n_m_s:g} N m s, K_i = {design.gain_i_n_m:g} N m; phase margin "
         f"{design.phase_margin_deg:.1f}°, gain margin {design.gain_margin_db:.1f} dB, disk margin "
@@ -33,7 +29,6 @@ def draw_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoo
     _nyquist(grid["nyquist"], nominal, design, measured)
     _steps(grid["step"], grid["load"], nominal, design)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _bode(

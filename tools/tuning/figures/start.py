@@ -10,12 +10,10 @@ from tools.tuning.start import RISE, SPACE, Ramp
 
 def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     """Draw into an SVG or PNG."""
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, 3, figsize=(14.0, 4.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
+    panels = figure.subplots(1, 3)
     chosen = {name: value.value for name, value in tuning.parameters.items()}
     default = {name: DEFAULTS[name] for name in SPACE}
     rises = [one.parameters[RISE] for one in tried]
@@ -49,4 +47,3 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     panels[0].legend(fontsize=8)
     figure.colorbar(dots, ax=panels, label="rise [s]")
     figure.savefig(path, dpi=110)
-    plt.close(figure)
