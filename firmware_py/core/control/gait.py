@@ -54,7 +54,7 @@ STRIKE_PHASE = 0.012
 class GaitConfig(NamedTuple):
     """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
 
-    `overdue`: by how much of the cycle a heel strike may be late. `still_s`: after so long a leg is at rest.
+    `overdue`: by how much of the cycle a heel strike may be late. `still_s`: time until a leg is at rest.
     """
 
     tick_s: float
