@@ -1,4 +1,4 @@
-"""What the firmware takes of an emulated Cortex-M: flash, RAM, stack, and instructions a tick."""
+"""Memory and run time of the firmware on an emulated Cortex-M: flash, RAM, stack, instructions per tick."""
 
 import tempfile
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What this machine can do for the bench, one check each, with the remedy where it cannot."""
+"""The machine's abilities for the bench, one check each, with the remedy for what is missing."""
 
 import importlib
 import os

@@ -1,4 +1,4 @@
-"""Jobs that do not depend on each other: on this machine's cores, or on the workers of a Dask scheduler."""
+"""Independent jobs, on this machine's cores or on the workers of a Dask scheduler."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed

@@ -1,4 +1,4 @@
-"""What commands print: one JSON object for machines, tables for people, and how a command fails."""
+"""Output of the commands: one JSON object for machines, tables for people, and exit statuses."""
 
 import json
 import math

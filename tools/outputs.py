@@ -1,4 +1,4 @@
-"""Where a command writes: an option that refuses, before any work, a place that nobody can write to."""
+"""Output options of a command, which reject an unwritable place before any work."""
 
 from pathlib import Path
 from tempfile import TemporaryFile

@@ -1,4 +1,4 @@
-"""Where the firmware's bytes are: code by module, RAM by block.
+"""Sizes of the firmware: code by module, RAM by block.
 
 LLVM inlines most functions into the tick. So the assembly is compiled once more with a line number on each
 instruction, which changes none of them; the object file's table of lines then says which module each address

@@ -1,4 +1,4 @@
-"""How a run begins: its folder cleared, the scenario as run and a first `run.json` in it."""
+"""The beginning of a run: the cleared folder, with the scenario as run and a first `run.json`."""
 
 import hashlib
 import time

@@ -1,4 +1,4 @@
-"""What a change has done: the checks of two suites with their margins, and whether each is better or worse.
+"""The effect of a change: the checks of two suites with their margins, and whether each is better or worse.
 
 Runs are paired by scenario and seed. A figure is better where its margin, its distance to the nearest limit,
 has grown. Whether that is more than chance is judged from the seeds, for figures that differ at all: by

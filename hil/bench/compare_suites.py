@@ -1,4 +1,4 @@
-"""Two suites side by side: does each scenario, and each of its checks, have the same verdict in both?"""
+"""Two suites side by side: the verdicts of each scenario and of each check in both."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""How a run ends. Whatever ends it, a verdict is left that says so; this is the one place that sees to it.
+"""The end of a run. This module alone makes sure that every ending leaves a verdict with its reason.
 
 A verdict that blames a kill is written before the run begins, so it stands where nothing else can be written.
 Signals that ask for an end are raised as `Interrupted` while the run goes on; once it is over they are only

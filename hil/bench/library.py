@@ -1,4 +1,4 @@
-"""The bench from Python: run a scenario, get the run as an object."""
+"""The bench as a Python library: run a scenario and get the run as an object."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The bus of lockstep: at once, or as the bus model says where a scenario asks for it."""
+"""The bus of lockstep: without delay, or by the bus model if a scenario requests it."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Long runs: any scenario made longer, and whether its processes stay as large as they were."""
+"""Long runs: extends any scenario, and checks whether its processes grow."""
 
 import copy
 import re

@@ -1,4 +1,4 @@
-"""The run folder, turned into a verdict.
+"""Makes the verdict from a run folder.
 
 run.json       what was run: scenario, clock, bus, seed, versions, start
 scenario.toml  the scenario as run

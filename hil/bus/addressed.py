@@ -1,4 +1,4 @@
-"""A node's bus where its module is not at the default place: identifiers are translated on the way.
+"""A node's bus for a module with other node numbers than the default: translates the identifiers.
 
 A frame without a sender among the module's nodes is not delivered.
 """

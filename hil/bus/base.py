@@ -1,4 +1,4 @@
-"""What every bus offers a node, and what it counts."""
+"""The interface of every bus to a node, and the bus's counters."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

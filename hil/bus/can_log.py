@@ -1,4 +1,4 @@
-"""`can.log`: every frame of a run as candump writes it, which python-can and cantools read back."""
+"""`can.log`: every frame of a run in candump's format, which python-can and cantools read."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The hub of the bus `local`: passes every frame of each node on to all the others, in the order of arrival.
+"""The hub of the bus `local`: passes every frame of a node to all other nodes, in the order of arrival.
 
 A process of its own (`python -m hil.bus.hub SOCKET`), started by whoever provides the bus and gone with it:
 it ends when its standard input does. The socket lies in a folder that only its user may enter.

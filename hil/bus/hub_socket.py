@@ -1,4 +1,4 @@
-"""A node on the bus `local`: a stream to and from the hub, so that one call moves all frames of a tick."""
+"""A node on the bus `local`: a stream to and from the hub; one call moves all frames of a tick."""
 
 import select
 import socket

@@ -1,4 +1,4 @@
-"""The bus of lockstep: frames go from one node's list to the others' at once, in one process."""
+"""The bus of lockstep: passes frames between the nodes of one process without delay."""
 
 from collections.abc import Iterable
 

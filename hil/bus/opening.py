@@ -1,4 +1,4 @@
-"""Which bus a word means: making what a run needs, and joining it."""
+"""Makes and joins the bus that an address names."""
 
 import os
 import shutil

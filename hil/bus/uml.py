@@ -1,4 +1,4 @@
-"""Runs a command under user-mode Linux, where the kernel has SocketCAN even if the machine's own has none.
+"""Runs a command under user-mode Linux, whose kernel has SocketCAN even if the machine's kernel has none.
 
 User-mode Linux is a Linux kernel that runs as an ordinary process. Its root is the machine's own file
 system (hostfs), so a command finds the same files, programs and virtual environment as outside, plus a real

@@ -1,4 +1,4 @@
-"""A private vcan interface for one run, gone with the process that asked for it.
+"""A private vcan interface for one run; it ends with the process that made it.
 
 `python -m hil.bus.vcan FOLDER` makes it and holds it until its standard input ends. With the right to do so
 it makes the interface in the network everyone sees and prints `ready socketcan:NAME`. Without, it moves into

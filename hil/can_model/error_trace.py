@@ -1,4 +1,4 @@
-"""What the trace of bus errors holds: a record whenever an error counter has changed."""
+"""The trace of bus errors: a record at each change of an error counter."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""How a CAN node judges itself: transmit and receive error counters, and what they let it do.
+"""Fault confinement of a CAN node: transmit and receive error counters, and its error state.
 
 Bosch, "CAN Specification 2.0", 1991, part A, section 7 (Fault Confinement); ISO 11898-1. Where the standard
 leaves room: a receive counter above 127 rises no further, and falls to 119 with the next frame received.

@@ -1,4 +1,4 @@
-"""The bus's frames as streams for the response-time analysis: from `vibro.dbc` and what the senders promise.
+"""The bus's frames as streams for the response-time analysis, from `vibro.dbc` and the senders' limits.
 
 Period: `GenMsgCycleTime`, or for a frame sent on an event its smallest gap, `GenMsgDelayTime`. Deadline: the
 period, as a frame must be through before its successor is queued. Length: the bound of Davis et al. 2007,

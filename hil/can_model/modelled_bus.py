@@ -1,4 +1,4 @@
-"""The bus model for nodes with names and times in nanoseconds: submit frames, ask what has arrived."""
+"""The bus model for named nodes and times in nanoseconds: submit frames, ask for received frames."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What the bus model knows between two frames."""
+"""The state of the bus model between two frames."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""One transmission in full: several senders, disturbances, missing acknowledgement, and who pays for it.
+"""One transmission in full: several senders, disturbances, missing acknowledgement, and error counters.
 
 ISO 11898-1. A sender that meets another one with the same identifier is overruled in the first bit in which
 their frames differ, where it sends recessive: that is an error, as arbitration is over. Equal frames merge.

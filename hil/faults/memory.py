@@ -1,4 +1,4 @@
-"""The firmware's parameter memory, and what damages it."""
+"""The firmware's parameter memory, and its faults."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Process faults: which process runs when, and what a signal makes of it in real time."""
+"""Process faults: the schedule of the processes, and the signals in real time."""
 
 import math
 import signal

@@ -1,4 +1,4 @@
-"""Sensor faults: what is published of a true reading."""
+"""Sensor faults: the published reading as a function of the true one."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Checks: bounds on figures, and whether a run met them.
+"""Checks: limits of figures, and whether a run meets them.
 
 A figure that is missing, NaN, or rests on a log that lacks frames never passes.
 """

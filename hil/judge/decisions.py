@@ -1,4 +1,4 @@
-"""What a firmware decided in a run, and by how much another run's firmware decided otherwise."""
+"""The decisions of a firmware in a run, and their differences from another run's."""
 
 from itertools import zip_longest
 from typing import NamedTuple

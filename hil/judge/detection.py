@@ -1,4 +1,4 @@
-"""How well the firmware saw the impacts: its detections matched one to one with the true touch-downs.
+"""Quality of the impact detection: detections matched one to one with the true touch-downs.
 
 A detection belongs to the touch-down it follows by no more than `LONGEST_LATENCY_S`. Of all one-to-one
 matchings the one with most pairs, and of those with the least total latency, is taken: an assignment problem,

@@ -1,4 +1,4 @@
-"""The error of the estimate: that of tick k less the truth that its sensors were sampled from, at t_k."""
+"""The error of the estimate: the estimate of tick k minus the truth at t_k, when its sensors were sampled."""
 
 from typing import NamedTuple
 

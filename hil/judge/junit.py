@@ -1,4 +1,4 @@
-"""Verdicts as JUnit XML, which CI systems list: a suite a scenario, a case a check, its value inside."""
+"""Verdicts as JUnit XML for CI systems: a suite per scenario, a case per check, with its value."""
 
 import re
 from collections.abc import Mapping, Sequence

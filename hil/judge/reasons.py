@@ -1,4 +1,4 @@
-"""Why a run is no proper run, whatever its checks say."""
+"""The reasons for which a run fails regardless of its checks."""
 
 from hil.record.run_traces import RunTraces
 

@@ -1,4 +1,4 @@
-"""What the striker really did, one decision for a whole window, from the plant's impacts and crank angle.
+"""The striker's true regime in a window, from the plant's impacts and crank angle.
 
 The firmware decides its regime on line from what it senses; this is the bench's own answer, which it is held
 against. A drive period is one turn of the crank, cut half a turn away from where the impacts gather, so that

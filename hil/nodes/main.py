@@ -1,4 +1,4 @@
-"""Firmware and plant as processes of their own: join a bus, warm up, start together, run to the end."""
+"""Firmware and plant as processes: join a bus, warm up, start together, run to the end."""
 
 import json
 import signal

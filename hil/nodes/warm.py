@@ -1,4 +1,4 @@
-"""Everything a node will run, run once before any clock starts: compiled kernels, imports, caches."""
+"""Runs all code of a node once before any clock starts: compiled kernels, imports, caches."""
 
 from collections.abc import Mapping
 from typing import Any

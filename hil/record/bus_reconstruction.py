@@ -1,4 +1,4 @@
-"""What the firmware said of itself on the bus, as the trace it would have left: for logs of a real bench.
+"""The firmware's trace, reconstructed from its frames on the bus: for logs of a real bench.
 
 Truth and internals never travel on CAN, so the columns are few: modes and limits of the heartbeat, the
 estimate, the torque, and the reported impacts; each holds its last value until the next frame brings one.

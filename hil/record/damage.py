@@ -1,4 +1,4 @@
-"""Damage of a file that a program wrote: one sentence says what it is, where, and what is still readable."""
+"""Damaged files: one sentence with the file, the place of the damage and the readable part."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

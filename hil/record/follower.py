@@ -1,4 +1,4 @@
-"""What is new in a run folder since the last look, while its processes write to it."""
+"""New records in a run folder since the last look, while its processes write to it."""
 
 from pathlib import Path
 

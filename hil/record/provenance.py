@@ -1,4 +1,4 @@
-"""Where a run comes from: the commit of the code, whether it was edited since, and the machine's versions."""
+"""The origin of a run: the commit of the code, whether it was edited since, and the machine's versions."""
 
 import hashlib
 import platform

@@ -1,4 +1,4 @@
-"""Rerun's own program: where it is, and how it is run without sending usage data anywhere."""
+"""Rerun's own program: its path, and its environment without usage data."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""A run folder read back: the traces that figures, log and report are made of, and nothing else."""
+"""Reads the traces of a run folder, from which figures, log and report are made."""
 
 import difflib
 import json

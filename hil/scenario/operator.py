@@ -1,4 +1,4 @@
-"""The operator: what a script asks of the firmware, at 10 Hz, with an E-stop that does not wait.
+"""The operator: sends a script's commands at 10 Hz, and an E-stop at once.
 
 One frame a period: an E-stop's command follows it in the next.
 """

@@ -1,4 +1,4 @@
-"""One scenario in many seeds: noise and the moment of its fault sampled anew; one verdict of all of them.
+"""One scenario with many seeds, which sample the noise and the fault's time anew; one verdict for all.
 
 The verdict has the worst figure of each check.
 """

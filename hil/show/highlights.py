@@ -1,4 +1,4 @@
-"""When in a run to look: the run-up, a close-up, and the moment of each failed check."""
+"""The highlights of a run: the run-up, a close-up, and the moment of each failed check."""
 
 from collections.abc import Callable, Iterable, Sequence
 

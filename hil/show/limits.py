@@ -1,4 +1,4 @@
-"""Where the limits of a scenario's checks are drawn: which plot, from when to when.
+"""Where plots draw the limits of a scenario's checks: the plot and the time window.
 
 Only figures that are an extreme of what a plot shows have a place; a mean or a share has none.
 """

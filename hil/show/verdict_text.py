@@ -1,4 +1,4 @@
-"""The verdict in words, for the log: what was run, whether it passed, and each check with its limit."""
+"""The verdict in words, for the log: the run, whether it passed, and each check with its limit."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

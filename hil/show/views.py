@@ -1,4 +1,4 @@
-"""The views that the layout is made of: plots, state timelines, texts, the moving picture."""
+"""The views of the layout: plots, state timelines, texts, the moving picture."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple

@@ -1,4 +1,4 @@
-"""A bare sleep loop beside a run: what this machine does to a loop that does nothing.
+"""A bare sleep loop beside a run: the timing of an idle loop on this machine.
 
 `python -m hil.timing.baseline --ticks N` waits for the start time on standard input like the nodes, sleeps
 through its ticks with their settings, and prints what it missed. Its deadlines lie a quarter of a tick before

@@ -1,4 +1,4 @@
-"""A clock that waits for everybody: processes on a real bus, none of them late, however slow the machine.
+"""A clock for slow machines: processes on a real bus wait for each other, so that none is late.
 
 Each process says until when it sleeps, in memory that all share, and goes on once nobody else has anything to
 do before then (the conservative order of Chandy and Misra, IEEE Trans. Softw. Eng. 5, 1979). So the events of

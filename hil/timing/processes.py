@@ -1,4 +1,4 @@
-"""Child processes: started in sight of all, waited for, never left behind."""
+"""Child processes: started, waited for, and always ended."""
 
 import os
 import select

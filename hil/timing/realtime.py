@@ -1,4 +1,4 @@
-"""What a process can do to keep its deadlines, and what this machine lets it do."""
+"""Real-time priority and locked memory for a process, as far as the machine permits."""
 
 import ctypes
 import gc

@@ -1,4 +1,4 @@
-"""Signals that ask the program to end: raised once, and noted while it comes to its end."""
+"""Signals that end the program: raised once, and noted while the program ends."""
 
 import signal
 import threading

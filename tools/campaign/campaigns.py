@@ -1,4 +1,4 @@
-"""The campaigns: which conditions each runs, what it counts, and what must come out.
+"""The campaigns: their conditions, metrics and goals.
 
 Metrics are named by what they are and in which unit they are printed.
 """

@@ -1,4 +1,4 @@
-"""Does the estimate's covariance stay positive for a day? The whole loop, compiled, and its eigenvalues."""
+"""Endurance: the eigenvalues of the estimate's covariance over a day of the compiled closed loop."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""Outcomes of a campaign that is going on, so that one that was interrupted goes on where it stopped.
+"""Outcomes of a running campaign, from which an interrupted campaign continues.
 
 A file beside the runs, named by a digest of all that an outcome depends on: the campaign, its cells, numbers
 and seed, the firmware's build, every source file and the packages' versions. It is gone once the campaign is

@@ -1,4 +1,4 @@
-"""What a campaign's outcomes come to: shares with bounds, distributions, goals met or missed."""
+"""Results of a campaign: shares with bounds, distributions, goals met or missed."""
 
 import math
 from collections import Counter

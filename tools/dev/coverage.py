@@ -1,4 +1,4 @@
-"""`python -m tools.dev.coverage [NAME…]`: which branches of the firmware no scenario reaches.
+"""`python -m tools.dev.coverage [NAME…]`: the branches of the firmware that no scenario reaches.
 
 Each scenario runs in lockstep on the interpreted firmware. Printed are the branches of `firmware_py/core` and
 `firmware_py/node` that none of them takes. Without names: all scenarios.

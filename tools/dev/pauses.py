@@ -1,4 +1,4 @@
-"""Real time on a machine that is busy, or that pauses the firmware: who is blamed.
+"""Real time on a busy machine, or with stalls of the firmware: does the verdict name the machine?
 
     python -m tools.dev.pauses --runs 20
 

@@ -1,4 +1,4 @@
-"""`python -m tools.dev.warm`: compiles what nearly every run needs before anything has to wait for it."""
+"""`python -m tools.dev.warm`: compiles the kernels of nearly every run in advance."""
 
 import tempfile
 import time

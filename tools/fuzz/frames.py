@@ -1,4 +1,4 @@
-"""Frames that nobody should send, at the inputs of firmware and plant, while both do their work.
+"""Random and mutated frames at the inputs of a running firmware and plant.
 
 Each tick brings a closed loop's own frames and a burst of strangers': noise on any identifier, random bytes
 under known identifiers, the same with their CRC put right, and the loop's own frames with bits turned, cut

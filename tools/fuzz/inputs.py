@@ -1,4 +1,4 @@
-"""Files and options that nobody should give, at the command line: damaged at random, each by its own seed.
+"""Invalid files and options on the command line: damaged at random, each by its own seed.
 
 A worker process runs one command line after another; the program must end by itself with a verdict or a
 sentence. A traceback, more than LONGEST_S of processor time or of waiting, more than MOST_MEMORY_MB, a change

@@ -1,4 +1,4 @@
-"""What all kills have in common: which process gets which signal when, and what must not be left."""
+"""Shared by all kills: the process, the signal, its time, and what must not remain."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Kills: every process of a run, a suite and a campaign gets every signal at every stage.
+"""Kills: every process of a run, a suite and a campaign receives every signal at every stage.
 
 Each is a program of its own with a temporary folder of its own, so that whatever it leaves behind is seen.
 The kinds of kills come in an order that the seed shuffles, each at a random moment of its stage.

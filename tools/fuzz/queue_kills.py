@@ -1,4 +1,4 @@
-"""A suite or a campaign, or one of their workers, gets a signal: what was finished is kept, the rest goes on.
+"""A suite, a campaign or a worker receives a signal: finished runs are kept, and the rest continues.
 
 A suite leaves a JUnit file that names the cause; a campaign has none. The same command given again ends well,
 and runs nothing again that was finished.

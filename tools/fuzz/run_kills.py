@@ -1,4 +1,4 @@
-"""A run, one of whose processes gets a signal: nothing but a verdict and its log is left."""
+"""A process of a run receives a signal: only the verdict and the log remain."""
 
 import signal
 import subprocess

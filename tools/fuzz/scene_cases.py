@@ -1,4 +1,4 @@
-"""Inputs of `fuzz scenes`: what a user writes in TOML or on the command line.
+"""Inputs of `fuzz scenes`: texts of a user in TOML or on the command line.
 
 A case writes its files to `mine`, the user's own folder, and gives a command line to be run in the folder
 beside it, `work`. `good` is what `prepare` has made: unharmed inputs.

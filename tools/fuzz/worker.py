@@ -1,4 +1,4 @@
-"""A process that runs one case after another, watched from outside: processor time, memory, what it leaves.
+"""A process that runs cases one by one, watched from outside: processor time, memory, remaining files.
 
 Each case has a place of its own with the user's files in it, a folder to run in, and a folder for temporary
 files, which must be empty afterwards.

@@ -1,4 +1,4 @@
-"""What differs between two suites, as `suite --baseline` and `compare` show it."""
+"""The differences between two suites, as `suite --baseline` and `compare` show them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

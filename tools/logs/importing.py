@@ -1,4 +1,4 @@
-"""A CAN log of a real bench, brought into the layout of a run: what was on the bus, and no truth."""
+"""A CAN log of a real bench in the layout of a run: the bus traffic, without truth."""
 
 from collections import Counter
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What is taken out of a recorded run: tables as files, signals as a plot."""
+"""Extracts from a recorded run: tables as files, signals as a plot."""
 
 from pathlib import Path
 

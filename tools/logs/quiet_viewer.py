@@ -1,4 +1,4 @@
-"""Rerun's viewer in a browser, on a page that speaks to nobody but this machine.
+"""Rerun's viewer in a browser, on a page that communicates with this machine only.
 
 The page that Rerun serves asks a font service for its letters, GitHub for the newest version and sends usage
 data to Rerun, which its setting for that does not reach in a browser. Here it is served once more with a

@@ -1,4 +1,4 @@
-"""Basins of attraction: which starts end in impact motion, and how sharp the border between them is.
+"""Basins of attraction: which starts end in impact motion, and how sharp their boundary is.
 
 Two planes: (x0, v0) at a crank angle, and (x0, crank angle) at rest. What a map says about its border:
 

@@ -1,4 +1,4 @@
-"""Which modules the studies look at: the paper's Table 1, the retuned one, and what both leave open."""
+"""The modules of the studies: the paper's Table 1, the retuned one, and the values that both leave open."""
 
 import math
 from dataclasses import asdict, dataclass, replace

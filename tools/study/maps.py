@@ -1,4 +1,4 @@
-"""Charts over the ratio and one more parameter: which regimes there are, how surely a start ends in impacts.
+"""Maps over the ratio and a second parameter: the regimes, and the share of starts that end in impacts.
 
 Reliability is the share of starts that end in impact motion when the crank is at speed at once: positions
 within the gap either side of the spring's rest, speeds up to FASTEST_START_M_S (table1's, scaled by ω), any

@@ -1,4 +1,4 @@
-"""Sweeps and portraits as Rerun recordings: how an orbit changes with the ratio, and how it is run through.
+"""Sweeps and portraits as Rerun recordings: an orbit as the ratio changes, and its course in time.
 
 Orbits are drawn dimensionless, (x − l0)/gap to the right and x'/(ω gap) upwards, so that the stop stands at 1
 and every module fits the same picture. A sweep's timeline is the ratio in thousandths, a portrait's the time.

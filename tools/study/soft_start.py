@@ -1,4 +1,4 @@
-"""Basins with the firmware in the loop: each cell a closed loop from power-up, started softly to r = Ω/ω.
+"""Basins with the firmware in the loop: each cell is a closed loop with a soft start to r = Ω/ω.
 
 The motor, the soft stop and the sensors of the bench's own scene stand around the case's striker; the
 firmware has the case's own numbers. The operator asks for RUN `RUN_S` after power-up. A cell counts as impact

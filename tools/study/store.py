@@ -1,4 +1,4 @@
-"""Results as Parquet files, one per piece of work, each with what it was computed from.
+"""Results as Parquet files, one per piece of work, each with its inputs.
 
 A piece's file appears only when it is complete, under a name made from its specification and the versions of
 everything that it depends on: a study that was killed goes on where it stopped, and one whose sources changed

@@ -1,4 +1,4 @@
-"""Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and where regimes end.
+"""Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and the ends of regimes.
 
 Each ratio starts from where the one before it ended, crank angle included. Where the striker begins or ceases
 to have impacts, the attractor is then followed in ever smaller steps until the last one is below EDGE_STEP.

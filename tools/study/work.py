@@ -1,4 +1,4 @@
-"""Pieces of work, spread over this machine's cores or a Dask cluster; same results on any of them.
+"""Pieces of work on this machine's cores or a Dask cluster, with the same results on both.
 
 A piece is a function of one plain specification and returns a table with some facts beside it. On this
 machine pieces run in threads: kernels hold no interpreter's lock, so that threads use all cores as processes

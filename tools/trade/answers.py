@@ -1,4 +1,4 @@
-"""What a method says of a case, and how far that is from the truth."""
+"""The answer of a method to a case, and its error."""
 
 import math
 from collections.abc import Callable

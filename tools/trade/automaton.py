@@ -1,4 +1,4 @@
-"""Contact and stick for integrators that have events but no modes of their own.
+"""The phases of contact and stick, for integrators with events but without such phases.
 
 The peers integrate smooth motion up to an event; what follows from it is decided here, for all of them alike.
 A striker in stick or on the stop is released at the closed-form instant.

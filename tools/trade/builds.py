@@ -1,4 +1,4 @@
-"""What the builds of the firmware cost and change: one start and hold in lockstep on each of them."""
+"""Cost and effect of the firmware's builds: one start and hold in lockstep on each."""
 
 import math
 import tempfile

@@ -1,4 +1,4 @@
-"""The scenes on which prices are measured, each for what it is hard on."""
+"""The scenes for measuring cost, each with one difficulty."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the control rate is worth: the same scenario in lockstep at 250 Hz to 4 kHz."""
+"""Effect of the control rate: the same scenario in lockstep at 250 Hz to 4 kHz."""
 
 import math
 import tempfile

@@ -1,4 +1,4 @@
-"""Prices of methods: errors once, times as minimum and median of interleaved repeats."""
+"""Costs of methods: errors once, times as minimum and median of interleaved repeats."""
 
 import math
 import statistics

@@ -1,4 +1,4 @@
-"""The ends of every range by every method: the error measured there, or the sentence that refuses it."""
+"""Extreme cases by every method: the measured error, or the method's error message."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What a stop's model is worth: one impact orbit, with one stop after the other."""
+"""Effect of the stop's model: one impact orbit with each stop."""
 
 import math
 import statistics

@@ -1,4 +1,4 @@
-"""This package's solvers as methods to be priced."""
+"""This package's solvers as methods of the comparison."""
 
 import math
 

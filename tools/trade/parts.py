@@ -1,4 +1,4 @@
-"""What each part of a scene costs, and what it changes: one impact orbit, one part changed at a time.
+"""Cost and effect of each part of a scene: one impact orbit, one part changed at a time.
 
 The orbit is table1's at r = 1.3. Its fold is where the impacts end as the crank is made faster step by step.
 A motor is held at speed by a PI loop; what calling the kernel so often takes is taken off its time.

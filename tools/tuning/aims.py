@@ -1,4 +1,4 @@
-"""What a start is judged by, one aim after the other, and which candidates differ significantly.
+"""The criteria for a start, in their order, and significant differences between candidates.
 
 Candidates meet the same trials and are compared pair by pair: the bootstrap (Efron 1979) resamples the same
 trials for both. One is worse in an aim where the lower 95 % bound of the difference is above the aim's

@@ -1,4 +1,4 @@
-"""Whether the firmware's defaults are what the tuning commands come to, and what they are better than.
+"""Compares the firmware's defaults with the results of the tuning commands and with naive values.
 
 Every tuning runs as its command does by default. A default passes where it lies within a stated tolerance of
 the tuned value, or, where several values do not differ significantly in what the tuning looks at, among

@@ -1,4 +1,4 @@
-"""The detector's threshold, from what a miss and a false alarm cost.
+"""The detector's threshold, from the costs of a miss and of a false alarm.
 
 The floor of the one-sided test (`detector.floor_m_s2`) is moved over two decades; the detect campaign counts
 hits, misses and false alarms against the truth and takes their latencies, each floor on the same trials.

@@ -1,4 +1,4 @@
-"""What changed between two parameter files, and what that does on scenarios of the suite."""
+"""The differences of two parameter files, and their effect on scenarios of the suite."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence

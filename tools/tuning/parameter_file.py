@@ -1,4 +1,4 @@
-"""Writing what was tuned into a parameter file, once the safety scenarios have let it pass."""
+"""Writes a tuned parameter file after the safety scenarios have passed."""
 
 from collections.abc import Sequence
 from importlib.metadata import version

@@ -1,4 +1,4 @@
-"""What a tuning command comes to: parameters, how good they are, and what is to be said about them."""
+"""The result of a tuning command: parameters, figures of merit and warnings."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Whether a set of parameters may be used at all: within bounds, a start that holds, an E-stop that stops.
+"""Safety test of a set of parameters: within bounds, a start that holds, an E-stop that stops.
 
 The runs are scenarios of the bench in lockstep, with their own checks, on their own plant.
 """

@@ -1,4 +1,4 @@
-"""How often identification is right: modules of every friction law, sampled, recorded and identified.
+"""The success rate of the identification: sampled modules of every friction law, recorded and identified.
 
 A trial samples its module as campaigns do, a little wider, records a minute by the bench's compiled loop
 (`recorded` says what such a log lacks) and goes through the same identification as a file. Places are counted

@@ -1,4 +1,4 @@
-"""How busy the bus is: frames in bits, over time."""
+"""The load of the bus: bits of frames over time."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What a walk's traces show: the phase estimate against the truth, pulses in and out of the window, the end.
+"""Figures of a walk: phase error, pulses inside and outside of the window, the end of the walk.
 
 With the crank off the leg alone may shake the striker against the stop. Such pulses are counted separately,
 and are none of those that follow a stop: the last of these is followed by a pause.

@@ -1,4 +1,4 @@
-"""Figures of one's own: an expression over the logged signals of a run, in a window of its time.
+"""Figures of a user: an expression of the logged signals of a run, within a time window.
 
 Signals are named as in the log, `plant.omega_rad_s`, `firmware.outputs.torque_n_m`, and are arrays over the
 plant's instants; the firmware's are those of its newest tick by then. `FUNCTIONS` make numbers of them. The

@@ -1,4 +1,4 @@
-"""What is known about a run once it is over: each figure with its unit and meaning.
+"""The figures of a finished run, each with its unit and meaning.
 
 A figure that the run cannot give (no impact, no hold, no soft stop) is None, and a check on it fails. Checks,
 report and tables take units and meanings from here. Times are simulated seconds from the run's start unless a

@@ -1,4 +1,4 @@
-"""What the firmware knew at each tick, for its trace; of the compiled build its memory is copied as it is."""
+"""The firmware's record of a tick for its trace; a compiled build's memory is copied as it is."""
 
 import struct
 from collections.abc import Sequence

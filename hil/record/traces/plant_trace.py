@@ -1,4 +1,4 @@
-"""What the plant's trace holds: a record a tick; that of the impacts holds `plant_sim.result.Impact`."""
+"""The plant's trace: a record per tick; the trace of the impacts holds `plant_sim.result.Impact`."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The numbers of a run as its log keeps them; figures, report and log are all made of these.
+"""The precision of the log: figures, report and log are all made from these numbers.
 
 A tick's record is kept in single precision, 24 bits: sensors resolve 16 bits, and the bus carries no more
 than 24. Energies stay in double precision, since figures are made of small differences of large sums, and so

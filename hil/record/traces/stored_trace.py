@@ -1,4 +1,4 @@
-"""A trace on the disk as figures, report and log read it: some rows, or one column, at a time in memory.
+"""A stored trace as figures, report and log read it: some rows or one column in memory at a time.
 
 A record has hundreds of columns, and figures are made of some tens of them. The first look at one of these
 copies them all in one pass, column by column; of a long run into a file without a name beside the trace.

@@ -1,4 +1,4 @@
-"""Traces: what a process knew at each of its ticks, as fixed records in a memory-mapped file.
+"""Traces: fixed records of a process's ticks in a memory-mapped file.
 
 The kernel owns the pages from the moment a record is written, so a killed process loses nothing, and any
 other process may read along. Under user-mode Linux the run folder holds a link until the run is over, and

@@ -1,4 +1,4 @@
-"""What every plot of a report is drawn with: colours, style, thinned curves, inline SVG."""
+"""Shared by the plots of a report: colours, style, thinned curves, inline SVG."""
 
 import io
 import itertools

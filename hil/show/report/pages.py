@@ -1,4 +1,4 @@
-"""One self-contained HTML page a run: the verdict, then what explains it, then what it was made with."""
+"""One self-contained HTML page per run: the verdict, its explanation, and the run's origin."""
 
 import os
 from collections.abc import Mapping, Sequence

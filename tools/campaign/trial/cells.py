@@ -1,4 +1,4 @@
-"""What a campaign runs: a friction law and a ratio a cell, and the tables that `--set` may change."""
+"""The cells of a campaign: a friction law and a ratio each, and the tables that `--set` may change."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy

@@ -1,4 +1,4 @@
-"""What a trial samples: truth beside nominal parameters, where the striker starts, the sensors' errors.
+"""The sampled quantities of a trial: truth, nominal parameters, initial state, sensor errors.
 
 Every trial has a generator of its own, of the campaign's seed and the trial's number, so that a failure is
 run again alone. Seeds below `FIRST_CAMPAIGN_SEED` are for tuning and tests: parameters were chosen on them,

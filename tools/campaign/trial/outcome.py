@@ -1,4 +1,4 @@
-"""What one trial came to; small enough to send between processes."""
+"""The outcome of one trial; small enough to send between processes."""
 
 from dataclasses import dataclass, field
 

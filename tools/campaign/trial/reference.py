@@ -1,4 +1,4 @@
-"""What the module does without a controller: its crank at a given speed, whatever the load.
+"""The module without a controller: its crank has a given speed under any load.
 
 That is the plant with a motor that has a huge flywheel and no losses: the same parts, so the same
 kernels. It answers whether an impact attractor exists at a speed, how hard impacts are on the way up to it,

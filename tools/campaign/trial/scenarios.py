@@ -1,4 +1,4 @@
-"""A trial as a scenario: a sampled module, what the operator does, and what befalls it.
+"""A trial as a scenario: a sampled module, the operator's commands and the disturbances.
 
 `vibrohil run` repeats it to the same bits, with everything recorded.
 """

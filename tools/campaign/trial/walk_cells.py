@@ -1,4 +1,4 @@
-"""What the campaign `walk` runs: modules that the feasibility table lets serve, and courses of walking."""
+"""The cells of the campaign `walk`: suitable modules of the feasibility table, and courses of walking."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy

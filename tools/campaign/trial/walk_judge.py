@@ -1,4 +1,4 @@
-"""The judge of the campaign `walk`: somebody walks, and the firmware follows; against the truth.
+"""The judge of the campaign `walk`: compares the firmware that follows a walker with the truth.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
 stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.following`); those that

@@ -1,4 +1,4 @@
-"""A claim of the paper with its verdict, and what the claims share."""
+"""A claim of the paper with its verdict, and functions that the claims share."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""What the claims are judged on: sweeps, basins, soft impacts, starts; each measured once."""
+"""The evidence for the claims: sweeps, basins, soft impacts, starts; each measured once."""
 
 import math
 from collections.abc import Mapping, Sequence

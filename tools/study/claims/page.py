@@ -1,4 +1,4 @@
-"""The claims as a page to read: verdict, reason and measured figures of each."""
+"""The page of the claims: verdict, reason and measured figures of each."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which settings can serve a walk: a module, its axis, its stop, its wearer and a cadence at a time.
+"""Which settings suit a walk: combinations of module, axis, stop, wearer and cadence.
 
 A cell holds where all of these do, with the plant alone, an ideal crank and a walk of 2 % variability:
 

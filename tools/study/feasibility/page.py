@@ -1,4 +1,4 @@
-"""The feasibility table as a chart, and as a page to read."""
+"""The feasibility table as a chart and as a page."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

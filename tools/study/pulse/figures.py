@@ -1,4 +1,4 @@
-"""What came of one pulse a stride: two tables and a chart."""
+"""Results of the study of one pulse a stride: two tables and a chart."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One impact a stride from a crank that rests: pumped up within two swings, one impact, braked, parked.
+"""One impact a stride from a resting crank: two swings, one impact, braking, rest.
 
 Pumping is the mirror of `firmware_py.core.control.spin_down`, which brakes: a striker that swings as x − l₀ =
 R cos ψ gains most from a crank half a turn from where it loses most, the piston then being 90° ahead of it,

@@ -1,4 +1,4 @@
-"""Which strides have one impact in the push-off window, and what those impacts are like."""
+"""The strides with one impact in the push-off window, and the properties of these impacts."""
 
 import math
 from collections.abc import Sequence

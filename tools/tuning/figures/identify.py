@@ -1,4 +1,4 @@
-"""What was identified in one picture: residuals by law, the friction as it acts, the impacts."""
+"""The picture of an identification: residuals by law, the friction force, the impacts."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Starts that were tried: each aim against time to capture, the Pareto front marked; what was chosen."""
+"""The picture of a start search: each criterion against time to capture, and the Pareto front."""
 
 from collections.abc import Sequence
 from pathlib import Path

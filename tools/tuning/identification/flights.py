@@ -1,4 +1,4 @@
-"""A log cut into free flights and contacts, and what each flight says about the striker's parameters.
+"""A log divided into free flights and contacts, and the information of each flight on the parameters.
 
 In free flight, with the accelerometer's offset β,
 

@@ -1,4 +1,4 @@
-"""The striker's parameters by flying: each flight run by the model and held against what was read.
+"""The striker's parameters by output error: each flight is simulated and compared with the readings.
 
 `laws` finds the friction law and first values from equations that are linear in the reading's own integrals;
 the noise in those makes b a hundredth too small. Here a flight is what the law makes of where it began, x0

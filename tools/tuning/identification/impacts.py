@@ -1,4 +1,4 @@
-"""An impact on the stop from the accelerometer's dozen readings of it: when, how stiff, how much comes back.
+"""An impact from the accelerometer's dozen readings of it: its time, stiffness and restitution.
 
 A Hunt–Crossley contact m δ'' = −K δ^1.5 (1 + λ δ') − m g − m f(δ'), where g is the spring's pull away from
 the stop and f the friction, is a curve of two numbers once lengths are counted in v⁻ S and times in S with

@@ -1,4 +1,4 @@
-"""The striker's parameters and friction law from free flights, all of them put together.
+"""The striker's parameters and friction law from all free flights together.
 
 A flight's reading is linear in the parameters (`flights`), and least squares would do, were its regressors
 not made of the reading itself. What the sensor's noise adds to ∫∫z dt² does two things. It makes residuals

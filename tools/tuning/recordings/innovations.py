@@ -1,4 +1,4 @@
-"""What innovations say of a filter: their likelihood, whether they are as large as said, and whether white.
+"""Tests of a filter's innovations: likelihood, size against the covariance, and whiteness.
 
 Innovations of a wrong model hang together: a thousand in a row are no thousand witnesses. Their likelihood is
 therefore counted for as many as they are worth (Varin, Reid & Firth 2011, 4.1), which their autocorrelation

@@ -1,4 +1,4 @@
-"""What went over CAN, tick by tick: the accelerometers and the crank's angle, and nothing of the truth."""
+"""The sensor frames on CAN, tick by tick: the accelerometers and the crank's angle, without truth."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Logs of sampled modules, made by the bench's compiled loop: what goes over CAN by tick, and the truth.
+"""Logs of sampled modules from the bench's compiled loop: the frames of each tick, and the truth.
 
 What such a log has less than a run's: no candump text, and no frame is ever late or lost.
 """

@@ -1,4 +1,4 @@
-"""What a tuning command found as a Rerun recording: curves over what was varied, and the parameters as text.
+"""The result of a tuning command as a Rerun recording: curves, and the parameters as text.
 
 A curve's timeline is the quantity that was varied (a frequency, a threshold, a candidate's number), which the
 viewer runs through like time; its steps are whole numbers, so that the quantity is counted in small units.

@@ -1,4 +1,4 @@
-"""The firmware's estimator run again over a log, compiled: crank tracker, estimator, detector, as in a tick.
+"""The firmware's estimator on a log, compiled: crank tracker, estimator and detector of a tick.
 
 The torque is not in it: the tracker sees what the motor does as a disturbance, which changes its angle by
 less than a count of the encoder. The kernel calls the firmware's core and nothing else.

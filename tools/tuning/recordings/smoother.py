@@ -1,4 +1,4 @@
-"""The yardstick: what filterpy's Rauch–Tung–Striebel smoother makes of the firmware's estimate.
+"""The reference: filterpy's Rauch–Tung–Striebel smoother on the firmware's estimate.
 
 The smoother knows what comes after; so it is the better estimate wherever there is no truth. It takes a
 state that moves by itself; the readings that carry it are taken off first (the difference from a state that
