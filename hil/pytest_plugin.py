@@ -28,7 +28,7 @@ FAILED = pytest.StashKey[bool]()
 
 
 class Bench:
-    """What a test runs scenarios with: `hil.run` on the clock, bus and build that pytest was started with."""
+    """The fixture's object: `hil.run` on the clock, bus and build of pytest's options."""
 
     def __init__(self, clock: "ClockName", bus: str, firmware: "Build", folders: list[Path]) -> None:
         self.clock: ClockName = clock

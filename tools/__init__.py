@@ -1,1 +1,1 @@
-"""What people sit down with: the command line, studies, tuning and inspection."""
+"""The tools: command line, studies, tuning and inspection."""

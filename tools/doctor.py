@@ -43,9 +43,9 @@ class DoctorCheck(NamedTuple):
     name: str
     passed: bool
     remedy: str
-    """What to do where it is lacking; said of the thing, passed or not."""
+    """The remedy if the check fails; it is stated in every case."""
     detail: str
-    """What was found."""
+    """The finding."""
 
 
 class Conclusion(NamedTuple):
@@ -63,11 +63,11 @@ REST = {
     "timer wake-up": "real time without overruns",
     "emulated board": "the firmware on an emulated Cortex-M7",
 }
-"""What each check is needed for beyond lockstep and the local bus, the most useful first."""
+"""The use of each check beyond lockstep and the local bus, the most useful first."""
 
 
 def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
-    """What a person can run on this machine, and the one thing to do for the rest."""
+    """The runs that this machine allows, and the first step for the rest."""
     by_name = {check.name: check for check in found}
     for needed in ("Python", "packages"):
         if not by_name[needed].passed:

@@ -52,14 +52,14 @@ LIVE = "live"
 PERIODS_A_LOOK = 10
 """Of the operator's, from one look at the other processes to the next."""
 REACTION_S = 0.5
-"""How long the survivors of a dead node are watched."""
+"""Time for which the surviving nodes are recorded after a node has died."""
 END_TIMEOUT_S = 5.0
 END_SLACK_S = 0.1
 """A loop that has done all its ticks may end this long before the operator's last period."""
 
 
 def again_name(process: str) -> str:
-    """What the process is called that takes the place of one that is restarted."""
+    """Name of the process that replaces a restarted one."""
     return f"{process}-again"
 
 
@@ -241,7 +241,7 @@ class ProcessesRun:
                 self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
 
     def start_of(self, name: str, t0_ns: int, first_tick: int = 0) -> Start:
-        """What a child receives at its start."""
+        """The arguments of a child process."""
         if not self.patient:
             return Start(t0_ns, first_tick)
         return Start(t0_ns, first_tick, self.shared, ROWS.get(name, -1))

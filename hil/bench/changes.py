@@ -82,7 +82,7 @@ def row(
 
 
 def size(one: Mapping[str, Any]) -> float:
-    """By how much a figure has changed, as a share of itself; a word that differs has changed most."""
+    """Relative change of a figure; a changed word counts as the largest change."""
     before, after = one["before"], one["after"]
     if before == after:
         return 0.0

@@ -24,7 +24,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 @dataclass
 class Outcome:
-    """How a run ended; outcome.json."""
+    """The end of a run, as stored in outcome.json."""
 
     wall_s: float = 0.0
     """Elapsed from the start to the end of the loops."""

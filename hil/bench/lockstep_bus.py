@@ -44,7 +44,7 @@ class LockstepBus(Protocol):
 
 
 class BusAtOnce:
-    """What a node sends has arrived."""
+    """An ideal bus: frames arrive without delay."""
 
     def __init__(self) -> None:
         self._bus = InProcessBus()

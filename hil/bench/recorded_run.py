@@ -172,7 +172,7 @@ class Run:
 
     @property
     def regime(self) -> str:
-        """What the striker truly did during the hold."""
+        """The striker's true regime during the hold."""
         return self.figures.regime
 
     @property
@@ -187,7 +187,7 @@ class Run:
 
     @cached_property
     def traces(self) -> RunTraces:
-        """What the run folder's traces held."""
+        """The contents of the run folder's traces."""
         with reading(self.log, TABLES_ARE_LEFT):
             return read_traces(self.log)
 

@@ -64,7 +64,7 @@ def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str,
 
 
 def own_memory_mb(pid: int) -> float | None:
-    """What a process has for itself, without mapped files, in MB; None where that is unknown."""
+    """Private memory of a process, without mapped files, in MB; None if unknown."""
     try:
         status = Path(f"/proc/{pid}/status").read_text()
     except OSError:
@@ -88,7 +88,7 @@ class MemoryWatch:
                 self._samples[name].append(memory_mb)
 
     def growth_mb(self) -> dict[str, float]:
-        """By how much each has grown since it had settled; without those that were seen too seldom."""
+        """Growth of each process after its start; without processes with too few samples."""
         return {
             name: grown_mb(samples)
             for name, samples in self._samples.items()

@@ -30,7 +30,7 @@ PROCESSES = 2
 """Runs at once in lockstep; more gain little on two cores."""
 
 RESULT = run_folder.SUITE_NOTE
-"""What a suite leaves in its folder for another one to be compared with."""
+"""The record of a suite in its folder, for comparison with another suite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def prejudge(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
 
 
 def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
-    """What a suite's result says of one scenario."""
+    """The result of one scenario in a suite."""
     return {
         "name": verdict["scenario"],
         "passed": verdict["passed"],

@@ -28,7 +28,7 @@ Result = TypeVar("Result")
 
 JOIN_TIMEOUT_S = 1.0
 LOOK_S = 1.0
-"""How often workers are looked at."""
+"""Period at which the workers are checked."""
 MOST_LOOKS_STOPPED = 10
 """One that a signal has stopped is killed then, unless all of the program was stopped."""
 PROGRAM = "from hil.bench.workers import main; main()"
@@ -60,7 +60,7 @@ class Worker:
             self.process.kill()
 
     def death(self) -> Died:
-        """How it ended."""
+        """The way in which the worker ended."""
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(JOIN_TIMEOUT_S)
         status = self.process.returncode

@@ -24,7 +24,7 @@ class AddressedBus:
 
     @property
     def counters(self) -> BusCounters:
-        """What went wrong so far."""
+        """The errors counted so far."""
         return self._bus.counters
 
     @property

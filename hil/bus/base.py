@@ -20,7 +20,7 @@ class BusError(ValueError):
 
 @dataclass
 class BusCounters:
-    """What went wrong on one node's side of the bus; frames."""
+    """Counts of a node's errors on the bus, in frames."""
 
     waited: int = 0
     """Sends that met a full transmit queue and had to wait."""
@@ -41,7 +41,7 @@ class Loss(NamedTuple):
 
 
 class NodeBus(Protocol):
-    """What a node needs of its bus."""
+    """The interface of a bus to a node."""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Send frames in order."""
@@ -58,7 +58,7 @@ class Bus(Protocol):
 
     @property
     def counters(self) -> BusCounters:
-        """What went wrong so far."""
+        """The errors counted so far."""
 
     @property
     def closing(self) -> list[Callable[[], None]]:

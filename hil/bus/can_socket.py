@@ -205,7 +205,7 @@ class CanSocket:
 
     @property
     def counters(self) -> BusCounters:
-        """What went wrong so far."""
+        """The errors counted so far."""
         self._counters.lost = self._drops()
         return self._counters
 
@@ -270,7 +270,7 @@ class CanSocket:
         return frames
 
     def _drops(self) -> int:
-        """How many frames this socket has dropped so far, modulo 2³²."""
+        """Number of frames that this socket has dropped so far, modulo 2³²."""
         numbers = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
         return int(MEMINFO.unpack(numbers)[-1])
 

@@ -45,7 +45,7 @@ class InProcessNode:
             other.pending.extend(frames)
 
     def receive(self) -> list[Frame]:
-        """What the others have sent since the last call."""
+        """The frames of the other nodes since the last call."""
         received, self.pending = self.pending, []
         return received
 

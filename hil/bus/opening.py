@@ -22,7 +22,7 @@ class ProvidedBus:
     """A bus that exists for as long as this object is open; `address` is what its nodes join."""
 
     name: str
-    """What it is called in a result: local, vcan, socketcan:can0, …"""
+    """The bus's name in a result: local, vcan, socketcan:can0, …"""
     address: str
     kernel_can: bool
     """Whether frames go through the kernel's own CAN."""
@@ -31,7 +31,7 @@ class ProvidedBus:
     holder: Child | None = None
     folder: Path | None = None
     said: str = field(default="", init=False)
-    """What the holder said of itself when it ended."""
+    """The holder's report at its end."""
 
     @property
     def processes(self) -> Mapping[str, Child]:
@@ -40,7 +40,7 @@ class ProvidedBus:
 
     @property
     def described(self) -> dict[str, str | bool]:
-        """What a run says of its bus."""
+        """A run's record of its bus."""
         return {
             "bus": self.name,
             "bus_address": self.address,

@@ -28,7 +28,7 @@ DELIMITERS_AND_ACK_BITS = 3
 END_OF_FRAME_BITS = 7
 INTERMISSION_BITS = 3
 TAIL_BITS = DELIMITERS_AND_ACK_BITS + END_OF_FRAME_BITS
-"""What follows the stuffed part within the frame itself."""
+"""Bits of the frame after its stuffed part."""
 
 BITS_BEFORE_DATA = 19
 """Start bit to length code."""

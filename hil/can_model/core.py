@@ -64,7 +64,7 @@ def connect(state: BusState, node: int, connected: bool) -> BusState:
 
 
 def _next_start(state: BusState) -> int | None:
-    """When the next frame starts if none is queued any more."""
+    """Start of the next frame if no further frame is queued."""
     earliest: int | None = None
     for node in state.nodes:
         if node.queue and (earliest is None or node.silent_until_bit < earliest):
@@ -122,7 +122,7 @@ def _transmit(state: BusState, start_bit: int) -> tuple[BusState, Arrival | None
 
 
 def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState, Arrival]:
-    """What nearly always happens: one sender, nothing wrong, all counters at rest."""
+    """The usual transmission: one sender, no error, all counters at 0."""
     before = state.nodes[sender]
     pending = before.queue[0]
     after = NodeState(before.queue[1:], before.counters, before.silent_until_bit, 0, 0, True, before.lost)

@@ -17,7 +17,7 @@ RECOVERY_RUN_BITS = 11
 
 
 class ErrorState(IntEnum):
-    """What a node may do on the bus."""
+    """The error state of a node (ISO 11898-1)."""
 
     ERROR_ACTIVE = 0
     """Everything; its error flags are dominant."""
@@ -35,7 +35,7 @@ class ErrorCounters(NamedTuple):
 
     @property
     def error_state(self) -> ErrorState:
-        """What these counters allow."""
+        """The error state for these counters."""
         if self.transmit >= OFF_FROM:
             return ErrorState.BUS_OFF
         if self.transmit >= PASSIVE_FROM or self.receive >= PASSIVE_FROM:

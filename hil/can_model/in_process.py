@@ -56,7 +56,7 @@ class ModelledNode:
             self._bus.model.submit(self._name, frame, self._bus.t_ns)
 
     def receive(self) -> list[Frame]:
-        """What has arrived since the last call."""
+        """The frames received since the last call."""
         received, self.pending = self.pending, []
         return received
 

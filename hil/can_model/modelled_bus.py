@@ -10,7 +10,7 @@ from hil.can_model.fault_confinement import ErrorCounters
 from hil.can_model.state import Arrival, BusState, Corruption, NodeState
 
 QUEUE_FRAMES = 64
-"""What a node's driver and controller hold together; the newest is lost beyond that."""
+"""Largest number of frames in a node's driver and controller; beyond it the newest is lost."""
 
 
 class Delivery(NamedTuple):
@@ -136,7 +136,7 @@ class ModelledBus:
 
     @property
     def figures(self) -> BusFigures:
-        """What has happened so far; a frame under way counts from its start."""
+        """The transmissions so far; a frame in transmission counts from its start."""
         state = self._state
         lost = sum(node.lost for node in state.nodes)
         return BusFigures(state.frames, state.errors, state.busy_bits * self._bit_ns, lost)

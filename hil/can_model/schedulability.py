@@ -63,7 +63,7 @@ class ErrorModel(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What a stream meets at worst. `response_ns` is None where nothing bounds it."""
+    """The worst case of a stream. `response_ns` is None if it is unbounded."""
 
     stream: Stream
     blocking_ns: int

@@ -36,7 +36,7 @@ from hil.can_model.state import Arrival, BusState, Corruption, NodeState, Pendin
 
 
 class Parts(NamedTuple):
-    """Who does what in one transmission."""
+    """The nodes' roles in one transmission."""
 
     nodes: tuple[NodeState, ...]
     senders: tuple[int, ...]
@@ -72,7 +72,7 @@ class Failure(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What became of a transmission."""
+    """The outcome of a transmission."""
 
     failure: Failure | None
     counters: dict[int, ErrorCounters]

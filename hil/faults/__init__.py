@@ -1,1 +1,1 @@
-"""What a scenario breaks on purpose: on the bus, at sensors, in drive and module, in processes."""
+"""The faults of a scenario: on the bus, at sensors, in drive and module, in processes."""

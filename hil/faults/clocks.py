@@ -37,11 +37,11 @@ class ClockFaults:
         return bool(self._jumps or self._jitters)
 
     def offset_s(self, t_s: float) -> float:
-        """By how much the clock is ahead."""
+        """The time by which the clock is ahead."""
         return math.fsum(jump.by_s for jump in self._jumps if jump.acts(t_s))
 
     def true_s(self, own_s: float) -> float:
-        """When the clock first shows `own_s` or more."""
+        """The true time at which the clock first shows `own_s` or more."""
         t_s = own_s
         for jump in self._jumps:
             if t_s >= jump.at_s:
@@ -49,7 +49,7 @@ class ClockFaults:
         return t_s
 
     def lateness_s(self, t_s: float) -> float:
-        """How late the next wake-up is; another one each time."""
+        """The delay of the next wake-up; sampled at each call."""
         largest_s = sum(jitter.largest_s for jitter in self._jitters if jitter.acts(t_s))
         return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
 
@@ -75,7 +75,7 @@ class FaultyClock:
 
 
 class Runner(Protocol):
-    """What a loop calls each tick."""
+    """The object that a loop calls in each tick."""
 
     def step(self, tick: int, elapsed_ticks: int) -> None:
         """One tick."""
@@ -152,7 +152,7 @@ class Turns:
 def in_turns(
     runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
 ) -> Runner | Turns:
-    """What lockstep calls for a runner: the runner itself where neither clock nor process is at fault."""
+    """The object that lockstep calls for a runner: without a clock or process fault the runner itself."""
     restarted = any(isinstance(fault, Restarted) and fault.process == process for fault in faults)
     if restarted or ClockFaults(faults, process, seed).any:
         return Turns(runner, process, faults, period_s, seed)

@@ -70,7 +70,7 @@ def swapped(frames: Sequence[Frame], can_ids: frozenset[int], held: Held) -> tup
 
 
 def periods_begun(at_s: float, period_s: float, t_s: float, since_s: float) -> int:
-    """How many periods since `at_s` have begun after `since_s` and until `t_s`."""
+    """Number of periods from `at_s` on that begin after `since_s` and until `t_s`."""
     begun = int((t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
     before = int((since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if since_s >= at_s else 0
     return begun - before
@@ -119,7 +119,7 @@ def outgoing(  # noqa: PLR0911 - one case a fault
 
 
 def strange(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
-    """What a stranger has sent after `since_s` and until `t_s`."""
+    """The frames of a foreign node after `since_s` and until `t_s`."""
     if not fault.acts(t_s):
         return []
     match fault:
@@ -168,7 +168,7 @@ class FaultyBus:
             self._bus.send_all(passed)
 
     def receive(self) -> list[Frame]:
-        """What has arrived, and what strangers say."""
+        """The received frames, and those of foreign nodes."""
         received = [*self._heard, *self._bus.receive()]
         self._heard = []
         return [] if self._is_unplugged else received

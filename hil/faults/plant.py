@@ -23,7 +23,7 @@ from plant_sim.plant import Plant
 from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
-"""What falls silent with the drive's electronics."""
+"""Identifiers of the frames that the drive's electronics send."""
 
 
 class TurnCounter:
@@ -83,11 +83,11 @@ class PlantFaults:
         return config, drive
 
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
-        """What the sensors give of a true reading."""
+        """The sensors' reading with the acting faults, from the true reading."""
         return self._sensors.published(t_s, reading)
 
     def counted(self, estimates: EncoderEstimates) -> EncoderEstimates:
-        """What the drive gives of its circular position."""
+        """The drive's reported position, from its circular position."""
         if self._counter is None:
             return estimates
         return estimates._replace(position_rev=self._counter.counted_rev(estimates.position_rev))
@@ -98,11 +98,11 @@ class PlantFaults:
         return any(isinstance(fault, BrownOut) for fault in self._acting)
 
     def sent(self, frames: list[Frame]) -> list[Frame]:
-        """What leaves the plant's node."""
+        """The frames that leave the plant's node."""
         return [frame for frame in frames if frame.can_id not in DRIVE_IDS] if self.is_dead else frames
 
     def heard(self, frames: Sequence[Frame]) -> Sequence[Frame]:
-        """What reaches the drive."""
+        """The frames that reach the drive."""
         if self.is_dead:
             return ()
         for fault in self._acting:

@@ -107,7 +107,7 @@ class SensorFaults:
         self._last_s = 0.0
 
     def published(self, t_s: float, reading: SensorReading) -> SensorReading:
-        """What is published at `t_s` of a true reading."""
+        """The published reading at `t_s`, from the true reading."""
         for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
             if fault.acts(t_s):
                 before = self._before.setdefault(number, self._last or reading)

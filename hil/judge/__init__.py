@@ -1,1 +1,1 @@
-"""What a run is worth: figures, checks, requirements, JUnit."""
+"""The judgement of a run: figures, checks, requirements, JUnit."""

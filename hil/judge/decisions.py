@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TOLERANCE_TICKS = 1
-"""By how much a decision of two builds may differ in time."""
+"""Largest time difference of equal decisions of two builds."""
 
 
 class Decisions(NamedTuple):
@@ -18,12 +18,12 @@ class Decisions(NamedTuple):
 
     @property
     def total(self) -> int:
-        """How many there are."""
+        """Number of decisions."""
         return len(self.modes) + len(self.impacts)
 
 
 def decisions_of(trace: NDArray[np.void]) -> Decisions:
-    """What a firmware's trace says of its decisions."""
+    """The decisions of a firmware, from its trace."""
     now = np.column_stack([trace["tick"], trace["outputs.mode"], trace["outputs.fault"]]).astype(np.int64)
     changes = np.flatnonzero(np.any(np.diff(now[:, 1:], axis=0) != 0, axis=1)) + 1
     return Decisions(now[changes], now[trace["outputs.impact"], :1])

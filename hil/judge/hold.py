@@ -38,7 +38,7 @@ def hold_window(firmware: Records) -> Window | None:
 
 
 class HoldMotion(NamedTuple):
-    """What the true striker did during the hold."""
+    """The true motion of the striker during the hold."""
 
     regime: Regime
     impacts_per_period: float | None

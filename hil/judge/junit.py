@@ -10,7 +10,7 @@ NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def measured(check: Mapping[str, Any]) -> str:
-    """What was measured against which limit, in a sentence."""
+    """The measured value and its limit, in a sentence."""
     value, unit = check["value"], check["unit"]
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     found = "not there" if value is None else f"{text} {unit}".rstrip()

@@ -48,7 +48,7 @@ class Alignment:
         return frames
 
     def _caught_up(self) -> list[Frame]:
-        """What waits, which waits no longer."""
+        """Remove and return the waiting frames."""
         waited, self._waiting, self._lag_ticks = self._waiting, [], 0
         return waited
 

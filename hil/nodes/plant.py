@@ -170,7 +170,7 @@ class PlantNode:
         return [codec.GAIT_SENSORS.encode(record, number)]
 
     def _answer(self, can_id: int, estimates: Frame) -> Frame:
-        """What a client has asked for."""
+        """The requests of a client."""
         if can_id in REPORT_OF_REQUEST:
             return self._report(REPORT_OF_REQUEST[can_id])
         if can_id == estimates.can_id:

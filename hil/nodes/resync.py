@@ -77,13 +77,13 @@ class Waking:
         self.is_fresh = self.is_fresh or (not is_first and 0 < samples <= STEADY_SAMPLES)
 
     def take(self, tick: int, frames: Sequence[Frame]) -> None:
-        """What came while waiting for the sample of `tick`."""
+        """The frames that arrived while waiting for the sample of `tick`."""
         self._gathered += frames
         self._look(tick, AT_LAST)
 
     @property
     def frames(self) -> list[Frame]:
-        """What the firmware gets, in the order of arrival: without a sample of now none of the older ones."""
+        """The frames for the firmware, in the order of arrival; old samples only with a present one."""
         return self._gathered if self.is_fresh else self._without_samples()
 
     @property

@@ -31,7 +31,7 @@ WAKING_SHARE = 0.4
 
 
 class Pace(NamedTuple):
-    """How fast nodes tick and for how long; None: until they are stopped."""
+    """Period and duration of the nodes' ticks; None: until they are stopped."""
 
     period_s: float
     duration_s: float | None
@@ -246,7 +246,7 @@ class OperatorRunner:
         self.bus.send_all(self.frames(period))
 
     def frames(self, period: int) -> list[Frame]:
-        """What the operator sends in this period, which goes into the trace."""
+        """The operator's command in this period, for the trace."""
         frames = self.node.publish(period)
         if self._trace is not None:
             self._trace.append(self.node.record)

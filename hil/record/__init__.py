@@ -1,1 +1,1 @@
-"""What a run leaves: traces, run folder, log, state timelines."""
+"""The record of a run: traces, run folder, log, state timelines."""

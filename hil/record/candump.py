@@ -46,7 +46,7 @@ class BusLog:
 
     @cached_property
     def starts(self) -> IntArray:
-        """Where the bytes of each frame begin."""
+        """Offset of each frame's bytes."""
         starts: IntArray = np.cumsum(self.length) - self.length
         return starts
 
@@ -88,7 +88,7 @@ class BusCounts(NamedTuple):
 
     @property
     def total(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return int(self.frames.sum())
 
 

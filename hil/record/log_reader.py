@@ -25,9 +25,9 @@ from hil.record.traces.stored_trace import Records, Selected, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
-"""What the machine took; no two runs agree in it."""
+"""Columns that depend on the machine and differ in any two runs."""
 MAGIC = b"RRF2"
-"""How a log begins."""
+"""First bytes of a log."""
 ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
@@ -157,7 +157,7 @@ def tables(path: Path) -> dict[str, pa.Table]:
 
 
 def entity_of(codec: FrameCodec[Any]) -> str:
-    """Where a log has decoded frames."""
+    """Path of the decoded frames in a log."""
     return f"/can/{codec.record.__name__}"
 
 
@@ -345,7 +345,7 @@ def bus_of(raw: pa.Table) -> BusLog:
 
 
 def losses_of(rows: pa.Table) -> list[LogLoss]:
-    """When the recorder lost frames."""
+    """Intervals in which the recorder lost frames."""
     return [LogLoss(**loss) for (loss,) in rows["loss:record"].to_pylist()]
 
 

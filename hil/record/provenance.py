@@ -14,7 +14,7 @@ GIT_TIMEOUT_S = 5.0
 
 
 def git(*arguments: str) -> str | None:
-    """What git says in the folder of this code; None where this code is in no checkout or git is missing."""
+    """Git's output in the folder of this code; None without a checkout or without git."""
     here = Path(__file__).parent
     try:
         done = subprocess.run(
@@ -56,7 +56,7 @@ def sources() -> str:
 
 
 KEYS = ("commit", "edited", "changes", "seed")
-"""What run.json, verdict and JUnit say of where a run comes from."""
+"""The origin of a run, for run.json, verdict and JUnit."""
 
 
 @cache

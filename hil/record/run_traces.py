@@ -19,7 +19,7 @@ from plant_sim.arrays import FloatArray
 CAN_LOG = "can.log"
 """The frames of a run, as candump writes them."""
 LOSSES = "losses.json"
-"""What the recorder lost, beside can.log; no file where it lost nothing."""
+"""The frames lost by the recorder, beside can.log; no file without a loss."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class RunTraces:
     bus_errors: Records = field(default_factory=lambda: NO_RECORDS)
     """Of a modelled bus, whenever an error counter has changed."""
     damage: Sequence[str] = ()
-    """What of it cannot be read, a sentence a file."""
+    """A sentence for each file that cannot be read."""
 
     @property
     def is_worn(self) -> bool:
@@ -64,7 +64,7 @@ class RunTraces:
 
 
 NOTHING_LEFT = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS)
-"""Of a run that left nothing behind."""
+"""Of a run without any record."""
 
 
 def column(records: Records, name: str) -> FloatArray:
@@ -200,5 +200,5 @@ def read_run(run_dir: Path) -> RunTraces:
 
 
 def read_losses(path: Path) -> list[LogLoss]:
-    """What the recorder could not log."""
+    """The frames that the recorder could not log."""
     return [LogLoss(**loss) for loss in read_json(path).get("losses", [])]

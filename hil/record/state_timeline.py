@@ -89,7 +89,7 @@ LEG_ESTIMATED_LANE = Lane(
         GaitState.UNCERTAIN: WARN,
     },
 )
-"""Where somebody walks."""
+"""The state timelines of runs with a walk."""
 
 
 def lower_name(value: IntEnum) -> str:

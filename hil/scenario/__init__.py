@@ -1,1 +1,1 @@
-"""What a scenario says: tables, settings, script of the operator, faults, seeds."""
+"""Scenarios: tables, settings, script of the operator, faults, seeds."""

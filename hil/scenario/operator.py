@@ -14,14 +14,14 @@ from firmware_py.interface.pacing import Pacer, Urgency
 from firmware_py.interface.records import DriveEstop, OperatorCommand
 
 OPERATOR_PERIOD_S = 0.01
-"""How often the operator looks at the script: an E-stop or a change leaves within it."""
+"""Period at which the operator reads the script; an E-stop or a change is sent within it."""
 COMMAND_PERIOD_S = codec.OPERATOR_COMMAND.period_s or 0.1
-"""How often it repeats its command; the firmware watches for that."""
+"""Period at which the operator repeats its command; the firmware monitors it."""
 PERIODS_A_COMMAND = round(COMMAND_PERIOD_S / OPERATOR_PERIOD_S)
 
 
 class Request(StrEnum):
-    """What a line of the script asks for, until the next line."""
+    """The request of a line of the script, valid until the next line."""
 
     IDLE = "idle"
     RUN = "run"
@@ -50,7 +50,7 @@ class Command(NamedTuple):
 
 
 class OperatorRecord(NamedTuple):
-    """What the operator asks for at one of its periods; the tick counts the bench's."""
+    """The operator's request in one of its periods; `tick` counts the bench's ticks."""
 
     tick: int
     t_s: float

@@ -33,7 +33,7 @@ LARGEST_IMPULSE_N_S = 6.5
 
 
 REALTIME_PERIOD_S = 1e-3
-"""What classic CAN at 1 Mbit/s carries."""
+"""Highest rate that classic CAN at 1 Mbit/s can carry."""
 
 
 class ScenarioError(TextInputError):
@@ -74,7 +74,7 @@ class CommandTable(Table):
 
 
 class ScriptTable(Table):
-    """How long the run takes and what the operator does in it."""
+    """Duration of the run, and the operator's commands."""
 
     duration_s: float = Field(gt=0.0, le=86_400.0, description="the run's length in s")
     commands: list[CommandTable] = Field(default=[], description="the tables [[script.commands]]")
@@ -163,11 +163,11 @@ class Scenario:
     commands: tuple[Command, ...]
     faults: tuple[Fault, ...]
     seed: int
-    """Of a run that is given none."""
+    """Default of a run."""
     checks: tuple[Check, ...]
     document: Mapping[str, Any]
     changes: tuple[str, ...]
-    """What was changed over the file: parameter files by name, and settings as KEY=VALUE."""
+    """Changes to the file: parameter files by name, and settings as KEY=VALUE."""
 
     @property
     def period_s(self) -> float:

@@ -1,1 +1,1 @@
-"""What a person looks at: the Rerun log and its layout, the report, the live view."""
+"""The views of a run: the Rerun log and its layout, the report, the live view."""

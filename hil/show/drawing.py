@@ -20,7 +20,7 @@ TimeColumns = Callable[[FloatArray], list[rr.TimeColumn]]
 
 EVERY_TICKS = 20
 CRANK_MM = -90.0
-"""Where the crank's axle stands, left of the piston's middle position at 0."""
+"""Position of the crank's axle, left of the piston's middle position at 0."""
 STRIKER_MM = 26.0
 COILS = 7
 FLASH_S = 0.08

@@ -17,13 +17,13 @@ CLOSE_UP_S = 3.0
 
 
 def first(records: Records, name: str) -> float | None:
-    """When a column first differs from zero."""
+    """The time at which a column first differs from zero."""
     at = np.flatnonzero(column(records, name) != 0.0)
     return float(column(records, "t_s")[at[0]]) if len(at) else None
 
 
 def largest(records: Records, name: str) -> float | None:
-    """When a column is largest."""
+    """The time at which a column is largest."""
     values = column(records, name)
     if not np.isfinite(values).any():
         return None
@@ -51,7 +51,7 @@ def first_false_alarm(traces: RunTraces) -> float | None:
 
 
 def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
-    """Where a failed check on the figure `name` is best looked into; at worst the end of the run."""
+    """The time that explains a failed check on the figure `name` best; by default the end of the run."""
     group = name.split(".", maxsplit=1)[0]
     looked_up: dict[str, Callable[[], float | None]] = {
         "detector.recall": lambda: first_missed(traces),
@@ -103,7 +103,7 @@ def marks(
 
 
 def in_words(result: CheckResult) -> str:
-    """What was measured and what was wanted."""
+    """The measured value and the limit."""
     return f"{result.name} is {measured(result)}, wanted {result.limit} {result.unit}".rstrip()
 
 

@@ -52,7 +52,7 @@ class Contents(NamedTuple):
     failed: bool = False
     injected: bool = False
     measured: bool = True
-    """What the loops took; nobody measures that in lockstep."""
+    """The loops' times, which are not measured in lockstep."""
     bus_errors: bool = False
     imported: bool = False
     """From a real bench: of its sensors there are frames, and no inputs of the firmware."""
@@ -70,7 +70,7 @@ class Mark(NamedTuple):
 def overview(
     detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
 ) -> Any:
-    """What the run was, at one glance: the verdict, and what explains it."""
+    """The overview of the run: the verdict and its explanation."""
     more = [*(["injected"] if contents.injected else []), *(["checks"] if contents.failed else [])]
     verdict = [rrb.TextDocumentView(origin="/about/verdict", name="Verdict")] * contents.judged
     return shares(
@@ -95,7 +95,7 @@ def overview(
 def start_up(
     run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
 ) -> Any:
-    """How the striker got onto its orbit."""
+    """The start-up: how the striker reached its orbit."""
     impact_plots = [plot("Impacts", *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
     return shares(
         rrb.Vertical,
@@ -312,7 +312,7 @@ def bus_and_timing(contents: Contents) -> Any:
 
 
 def bus_errors() -> Any:
-    """What the bus destroyed, and what the nodes' controllers made of it."""
+    """The destroyed frames, and the error states of the nodes' controllers."""
     nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
     return rrb.Horizontal(
         plot("Transmissions destroyed so far", Line("/bus_errors", "destroyed", "destroyed", "", ALARM)),

@@ -409,7 +409,7 @@ def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence
 
 
 def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:
-    """What a log is made of, from the traces of a run, also of one that was killed."""
+    """The contents of a log, from the traces of a run, even of a killed one."""
     traces = read_run(run_dir)
     figures = figures_from(traces)
     return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json(), traces)

@@ -48,7 +48,7 @@ def mapped(entity: str, target: str, field: str | None) -> list[VisualizerCompon
 
 
 def visualizer(series: Line | Dots) -> Any:
-    """How one series is drawn."""
+    """The style of one series."""
     color = np.array([series.color], np.uint32)
     if isinstance(series, Line):
         line = rr.Measurements.from_fields(names=[series.name], units=[series.unit], colors=color)

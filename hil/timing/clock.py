@@ -14,7 +14,7 @@ ClockName = Literal["real", "patient", "lockstep"]
 
 
 class Clock(Protocol):
-    """What a loop needs of time; a test's clock has the same two methods."""
+    """The clock of a loop; a test's clock has the same two methods."""
 
     def now_ns(self) -> int:
         """The time."""

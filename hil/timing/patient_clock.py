@@ -123,7 +123,7 @@ class PatientClock:
             words[COUNT] += 1
 
     def _earliest(self) -> int:
-        """When the first of the others wakes up."""
+        """The earliest wake-up time of the other processes."""
         words, absent = self._words, self._absent
         present = (words[place] for place in self._others if absent.get(place) != words[place])
         return min(present, default=NEVER_NS)

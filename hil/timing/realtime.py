@@ -33,7 +33,7 @@ OPERATOR_PRIORITY = NODE_PRIORITY
 
 
 class Reservation(NamedTuple):
-    """What a process needs of a CPU: `runtime_ns` in each `period_ns`, or else a fixed `priority`."""
+    """A process's share of a CPU: `runtime_ns` in each `period_ns`, or a fixed `priority`."""
 
     runtime_ns: int
     period_ns: int
@@ -49,7 +49,7 @@ HUB = Reservation(runtime_ns=100_000, period_ns=250_000, priority=NODE_PRIORITY 
 
 
 class RealtimeReport(NamedTuple):
-    """What was allowed."""
+    """The permissions that the machine granted."""
 
     scheduler: str
     """deadline: a reserved share of a CPU; fifo: a fixed priority; ordinary: any busy process delays it."""

@@ -91,7 +91,7 @@ def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dic
 
 
 def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
-    """What a goal judges, None where nothing was measured."""
+    """The value that a goal judges; None if nothing was measured."""
     if goal.figure == "success":
         return result["success"] / result["eligible"] if result["eligible"] else None
     if goal.figure == "eligible":

@@ -1,1 +1,1 @@
-"""What only developers run: mutation, generated pages, pictures, reaction times, warm-up."""
+"""Tools for developers: mutation, generated pages, pictures, reaction times, warm-up."""

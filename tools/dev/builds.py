@@ -89,7 +89,7 @@ def decided_by_compiled(scenario: Scenario, seed: int) -> Decisions:
 
 
 def difference(name: str, seed: int) -> str:
-    """What differs first in the scenario of this name; empty if nothing does."""
+    """The first difference in the scenario of this name; empty without one."""
     scenario = load_scenario(name)
     warm_plant(scenario.scene)
     try:

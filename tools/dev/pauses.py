@@ -33,13 +33,13 @@ COLUMNS = ("condition", "runs", "passed", "host named", "neither", "faults latch
 
 
 class Outcome(NamedTuple):
-    """What a run came to."""
+    """The outcome of a run."""
 
     passed: bool
     host_named: bool
     fault: str
     said: str
-    """What failed, without the machine being named."""
+    """The failure of a run whose verdict does not name the machine."""
 
 
 @contextmanager
@@ -90,7 +90,7 @@ def one_run(condition: str, pause_ms: int, seed: int) -> Outcome:
 
 
 def outcome_of(verdict: dict[str, Any]) -> Outcome:
-    """What a verdict says."""
+    """The outcome in a verdict."""
     failed = [f"{check['name']} = {check['value']}" for check in verdict["checks"] if not check["passed"]]
     said = verdict["reasons"] + failed
     host_named = verdict["host_stall"] is not None
@@ -98,7 +98,7 @@ def outcome_of(verdict: dict[str, Any]) -> Outcome:
 
 
 def neither(outcomes: list[Outcome]) -> int:
-    """How many have neither passed nor named the machine."""
+    """Number of runs that neither passed nor named the machine."""
     return sum(not one.passed and not one.host_named for one in outcomes)
 
 

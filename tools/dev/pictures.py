@@ -44,7 +44,7 @@ class Series(NamedTuple):
 
 
 def made(scenario: str, *settings: str) -> RunTraces:
-    """What a run in lockstep left."""
+    """The record of a run in lockstep."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         run_scenario(

@@ -146,7 +146,7 @@ def compared(scenario: Scenario, seed: int) -> Compared:
 
 
 def line(found: Compared) -> str:
-    """What precision changes in a scenario, in a line."""
+    """Effect of the precision on a scenario, in a line."""
     open_loop = (
         f"{found.largest[POSITION] * 1e6:.1f} µm, {found.largest[SPEED] * 1e3:.3f} mm/s, "
         f"{found.largest[TORQUE]:.4f} N m"

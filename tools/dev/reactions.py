@@ -69,7 +69,7 @@ def records(log: Path) -> Iterator[tuple[float, Any]]:
 
 
 def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
-    """How a run reacted to the fault at `fault_s`, by the frames on its bus."""
+    """The reaction of a run to the fault at `fault_s`, by the frames on its bus."""
     torque_s = idle_s = confirmed_s = math.inf
     for t_s, record in sent:
         if t_s < fault_s:

@@ -58,7 +58,7 @@ def first_sentences(thing: Any) -> str:
 
 
 def values_of(signal: Signal) -> str:
-    """What a signal may be: its range, or how many values are listed."""
+    """The values of a signal: its range, or the number of listed values."""
     if signal.kind is SignalKind.FLAGS:
         return "bits"
     if signal.values:
@@ -241,7 +241,7 @@ DEADLINES = {
 
 
 def reaction_of(scenario: Scenario) -> str:
-    """What must follow a scenario's fault, and how soon; its other checks go without saying."""
+    """The required reaction to a scenario's fault and its deadline; other checks are omitted."""
     for name, what in DEADLINES.items():
         for check in scenario.checks:
             if check.name == name:

@@ -39,7 +39,7 @@ LISTED = tuple(CODEC_BY_ID.values())
 
 
 class Failure(NamedTuple):
-    """What was wrong, and where: the life, which its seed repeats, and its tick."""
+    """A failure: its description, the seed that repeats it, and its tick."""
 
     seed: int
     tick: int
@@ -168,7 +168,7 @@ class Life:
         return frames
 
     def outcome(self) -> Outcome:
-        """What became of all frames; the firmware has to account for each that it listens to."""
+        """Counts of all frames; the firmware must count each frame that it receives."""
         counters = self.firmware.counters
         dropped = (
             counters.rejected_length

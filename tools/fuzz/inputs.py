@@ -20,7 +20,7 @@ RENEWED_AFTER = 200
 
 
 class Failure(NamedTuple):
-    """What went wrong in the case of a seed, and with which command line."""
+    """A failure of the case of a seed, and its command line."""
 
     seed: int
     case: str

@@ -37,7 +37,7 @@ LOOK_S = 0.01
 
 
 class Kill(NamedTuple):
-    """What is killed, how and when; `of` is a run's clock, or suite or campaign."""
+    """A kill: its target, signal and time; `of` is a run's clock, or suite or campaign."""
 
     of: str
     process: str
@@ -71,7 +71,7 @@ def begun(arguments: list[str], folder: Path, temporary: Path) -> "subprocess.Po
 
 
 def wait_for(look: Callable[[], Any], limit_s: float, what: str) -> Any:
-    """What `look` finds, once it finds something."""
+    """The result of `look` as soon as it is not empty."""
     deadline_s = time.monotonic() + limit_s
     while not (found := look()):
         if time.monotonic() > deadline_s:

@@ -52,7 +52,7 @@ def kills(seed: int) -> Iterator[Kill]:
 
 
 def one_kill(kill: Kill) -> list[str]:
-    """What is wrong after a kill."""
+    """The failures after a kill."""
     return queue_kills.killed_queue(kill) if kill.of in QUEUES else run_kills.killed_run(kill)
 
 

@@ -118,7 +118,7 @@ def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -
 
 
 def cause_of(kill: Kill) -> str:
-    """What has to be named."""
+    """The cause that must be named."""
     name = "Ctrl-C" if kill.number == signal.SIGINT else kill.number.name
     if kill.process == WORKER:
         return f"by {name}"

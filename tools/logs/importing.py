@@ -36,7 +36,7 @@ class Census:
     refused: Counter[str] = field(default_factory=Counter)
     """Frames whose identifier is there but whose data cannot be decoded, by identifier."""
     skipped: Counter[str] = field(default_factory=Counter)
-    """What is no data frame of classic CAN with 11 bits of identifier, by kind."""
+    """Counts by kind of frames other than data frames of classic CAN with 11-bit identifiers."""
 
 
 def kind_of(message: can.Message) -> str | None:

@@ -14,7 +14,7 @@ DEFAULT_SIGNALS = (
     "plant.omega_rad_s",
     "firmware.outputs.torque_n_m",
 )
-"""What a plot shows where nothing is named."""
+"""The default signals of a plot."""
 
 
 def write_table(table: pa.Table, path: Path) -> None:

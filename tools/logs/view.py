@@ -30,7 +30,7 @@ def viewer_command(log: Path, web: bool, port: str = "auto") -> list[str]:
 
 
 def live_viewer_command(web: bool) -> list[str]:
-    """How a viewer is started that waits for runs that are going on."""
+    """Command for a viewer that waits for live runs."""
     command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(LIVE_PORT)]
     return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
 

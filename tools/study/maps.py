@@ -35,7 +35,7 @@ SECOND = {
     "b": ("b_n_s_m", 0.02, 1.0, "viscous coefficient b [N s/m]"),
     "k": ("restitution", 0.2, 0.9, "restitution k"),
 }
-"""What r can be combined with; ranges a little wider than Table 1's."""
+"""The second parameters of a map; their ranges are a little wider than Table 1's."""
 
 GOLDEN_3D = 1.2207440846057596
 """Root of x⁴ = x + 1; its inverse powers are the recurrence's steps in three dimensions."""
@@ -86,7 +86,7 @@ def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
 
 
 def summary_spec(case: Case, second: str, size: int) -> dict[str, Any]:
-    """What a whole chart was computed from."""
+    """The inputs of a whole map."""
     return {"case": case.parameters(), "second": second, "size": size}
 
 

@@ -36,7 +36,7 @@ AT_REST = State(0.0, 0.0, 0.0)
 
 
 def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
-    """What becomes of one start."""
+    """The outcome of one start."""
     if case.is_exact:
         return streaming.follow(
             case.striker(), case.drive(ratio), case.closed_friction(), case.rigid_stop(), *start, protocol

@@ -74,7 +74,7 @@ def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str
 
 
 def nominal_of(case: Case) -> dict[str, Any]:
-    """What the firmware holds for true: the case, a dry law by its μ alone."""
+    """The firmware's nominal parameters: the case, with a dry law by its μ alone."""
     return {
         "striker": {
             "mass_kg": case.mass_kg,

@@ -205,7 +205,7 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
 
 
 def end_state(outcome: Outcome) -> State:
-    """Where an orbit ended."""
+    """The end of an orbit."""
     return State(outcome.end_y_m, outcome.end_v_m_s, outcome.end_crank_rad)
 
 

@@ -31,7 +31,7 @@ class PeerError(RuntimeError):
 
 
 class Event(Enum):
-    """What ends a smooth piece of motion."""
+    """The event that ends a smooth piece of motion."""
 
     END = "end"
     STOP = "stop"

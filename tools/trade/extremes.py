@@ -48,7 +48,7 @@ class Extreme(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """What one method made of an extreme: an error, m (velocity over ω), or a refusal."""
+    """A method's result in an extreme case: an error in m (velocity over ω), or an error message."""
 
     error_m: float
     refusal: str

@@ -201,7 +201,7 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
 
 
 def figures_of(scene: Scene) -> dict[str, Any]:
-    """What the orbit looks like with these parts."""
+    """The orbit's figures with these parts."""
     rig = rig_of(scene)
     carry_on(rig, RATIO, SETTLE_PERIODS)
     work = work_place(rig.parts)

@@ -40,7 +40,7 @@ def hardest(values: FloatArray) -> FloatArray:
 
 
 def late(values: FloatArray) -> FloatArray:
-    """What 95 % stay below."""
+    """The 95th percentile."""
     return np.asarray(np.nanquantile(values, QUANTILE, axis=-1))
 
 

@@ -25,7 +25,7 @@ Progress = Callable[[int, int], None]
 
 
 def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
-    """What was chosen on some trials is judged on others."""
+    """Candidates chosen on some trials are judged on other trials."""
     if seed >= FIRST_CAMPAIGN_SEED or fresh_seed < FIRST_CAMPAIGN_SEED:
         raise BadInputError(
             f"--seed {seed} and --fresh-seed {fresh_seed}: parameters are chosen on a seed below "

@@ -377,7 +377,7 @@ def tune_estimator(
 def _warnings(
     parameters: dict[str, Value], worths: Sequence[Worth], grid: dict[str, tuple[float, ...]]
 ) -> list[str]:
-    """What the logs cannot identify."""
+    """The parameters that the logs cannot identify."""
     found = []
     for name, tried in grid.items():
         value = parameters[name]

@@ -42,7 +42,7 @@ POINTS = 2000
 
 
 class NominalDrive(NamedTuple):
-    """What the loop is designed for: motor with crank, tick and tracker."""
+    """The plant of the design: motor with crank, tick and tracker."""
 
     inertia_kg_m2: float = DEFAULTS["motor.inertia_kg_m2"]
     viscous_n_m_s: float = DEFAULTS["motor.viscous_n_m_s"]
@@ -107,7 +107,7 @@ def respond(
 
 
 def margins(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> SpeedDesign:
-    """What the loop with these gains does."""
+    """Properties of the loop with these gains."""
     response = respond(nominal, gain_p_n_m_s, gain_i_n_m)
     omega, loop = response.omega_rad_s, response.loop
     gain_margin, phase_margin, _, _, crossover, _ = control.stability_margins(control.frd(loop, omega))

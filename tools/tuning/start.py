@@ -117,7 +117,7 @@ class Ramp:
 
 
 def ramp(parameters: Mapping[str, float], starts: FloatArray) -> Ramp:
-    """What a candidate's starts came to."""
+    """The results of a candidate's starts."""
 
     def of(figure: Callable[[FloatArray], Any], row: int) -> float:
         values = starts[row][np.isfinite(starts[row])]

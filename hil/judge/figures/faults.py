@@ -76,7 +76,7 @@ def drive_end(plant: Records, firmware: Records) -> DriveEnd | None:
 def safe_state_figures(
     plant: Records, firmware: Records, impacts: Records, end: DriveEnd | None
 ) -> SafeStateFigures:
-    """How the drive came to rest after `end`."""
+    """Torque and impacts of the drive after `end`."""
     if end is None:
         return SafeStateFigures(None, None, None, None, None)
     strong = column(impacts, "v_m_s") >= detection.WEAKEST_V_M_S
@@ -104,7 +104,7 @@ def first_of_the_script(scenario: Mapping[str, Any]) -> Window | None:
 
 
 def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
-    """What followed the first fault of the script."""
+    """Torque, speed and impacts after the first fault of the script."""
     plant, impacts = traces.plant, traces.impacts
     fault = first_of_the_script(traces.scenario)
     if fault is None or len(plant) == 0 or column(plant, "t_s")[-1] < fault.start_s:
@@ -161,7 +161,7 @@ def held_ms(records: Records, until_s: float, period_s: float) -> float | None:
 
 
 def latched_figures(plant: Records, firmware: Records, period_s: float) -> LatchedFigures:
-    """How the loops kept their pace before the first fault."""
+    """Stalls of the loops before the first fault."""
     latched = np.flatnonzero(column(firmware, "outputs.fault") != Fault.NONE)
     if len(latched) == 0:
         return LatchedFigures(None, None, None)

@@ -137,7 +137,7 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
 
 
 def energy_residual(plant: Records) -> float | None:
-    """What work of drive and housing − stored − all losses leaves, over the sum of their magnitudes."""
+    """Work of drive and housing − stored energy − all losses, divided by the sum of their magnitudes."""
     plant = slow_rows(plant)  # the log has the energies in these
     if len(plant) == 0:
         return None
@@ -231,7 +231,7 @@ def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
 
 
 def log_figures(traces: RunTraces, clock: str) -> LogFigures:
-    """What the recorder lost."""
+    """The frames lost by the recorder."""
     if not traces.run.get("counts_losses", clock == "lockstep"):
         return LogFigures(None, None)
     return LogFigures(

@@ -50,7 +50,7 @@ class Pulses(NamedTuple):
 
 
 class GaitEnd(NamedTuple):
-    """What ended a steady walk, and when."""
+    """The end of a steady walk: its cause and time."""
 
     cause: str
     at_s: float
@@ -89,7 +89,7 @@ def phase_error(plant: Records, firmware: Records) -> tuple[FloatArray, FloatArr
 
 
 def heel_strikes(plant: Records) -> FloatArray:
-    """When the true phase begins anew."""
+    """The times at which the true phase begins anew."""
     phase, t_s = column(plant, "gait.phase"), column(plant, "t_s")
     return t_s[1:][np.diff(np.nan_to_num(phase, nan=1.0)) < -0.5]
 
@@ -106,7 +106,7 @@ def gait_end(plant: Records, since_s: float) -> GaitEnd | None:
 
 
 def restarted_s(firmware: Records, after_s: float) -> float:
-    """When the crank is started anew after `after_s`; inf where it is not."""
+    """The time at which the crank is started again after `after_s`; inf if it is not."""
     t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
     begins = np.flatnonzero((mode[1:] == Mode.SOFT_START) & (mode[:-1] != Mode.SOFT_START)) + 1
     later = t_s[begins][t_s[begins] > after_s]
@@ -124,7 +124,7 @@ def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
 
 
 def undriven(firmware: Records, pulses_s: FloatArray) -> int:
-    """How many pulses came with the crank off for `PAUSE_S` or more."""
+    """Number of pulses with the crank off for `PAUSE_S` or more."""
     driven_s = column(firmware, "t_s")[np.isin(column(firmware, "outputs.mode"), MOVING)]
     before = np.searchsorted(driven_s, pulses_s) - 1
     last_s = driven_s[np.maximum(before, 0)] if len(driven_s) else np.zeros(len(pulses_s))

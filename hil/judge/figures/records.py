@@ -143,7 +143,7 @@ class LatchedFigures:
 
 @dataclass(frozen=True, slots=True)
 class SafeStateFigures:
-    """What happened once the drive was to be off."""
+    """Torque and impacts after the drive must be off."""
 
     cause: Annotated[
         str | None,
@@ -165,7 +165,7 @@ class SafeStateFigures:
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """What followed the first fault of the script, on the truth alone; none without a fault."""
+    """Torque, speed and impacts after the first fault of the script, on the truth; none without a fault."""
 
     torque_zero_after_s: Annotated[
         float | None, Quantity("s", "from the fault's beginning until the motor's torque was finally zero")
@@ -329,7 +329,7 @@ class Figures:
 
 
 class FigureSpec(NamedTuple):
-    """What a figure is called, measured in, and means."""
+    """Name, unit and meaning of a figure."""
 
     name: str
     unit: str

@@ -26,7 +26,7 @@ HEAD, TAIL = struct.Struct("<qd"), struct.Struct("<qddq")
 
 
 def place_in(memory: Any, path: Sequence[str]) -> int:
-    """Where a member of a structured type lies, in bytes."""
+    """Offset of a member of a structured type, in bytes."""
     place = 0
     for name in path:
         memory, offset = memory.fields[name][:2]
@@ -78,7 +78,7 @@ def blocks_of(walks: bool) -> list[str]:
 
 
 def fields_of(walks: bool) -> list[tuple[str, FieldType]]:
-    """What a record is made of, as `TraceWriter` takes it."""
+    """The columns of a record, for `TraceWriter`."""
     kinds = get_type_hints(State)
     return [
         ("tick", int),

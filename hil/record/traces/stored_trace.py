@@ -39,7 +39,7 @@ class Records(Protocol):
         """The columns, as numpy has them."""
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Their number."""
 
     def __getitem__(self, key: Any, /) -> Any:
         """A column by its name; some of the rows otherwise."""
@@ -87,7 +87,7 @@ class StoredColumns(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many records there are."""
+        """Number of records."""
 
     @abstractmethod
     def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:

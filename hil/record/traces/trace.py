@@ -41,7 +41,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
 """A full disk, a used-up quota; no memory to map the file into, or none that may be locked."""
 
 MEMORY = Path("/dev/shm")
-"""Where traces lie during a run under user-mode Linux."""
+"""Folder of the traces during a run under user-mode Linux."""
 
 FieldType = type[Any]
 """float, int, bool, an IntEnum, or a NamedTuple of these to any depth."""
@@ -325,7 +325,7 @@ def bring_home(run_dir: Path) -> None:
 
 
 class Layout(NamedTuple):
-    """What the header of a trace says: its columns, where its records begin, and how many are whole."""
+    """The header of a trace: its columns, the offset of its records, and the number of whole records."""
 
     dtype: np.dtype[np.void]
     header_bytes: int

@@ -44,7 +44,7 @@ WALK_HEADLINES = (
     Headline("gait.outside_per_stride", "other pulses a stride"),
     Headline("gait.phase_rmse_percent", "gait phase, RMS error of the cycle", unit="%"),
 )
-"""Where somebody walks."""
+"""The headlines of runs with a walk."""
 
 
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
@@ -66,7 +66,7 @@ def shown(value: Any, unit: str) -> str:
 
 
 def described(spec: FigureSpec, verdict: Mapping[str, Any]) -> str:
-    """What a figure means, and whether it is incomplete."""
+    """The meaning of a figure, and whether the figure is incomplete."""
     return f"{spec.meaning}; incomplete: frames lost" if spec.name in verdict["incomplete"] else spec.meaning
 
 

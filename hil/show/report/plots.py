@@ -47,7 +47,7 @@ def within(records: Records, start_s: float, end_s: float) -> Records:
 
 
 def stop_of(traces: RunTraces) -> float | None:
-    """Where the stop is, in metres."""
+    """The stop's position, in m."""
     position = traces.scenario.get("scene", {}).get("stop", {}).get("position_m")
     return None if position is None else float(position)
 
@@ -100,7 +100,7 @@ def start_up(traces: RunTraces, figures: Figures) -> Plot:
 
 
 def run_up(traces: RunTraces, figures: Figures) -> tuple[float, float]:
-    """When the run-up is worth looking at."""
+    """The time window of the run-up."""
     moving = np.flatnonzero(column(traces.firmware, "outputs.target_omega_rad_s") > 0.0)
     start_s = float(column(traces.firmware, "t_s")[moving[0]]) if len(moving) else 0.0
     end_s = figures.duration_s if figures.hold_start_s is None else figures.hold_start_s + 2.0
@@ -205,7 +205,7 @@ def timing(traces: RunTraces, figures: Figures) -> Plot | None:
 
 
 def walk(traces: RunTraces, figures: Figures) -> Plot:
-    """Where in the gait cycle the pulses come, and how far off the estimated phase is."""
+    """The phases of the pulses in the gait cycle, and the error of the estimated phase."""
     window = push_off(traces.scenario)
     pulses = pulses_of(traces.plant, traces.impacts)
     with canvas(9.6, 4.2) as figure:

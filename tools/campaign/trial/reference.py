@@ -65,7 +65,7 @@ def led(parts: Parts) -> Parts:
 
 
 def stop_m_of(scene: Scene) -> float:
-    """Where the stop is, m."""
+    """The stop's position, m."""
     stop = scene.parts().stop
     assert not isinstance(stop, NoStop)
     return stop.position_m

@@ -53,7 +53,7 @@ def given(**options: Any) -> dict[str, Any]:
 
 
 class Outputs(NamedTuple):
-    """Where a command's result goes."""
+    """The files of a command's result."""
 
     out: Path
     plot: Path | None

@@ -22,7 +22,7 @@ DAMPED_RATIOS = (1.05, 1.1, 1.2)
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, and what was found."""
+    """The paper's statement, and the finding."""
 
     id: str
     statement: str

@@ -33,7 +33,7 @@ Vector = NDArray[np.float64]
 
 
 class Module(NamedTuple):
-    """What a preset is: spring, amplitude by law, gap."""
+    """A preset: spring, amplitude by friction law, gap."""
 
     spring_n_m: float
     amplitudes_m: Mapping[str, float]
@@ -116,7 +116,7 @@ class Driven(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What came of a cell at one n."""
+    """The result of a cell at one n."""
 
     verdict: str
     missed_share: float
@@ -242,7 +242,7 @@ def pulses_n(run: Driven, from_s: float) -> Vector:
 
 
 def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
-    """What becomes of one n."""
+    """The verdict on one n."""
     run = driven(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
     counts = impacts_a_turn(run, RISE_S + SETTLE_S)
     missed = float(np.mean(counts == 0)) if len(counts) else 1.0

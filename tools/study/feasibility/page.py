@@ -106,7 +106,7 @@ def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
 
 
 def short(rows: Sequence[Row]) -> Iterator[str]:
-    """Where all of it holds at every cadence, and where nothing can."""
+    """The settings that suit every cadence, and the cadences without any."""
     yield "\n## In short\n"
     for preset in presets_of(rows):
         settings: dict[str, set[float]] = {}
@@ -127,7 +127,7 @@ def short(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def claims(rows: Sequence[Row]) -> Iterator[str]:
-    """What the cells say of three of the paper's claims."""
+    """The evidence of the cells for three of the paper's claims."""
     yield "\n## The paper's C3, C7 and C12\n"
     yield (
         "[The claims](claims.md) are judged on the module alone; this is what a walk adds. Crank frequencies "

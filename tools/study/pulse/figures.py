@@ -17,7 +17,7 @@ Row = Mapping[str, Any]
 
 
 def bands_table(bands: Sequence[Band]) -> Table:
-    """Where subharmonics are."""
+    """The regions of subharmonics."""
     titles = ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)")
     title = "one impact in n turns, standing leg, hard stop"
     table = Table(*titles, title=title, title_justify="left", box=None)

@@ -28,7 +28,7 @@ WINDOW_MIDDLE = 0.525
 
 
 class Stage(IntEnum):
-    """What the crank does."""
+    """The crank's stage."""
 
     REST = 0
     PUMP = 1
@@ -131,7 +131,7 @@ def step(
 
 
 def _from_middle(phase: float) -> float:
-    """By how much of a cycle an impact comes after the window's middle."""
+    """Lateness of an impact after the window's middle, as a share of the cycle."""
     return (phase - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
 
 

@@ -371,7 +371,7 @@ def _lead(found: Identified) -> float:
 def _warnings(
     found: Identified, parameters: Mapping[str, Value], readings: Readings, nominal: Mapping[str, float]
 ) -> Iterator[str]:
-    """What the log cannot identify it."""
+    """The parameters that the log cannot identify."""
     yield (
         f"mass and rest length cannot be identified from accelerometer and encoder: forces are for "
         f"{nominal['striker.mass_kg']:g} kg, the stop for l0 = {nominal['striker.rest_length_m']:g} m"
