@@ -1,7 +1,7 @@
-"""Every fault in one table: what causes it, what the firmware does, and how soon.
+"""The table of faults: the cause, the reaction and the deadline of each.
 
-The deadline runs from the cause on the bus to torque 0 N m on the bus, with the default parameters; it is a
-bound, not what is usual. `python -m firmware_py.shell.faults` prints the table that docs/safety.md carries.
+The deadline is the largest time from the cause on the bus to torque 0 N m on the bus, with the default
+parameters. `python -m firmware_py.shell.faults` prints the table of docs/safety.md.
 """
 
 from enum import Enum
@@ -11,10 +11,10 @@ from firmware_py.interface.enums import Fault
 
 
 class Reaction(Enum):
-    """What a fault does."""
+    """The reaction to a fault."""
 
-    TORQUE_OFF = "torque 0 in the tick that finds it, drive to IDLE, latched"
-    GOES_ON = "an event frame; the nearest that can be done goes on; not latched"
+    TORQUE_OFF = "torque 0 in the tick that detects it, drive to IDLE, latched"
+    GOES_ON = "an event frame; the nearest possible setting is used; not latched"
 
 
 class FaultLine(NamedTuple):
@@ -33,8 +33,8 @@ ALWAYS = "from READY on"
 FAULTS: tuple[FaultLine, ...] = (
     FaultLine(
         Fault.SENSOR_TIMEOUT,
-        "no valid accelerometer frame, or none but one and the same reading, for watchdog.sensor_s; "
-        "where the gait is followed, no valid frame of its sensors for watchdog.gait_s",
+        "no valid accelerometer frame, or only repetitions of the same reading, for watchdog.sensor_s; "
+        "following the gait: no valid frame of its sensors for watchdog.gait_s",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,
@@ -70,7 +70,7 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.DRIVE_FROZEN,
-        "the crank's position stands still for watchdog.frozen_s while the drive reports a speed",
+        "the crank's position is constant for watchdog.frozen_s while the drive reports a speed",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.1,
@@ -84,28 +84,29 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.OVERCURRENT,
-        "the motor's current beyond limit.current_a for limit.overcurrent_s",
+        "the motor's current is above limit.current_a for limit.overcurrent_s",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.1,
     ),
     FaultLine(
         Fault.OVERTEMPERATURE,
-        "inverter or motor outside limit.lowest_degc … limit.inverter_degc, limit.motor_degc",
+        "inverter or motor is colder than limit.lowest_degc, or hotter than limit.inverter_degc or "
+        "limit.motor_degc",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.15,
     ),
     FaultLine(
         Fault.UNDERVOLTAGE,
-        "the supply below limit.lowest_v for limit.voltage_s",
+        "the supply is below limit.lowest_v for limit.voltage_s",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.35,
     ),
     FaultLine(
         Fault.OVERVOLTAGE,
-        "the supply above limit.highest_v for limit.voltage_s",
+        "the supply is above limit.highest_v for limit.voltage_s",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.35,
@@ -119,7 +120,7 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.ESTIMATE_INVALID,
-        "the striker's estimate is no number, lies 10 m away, or spreads over limit.position_std_m, for "
+        "the striker's estimate is NaN, beyond 10 m, or has a deviation above limit.position_std_m, for "
         "limit.estimate_s",
         MOVING,
         Reaction.TORQUE_OFF,
@@ -127,28 +128,28 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.START_FAILED,
-        "no capture after start.attempts dips, or in 29 s",
+        "no capture after start.attempts dips or within 29 s",
         "in SOFT_START",
         Reaction.TORQUE_OFF,
         30.0,
     ),
     FaultLine(
         Fault.ATTRACTOR_LOST,
-        "impacts lost in RUN and not recaptured after start.attempts dips, or in 29 s",
+        "impacts lost in RUN and not recaptured after start.attempts dips or within 29 s",
         "in RUN",
         Reaction.TORQUE_OFF,
         30.0,
     ),
     FaultLine(
         Fault.STALL,
-        "the crank slower than limit.stall_share of its target for limit.stall_s",
+        "the crank is slower than limit.stall_share of its target for limit.stall_s",
         MOVING,
         Reaction.TORQUE_OFF,
         1.5,
     ),
     FaultLine(
         Fault.FORCE_LIMIT,
-        "an impact that peaks above limit.force_n on the stop",
+        "an impact with a peak force above limit.force_n on the stop",
         ALWAYS,
         Reaction.TORQUE_OFF,
         0.1,
@@ -162,39 +163,39 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.PARAMETERS_DAMAGED,
-        "the parameter file fails its checksum, lacks a value or has one out of bounds; only a start with a "
-        "good one ends it",
+        "the parameter file fails its checksum, lacks a value or has a value out of bounds; only a start "
+        "with a valid file ends it",
         "from power-up on",
         Reaction.TORQUE_OFF,
         0.1,
     ),
     FaultLine(
         Fault.RUNAWAY,
-        "the crank faster than its target by 5 rad/s for 0.1 s",
+        "the crank is faster than its target by 5 rad/s for 0.1 s",
         MOVING,
         Reaction.TORQUE_OFF,
         0.3,
     ),
     FaultLine(
         Fault.LOAD_IMPLAUSIBLE,
-        "the torque and the striker's load leave a quarter of the greatest torque unexplained in the crank's "
-        "acceleration for 20 ms: encoder, drive or load are not what they should be",
+        "the crank's acceleration differs from torque and striker load by a quarter of the largest torque "
+        "for 20 ms: encoder, drive or load is implausible",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,
     ),
     FaultLine(
         Fault.STOP_FAILED,
-        "no standstill 1 s after the time that a stop takes (start.stop_s, or calm.longest_s where the gait "
-        "is followed)",
+        "no standstill 1 s after the nominal duration of a stop (start.stop_s, or calm.longest_s if the "
+        "crank follows the gait)",
         "in STOPPING",
         Reaction.TORQUE_OFF,
         3.05,
     ),
     FaultLine(
         Fault.STALE_SAMPLES,
-        "the sensors' or the encoder's frames come in bundles: three gaps of more than 10 ms, without 10 ms "
-        "of samples in between; up to one bundle in 10 ms is ridden through",
+        "the sensors' or the encoder's frames arrive in bundles: three gaps of more than 10 ms, without "
+        "10 ms of samples in between; one bundle in 10 ms is tolerated",
         MOVING,
         Reaction.TORQUE_OFF,
         0.1,
