@@ -16,6 +16,7 @@ from firmware_py.core.estimation import (
     striker_model,
 )
 from firmware_py.core.estimation.kalman import ProcessNoise, Row
+from firmware_py.core.measurements import measured
 from firmware_py.core.numbers import TAU
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.safety import drive_link, monitors
@@ -114,7 +115,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             strange_ticks=_in_ticks(p.estimator_strange_s, tick_s),
         ),
         stop_variance=_square(p.estimator_stop_std_m),
-        coarse_variance=_square(p.estimator_coarse_std_m),
+        measured=measured(p),
         touch_down_jitter_s=p.estimator_touch_down_jitter_s,
         separation_jitter_s=estimator_state.SEPARATION_JITTER_S,
         restitution_variance=_square(p.estimator_restitution_std),

@@ -5,9 +5,8 @@ An age of 0 means that the reading arrived in this tick. A source that was never
 
 from typing import NamedTuple
 
+from firmware_py.core.measurements import Measurements
 from firmware_py.interface.enums import AxisState, OperatorRequest
-
-NEVER_TICKS = 1_000_000
 
 
 class AccelerometerInput(NamedTuple):
@@ -16,13 +15,6 @@ class AccelerometerInput(NamedTuple):
     low_m_s2: float
     high_m_s2: float
     housing_m_s2: float
-    age_ticks: int
-
-
-class CoarseInput(NamedTuple):
-    """The striker's place by a slow absolute sensor, where one is fitted: never received otherwise."""
-
-    position_m: float
     age_ticks: int
 
 
@@ -86,7 +78,7 @@ class Inputs(NamedTuple):
 
     elapsed_ticks: int
     accelerometer: AccelerometerInput
-    coarse: CoarseInput
+    measurements: Measurements
     encoder: EncoderInput
     drive: DriveInput
     power: PowerInput

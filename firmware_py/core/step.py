@@ -15,10 +15,11 @@ from firmware_py.core.control import spin_down as calm
 from firmware_py.core.control import stride_harmonic as therapy
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
 from firmware_py.core.estimation.estimator_state import Contact
-from firmware_py.core.inputs import NEVER_TICKS, Inputs
+from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import clamp
 from firmware_py.core.safety import drive_link, monitors, supervisor
 from firmware_py.core.state import Config, Outputs, State
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
     ASKS_RUN,
@@ -114,7 +115,7 @@ def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: I
         sensed.estimator,
         predicted,
         contact,
-        inputs.coarse,
+        inputs.measurements,
         crank_now.angle_rad,
         crank_now.omega_rad_s,
         n,

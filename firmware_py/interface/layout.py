@@ -37,6 +37,11 @@ class Signal(NamedTuple):
     values: frozenset[int]
 
     @property
+    def is_real(self) -> bool:
+        """Whether its physical value is a float; a whole number is sent as it is."""
+        return self.is_float or self.scale != 1
+
+    @property
     def low(self) -> float:
         """Smallest value in the signal's unit; what a reading clipped at the bottom decodes to."""
         return -math.inf if self.is_float else self.low_counts * self.scale
@@ -54,6 +59,7 @@ class Layout(NamedTuple):
     can_id: int
     length: int
     sender: str | None
+    receivers: tuple[str, ...]
     period_s: float | None
     counter_bits: int  # 0: carries neither counter nor CRC
     signals: dict[str, Signal]
@@ -82,7 +88,16 @@ def read_layouts() -> dict[str, Layout]:
 
 def _layout(name: str, table: dict[str, Any]) -> Layout:
     signals = {signal: _signal(signal, fields) for signal, fields in table.get("signals", {}).items()}
-    return Layout(**{"name": name, "sender": None, "period_s": None, **table, "signals": signals})
+    return Layout(
+        **{
+            "name": name,
+            "sender": None,
+            "period_s": None,
+            **table,
+            "receivers": tuple(table["receivers"]),
+            "signals": signals,
+        }
+    )
 
 
 def _signal(name: str, fields: dict[str, Any]) -> Signal:

@@ -8,7 +8,7 @@ sequence interpreted, a tuple of them or a pointer to them compiled; `rx.elapsed
 ticks that were skipped. Samples that have waited meanwhile are then used one after the other, each at the
 time that its counter says. `tx.torque` leaves in every tick, `tx.other` if `tx.frame_count` is 2.
 
-Reading and writing parameters is no part of a control period: while `state.received.request_count` is not 0,
+Reading and writing parameters is no part of a control period: while `state.requests.number` is not 0,
 call `served` between two ticks; its answers leave in the next ones.
 
 All of it is the firmware's subset (floats, integers, enums, NamedTuples and tuples of them, bounded loops,
@@ -27,14 +27,23 @@ from firmware_py.core.safety.drive_link import DriveFrame
 from firmware_py.core.state import INITIAL as INITIAL_CORE
 from firmware_py.core.state import INITIAL_OUTPUTS, Config, Outputs, State
 from firmware_py.core.step import act, sense, unsensed
+from firmware_py.interface.counters import NOTHING_YET, Counters, also_counted
 from firmware_py.interface.enums import E_STOP, FAULT, INIT, READY, Mode, ParameterOperation, ParameterStatus
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
-from firmware_py.interface.records import ParameterRequest, ParameterValue, SetInputTorque
-from firmware_py.node import readings, transmitter
-from firmware_py.node.counters import NOTHING_YET, Counters, also_counted
-from firmware_py.node.readings import Received, inputs_of, with_sensors_dated
-from firmware_py.node.receiver import LONGEST_DATED_TICKS, begins_sample, receive, sampled_tick
+from firmware_py.interface.generated.received import INITIAL as NOTHING_RECEIVED
+from firmware_py.interface.generated.received import Received, with_sensors_dated
+from firmware_py.interface.generated.records import ParameterRequest, ParameterValue, SetInputTorque
+from firmware_py.node import transmitter
+from firmware_py.node.readings import inputs_of
+from firmware_py.node.receiver import (
+    LONGEST_DATED_TICKS,
+    NO_REQUESTS,
+    Requests,
+    begins_sample,
+    receive,
+    sampled_tick,
+)
 from firmware_py.node.transmitter import Transmitter
 
 MAX_RX = 64
@@ -66,6 +75,7 @@ class NodeState(NamedTuple):
 
     ticks: int
     received: Received
+    requests: Requests
     inputs: Inputs
     core: State
     outputs: Outputs
@@ -78,8 +88,9 @@ MAY_BE_WRITTEN = (INIT, READY, FAULT, E_STOP)
 
 INITIAL = NodeState(
     ticks=0,
-    received=readings.INITIAL,
-    inputs=inputs_of(readings.INITIAL, 0, 1),
+    received=NOTHING_RECEIVED,
+    requests=NO_REQUESTS,
+    inputs=inputs_of(NOTHING_RECEIVED, 0, 1),
     core=INITIAL_CORE,
     outputs=INITIAL_OUTPUTS,
     waiting=transmitter.INITIAL,
@@ -100,11 +111,11 @@ def transmitted(
     now: Outputs,
 ) -> tuple[Transmitter, int, Tx]:
     """What leaves in this tick, what still waits, and how many frames were lost."""
-    has_gait = received.gait_heard.tick >= 0
+    has_gait = received.gait_sensors_arrival.tick >= 0
     waiting, lost = transmitter.queued(config.tick_s, waiting, tick, before, now, has_gait)
     other = transmitter.NO_FRAME
     if now.drive_frame != DriveFrame.NOTHING:
-        position_rev = received.encoder.position_rev
+        position_rev = received.encoder_estimates.position_rev
         other = transmitter.drive_frame(config.drive_link, now.drive_frame, position_rev)
     elif transmitter.any_waits(waiting):
         waiting, other = transmitter.next_frame(config.tick_s, waiting, tick, core, now)
@@ -116,9 +127,9 @@ def transmitted(
 def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
     """One control period."""
     now = state.ticks + rx.elapsed_ticks
-    received, counters = state.received, state.counters
+    received, requests, counters = state.received, state.requests, state.counters
     sensed, inputs = unsensed(state.core), state.inputs
-    last = received.accelerometer_heard
+    last = received.accelerometer_arrival
     late = rx.elapsed_ticks > 1 and now - last.tick < LONGEST_DATED_TICKS
     first_id = 0
     for index in range(rx.frame_count + 1):
@@ -128,19 +139,19 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
             first_id = frame.can_id
         if is_end or (late and begins_sample(received, now, frame, first_id)):
             # The sample so far is complete: the newest one is of now, those before of their own time.
-            sampled = now if is_end else min(sampled_tick(last, received), now - 1)
+            sampled = now if is_end else min(sampled_tick(last, received.accelerometer_arrival), now - 1)
             if sampled > state.ticks + sensed.ticks and now - sampled <= MOST_SAMPLES:
                 inputs = inputs_of(received, now, sampled - state.ticks)
                 sensed = sense(config, state.core.speed, sensed, inputs)
             received = with_sensors_dated(received, now, sampled)
-            last = received.accelerometer_heard
+            last = received.accelerometer_arrival
         if not is_end:
-            received, counters = receive(config.tick_s, received, counters, now, frame)
+            received, requests, counters = receive(config.tick_s, received, requests, counters, now, frame)
     core, outputs = act(config, state.core, sensed, inputs)
     waiting, lost, tx = transmitted(config, received, state.waiting, now, state.outputs, core, outputs)
     if lost > 0 or rx.elapsed_ticks > 1:
         counters = also_counted(counters, rx.elapsed_ticks - 1, lost)
-    return NodeState(now, received, inputs, core, outputs, waiting, counters), tx
+    return NodeState(now, received, requests, inputs, core, outputs, waiting, counters), tx
 
 
 def answered(
@@ -157,21 +168,19 @@ def answered(
     value, tier, known = read_parameter(parameters, index)
     if known != ParameterStatus.OK:
         status = known
-    return parameters, ParameterValue(index, status.value, value, tier)
+    return parameters, ParameterValue(value, index, tier, status.value)
 
 
 def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Parameters, Config, NodeState]:
     """Answer the requests that wait, and make the config of what was written."""
-    received, waiting, lost = state.received, state.waiting, 0
-    for index in range(received.request_count):
-        parameters, answer = answered(parameters, received.requests[index], state.outputs.mode)
+    waiting, lost = state.waiting, 0
+    for index in range(state.requests.number):
+        parameters, answer = answered(parameters, state.requests.waiting[index], state.outputs.mode)
         waiting, fits = transmitter.with_answer(waiting, answer)
         lost += 0 if fits else 1
     # Of damaged parameters one is written, and the others are as unknown as before.
     config = config_of(parameters, config.monitors.parameters_damaged)
     state = state._replace(
-        received=received._replace(request_count=0),
-        waiting=waiting,
-        counters=also_counted(state.counters, 0, lost),
+        requests=NO_REQUESTS, waiting=waiting, counters=also_counted(state.counters, 0, lost)
     )
     return parameters, config, state

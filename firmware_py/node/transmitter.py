@@ -8,14 +8,14 @@ the order in which they fell due.
 
 from typing import NamedTuple
 
-from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.core.numbers import TAU, fraction
 from firmware_py.core.safety.drive_link import DriveFrame, DriveLinkConfig
 from firmware_py.core.state import Outputs, State
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AXIS_IDLE, CLOSED_LOOP, NO_FAULT, NO_REFUSAL, Fault
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, packing
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     ClearErrors,
     DriveEstop,
     FaultEvent,
@@ -102,7 +102,7 @@ class Transmitter(NamedTuple):
 IDLE = Cyclic(-NEVER_TICKS, NOT_WAITING)
 NO_EVENT = FaultEvent(0, 0, 0)
 NO_IMPACT = Impact(0, 0.0, 0.0, 0.0)
-NO_ANSWER = ParameterValue(0, 0, 0.0, 0)
+NO_ANSWER = ParameterValue(0.0, 0, 0, 0)
 NO_FRAME = WordFrame(0, 0, 0)
 
 INITIAL = Transmitter(
@@ -115,7 +115,7 @@ INITIAL = Transmitter(
     refusal=0,
     refusal_place=NOT_WAITING,
     period_ended=False,
-    report=RegimeReport(0, 0, 0.0, 0.0),
+    report=RegimeReport(0, 0.0, 0.0, 0),
     regime=IDLE,
     estimate=IDLE,
     heartbeat=IDLE,
@@ -134,10 +134,10 @@ def is_due(cyclic: Cyclic, tick: int, period_s: float, tick_s: float) -> bool:
 def regime_report(outputs: Outputs) -> RegimeReport:
     """The drive period that has just ended."""
     return RegimeReport(
-        outputs.regime.value,
         outputs.period_impacts,
         360.0 * fraction(outputs.impact_phase_rad / TAU),
         outputs.peak_acceleration_m_s2,
+        outputs.regime.value,
     )
 
 
@@ -163,7 +163,7 @@ def queued(
             lost += 1
     reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
     if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
-        event = FaultEvent(outputs.fault.value, outputs.disarm_reason, 0)
+        event = FaultEvent(outputs.disarm_reason, outputs.fault.value, 0)
         count = waiting.fault_count
         if count < EVENTS:
             faults = with_one(waiting.faults, count, event)
@@ -247,11 +247,11 @@ def gait_report(state: State) -> GaitReport:
     return GaitReport(
         cycle.phase if walking else 0.0,
         1.0 / cycle.stride.mean_s if walking else 0.0,
-        cycle.confidence,
-        cycle.doing.value,
         lock.harmonic,
+        cycle.doing.value,
         lock.in_window % 256,
         lock.outside % 256,
+        cycle.confidence,
     )
 
 
@@ -282,7 +282,7 @@ def next_frame(
             sent=sent._replace(impact=sent.impact + 1),
         )
     elif first == waiting.refusal_place:
-        refused = FaultEvent(Fault.REQUEST_REFUSED.value, 0, waiting.refusal)
+        refused = FaultEvent(0, Fault.REQUEST_REFUSED.value, waiting.refusal)
         frame, sendable = packing.pack_fault_event(refused, sent.fault)
         waiting = waiting._replace(refusal_place=NOT_WAITING, sent=sent._replace(fault=sent.fault + 1))
     elif first == waiting.regime.place:
@@ -300,10 +300,10 @@ def next_frame(
     elif first == waiting.heartbeat.place:
         beat = FirmwareHeartbeat(
             outputs.mode.value,
-            outputs.fault.value,
             outputs.acting_limit.value,
-            outputs.regime.value,
+            outputs.fault.value,
             outputs.target_omega_rad_s,
+            outputs.regime.value,
         )
         frame, sendable = packing.pack_firmware_heartbeat(beat, sent.heartbeat)
         waiting = waiting._replace(

@@ -9,10 +9,11 @@ from typing import Any
 from firmware_py.builds.flat import Memory, loaded, stored
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Config, Outputs, State
+from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.node.counters import Counters
+from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
-from firmware_py.shell.node import RECEIVED_IDS, fitting, refuse_other_elapsed
+from firmware_py.shell.node import fitting, refuse_other_elapsed
 from firmware_py.shell.parameters import parameters_of, with_overrides
 
 FRAME_BYTES = 24
@@ -39,7 +40,7 @@ class FlatNode(ABC):
         self.tx = stored(NO_TX)
         self._sent = memoryview(self.tx.view("u1"))  # type: ignore[arg-type]  # numpy's stubs lack the buffer
         self._rx = ctypes.create_string_buffer(_RX[-1].size)
-        self._requests = self.memory["received"]["request_count"]
+        self._requests = self.memory["requests"]["number"]
 
     @abstractmethod
     def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:

@@ -12,27 +12,11 @@ from firmware_py.core.estimation.kalman import filterpy_filter
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.parameter_values import Parameters
 from firmware_py.core.state import Config, Outputs, State
+from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.interface.generated import kinds
-from firmware_py.node.counters import Counters
+from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
-
-RECEIVED_IDS = (
-    kinds.ACCELEROMETER.can_id,
-    kinds.COARSE_POSITION.can_id,
-    kinds.ENCODER_ESTIMATES.can_id,
-    kinds.DRIVE_HEARTBEAT.can_id,
-    kinds.DRIVE_ERRORS.can_id,
-    kinds.DRIVE_CURRENT.can_id,
-    kinds.DRIVE_TEMPERATURE.can_id,
-    kinds.DRIVE_SUPPLY.can_id,
-    kinds.DRIVE_ESTOP.can_id,
-    kinds.OPERATOR_COMMAND.can_id,
-    kinds.PARAMETER_REQUEST.can_id,
-    kinds.GAIT_SENSORS.can_id,
-)
-"""The identifiers that the firmware listens to; frames with others are not counted."""
 
 
 class Node(Protocol):
@@ -114,7 +98,7 @@ class FirmwareNode:
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
         refuse_other_elapsed(elapsed_ticks)
-        if self._state.received.request_count > 0:
+        if self._state.requests.number > 0:
             self.parameters, self.config, self._state = served(self.parameters, self.config, self._state)
         frames = [WordFrame(can_id, len(data), word_of(data)) for can_id, data in fitting(frames_in)]
         self._state, tx = tick(self.config, self._state, Rx(elapsed_ticks, len(frames), frames))

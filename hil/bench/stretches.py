@@ -151,7 +151,7 @@ class Stretches:
         until = scenario.ticks
         if quiet_s < math.inf:
             until = min(until, math.ceil((quiet_s - SAME_INSTANT_S) / scenario.period_s))
-        is_asked = self._native_node().memory["received"]["request_count"][0] > 0 or self._plant.node.requests
+        is_asked = self._native_node().memory["requests"]["number"][0] > 0 or self._plant.node.requests
         is_ready = self._firmware.is_in_step and len(self._to_plant.pending) <= len(Held._fields)
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 

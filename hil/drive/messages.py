@@ -1,6 +1,6 @@
 """What the drive says of itself: the contents of its messages."""
 
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     DriveCurrent,
     DriveErrors,
     DriveHeartbeat,

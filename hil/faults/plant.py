@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import EncoderEstimates, SetInputTorque
+from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
 from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import packing
-from firmware_py.interface.records import Accelerometer, CoarsePosition
+from firmware_py.interface.generated.records import Accelerometer, CoarsePosition
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
 from hil.drive.node import obey, report_frame

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from firmware_py.interface import codec
 from firmware_py.interface.addresses import Addresses, bus_id
-from firmware_py.interface.records import DriveEstop
+from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import addresses_from, config_from
 from hil.bus import Bus, join, provide

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.interface.records import Accelerometer, CoarsePosition, GaitSensors
+from firmware_py.interface.generated.records import Accelerometer, CoarsePosition, GaitSensors
 from hil.bus.wire import REMOTE_FLAG
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry

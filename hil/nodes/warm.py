@@ -5,7 +5,7 @@ from typing import Any
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, OperatorRequest
-from firmware_py.interface.records import OperatorCommand, SetAxisState, SetInputTorque
+from firmware_py.interface.generated.records import OperatorCommand, SetAxisState, SetInputTorque
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.parameters import config_from
 from hil.nodes.plant import PlantNode
@@ -29,5 +29,5 @@ def warm_firmware(parameters: Mapping[str, Any], build: Build = "python") -> Non
     """Run a firmware that is thrown away on frames of a drive at rest."""
     node = node_of(build)(config_from(parameters), parameters)
     for tick in range(WARM_TICKS):
-        command = OperatorCommand(OperatorRequest.IDLE, 0.0)
+        command = OperatorCommand(OperatorRequest.IDLE, 0.0, 0.0)
         node.tick([codec.OPERATOR_COMMAND.encode(command, tick)], 1)

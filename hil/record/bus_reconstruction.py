@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from firmware_py.interface import codec
-from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
+from firmware_py.interface.generated.records import (
+    FirmwareHeartbeat,
+    ImpactEvent,
+    SetInputTorque,
+    StrikerEstimate,
+)
 from hil.record.candump import BusLog
 from plant_sim.arrays import FloatArray, IntArray
 
@@ -27,10 +32,10 @@ class SeenTick(NamedTuple):
     tick: int
     t_s: float
     mode: int
-    fault: int
     acting_limit: int
-    regime: int
+    fault: int
     target_omega_rad_s: float
+    regime: int
     torque_n_m: float
     x_m: float
     v_m_s: float

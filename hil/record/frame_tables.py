@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
-from firmware_py.interface.layout import SignalKind
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     Accelerometer,
     DriveCurrent,
     EncoderEstimates,
@@ -23,6 +22,7 @@ from firmware_py.interface.records import (
     SetInputTorque,
     StrikerEstimate,
 )
+from firmware_py.interface.layout import SignalKind
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from firmware_py.interface import codec
 from firmware_py.interface.enums import OperatorRequest
 from firmware_py.interface.frame import Frame
+from firmware_py.interface.generated.records import DriveEstop, OperatorCommand
 from firmware_py.interface.pacing import Pacer, Urgency
-from firmware_py.interface.records import DriveEstop, OperatorCommand
 
 OPERATOR_PERIOD_S = 0.01
 """Period at which the operator reads the script; an E-stop or a change is sent within it."""

@@ -22,7 +22,12 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import LATCHED, AxisState, Fault
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetAxisState, SetInputTorque
+from firmware_py.interface.generated.records import (
+    DriveHeartbeat,
+    FirmwareHeartbeat,
+    SetAxisState,
+    SetInputTorque,
+)
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep
 from hil.bench.suite import PROCESSES, Case, cases_of, scenarios_for, silent

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import SetInputTorque
+from firmware_py.interface.generated.records import SetInputTorque
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
 from hil.bus.base import NodeBus
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner

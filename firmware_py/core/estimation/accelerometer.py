@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput
+from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.numbers import at_least
+from firmware_py.interface.arrivals import NEVER_TICKS
 
 CLIPPED_SHARE = 0.98
 """Of the full scale: a reading beyond may be more."""

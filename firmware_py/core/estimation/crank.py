@@ -10,8 +10,9 @@ import math
 from typing import NamedTuple
 
 from firmware_py.core.elementary import exp
-from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
+from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
+from firmware_py.interface.arrivals import NEVER_TICKS
 
 FASTEST_RAD_S = 1000.0
 """Larger speeds are implausible: 25 times what the motor can do."""

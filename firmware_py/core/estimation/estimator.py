@@ -46,8 +46,10 @@ from firmware_py.core.estimation.estimator_state import (
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Push, Row, StateEstimate, Transition
 from firmware_py.core.estimation.newton import newton, thrown_back
 from firmware_py.core.estimation.striker_model import is_of_the_stop, model_acceleration
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
+from firmware_py.core.inputs import AccelerometerInput
+from firmware_py.core.measurements import Measurements
 from firmware_py.core.numbers import at_least
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 LONGEST_GAP_TICKS = 100
@@ -196,19 +198,29 @@ def propagate(
     )
 
 
+def _measured(config: EstimatorConfig, estimate: StateEstimate, measurements: Measurements) -> StateEstimate:
+    """The estimate, corrected by the measurements that have come in this tick."""
+    for index in range(len(measurements)):
+        z, age_ticks = measurements[index]
+        if age_ticks == 0 and math.isfinite(z):
+            x, v, bias, variance = config.measured[index]
+            estimate = kalman.update(estimate, z, Row(x, v, bias), variance)
+    return estimate
+
+
 def correct(
     config: EstimatorConfig,
     state: EstimatorState,
     predicted: Prediction,
     contact: Contact,
-    coarse: CoarseInput,
+    measurements: Measurements,
     angle_rad: float,
     omega_rad_s: float,
     elapsed_ticks: int,
 ) -> EstimatorState:
     """Correct what `propagate` made of `state`: by the model in free flight, by the stop at its touch.
 
-    A coarse position corrects it whenever one has come.
+    A measurement of the striker corrects it whenever one has come.
     """
     estimate = predicted.estimate
     touch_down = state.touch_down
@@ -257,8 +269,7 @@ def correct(
             estimate = kalman.update(estimate, of_state_m_s2, config.row, learnt)
         own = predicted.spread_m_s2 * predicted.spread_m_s2
         model_variance = _learnt(config.noise, model_variance, predicted.innovation_m_s2, own, elapsed_ticks)
-    if coarse.age_ticks == 0 and math.isfinite(coarse.position_m):
-        estimate = kalman.update(estimate, coarse.position_m, Row(1.0, 0.0, 0.0), config.coarse_variance)
+    estimate = _measured(config, estimate, measurements)
     flight = NO_FLIGHT
     if config.has_flights and contact.settled:
         flight = _flight(config, state, predicted, elapsed_ticks)

@@ -5,7 +5,8 @@ from typing import NamedTuple
 from firmware_py.core.estimation.accelerometer import NominalSensors, SensorState
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Row, StateEstimate, Transition
 from firmware_py.core.estimation.striker_model import NominalStriker
-from firmware_py.core.inputs import NEVER_TICKS
+from firmware_py.core.measurements import AllMeasured
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 
 INITIAL_POSITION_STD_M = 0.03
@@ -78,7 +79,7 @@ class EstimatorConfig(NamedTuple):
     bend_share: float
     noise: AdaptiveNoise
     stop_variance: float
-    coarse_variance: float
+    measured: AllMeasured
     touch_down_jitter_s: float
     separation_jitter_s: float
     restitution_variance: float

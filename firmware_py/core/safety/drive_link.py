@@ -14,7 +14,8 @@ A tick sends the torque and at most one other frame; the frame chosen here comes
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core.inputs import NEVER_TICKS, DriveInput, EncoderInput
+from firmware_py.core.inputs import DriveInput, EncoderInput
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import (
     AXIS_IDLE,
     CLOSED_LOOP,

@@ -8,10 +8,9 @@ source runs interpreted, compiled and on a microcontroller.
 
 from math import isfinite
 
-from firmware_py.interface import records
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import float32_counts, framed, is_float32, saturated, signed
-from firmware_py.interface.generated import kinds
+from firmware_py.interface.generated import kinds, records
 
 
 def pack_drive_heartbeat(record: records.DriveHeartbeat, counter: int) -> tuple[WordFrame, bool]:
@@ -163,14 +162,14 @@ def pack_operator_command(record: records.OperatorCommand, counter: int) -> tupl
 
 
 def pack_parameter_request(record: records.ParameterRequest, counter: int) -> tuple[WordFrame, bool]:
-    parameter_index, operation, value = record
+    value, parameter_index, operation = record
     word = float32_counts(value) | parameter_index << 32 | operation << 48
-    sendable = 0 <= parameter_index <= 16383 and 0 <= operation <= 1 and is_float32(value)
+    sendable = is_float32(value) and 0 <= parameter_index <= 16383 and 0 <= operation <= 1
     return framed(kinds.PARAMETER_REQUEST, word, counter, sendable)
 
 
 def pack_firmware_heartbeat(record: records.FirmwareHeartbeat, counter: int) -> tuple[WordFrame, bool]:
-    mode, fault, acting_limit, regime, target_omega_rad_s = record
+    mode, acting_limit, fault, target_omega_rad_s, regime = record
     word = (
         mode
         | acting_limit << 4
@@ -180,10 +179,10 @@ def pack_firmware_heartbeat(record: records.FirmwareHeartbeat, counter: int) -> 
     )
     sendable = (
         0 <= mode <= 6
-        and 0 <= fault <= 23
         and 0 <= acting_limit <= 6
-        and 0 <= regime <= 6
+        and 0 <= fault <= 23
         and isfinite(target_omega_rad_s)
+        and 0 <= regime <= 6
     )
     return framed(kinds.FIRMWARE_HEARTBEAT, word, counter, sendable)
 
@@ -200,7 +199,7 @@ def pack_striker_estimate(record: records.StrikerEstimate, counter: int) -> tupl
 
 
 def pack_regime_report(record: records.RegimeReport, counter: int) -> tuple[WordFrame, bool]:
-    regime, impacts, impact_phase_deg, peak_acceleration_m_s2 = record
+    impacts, impact_phase_deg, peak_acceleration_m_s2, regime = record
     word = (
         saturated(float(impacts), 0, 255)
         | saturated(impact_phase_deg / 0.01, 0, 36000) << 8
@@ -208,10 +207,10 @@ def pack_regime_report(record: records.RegimeReport, counter: int) -> tuple[Word
         | regime << 40
     )
     sendable = (
-        0 <= regime <= 6
-        and isfinite(impacts)
+        isfinite(impacts)
         and isfinite(impact_phase_deg)
         and isfinite(peak_acceleration_m_s2)
+        and 0 <= regime <= 6
     )
     return framed(kinds.REGIME_REPORT, word, counter, sendable)
 
@@ -228,21 +227,21 @@ def pack_impact_event(record: records.ImpactEvent, counter: int) -> tuple[WordFr
 
 
 def pack_fault_event(record: records.FaultEvent, counter: int) -> tuple[WordFrame, bool]:
-    fault, disarm_reason, refusal = record
+    disarm_reason, fault, refusal = record
     word = disarm_reason | fault << 32 | refusal << 40
-    sendable = 0 <= fault <= 23 and 0 <= disarm_reason <= 4294967295 and 0 <= refusal <= 8
+    sendable = 0 <= disarm_reason <= 4294967295 and 0 <= fault <= 23 and 0 <= refusal <= 8
     return framed(kinds.FAULT_EVENT, word, counter, sendable)
 
 
 def pack_parameter_value(record: records.ParameterValue, counter: int) -> tuple[WordFrame, bool]:
-    parameter_index, status, value, tier = record
+    value, parameter_index, tier, status = record
     word = float32_counts(value) | parameter_index << 32 | tier << 46 | status << 48
-    sendable = 0 <= parameter_index <= 16383 and 0 <= status <= 4 and is_float32(value) and 0 <= tier <= 2
+    sendable = is_float32(value) and 0 <= parameter_index <= 16383 and 0 <= tier <= 2 and 0 <= status <= 4
     return framed(kinds.PARAMETER_VALUE, word, counter, sendable)
 
 
 def pack_gait_report(record: records.GaitReport, counter: int) -> tuple[WordFrame, bool]:
-    gait_phase, stride_hz, confidence, gait_state, harmonic, pulses_in_window, pulses_outside = record
+    gait_phase, stride_hz, harmonic, gait_state, pulses_in_window, pulses_outside, confidence = record
     word = (
         saturated(gait_phase / 1.52587890625e-05, 0, 65535)
         | saturated(stride_hz / 0.01, 0, 255) << 16
@@ -255,10 +254,10 @@ def pack_gait_report(record: records.GaitReport, counter: int) -> tuple[WordFram
     sendable = (
         isfinite(gait_phase)
         and isfinite(stride_hz)
-        and isfinite(confidence)
-        and 0 <= gait_state <= 3
         and 0 <= harmonic <= 15
+        and 0 <= gait_state <= 3
         and 0 <= pulses_in_window <= 255
         and 0 <= pulses_outside <= 255
+        and isfinite(confidence)
     )
     return framed(kinds.GAIT_REPORT, word, counter, sendable)

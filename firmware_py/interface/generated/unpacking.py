@@ -5,10 +5,9 @@
 
 from math import isfinite
 
-from firmware_py.interface import records
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.framing import float32_at, judged, signed
-from firmware_py.interface.generated import kinds
+from firmware_py.interface.generated import kinds, records
 
 
 def unpack_drive_heartbeat(length: int, word: int) -> tuple[records.DriveHeartbeat, FrameErrorReason]:
@@ -169,7 +168,7 @@ def unpack_parameter_request(length: int, word: int) -> tuple[records.ParameterR
     parameter_index = word >> 32 & 0x3FFF
     operation = word >> 48 & 0xF
     reason = judged(kinds.PARAMETER_REQUEST, length, word, isfinite(value) and 0 <= operation <= 1)
-    return records.ParameterRequest(parameter_index, operation, value), reason
+    return records.ParameterRequest(value, parameter_index, operation), reason
 
 
 def unpack_firmware_heartbeat(length: int, word: int) -> tuple[records.FirmwareHeartbeat, FrameErrorReason]:
@@ -188,7 +187,7 @@ def unpack_firmware_heartbeat(length: int, word: int) -> tuple[records.FirmwareH
         and -32767 <= target_omega_rad_s <= 32767
         and 0 <= regime <= 6,
     )
-    return records.FirmwareHeartbeat(mode, fault, acting_limit, regime, target_omega_rad_s * 0.002), reason
+    return records.FirmwareHeartbeat(mode, acting_limit, fault, target_omega_rad_s * 0.002, regime), reason
 
 
 def unpack_striker_estimate(length: int, word: int) -> tuple[records.StrikerEstimate, FrameErrorReason]:
@@ -215,7 +214,7 @@ def unpack_regime_report(length: int, word: int) -> tuple[records.RegimeReport, 
     regime = word >> 40 & 0xF
     reason = judged(kinds.REGIME_REPORT, length, word, 0 <= impact_phase_deg <= 36000 and 0 <= regime <= 6)
     return records.RegimeReport(
-        regime, impacts, impact_phase_deg * 0.01, peak_acceleration_m_s2 * 0.05
+        impacts, impact_phase_deg * 0.01, peak_acceleration_m_s2 * 0.05, regime
     ), reason
 
 
@@ -232,7 +231,7 @@ def unpack_fault_event(length: int, word: int) -> tuple[records.FaultEvent, Fram
     fault = word >> 32 & 0xFF
     refusal = word >> 40 & 0xF
     reason = judged(kinds.FAULT_EVENT, length, word, 0 <= fault <= 23 and 0 <= refusal <= 8)
-    return records.FaultEvent(fault, disarm_reason, refusal), reason
+    return records.FaultEvent(disarm_reason, fault, refusal), reason
 
 
 def unpack_parameter_value(length: int, word: int) -> tuple[records.ParameterValue, FrameErrorReason]:
@@ -243,7 +242,7 @@ def unpack_parameter_value(length: int, word: int) -> tuple[records.ParameterVal
     reason = judged(
         kinds.PARAMETER_VALUE, length, word, isfinite(value) and 0 <= tier <= 2 and 0 <= status <= 4
     )
-    return records.ParameterValue(parameter_index, status, value, tier), reason
+    return records.ParameterValue(value, parameter_index, tier, status), reason
 
 
 def unpack_gait_report(length: int, word: int) -> tuple[records.GaitReport, FrameErrorReason]:
@@ -258,9 +257,9 @@ def unpack_gait_report(length: int, word: int) -> tuple[records.GaitReport, Fram
     return records.GaitReport(
         gait_phase * 1.52587890625e-05,
         stride_hz * 0.01,
-        confidence * 0.1,
-        gait_state,
         harmonic,
+        gait_state,
         pulses_in_window,
         pulses_outside,
+        confidence * 0.1,
     ), reason

@@ -1,4 +1,4 @@
-"""Writes the codec out of `vibro.dbc`: `kinds.py`, `packing.py`, `unpacking.py` and `layouts.toml`.
+"""Writes out of `vibro.dbc` all that follows from it: records, their codec, and what the firmware receives.
 
     python -m firmware_py.interface.sources.generate
 
@@ -10,13 +10,13 @@ test holds the checked-in files against what this module writes; `ruff format` l
 
 import json
 from pathlib import Path
-from typing import Any, get_type_hints
 
-from firmware_py.interface import records
 from firmware_py.interface.crc import INITIAL, TABLE
 from firmware_py.interface.layout import Layout, Signal, SignalKind, snake, span
 from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.layout import LayoutError, layout_of
+from firmware_py.interface.sources.layout import layout_of
+from firmware_py.interface.sources.received import received_source
+from firmware_py.interface.sources.records import RECORDS, record_source
 
 GENERATED = Path(__file__).parents[1] / "generated"
 
@@ -36,10 +36,9 @@ source runs interpreted, compiled and on a microcontroller.
 
 from math import isfinite
 
-from firmware_py.interface import records
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.framing import float32_counts, framed, is_float32, saturated, signed
-from firmware_py.interface.generated import kinds
+from firmware_py.interface.generated import kinds, records
 '''
 
 UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`; do not edit.
@@ -49,28 +48,29 @@ UNPACKING = '''"""Frames to records: written by `generate.py` out of `vibro.dbc`
 
 from math import isfinite
 
-from firmware_py.interface import records
 from firmware_py.interface.errors import FrameErrorReason
 from firmware_py.interface.framing import float32_at, judged, signed
-from firmware_py.interface.generated import kinds
+from firmware_py.interface.generated import kinds, records
 '''
 
 
-def frames() -> list[tuple[type[Any], Layout]]:
-    """Each record of the bus with its frame's layout, in the order of their identifiers."""
-    kinds = [
-        kind
-        for kind in vars(records).values()
-        if isinstance(kind, type) and kind.__module__ == records.__name__
-    ]
-    pairs = [(kind, layout_of(database().get_message_by_name(kind.__name__))) for kind in kinds]
-    return sorted(pairs, key=lambda pair: pair[1].can_id)
+CODECS = '''"""The codec of every frame: written by `generate.py` out of `vibro.dbc`; do not edit."""
+
+from firmware_py.interface.frame_codec import codec_of
+from firmware_py.interface.generated import packing, records, unpacking
+
+'''
+
+
+def frames() -> list[Layout]:
+    """The layout of each frame, in the order of their identifiers."""
+    return sorted(map(layout_of, database().messages), key=lambda layout: layout.can_id)
 
 
 def layouts_source() -> str:
     """The text of `layouts.toml`."""
     text = "# The layout of every frame by name: written by `generate.py` out of `vibro.dbc`; do not edit.\n"
-    for _, layout in frames():
+    for layout in frames():
         fields = {name: value for name, value in layout._asdict().items() if value is not None}
         name, signals = fields.pop("name"), fields.pop("signals")
         text += f"\n[{name}]\n" + "".join(f"{one} = {toml(fields[one])}\n" for one in fields)
@@ -88,12 +88,14 @@ def toml(value: object) -> str:
 
 def sources() -> dict[str, str]:
     """The text of each file by its name; up to the layout of its lines, which is ruff's."""
-    packs = (pack_source(layout, kind) for kind, layout in frames())
-    unpacks = (unpack_source(layout, kind) for kind, layout in frames())
+    layouts, message = frames(), database().get_message_by_name
     return {
-        "kinds.py": KINDS + "".join(constant(layout) for _, layout in frames()),
-        "packing.py": "\n\n".join([PACKING, *packs]),
-        "unpacking.py": "\n\n".join([UNPACKING, *unpacks]),
+        "kinds.py": KINDS + "".join(map(constant, layouts)),
+        "records.py": "\n\n".join([RECORDS, *(record_source(one, message(one.name)) for one in layouts)]),
+        "packing.py": "\n\n".join([PACKING, *map(pack_source, layouts)]),
+        "unpacking.py": "\n\n".join([UNPACKING, *map(unpack_source, layouts)]),
+        "codecs.py": CODECS + "".join(map(codec_source, layouts)),
+        "received.py": received_source(layouts),
         "layouts.toml": layouts_source(),
     }
 
@@ -106,44 +108,38 @@ def constant(layout: Layout) -> str:
     return f"{snake(layout.name).upper()} = FrameKind({numbers})\n"
 
 
-def pack_source(layout: Layout, kind: type[Any]) -> str:
-    """The text of `pack_x(record, counter) -> (frame, sendable)`."""
-    hints = checked_hints(layout, kind)
+def codec_source(layout: Layout) -> str:
+    """The codec's constant."""
     name = snake(layout.name)
+    return f"{name.upper()} = codec_of(records.{layout.name}, packing.pack_{name}, unpacking.unpack_{name})\n"
+
+
+def pack_source(layout: Layout) -> str:
+    """The text of `pack_x(record, counter) -> (frame, sendable)`."""
+    name, fields = snake(layout.name), list(layout.signals)
     lines = [
-        f"def pack_{name}({'record' if hints else '_record'}: records.{layout.name}, counter: int) -> "
+        f"def pack_{name}({'record' if fields else '_record'}: records.{layout.name}, counter: int) -> "
         "tuple[WordFrame, bool]:"
     ]
-    if hints:
-        lines += [f"    {', '.join(hints) if len(hints) > 1 else f'({next(iter(hints))},)'} = record"]
-    word = " | ".join(_placed(signal, hints[field]) for field, signal in layout.signals.items()) or "0"
-    sendable = " and ".join(_sendable(layout.signals[field]) for field in hints) or "True"
+    if fields:
+        lines += [f"    {', '.join(fields) if len(fields) > 1 else f'({fields[0]},)'} = record"]
+    word = " | ".join(map(_placed, layout.signals.values())) or "0"
+    sendable = " and ".join(map(_sendable, layout.signals.values())) or "True"
     lines += [f"    word = {word}", f"    sendable = {sendable}"]
     return "\n".join([*lines, f"    return framed(kinds.{name.upper()}, word, counter, sendable)\n"])
 
 
-def unpack_source(layout: Layout, kind: type[Any]) -> str:
+def unpack_source(layout: Layout) -> str:
     """The text of `unpack_x(length, word) -> (record, reason)`."""
-    hints = checked_hints(layout, kind)
     name = snake(layout.name)
     lines = [
         f"def unpack_{name}(length: int, word: int) -> tuple[records.{layout.name}, FrameErrorReason]:",
         *(f"    {field} = {_from_word(signal)}" for field, signal in layout.signals.items()),
     ]
     listed = " and ".join(filter(None, map(_received, layout.signals.values()))) or "True"
-    values = ", ".join(_to_value(layout.signals[field], hints[field] is float) for field in hints)
+    values = ", ".join(map(_to_value, layout.signals.values()))
     lines += [f"    reason = judged(kinds.{name.upper()}, length, word, {listed})"]
     return "\n".join([*lines, f"    return records.{layout.name}({values}), reason\n"])
-
-
-def checked_hints(layout: Layout, kind: type[Any]) -> dict[str, type[Any]]:
-    """The record's fields and their types, held against the message's signals."""
-    hints = get_type_hints(kind)
-    if set(hints) != set(layout.signals):
-        raise LayoutError(
-            f"{layout.name}: signals {sorted(layout.signals)}, but the record has {sorted(hints)}"
-        )
-    return hints
 
 
 def _sendable(signal: Signal) -> str:
@@ -174,14 +170,13 @@ def _received(signal: Signal) -> str:
     return _listed(signal) if is_listed or not is_any else ""
 
 
-def _placed(signal: Signal, hint: type[Any]) -> str:
+def _placed(signal: Signal) -> str:
     """Expression of the field's counts in their place within the word."""
     counts, is_signed = signal.name, signal.is_signed
     if signal.is_float:
         counts, is_signed = f"float32_counts({signal.name})", False
     elif signal.kind is SignalKind.QUANTITY:
-        scaled = f"{signal.name} / {signal.scale!r}" if signal.scale != 1 else signal.name
-        scaled = scaled if hint is float or signal.scale != 1 else f"float({signal.name})"
+        scaled = f"{signal.name} / {signal.scale!r}" if signal.is_real else f"float({signal.name})"
         counts = f"saturated({scaled}, {signal.low_counts}, {signal.high_counts})"
     if signal.start + signal.bits == 64:
         # The word is signed: its top bit is a sign.
@@ -200,11 +195,9 @@ def _from_word(signal: Signal) -> str:
     return f"signed({raw}, {signal.bits})" if signal.is_signed else f"{raw} & 0x{(1 << signal.bits) - 1:X}"
 
 
-def _to_value(signal: Signal, is_real: bool) -> str:
+def _to_value(signal: Signal) -> str:
     """Expression of the physical value from the counts."""
-    if signal.is_float or (signal.scale == 1 and not is_real):
-        return signal.name
-    return f"float({signal.name})" if signal.scale == 1 else f"{signal.name} * {signal.scale!r}"
+    return signal.name if signal.is_float or not signal.is_real else f"{signal.name} * {signal.scale!r}"
 
 
 if __name__ == "__main__":

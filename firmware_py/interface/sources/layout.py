@@ -23,11 +23,15 @@ def layout_of(message: Message) -> Layout:
         can_id=message.frame_id,
         length=message.length,
         sender=message.senders[0] if message.senders else None,
+        receivers=tuple(sorted(message.receivers)) or ALL_NODES,
         period_s=None if message.cycle_time is None else message.cycle_time / 1000,
         counter_bits=_counter_bits(message, protection) if protection else 0,
         signals={signal.name: signal for signal in signals if signal.kind not in _PROTECTING},
     )
 
+
+ALL_NODES = ("Drive", "Firmware", "Operator", "Recorder")
+"""Who receives a frame without signals, of which a DBC can name no receivers."""
 
 _PROTECTING = (SignalKind.COUNTER, SignalKind.CRC)
 

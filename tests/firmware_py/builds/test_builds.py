@@ -21,7 +21,7 @@ from firmware_py.core.step import step
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import Accelerometer, DriveEstop, GaitSensors, ParameterRequest
+from firmware_py.interface.generated.records import Accelerometer, DriveEstop, GaitSensors, ParameterRequest
 from firmware_py.node.tick import INITIAL, MAX_RX, NodeState
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import fitting
@@ -203,7 +203,7 @@ def test_parameters_are_read_and_written_alike() -> None:
     nodes = [node_of(build)(config_from({}), {}) for build in ("python", "compiled")]  # type: ignore[arg-type]
     requests = [(40, 0, 0.0), (40, 1, 1e9), (7, 1, 80.0), (0, 1, 0.004), (9000, 0, 0.0), (7, 0, 0.0)]
     for number, (index, operation, value) in enumerate(requests):
-        frame = codec.PARAMETER_REQUEST.encode(ParameterRequest(index, operation, value), number)
+        frame = codec.PARAMETER_REQUEST.encode(ParameterRequest(value, index, operation), number)
         sent = [[one.tick([frame] if k == 0 else [], 1) for k in range(5)] for one in nodes]
         assert sent[0] == sent[1]
         assert any(one.can_id == codec.PARAMETER_VALUE.can_id for tick in sent[1] for one in tick)

@@ -8,7 +8,8 @@ from walker import HEEL_OFF, TOE_DOWN, TOE_OFF, Walk, walk
 
 from firmware_py.core.control import gait
 from firmware_py.core.control.gait import CycleState
-from firmware_py.core.inputs import NEVER_TICKS, GaitInput
+from firmware_py.core.inputs import GaitInput
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import GaitState
 from firmware_py.shell.parameters import config_from
 

@@ -14,7 +14,7 @@ from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, GaitState, Mode, OperatorRequest, Refusal
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import GaitReport, GaitSensors
+from firmware_py.interface.generated.records import GaitReport, GaitSensors
 from firmware_py.shell.parameters import config_from
 
 FOLLOW = {"gait.follow": 1}

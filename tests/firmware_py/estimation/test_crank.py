@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from firmware_py.core.estimation import crank
-from firmware_py.core.inputs import NEVER_TICKS, EncoderInput
+from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, wrap_pi
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).crank

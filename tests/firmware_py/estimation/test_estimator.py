@@ -7,12 +7,13 @@ from scipy.linalg import expm
 from firmware_py.core.estimation import accelerometer, estimator, estimator_state, newton, striker_model
 from firmware_py.core.estimation.estimator_state import Contact, EstimatorConfig, EstimatorState
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput
+from firmware_py.core.inputs import AccelerometerInput
+from firmware_py.core.measurements import NOTHING_MEASURED, Measurement, Measurements
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
 FREE = Contact(ContactPhase.FREE, False, False, 0.0, 0.0, measured=True, settled=True)
-UNHEARD = CoarseInput(0.0, NEVER_TICKS)
 EXACT_SENSOR = {"sensor.bandwidth_hz": 1e5}
 
 
@@ -28,7 +29,7 @@ def tick(
 ) -> EstimatorState:
     sample = AccelerometerInput(reading, reading if high is None else high, 0.0, age)
     predicted = estimator.propagate(config, state, sample, contact.phase, angle_rad, 0.0, elapsed)
-    return estimator.correct(config, state, predicted, contact, UNHEARD, angle_rad, 0.0, elapsed)
+    return estimator.correct(config, state, predicted, contact, NOTHING_MEASURED, angle_rad, 0.0, elapsed)
 
 
 @pytest.mark.parametrize(
@@ -278,7 +279,7 @@ def moving_housing(config: EstimatorConfig, seconds: float = 12.0) -> np.ndarray
         shake = 1.5 * math.sin(2.0 * math.pi * 1e-3 * k)
         sample = AccelerometerInput(-87.5 * x - 0.25 * v + 0.1, 0.0, shake + 0.4, 0)
         predicted = estimator.propagate(config, state, sample, FREE.phase, 0.0, 0.0, 1)
-        state = estimator.correct(config, state, predicted, FREE, UNHEARD, 0.0, 0.0, 1)
+        state = estimator.correct(config, state, predicted, FREE, NOTHING_MEASURED, 0.0, 0.0, 1)
         errors.append(state.x_m - 0.12 - x)
         # The base's acceleration, held over the tick, moves the fixed point of the oscillator.
         middle = 1.5 * math.sin(2.0 * math.pi * 1e-3 * (k + 0.5))
@@ -302,7 +303,8 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
         state = estimator_state.INITIAL
         for k in range(3000):
             heard = fitted and k % 20 == 0
-            coarse = CoarseInput(0.105 + 2e-3 * rng.standard_normal(), 0 if heard else NEVER_TICKS)
+            position_m = 0.105 + 2e-3 * rng.standard_normal()
+            coarse = Measurements(Measurement(position_m, 0 if heard else NEVER_TICKS))
             predicted = estimator.propagate(
                 config, state, AccelerometerInput(0.0, 0.0, 0.0, 0), FREE.phase, 0.0, 0.0, 1
             )
@@ -372,7 +374,7 @@ def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
     over = Contact(ContactPhase.FREE, False, True, 5e-4, 0.9, measured=False, settled=False)
     sample = AccelerometerInput(-87.5 * x - 0.25 * v, -87.5 * x - 0.25 * v, 0.0, 0)
     predicted = estimator.propagate(config, within, sample, ContactPhase.CONTACT, 0.0, 0.0, 60)
-    state = estimator.correct(config, within, predicted, over, UNHEARD, 0.0, 0.0, 60)
+    state = estimator.correct(config, within, predicted, over, NOTHING_MEASURED, 0.0, 0.0, 60)
     assert state.x_m - 0.12 == pytest.approx(x, abs=1e-3)
     assert state.v_m_s == pytest.approx(v, abs=0.02)
     assert state.p_vv > (0.1 * 0.9) ** 2 / 4

@@ -12,7 +12,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     Accelerometer,
     DriveCurrent,
     DriveErrors,

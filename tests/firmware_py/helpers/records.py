@@ -3,9 +3,7 @@
 from typing import Any
 
 from firmware_py.core.inputs import (
-    NEVER_TICKS,
     AccelerometerInput,
-    CoarseInput,
     DriveInput,
     EncoderInput,
     GaitInput,
@@ -13,12 +11,14 @@ from firmware_py.core.inputs import (
     OperatorInput,
     PowerInput,
 )
+from firmware_py.core.measurements import NOTHING_MEASURED
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, OperatorRequest
 
 HEALTHY = Inputs(
     elapsed_ticks=1,
     accelerometer=AccelerometerInput(0.0, 0.0, 0.0, 0),
-    coarse=CoarseInput(0.0, NEVER_TICKS),
+    measurements=NOTHING_MEASURED,
     encoder=EncoderInput(0.0, 0.0, 0),
     drive=DriveInput(AxisState.IDLE, 0, 0, 0),
     power=PowerInput(0.0, 24.0, 30.0, 30.0, 0),

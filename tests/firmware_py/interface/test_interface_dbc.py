@@ -8,9 +8,10 @@ from typing import Any, get_type_hints
 import pytest
 from cantools.database.can import Message, Signal
 
-from firmware_py.interface import enums, records
+from firmware_py.interface import enums
 from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.frame import worst_case_bits
+from firmware_py.interface.generated import records
 from firmware_py.interface.sources.dbc import database
 
 RECORDS = [

@@ -319,7 +319,7 @@ END_OF = {
     "accelerometer.low_m_s2": SILENT_SENSOR,
     "accelerometer.high_m_s2": SILENT_SENSOR,
     "accelerometer.housing_m_s2": SILENT_SENSOR,
-    "coarse.position_m": None,  # none is fitted
+    "measurements.coarse_position_m.value": None,  # none is fitted
     "encoder.position_rev": SILENT_ENCODER,
     "encoder.velocity_rev_s": {Fault.OVERSPEED},
     "power.current_a": {Fault.OVERCURRENT},

@@ -11,7 +11,7 @@ from closed_loop import Bench
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import ImpactEvent
+from firmware_py.interface.generated.records import ImpactEvent
 from firmware_py.shell.parameters import config_from
 
 PARAMETERS = {"start.rise_s": 1.0, "start.confirm_periods": 2}

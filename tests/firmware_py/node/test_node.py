@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 from closed_loop import Bench
 
-from firmware_py.core.inputs import NEVER_TICKS
 from firmware_py.interface import codec
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import (
     AxisState,
     Fault,
@@ -17,7 +17,7 @@ from firmware_py.interface.enums import (
     ParameterTier,
 )
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     Accelerometer,
     DriveErrors,
     DriveEstop,
@@ -169,7 +169,7 @@ def test_a_tick_sends_the_torque_and_at_most_one_other_frame() -> None:
 
 def test_answers_beyond_the_queue_are_lost_and_counted() -> None:
     one = node()
-    requests = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0, 0, 0.0), k % 16) for k in range(40)]
+    requests = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0.0, 0, 0), k % 16) for k in range(40)]
     sent = one.tick(requests, 1)
     for _ in range(100):
         sent += one.tick([], 1)
@@ -255,24 +255,24 @@ def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> Parameter
 def test_parameters_are_read_and_written_by_index_with_their_bounds_checked() -> None:
     one = FirmwareNode(config_from({"start.rise_s": 4.0}), {"start.rise_s": 4.0})
     index, tier = INDEX["start.rise_s"], ParameterTier.TUNING
-    assert ask(one, ParameterRequest(index, 0, 0.0), 0) == ParameterValue(
-        index, ParameterStatus.OK, 4.0, tier
+    assert ask(one, ParameterRequest(0.0, index, 0), 0) == ParameterValue(
+        4.0, index, tier, ParameterStatus.OK
     )
-    assert ask(one, ParameterRequest(index, 1, 6.0), 1) == ParameterValue(
-        index, ParameterStatus.OK, 6.0, tier
+    assert ask(one, ParameterRequest(6.0, index, 1), 1) == ParameterValue(
+        6.0, index, tier, ParameterStatus.OK
     )
     assert one.config.start.rise_s == 6.0
     too_long = BY_NAME["start.rise_s"].high + 1.0
-    refused = ask(one, ParameterRequest(index, 1, too_long), 2)
-    assert refused == ParameterValue(index, ParameterStatus.OUT_OF_RANGE, 6.0, tier)
+    refused = ask(one, ParameterRequest(too_long, index, 1), 2)
+    assert refused == ParameterValue(6.0, index, tier, ParameterStatus.OUT_OF_RANGE)
     assert one.config.start.rise_s == 6.0
-    assert ask(one, ParameterRequest(16_000, 0, 0.0), 3).status == ParameterStatus.UNKNOWN_INDEX
+    assert ask(one, ParameterRequest(0.0, 16_000, 0), 3).status == ParameterStatus.UNKNOWN_INDEX
 
 
 def test_the_control_period_is_read_but_never_written_over_the_bus() -> None:
     one = FirmwareNode(config_from({}))
     before, index = one.config, INDEX["control.tick_s"]
-    answer = ask(one, ParameterRequest(index, 1, 0.00025), 0)
+    answer = ask(one, ParameterRequest(0.00025, index, 1), 0)
     assert (answer.status, answer.tier) == (ParameterStatus.NOT_WRITABLE, ParameterTier.BUILD)
     assert one.config == before
 
@@ -281,7 +281,7 @@ def test_parameters_are_not_written_while_it_moves() -> None:
     bench = Bench().started()
     bench.run(0.5, keep=False)
     index = INDEX["start.rise_s"]
-    answer = ask(bench.node, ParameterRequest(index, 1, 6.0), 0)
+    answer = ask(bench.node, ParameterRequest(6.0, index, 1), 0)
     assert (answer.status, answer.value) == (ParameterStatus.NOT_WHILE_MOVING, DEFAULTS["start.rise_s"])
 
 
@@ -357,7 +357,7 @@ def test_a_command_outside_the_runnable_ratios_starts_nothing() -> None:
     bench = Bench(ratio=0.0).started()
     bench.run(0.5, keep=False)
     assert bench.node.outputs.mode == Mode.READY
-    assert codec.encode(OperatorCommand(1, 0.0), 0).can_id == codec.OPERATOR_COMMAND.can_id
+    assert codec.encode(OperatorCommand(1, 0.0, 0.0), 0).can_id == codec.OPERATOR_COMMAND.can_id
     assert codec.encode(EncoderEstimates(0.0, 0.0)).can_id == codec.ENCODER_ESTIMATES.can_id
 
 
@@ -414,7 +414,7 @@ def test_damaged_parameters_are_said_and_nothing_moves_whatever_is_asked_for() -
             sent += [codec.decode(frame) for frame in bench.sent]
         # A parameter written makes one of them known, and the others no better.
         index = INDEX["stop.restitution"]
-        bench.node.tick([codec.encode(ParameterRequest(index, 1, 0.4))], 1)
+        bench.node.tick([codec.encode(ParameterRequest(0.4, index, 1))], 1)
     beats = [record for record in sent if isinstance(record, FirmwareHeartbeat)]
     assert {(beat.mode, beat.fault) for beat in beats} == {(Mode.FAULT, Fault.PARAMETERS_DAMAGED)}
     assert {record for record in sent if isinstance(record, SetInputTorque)} == {SetInputTorque(0.0)}

@@ -28,7 +28,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.codec import FrameError
 from firmware_py.interface.enums import LATCHED, MOVING, AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     DriveEstop,
     DriveHeartbeat,
     DriveSupply,

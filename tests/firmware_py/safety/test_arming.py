@@ -10,7 +10,7 @@ from closed_loop import Bench, scene_with
 from firmware_py.interface import codec
 from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     DriveEstop,
     DriveHeartbeat,
     DriveTemperature,
@@ -146,14 +146,14 @@ def test_an_e_stop_is_repeated_until_the_drive_has_let_go() -> None:
 
 def test_idle_and_the_fault_event_stand_behind_nothing() -> None:
     bench = armed()
-    asked = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0, 0, 0.0), k % 16) for k in range(40)]
+    asked = [codec.PARAMETER_REQUEST.encode(ParameterRequest(0.0, 0, 0), k % 16) for k in range(40)]
     hot = codec.DRIVE_TEMPERATURE.encode(DriveTemperature(95.0, 30.0))
     bench.change = lambda _, frames: [*frames, *asked, hot]
     bench.run(0.001, keep=False)
     assert bench.node.outputs.mode == Mode.FAULT
     assert IDLE in records(bench)
     bench.run(0.001, keep=False)
-    assert FaultEvent(Fault.OVERTEMPERATURE, 0) in records(bench)
+    assert FaultEvent(0, Fault.OVERTEMPERATURE, 0) in records(bench)
 
 
 def test_nothing_starts_while_the_drive_does_not_let_go() -> None:

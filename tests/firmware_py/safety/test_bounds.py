@@ -13,7 +13,7 @@ from firmware_py.core.estimation import crank, estimator_state, regime
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import EncoderEstimates, SetInputTorque
+from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).start

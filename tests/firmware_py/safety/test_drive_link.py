@@ -5,9 +5,10 @@ import itertools
 import pytest
 from records import HEALTHY
 
-from firmware_py.core.inputs import NEVER_TICKS, DriveInput
+from firmware_py.core.inputs import DriveInput
 from firmware_py.core.safety import drive_link
 from firmware_py.core.safety.drive_link import AxisRequest, DriveFrame, DriveLinkState
+from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import AxisState, Mode
 from firmware_py.shell.parameters import config_from
 

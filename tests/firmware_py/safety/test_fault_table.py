@@ -12,7 +12,7 @@ from closed_loop import Bench, scene_with
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode, OperatorRequest, Refusal
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import (
+from firmware_py.interface.generated.records import (
     Accelerometer,
     DriveCurrent,
     DriveSupply,

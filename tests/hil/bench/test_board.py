@@ -12,7 +12,7 @@ import pytest
 
 from firmware_py.builds import board
 from firmware_py.interface import codec
-from firmware_py.interface.records import ParameterRequest
+from firmware_py.interface.generated.records import ParameterRequest
 from firmware_py.shell.board_node import BoardDiedError, BoardNode, SinglePrecisionBoardNode
 from firmware_py.shell.builds import Build
 from firmware_py.shell.compiled_node import CompiledNode
@@ -117,7 +117,7 @@ def test_a_cortex_m4f_sends_the_bytes_of_single_precision_here(name: str, tmp_pa
 @pytest.mark.usefixtures("tools")
 def test_parameters_are_served_as_by_the_compiled_build() -> None:
     nodes = [make(config_from({}), {}) for make in (CompiledNode, BoardNode)]
-    for number, request in enumerate([(7, 0, 0.0), (7, 1, 80.0), (7, 0, 0.0)]):
+    for number, request in enumerate([(0.0, 7, 0), (80.0, 7, 1), (0.0, 7, 0)]):
         frame = codec.PARAMETER_REQUEST.encode(ParameterRequest(*request), number)
         sent = [[node.tick([frame] if k == 0 else [], 1) for k in range(5)] for node in nodes]
         assert sent[0] == sent[1]
@@ -131,7 +131,7 @@ def test_in_single_precision_a_parameter_that_is_written_is_in_the_next_config()
     before = node.config
     answers = [
         frame
-        for number, request in enumerate([(7, 1, 80.0), (7, 0, 0.0)])
+        for number, request in enumerate([(80.0, 7, 1), (0.0, 7, 0)])
         for k in range(5)
         for frame in node.tick(
             [codec.PARAMETER_REQUEST.encode(ParameterRequest(*request), number)] if k == 0 else [], 1

@@ -16,7 +16,7 @@ from firmware_py.interface.addresses import (
 )
 from firmware_py.interface.enums import Mode, Regime
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import DriveEstop
+from firmware_py.interface.generated.records import DriveEstop
 from firmware_py.shell.node import FirmwareNode
 from firmware_py.shell.parameters import addresses_from, parameters_of, with_overrides
 from hil.bus.addressed import AddressedBus, addressed

@@ -15,7 +15,7 @@ import tomli_w
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, AxisState, Fault, Mode, Regime
-from firmware_py.interface.records import Accelerometer, SetInputTorque
+from firmware_py.interface.generated.records import Accelerometer, SetInputTorque
 from hil.record.traces.trace import TraceWriter
 
 STOP_M = 0.18

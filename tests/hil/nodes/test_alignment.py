@@ -4,7 +4,7 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import Accelerometer, DriveErrors, EncoderEstimates
+from firmware_py.interface.generated.records import Accelerometer, DriveErrors, EncoderEstimates
 from hil.nodes.alignment import Alignment
 
 

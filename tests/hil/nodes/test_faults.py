@@ -13,7 +13,7 @@ from run_folder import make_run, write_run
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisError, AxisState
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
+from firmware_py.interface.generated.records import Accelerometer, DriveSupply, SetAxisState, SetInputTorque
 from firmware_py.shell.parameters import DEFAULTS, ParameterError, read_back, written
 from hil.bench.beginning import begin
 from hil.bench.lockstep import run_lockstep

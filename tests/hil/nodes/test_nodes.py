@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import DriveErrors, DriveEstop
+from firmware_py.interface.generated.records import DriveErrors, DriveEstop
 from hil.bus.in_process import InProcessBus, InProcessNode
 from hil.nodes.plant import PlantNode
 from hil.nodes.resync import PATIENCE_TICKS
@@ -156,7 +156,9 @@ def test_of_two_samples_the_one_of_this_tick_is_taken_and_the_other_one_in_the_n
     for tick, elapsed_ticks, sample in ((27, 8, own), (28, 1, early)):
         run.firmware.step(tick, elapsed_ticks)
         node = run.firmware.node
-        assert node._state.received.accelerometer_heard.counter == codec.ACCELEROMETER.counter(sample[0].data)
+        assert node._state.received.accelerometer_arrival.counter == codec.ACCELEROMETER.counter(
+            sample[0].data
+        )
         assert node.inputs.encoder[:2] == codec.ENCODER_ESTIMATES.decode(sample[1].data)
         assert run.ages() == (0, 0)
         assert node.inputs.drive.disarm_reason == 0x200  # nothing else waits

@@ -5,7 +5,7 @@ import pytest
 from firmware_py.interface import codec
 from firmware_py.interface.enums import OperatorRequest
 from firmware_py.interface.frame import Frame
-from firmware_py.interface.records import OperatorCommand
+from firmware_py.interface.generated.records import OperatorCommand
 from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
 
 ESTOP_ID = codec.DRIVE_ESTOP.can_id
@@ -31,7 +31,7 @@ def commands_of(sent: list[tuple[float, Frame]]) -> list[tuple[float, OperatorCo
 def test_command_is_repeated_ten_times_a_second_with_a_rolling_counter() -> None:
     sent = play([], until_s=3.0)
     assert [round(t_s, 3) for t_s, _ in sent] == [round(0.1 * number, 3) for number in range(30)]
-    assert {command for _, command in commands_of(sent)} == {OperatorCommand(OperatorRequest.IDLE, 0.0)}
+    assert {command for _, command in commands_of(sent)} == {OperatorCommand(OperatorRequest.IDLE, 0.0, 0.0)}
     counters = [codec.OPERATOR_COMMAND.counter(frame.data) for _, frame in sent]
     assert counters == [number % 16 for number in range(30)]
 

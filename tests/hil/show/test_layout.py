@@ -10,7 +10,7 @@ from run_folder import make_run, write_run
 
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.state import Outputs, State
-from firmware_py.interface.records import Accelerometer
+from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.node import Counters
 from hil.can_model.error_trace import BusErrorRecord
 from hil.record import state_timeline as lanes

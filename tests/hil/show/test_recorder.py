@@ -12,7 +12,7 @@ from log_hashes import column_hashes
 from run_folder import T_S, make_run, write_run, write_trace
 
 from firmware_py.interface import codec
-from firmware_py.interface.records import SetInputTorque
+from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus import join, provide
 from hil.record.log_reader import read_traces, repair
 from hil.record.run_traces import read_bus, read_run

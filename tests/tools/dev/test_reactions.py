@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Fault, Mode
-from firmware_py.interface.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
+from firmware_py.interface.generated.records import DriveHeartbeat, FirmwareHeartbeat, SetInputTorque
 from hil.bus.can_log import CanLog
 from hil.scenario.scenario import load_scenario
 from tools.dev.reactions import (
@@ -59,7 +59,7 @@ def test_frames_are_read_from_a_run_s_log(tmp_path: Path) -> None:
 
 def test_the_first_latched_fault_counts() -> None:
     def beat(mode: Mode, fault: Fault) -> tuple[float, Any]:
-        return (1.0, FirmwareHeartbeat(mode.value, fault.value, 0, 0, 0.0))
+        return (1.0, FirmwareHeartbeat(mode.value, 0, fault.value, 0.0, 0))
 
     moving = [*RUN, beat(Mode.RUN, Fault.NONE)]
     assert latched(moving) is None

@@ -74,8 +74,10 @@ def test_an_exception_is_found_and_its_life_can_be_repeated(monkeypatch: pytest.
 def test_a_frame_that_nobody_counts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     receive = tick.receive
 
-    def deaf(tick_s: float, received: Any, counters: Any, now: int, frame: WordFrame) -> Any:
-        return (received, counters) if frame.length == 1 else receive(tick_s, received, counters, now, frame)
+    def deaf(tick_s: float, before: Any, requests: Any, counters: Any, now: int, frame: WordFrame) -> Any:
+        if frame.length == 1:
+            return before, requests, counters
+        return receive(tick_s, before, requests, counters, now, frame)
 
     monkeypatch.setattr(tick, "receive", deaf)
     assert "frames for the firmware" in fuzz.fuzz(30_000, 1).failures[0].what

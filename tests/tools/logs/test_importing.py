@@ -12,7 +12,12 @@ import pytest
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import ActingLimit, Fault, Mode, Regime
-from firmware_py.interface.records import FirmwareHeartbeat, ImpactEvent, SetInputTorque, StrikerEstimate
+from firmware_py.interface.generated.records import (
+    FirmwareHeartbeat,
+    ImpactEvent,
+    SetInputTorque,
+    StrikerEstimate,
+)
 from hil.bench import recorded_run
 from hil.bench.recorded_run import open_run
 from hil.record.bus_reconstruction import tick_numbers, ticks_seen
@@ -37,7 +42,7 @@ def frames():
     for tick in range(TICKS):
         t_s = OFFSET_S + tick * 1e-3
         if tick % 100 == 0:
-            heartbeat = FirmwareHeartbeat(mode_at(tick), Fault.NONE, ActingLimit.NONE, Regime.IMPACT, 12.0)
+            heartbeat = FirmwareHeartbeat(mode_at(tick), ActingLimit.NONE, Fault.NONE, 12.0, Regime.IMPACT)
             yield t_s, *codec.encode(heartbeat, tick // 100 % 16)
         if tick % 10 == 0:
             yield t_s, *codec.encode(StrikerEstimate(0.1 + 1e-5 * tick, 0.5, 12.0), tick // 10 % 16)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_py.interface.codec import CODECS
-from firmware_py.interface.records import Accelerometer, EncoderEstimates
+from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.bench.lockstep import in_lockstep
 from hil.record.candump import BusLog, bus_log
 from hil.scenario.scenario import check_scenario

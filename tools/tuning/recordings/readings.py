@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.interface.records import Accelerometer, EncoderEstimates
+from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
 from hil.record.bus_reconstruction import heard, tick_numbers
 from hil.record.candump import BusLog
 from hil.record.run_traces import CAN_LOG, read_bus

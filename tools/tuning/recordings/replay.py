@@ -8,7 +8,8 @@ import numpy as np
 
 from firmware_py.builds.numba_subset import register
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state
-from firmware_py.core.inputs import NEVER_TICKS, AccelerometerInput, CoarseInput, EncoderInput
+from firmware_py.core.inputs import AccelerometerInput, EncoderInput
+from firmware_py.core.measurements import NOTHING_MEASURED
 from firmware_py.core.state import Config
 from hil.nodes.compiled import kernel
 from plant_sim.arrays import FloatArray
@@ -45,7 +46,6 @@ the model did), and the process noise that was added to v's variance."""
 @kernel
 def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
     crank_now, estimate, touched = crank.INITIAL, estimator_state.INITIAL, detector.INITIAL
-    nothing = CoarseInput(0.0, NEVER_TICKS)
     for k in range(ticks.shape[0]):
         low, high, housing = ticks[k, 0], ticks[k, 1], ticks[k, 2]
         position, velocity = ticks[k, 3], ticks[k, 4]
@@ -56,7 +56,9 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
         before = estimate
         predicted = estimator.propagate(config.estimator, estimate, felt, touched.phase, angle, omega, 1)
         touched, contact = detector.step(config.detector, touched, predicted, 1)
-        estimate = estimator.correct(config.estimator, before, predicted, contact, nothing, angle, omega, 1)
+        estimate = estimator.correct(
+            config.estimator, before, predicted, contact, NOTHING_MEASURED, angle, omega, 1
+        )
         row = out[k]
         row[X], row[V], row[BIAS] = estimate.x_m, estimate.v_m_s, estimate.bias_m_s2
         row[P_XX], row[P_XV], row[P_XB] = estimate.p_xx, estimate.p_xv, estimate.p_xb

@@ -1,0 +1,62 @@
+"""When the newest frame of a source came, and whether one more may be used.
+
+Frames that fail their CRC, length or ranges, and those that repeat the counter of the one before, are dropped
+and counted; their source then simply grows older. A gap in a counter is counted, and the frame used. After a
+silence in which the counter may have turned once round, the same number again is no repetition.
+"""
+
+from typing import NamedTuple
+
+from firmware_py.interface.counters import Counters, counted, refused
+from firmware_py.interface.errors import FrameErrorReason
+from firmware_py.interface.framing import FrameKind, counter_of
+
+NEVER_TICKS = 1_000_000
+"""The age of a source that was never received."""
+
+
+class Arrival(NamedTuple):
+    """The tick of a source's newest frame, and that frame's rolling counter (−1: none yet).
+
+    `counted_tick` is that of the newest counter, of dropped repetitions too.
+    """
+
+    tick: int
+    counted_tick: int
+    counter: int
+
+
+NEVER = Arrival(-NEVER_TICKS, -NEVER_TICKS, -1)
+
+
+def age(tick: int, arrival: Arrival) -> int:
+    """Ticks since a source's newest frame, `NEVER_TICKS` at most."""
+    return min(tick - arrival.tick, NEVER_TICKS)
+
+
+def dated(arrival: Arrival, tick: int, sampled: int) -> Arrival:
+    """The same, of `sampled` if it was received in `tick`."""
+    return Arrival(sampled, sampled, arrival.counter) if arrival.tick == tick else arrival
+
+
+def taken(
+    before: Arrival,
+    counters: Counters,
+    tick: int,
+    reason: FrameErrorReason,
+    kind: FrameKind,
+    word: int,
+    tick_s: float,
+) -> tuple[Arrival, Counters, bool]:
+    """Judge one frame of a source: `(arrival, counters, usable)`."""
+    if reason != FrameErrorReason.NONE:
+        return before, refused(counters, reason), False
+    if kind.counter_bits == 0:
+        return Arrival(tick, tick, -1), counted(counters, False, False), True
+    counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
+    # A period early, as frames jitter: then the counter may be where it was.
+    turn_ticks = (modulus - 1) * max(kind.period_s / tick_s, 1.0)
+    if counter == before.counter and tick - before.counted_tick < turn_ticks:
+        return Arrival(before.tick, tick, counter), counted(counters, True, False), False
+    gap = before.counter >= 0 and counter != (before.counter + 1) % modulus
+    return Arrival(tick, tick, counter), counted(counters, False, gap), True

@@ -1,0 +1,332 @@
+"""One record a CAN frame, in physical units: written by `generate.py`; do not edit.
+
+Fields stand in the order of their bits. Rolling counters and CRCs, which the codec adds and checks, are in
+no record.
+"""
+
+from typing import NamedTuple
+
+
+class DriveHeartbeat(NamedTuple):
+    """0x001, from Drive, every 100 ms. ODrive CANSimple 0.6 Heartbeat."""
+
+    axis_error: int
+    """ODrive Axis_Error: any combination of bits."""
+
+    axis_state: int
+    """ODrive Axis_State."""
+
+    procedure_result: int
+    """ODrive Procedure_Result."""
+
+    trajectory_done: int
+    """ODrive Trajectory_Done_Flag; bits 49 to 63 are not used."""
+
+
+class DriveEstop(NamedTuple):
+    """0x002, from Operator. ODrive CANSimple 0.6 Estop: the drive disarms with ESTOP_REQUESTED. The
+    operator sends it, and the firmware repeats it.
+    """
+
+
+class DriveErrors(NamedTuple):
+    """0x003, from Drive, every 100 ms. ODrive CANSimple 0.6 Get_Error."""
+
+    active_errors: int
+    """ODrive Active_Errors: any combination of bits."""
+
+    disarm_reason: int
+    """ODrive Disarm_Reason: the bits that disarmed the axis last."""
+
+
+class SetAxisState(NamedTuple):
+    """0x007, from Firmware. ODrive CANSimple 0.6 Set_Axis_State."""
+
+    requested_state: int
+    """ODrive Axis_Requested_State; bytes 4 to 7 are not used."""
+
+
+class EncoderEstimates(NamedTuple):
+    """0x009, from Drive, every tick. ODrive CANSimple 0.6 Get_Encoder_Estimates."""
+
+    position_rev: float
+    """ODrive Pos_Estimate. Circular in the simulated drive: 0 to 1, so that float32 keeps its
+    resolution however long a run is.
+    """
+
+    velocity_rev_s: float
+    """ODrive Vel_Estimate."""
+
+
+class SetControllerMode(NamedTuple):
+    """0x00B, from Firmware. ODrive CANSimple 0.6 Set_Controller_Mode."""
+
+    control_mode: int
+    """ODrive Control_Mode."""
+
+    input_mode: int
+    """ODrive Input_Mode."""
+
+
+class SetInputVelocity(NamedTuple):
+    """0x00D. ODrive CANSimple 0.6 Set_Input_Vel. No node of the bench sends it; any CANSimple client
+    may.
+    """
+
+    velocity_rev_s: float
+    """ODrive Input_Vel."""
+
+    torque_feedforward_n_m: float
+    """ODrive Input_Torque_FF."""
+
+
+class SetInputTorque(NamedTuple):
+    """0x00E, from Firmware, every tick. ODrive CANSimple 0.6 Set_Input_Torque. Feeds the drive's
+    command watchdog.
+    """
+
+    torque_n_m: float
+    """ODrive Input_Torque; bytes 4 to 7 are not used."""
+
+
+class SetLimits(NamedTuple):
+    """0x00F, from Firmware. ODrive CANSimple 0.6 Set_Limits."""
+
+    velocity_limit_rev_s: float
+    """ODrive Velocity_Limit."""
+
+    current_limit_a: float
+    """ODrive Current_Limit."""
+
+
+class DriveCurrent(NamedTuple):
+    """0x014, from Drive, every 10 ms. ODrive CANSimple 0.6 Get_Iq."""
+
+    setpoint_a: float
+    """ODrive Iq_Setpoint."""
+
+    measured_a: float
+    """ODrive Iq_Measured."""
+
+
+class DriveTemperature(NamedTuple):
+    """0x015, from Drive, every 100 ms. ODrive CANSimple 0.6 Get_Temperature."""
+
+    inverter_degc: float
+    """ODrive FET_Temperature."""
+
+    motor_degc: float
+    """ODrive Motor_Temperature."""
+
+
+class DriveSupply(NamedTuple):
+    """0x017, from Drive, every 100 ms. ODrive CANSimple 0.6 Get_Bus_Voltage_Current."""
+
+    voltage_v: float
+    """ODrive Bus_Voltage."""
+
+    current_a: float
+    """ODrive Bus_Current."""
+
+
+class ClearErrors(NamedTuple):
+    """0x018, from Firmware. ODrive CANSimple 0.6 Clear_Errors."""
+
+    identify: int
+    """ODrive Identify: 1 blinks the drive's light."""
+
+
+class SetAbsolutePosition(NamedTuple):
+    """0x019, from Firmware. ODrive CANSimple 0.6 Set_Absolute_Position."""
+
+    position_rev: float
+    """ODrive Position; bytes 4 to 7 are not used."""
+
+
+class Accelerometer(NamedTuple):
+    """0x028, from Sensors, every tick. Striker and housing acceleration along the striker's axis. A
+    reading at full scale is a clipped one.
+    """
+
+    striker_low_m_s2: float
+    """Striker, +-16 g at 2048 counts per g."""
+
+    striker_high_m_s2: float
+    """Striker, +-200 g at 49 mg a count: a 13-bit sensor, sign-extended."""
+
+    housing_m_s2: float
+    """Housing, +-16 g at 2048 counts per g."""
+
+
+class CoarsePosition(NamedTuple):
+    """0x029, from Sensors, every 20 ms. Slow absolute position of the striker, where a scene has the
+    sensor.
+    """
+
+    striker_position_m: float
+    """From the crank's mean position, towards the stop positive."""
+
+
+class GaitSensors(NamedTuple):
+    """0x02A, from Sensors, every 5 ms. The wearer's shank and foot, where a scene has somebody
+    walking.
+    """
+
+    shank_rate_rad_s: float
+    """The shank's turning in the sagittal plane; positive where its top goes forward."""
+
+    along_m_s2: float
+    """Specific force along the shank, upward positive, gravity included: +9.8 on an upright shank at
+    rest.
+    """
+
+    heel_contact: int
+    """1: the heel switch is closed."""
+
+    toe_contact: int
+    """1: the toe switch is closed."""
+
+
+class OperatorCommand(NamedTuple):
+    """0x048, from Operator, every 100 ms. What the operator wants now. Its absence stops the module."""
+
+    request: int
+    """Mode request."""
+
+    target_ratio: float
+    """Drive speed over the nominal natural frequency."""
+
+    target_impulse_n_s: float
+    """Impulse of an impact on the stop to be held by moving within the impact regime, or by the turns
+    a stride; 0: the ratio or the cadence alone counts.
+    """
+
+
+class ParameterRequest(NamedTuple):
+    """0x049, from Operator. Reads or writes one firmware parameter."""
+
+    value: float
+    """New value in the parameter's own unit; 0 for a read."""
+
+    parameter_index: int
+    """Position of the parameter in the firmware's table."""
+
+    operation: int
+    """What to do with the parameter."""
+
+
+class FirmwareHeartbeat(NamedTuple):
+    """0x068, from Firmware, every 100 ms. Where the firmware stands."""
+
+    mode: int
+    """Supervisor mode."""
+
+    acting_limit: int
+    """Which limit shapes the torque."""
+
+    fault: int
+    """Latched fault."""
+
+    target_omega_rad_s: float
+    """Crank speed that the speed loop is following."""
+
+    regime: int
+    """Regime decision."""
+
+
+class StrikerEstimate(NamedTuple):
+    """0x069, from Firmware, every 10 ms. The estimator's state."""
+
+    position_m: float
+    """From the crank's mean position, towards the stop positive."""
+
+    velocity_m_s: float
+    """Towards the stop positive."""
+
+    crank_omega_rad_s: float
+    """Crank speed."""
+
+
+class RegimeReport(NamedTuple):
+    """0x06A, from Firmware. One drive period in short, sent at its end."""
+
+    impacts: int
+    """Impacts within the period; 255 is 255 or more."""
+
+    impact_phase_deg: float
+    """Crank angle of the last impact past the forward dead centre; 0 without one."""
+
+    peak_acceleration_m_s2: float
+    """Largest magnitude of striker acceleration within the period."""
+
+    regime: int
+    """Regime decision."""
+
+
+class ImpactEvent(NamedTuple):
+    """0x074, from Firmware. One detected impact."""
+
+    age_s: float
+    """From touch-down to the tick that sent this frame."""
+
+    approach_speed_m_s: float
+    """Striker speed at touch-down."""
+
+    impulse_n_s: float
+    """Impulse on the stop."""
+
+
+class FaultEvent(NamedTuple):
+    """0x075, from Firmware. A fault at the moment it latches, or a request at the moment it is
+    refused; a refusal latches nothing.
+    """
+
+    disarm_reason: int
+    """The drive's disarm reason, where it gave one."""
+
+    fault: int
+    """Why the firmware disarmed."""
+
+    refusal: int
+    """Why a request was refused; NONE with a fault."""
+
+
+class ParameterValue(NamedTuple):
+    """0x077, from Firmware. The answer to a parameter request."""
+
+    value: float
+    """The parameter's value after the request, in its own unit."""
+
+    parameter_index: int
+    """Position of the parameter in the firmware's table."""
+
+    tier: int
+    """Who settles the parameter."""
+
+    status: int
+    """How the request ended."""
+
+
+class GaitReport(NamedTuple):
+    """0x07C, from Firmware, every 40 ms. What the firmware makes of the wearer's gait."""
+
+    gait_phase: float
+    """Part of the gait cycle since heel strike; 0 where there is no estimate."""
+
+    stride_hz: float
+    """Gait cycles a second."""
+
+    harmonic: int
+    """Crank turns a stride to which the crank is locked; 0: it is not."""
+
+    gait_state: int
+    """What the leg is doing."""
+
+    pulses_in_window: int
+    """Pulses within the push-off window since power-up, modulo 256."""
+
+    pulses_outside: int
+    """Pulses outside of it since power-up, modulo 256."""
+
+    confidence: float
+    """Confidence in phase and frequency: 0 none, 1 full."""

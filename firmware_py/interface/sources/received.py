@@ -1,0 +1,99 @@
+"""The text of `received.py`: the newest record of each frame that the firmware receives, and when it came."""
+
+import math
+from collections.abc import Sequence
+
+from firmware_py.interface.layout import Layout, snake
+from firmware_py.interface.sources.records import nothing
+
+RECEIVED = '''"""What the firmware has received: written by `generate.py` out of `vibro.dbc`; do not edit."""
+
+from typing import NamedTuple
+
+from firmware_py.interface.arrivals import NEVER, Arrival, dated, taken
+from firmware_py.interface.counters import Counters
+from firmware_py.interface.frame import WordFrame
+from firmware_py.interface.generated import kinds, records, unpacking
+
+'''
+
+STATE = '''
+RECEIVED_IDS = ({ids})
+"""The identifiers that the firmware listens to, the most frequent first."""
+
+class Received(NamedTuple):
+    """The newest record of each frame that the firmware receives, and when it came."""
+
+{members}
+
+INITIAL = Received({initial})
+'''
+DATED = '''
+
+def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
+    """The same, with the sensors' records that came in `tick` of the earlier tick `sampled`."""
+    return Received({sampled})
+
+
+'''
+RECEIVE = '''def receive(
+    tick_s: float, received: Received, counters: Counters, tick: int, frame: WordFrame
+) -> tuple[Received, Counters, bool]:
+    """Take one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
+    can_id, length, word = frame
+    usable = False
+    ({names}) = received
+{branches}    return Received({names}), counters, usable
+'''
+BY_SAMPLE = ("EncoderEstimates",)
+"""The drive's frames that are sampled with the sensors."""
+
+
+def received_source(layouts: Sequence[Layout]) -> str:
+    """The text of the file: `RECEIVED_IDS`, `Received`, `INITIAL`, `with_sensors_dated` and `receive`."""
+    frames = sorted(
+        (layout for layout in layouts if "Firmware" in layout.receivers),
+        key=lambda layout: (layout.period_s or math.inf, layout.can_id),
+    )
+    ids = ", ".join(f"kinds.{snake(layout.name).upper()}.can_id" for layout in frames)
+    members, initial, sampled, branches = "", "", "", ""
+    names: list[str] = []
+    for layout in frames:
+        name = snake(layout.name)
+        arrival = f"{name}_arrival"
+        if layout.signals:
+            names.append(name)
+            members += f"    {name}: records.{layout.name}\n"
+            initial += f"{name}={nothing(layout)}, "
+            sampled += f"received.{name}, "
+        names.append(arrival)
+        members += f"    {arrival}: Arrival\n"
+        initial += f"{arrival}=NEVER, "
+        sampled += (
+            f"dated(received.{arrival}, tick, sampled), " if is_sampled(layout) else f"received.{arrival}, "
+        )
+        branches += branch(layout)
+    return (
+        RECEIVED
+        + STATE.format(ids=ids, members=members, initial=initial)
+        + DATED.format(sampled=sampled)
+        + RECEIVE.format(names=", ".join(names), branches=branches.replace("    elif", "    if", 1))
+    )
+
+
+def branch(layout: Layout) -> str:
+    """The lines that take one frame."""
+    name = snake(layout.name)
+    kind, arrival, new = f"kinds.{name.upper()}", f"{name}_arrival", f"new_{name}" if layout.signals else "_"
+    return (
+        f"    elif can_id == {kind}.can_id:\n"
+        f"        {new}, reason = unpacking.unpack_{name}(length, word)\n"
+        f"        {arrival}, counters, usable = taken(\n"
+        f"            {arrival}, counters, tick, reason, {kind}, word, tick_s\n        )\n"
+        + (f"        {name} = {new} if usable else {name}\n" if layout.signals else "")
+    )
+
+
+def is_sampled(layout: Layout) -> bool:
+    """Whether the frame is a reading of the plant, of the tick in which it was sampled."""
+    return layout.sender == "Sensors" or layout.name in BY_SAMPLE
