@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point
 from plant_sim.parts.housing import housing_m_s2
@@ -15,6 +16,7 @@ from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState
 from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
+from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import (
@@ -47,8 +49,8 @@ from plant_sim.validation_messages import real
 GAIT_PERIOD_S = 5e-3
 """How often the gait sensors are read."""
 
-COARSE_STREAM = 11
-"""The coarse sensor's noise is sampled separately from the others', which is the same without it."""
+SAMPLED_STREAM = 11
+"""The sampled sensors' noise is sampled separately, from this stream on, each its own."""
 
 IMPACTS_A_CALL = 64
 """Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
@@ -92,8 +94,10 @@ class Plant:
             sensing = allocate_sensing(models, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
             self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
-        self._coarse = None if scene.sensors is None else scene.sensors.coarse
-        self._coarse_noise = np.random.default_rng((seed, COARSE_STREAM))
+        self.sampled = () if scene.sensors is None else scene.sensors.sampled()
+        """The sensors that are sampled on periods of their own."""
+        streams = (SAMPLED_STREAM + SAMPLED.index(type(sensor)) for sensor in self.sampled)
+        self._sampled_noise = [np.random.default_rng((seed, stream)) for stream in streams]
         self._gait_sensors: GaitSensors | None = None
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
             self._gait_sensors = GaitSensors(
@@ -187,15 +191,13 @@ class Plant:
         return self._gait_sensors is not None
 
     @property
-    def has_coarse_sensor(self) -> bool:
-        """Whether the striker's position is measured coarsely."""
-        return self._coarse is not None
+    def observed(self) -> NDArray[np.float64]:
+        """What sampled sensors see now, as `plant_sim.solvers.adaptive.state_layout` names it."""
+        return self._memory.observed
 
-    def sample_coarse_error_m(self) -> float:
-        """The error of the coarse sensor's next sample; the sample is `now.x_m` and this error."""
-        if self._coarse is None:
-            raise PlantError("the scene has no coarse sensor; add the table [sensors.coarse]")
-        return self._coarse.noise_m * float(self._coarse_noise.standard_normal())
+    def sample_noise(self, which: int, signals: int) -> NDArray[np.float64]:
+        """Standard normals for the next sample of one of `sampled`, one for each of its signals."""
+        return self._sampled_noise[which].standard_normal(signals)
 
     def sense_gait(self, t_s: float) -> GaitReading | None:
         """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out.

@@ -173,6 +173,7 @@ class Stretches:
             period_s,
             self._period_ns,
             lent.readers,
+            plant.plant.sampled,
             plant.drive_config,
             plant.report_periods,
             lent.stored_before_j,
@@ -198,7 +199,7 @@ class Stretches:
             loop,
             gait_frames,
             commands,
-            self._coarse(tick, ticks),
+            plant.sampled.rows(tick, ticks),
             lent.noise.take(ticks),
             buffers,
             NO_GRID,
@@ -231,17 +232,6 @@ class Stretches:
             for number in range(tick, tick + ticks):
                 rows += [(number, *word_frame(frame)) for frame in node.gait_frame(number)]
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
-
-    def _coarse(self, tick: int, ticks: int) -> NDArray[np.float64]:
-        """The coarse sensor's samples in these ticks: tick, counter, error in m."""
-        node = self._plant.node
-        rows: list[tuple[float, float, float]] = []
-        if node.plant.has_coarse_sensor:
-            for number in range(tick, tick + ticks):
-                error_m = node.coarse_error_m(number)
-                if error_m is not None:
-                    rows.append((number, number // node.ticks_a_coarse_frame, error_m))
-        return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
     def _commands(self, until_tick: int, period: int) -> tuple[NDArray[np.int64], int]:
         """What the operator sends before `until_tick`, and its next period."""

@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from firmware_py.builds.numba_subset import register
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import packing
-from firmware_py.interface.generated.records import Accelerometer, CoarsePosition
+from firmware_py.interface.generated.records import Accelerometer
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
 from hil.drive.node import obey, report_frame
 from hil.drive.reports import NOTHING, Reports, Ticks, look, take
 from hil.nodes.compiled import kernel
+from hil.nodes.sampled import COUNTER, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import shared
 from plant_sim.parts.parts import Parts
 from plant_sim.sensors.readings import (
@@ -33,6 +34,7 @@ from plant_sim.sensors.readings import (
     read_position_rev,
     read_velocity_rev_s,
 )
+from plant_sim.sensors.sampled import SAMPLED, SampledSensor
 from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Probe, Sensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.state_layout import (
@@ -42,7 +44,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     ELAPSED_LOW,
     IMPACTS,
     MOTOR_TORQUE,
-    PLACE_NOW,
     SPEED_NOW,
     STORED,
     Memory,
@@ -56,8 +57,8 @@ Bytes = NDArray[np.uint8]
 
 FIRMWARE_FAILED = -1
 """What `run` returns beside the solver's statuses: the firmware's arithmetic failed."""
-MOST_FRAMES = 6
-"""To the firmware in a tick: two samples, the frames of gait and coarse sensors, a report and a command."""
+MOST_FRAMES = 5 + len(SAMPLED)
+"""To the firmware in a tick: two samples, the frames of gait and sampled sensors, a report and a command."""
 NO_FRAME = WordFrame(0, 0, 0)
 LINE_BYTES = 48
 """A line of can.log is shorter."""
@@ -108,6 +109,7 @@ class Constants(NamedTuple):
     period_s: float
     period_ns: int
     readers: Readers
+    sampled: tuple[SampledSensor, ...]
     drive: DriveConfig
     report_ticks: Ticks
     stored_before_j: float
@@ -246,12 +248,6 @@ def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
 
 
 @shared
-def coarse_frame(position_m: float, counter: int) -> WordFrame:
-    """The coarse sensor's sample."""
-    return packing.pack_coarse_position(CoarsePosition(position_m), counter)[0]
-
-
-@shared
 def later(t_s: float, t_rest_s: float, dt_s: float) -> tuple[float, float]:
     """A time and what it has rounded off, later by `dt_s` (Neumaier's sum, as in `plant_sim.plant`)."""
     sum_s = t_s + dt_s
@@ -325,7 +321,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     loop: Loop,
     gait_frames: Integers,
     commands: Integers,
-    coarse: Vector,
+    samples: Vector,
     noise: Vector,
     buffers: Buffers,
     no_grid: Vector,
@@ -334,12 +330,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     """Run a tick for each row of `noise` (four standard normals); the loop then, and how it ended.
 
     `gait_frames`, `commands`: the gait sensors' and the operator's frames, rows of tick, identifier, length
-    and word, ascending. `coarse`: the coarse sensor's samples, rows of tick, counter and error in m. The end
+    and word, ascending. `samples`: those of `constants.sampled`, as `SampledFrames.rows`. The end
     is DONE, another of the solver's statuses, or FIRMWARE_FAILED; the loop then stands in the failed tick.
     """
     readers, period_s, drive_config = constants.readers, constants.period_s, constants.drive
     readings, observed, used = probe.readings, memory.observed, buffers.used
-    next_gait_frame = next_coarse = next_command = 0
+    next_gait_frame = next_sample = next_command = 0
     for row in range(noise.shape[0]):
         number, t_s, t_rest_s, torque_n_m, drive, reports, counter, held = loop
         now_us = number * constants.period_ns // 1000
@@ -359,10 +355,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
         if next_gait_frame < gait_frames.shape[0] and gait_frames[next_gait_frame, 0] == number:
             count = received(firmware, buffers, count, now_us, frame_of(gait_frames[next_gait_frame]))
             next_gait_frame += 1
-        if next_coarse < coarse.shape[0] and coarse[next_coarse, 0] == number:
-            frame = coarse_frame(observed[PLACE_NOW] + coarse[next_coarse, 2], int(coarse[next_coarse, 1]))
+        while next_sample < samples.shape[0] and samples[next_sample, TICK] == number:
+            sample = samples[next_sample]
+            which, sampled = int(sample[WHICH]), int(sample[COUNTER])
+            frame = sampled_frame(constants.sampled, which, observed, sample[NOISE:], sampled)
             count = received(firmware, buffers, count, now_us, frame)
-            next_coarse += 1
+            next_sample += 1
         reports, report = take(look(constants.report_ticks, reports, number))
         if report != NOTHING:
             telemetry = Telemetry(observed[CURRENT], observed[MOTOR_TORQUE], omega_rad_s)

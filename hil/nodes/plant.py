@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
-from firmware_py.interface.generated.records import Accelerometer, CoarsePosition, GaitSensors
+from firmware_py.interface.generated.records import Accelerometer, GaitSensors
 from hil.bus.wire import REMOTE_FLAG
 from hil.drive import axis, messages
 from hil.drive.axis import TIME_RESOLUTION_S, DriveConfig, DriveState, Telemetry
@@ -30,6 +30,7 @@ from hil.drive.node import (
 )
 from hil.drive.reports import NOTHING, Reports, first_reports, look, report_ticks, take, ticks_of
 from hil.faults.plant import PlantFaults
+from hil.nodes.sampled import SampledFrames
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import Fault
 from plant_sim.parts.drive import MotorDrive, MotorTable
@@ -102,8 +103,7 @@ class PlantNode:
         self.requests: list[int] = []
         self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
-        self.ticks_a_coarse_frame = ticks_of(codec.COARSE_POSITION, period_s)
-        self._last_coarse_frame = -1
+        self.sampled = SampledFrames(self.plant, period_s)
 
     def publish(self) -> list[Frame]:
         """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
@@ -129,8 +129,7 @@ class PlantNode:
             frames.append(encoder_frame)
         if self.plant.has_gait_sensors:
             frames += self.gait_frame(self.tick)
-        if self.plant.has_coarse_sensor:
-            frames += self._coarse_frame()
+        frames += self.sampled.frames(self.tick)
         self.reports, report = take(look(self.report_periods, self.reports, self.tick))
         if report != NOTHING:
             frames.append(self._report(report))
@@ -138,22 +137,6 @@ class PlantNode:
             frames += [self._answer(can_id, encoder_frame) for can_id in self.requests[:MOST_ANSWERS]]
             self.requests.clear()
         return frames if self._faults is None else self._faults.sent(frames)
-
-    def _coarse_frame(self) -> list[Frame]:
-        """The coarse sensor's frame, if a period of it has begun."""
-        error_m = self.coarse_error_m(self.tick)
-        if error_m is None:
-            return []
-        position = CoarsePosition(self.plant.now.x_m + error_m)
-        return [codec.COARSE_POSITION.encode(position, self.tick // self.ticks_a_coarse_frame)]
-
-    def coarse_error_m(self, tick: int) -> float | None:
-        """The error of the coarse sensor's sample in `tick`; None in ticks that have none."""
-        number = tick // self.ticks_a_coarse_frame
-        if number == self._last_coarse_frame:
-            return None
-        self._last_coarse_frame = number
-        return self.plant.sample_coarse_error_m()
 
     def gait_frame(self, tick: int) -> list[Frame]:
         """The gait sensors' frame in `tick`, if a period of theirs has begun, and it does not drop out."""

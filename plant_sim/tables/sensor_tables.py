@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from plant_sim.sensors.models import AccelerometerModel, EncoderModel, GaitSensorModel, SensorModels
+from plant_sim.sensors.sampled import SampledTables
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
 
@@ -112,14 +113,7 @@ class GaitSensorsTable(Table):
         return GaitSensorModel(**self.model_dump())
 
 
-class CoarseTable(Table):
-    """[sensors.coarse]: an absolute position of the striker, on the period of its frame."""
-
-    # A Hall or a string sensor's.
-    noise_m: float = Field(default=2e-3, ge=0.0, description="the position's noise in m rms")
-
-
-class SensorsTable(Table):
+class SensorsTable(SampledTables):
     """What the firmware can know."""
 
     striker_low: LowRangeTable = LowRangeTable()
@@ -127,9 +121,6 @@ class SensorsTable(Table):
     housing: HousingTable = HousingTable()
     encoder: EncoderTable = EncoderTable()
     gait: GaitSensorsTable = GaitSensorsTable()
-    coarse: CoarseTable | None = Field(
-        default=None, description="the table [sensors.coarse], if one is fitted"
-    )
     # A Newton jump is no acceleration; the striker's accelerometers see a half-sine of this length instead,
     # as long as the default soft stop's elastic contact.
     rigid_contact_s: float = Field(

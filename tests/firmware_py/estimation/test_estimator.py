@@ -8,7 +8,7 @@ from firmware_py.core.estimation import accelerometer, estimator, estimator_stat
 from firmware_py.core.estimation.estimator_state import Contact, EstimatorConfig, EstimatorState
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import AccelerometerInput
-from firmware_py.core.measurements import NOTHING_MEASURED, Measurement, Measurements
+from firmware_py.core.measurements import NOTHING_MEASURED, Measurement
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
@@ -304,7 +304,8 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
         for k in range(3000):
             heard = fitted and k % 20 == 0
             position_m = 0.105 + 2e-3 * rng.standard_normal()
-            coarse = Measurements(Measurement(position_m, 0 if heard else NEVER_TICKS))
+            reading = Measurement(position_m, 0 if heard else NEVER_TICKS)
+            coarse = NOTHING_MEASURED._replace(coarse_position_m=reading)
             predicted = estimator.propagate(
                 config, state, AccelerometerInput(0.0, 0.0, 0.0, 0), FREE.phase, 0.0, 0.0, 1
             )

@@ -1,0 +1,104 @@
+"""The frames of sensors that are sampled on periods of their own, interpreted and compiled.
+
+A sensor's record in `plant_sim.sensors.sampled` has the name of its frame in `vibro.dbc`, which gives the
+frame's period, and how its signals are packed.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from firmware_py.interface.codec import CODECS
+from firmware_py.interface.frame import Frame, WordFrame, bytes_of
+from firmware_py.interface.generated import records
+from hil.drive.reports import ticks_of
+from plant_sim.kernels import by_part, law
+from plant_sim.plant import Plant
+from plant_sim.sensors.sampled import SAMPLED, SampledSensor, signals
+
+Vector = NDArray[np.float64]
+
+CODEC_OF = {kind: CODECS[getattr(records, kind.__name__)] for kind in SAMPLED}
+MOST_SIGNALS = max(len(its_codec.signals) for its_codec in CODEC_OF.values())
+TICK, WHICH, COUNTER, NOISE = range(4)
+"""Columns of `SampledFrames.rows`; from NOISE on a standard normal for each signal."""
+
+
+@by_part
+def frame_of(sensor: SampledSensor, observed: Vector, noise: Vector, counter: int) -> WordFrame:
+    """The frame of a sample."""
+    raise NotImplementedError
+
+
+def packed(kind: type[SampledSensor]) -> Callable[[SampledSensor, Vector, Vector, int], WordFrame]:
+    """`frame_of` for sensors of one kind."""
+    pack: Callable[[Any, int], tuple[WordFrame, bool]] = CODEC_OF[kind].pack
+
+    def frame(sensor: SampledSensor, observed: Vector, noise: Vector, counter: int) -> WordFrame:
+        return pack(signals(sensor, observed, noise), counter)[0]
+
+    return frame
+
+
+for _kind in SAMPLED:
+    law(frame_of, _kind)(packed(_kind))
+
+
+def sampled_frame(
+    sensors: tuple[SampledSensor, ...], which: int, observed: Vector, noise: Vector, counter: int
+) -> WordFrame:
+    """The frame of a sample of the sensor with this number."""
+    return frame_of(sensors[which], observed, noise, counter)
+
+
+@overload(sampled_frame, strict=False, jit_options={"error_model": "numpy"})
+def _(sensors: Any, which: Any, observed: Any, noise: Any, counter: Any) -> Any:
+    """Compiled, a tuple of records of several types has no variable index."""
+    if len(sensors) == 0:
+        return lambda sensors, which, observed, noise, counter: WordFrame(0, 0, 0)
+    if len(sensors) == 1:
+        return lambda sensors, which, observed, noise, counter: frame_of(sensors[0], observed, noise, counter)
+
+    def of_several(sensors: Any, which: int, observed: Vector, noise: Vector, counter: int) -> WordFrame:
+        if which == 0:
+            return frame_of(sensors[0], observed, noise, counter)
+        return sampled_frame(sensors[1:], which - 1, observed, noise, counter)
+
+    return of_several
+
+
+class SampledFrames:
+    """When each sensor of a plant is sampled, and the frame that is sent of it."""
+
+    def __init__(self, plant: Plant, period_s: float) -> None:
+        self._plant = plant
+        self._codecs = [CODEC_OF[type(sensor)] for sensor in plant.sampled]
+        self._ticks = [ticks_of(its_codec, period_s) for its_codec in self._codecs]
+        self._last = [-1] * len(self._codecs)
+
+    def frames(self, tick: int) -> list[Frame]:
+        """The frames of the sensors that are sampled in `tick`, the plant being there."""
+        frames = []
+        for which, number, noise in self._samples(tick):
+            frame = frame_of(self._plant.sampled[which], self._plant.observed, noise, number)
+            frames.append(Frame(frame.can_id, bytes_of(frame.word, frame.length)))
+        return frames
+
+    def rows(self, tick: int, ticks: int) -> Vector:
+        """The samples in these ticks, for `sampled_frame`."""
+        rows = []
+        for number in range(tick, tick + ticks):
+            for which, counter, noise in self._samples(number):
+                rows.append([number, which, counter, *noise, *[0.0] * (MOST_SIGNALS - len(noise))])
+        return np.array(rows, dtype=np.float64).reshape(-1, NOISE + MOST_SIGNALS)
+
+    def _samples(self, tick: int) -> Iterator[tuple[int, int, Vector]]:
+        """The sensors whose period begins in `tick`: number, counter and noise."""
+        for which, its_codec in enumerate(self._codecs):
+            number = tick // self._ticks[which]
+            if number != self._last[which]:
+                self._last[which] = number
+                yield which, number, self._plant.sample_noise(which, len(its_codec.signals))

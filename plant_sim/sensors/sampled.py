@@ -1,0 +1,66 @@
+"""Sensors that are sampled on the period of a CAN frame of their own: record, reading and table of each.
+
+A sensor has the name of its frame and reads the frame's signals, in the order of their bits. Whoever samples
+it knows the frame, its period and its counter; nothing else names a sensor.
+"""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from plant_sim.kernels import by_part, law
+from plant_sim.solvers.adaptive.state_layout import PLACE_NOW
+from plant_sim.tables.table import Table
+
+Vector = NDArray[np.float64]
+
+
+class CoarsePosition(NamedTuple):
+    """The striker's position by a slow absolute sensor."""
+
+    noise_m: float
+
+
+SampledSensor: TypeAlias = CoarsePosition
+SAMPLED: tuple[type[SampledSensor], ...] = (CoarsePosition,)
+"""Each has noise of its own; a new one stands last, and the noise of those before stays as it is."""
+
+
+@by_part
+def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[float, ...]:
+    """A sample: the frame's signals, of what is observed (`plant_sim.solvers.adaptive.state_layout`) now.
+
+    `noise`: a standard normal for each signal.
+    """
+    raise NotImplementedError
+
+
+@law(signals, CoarsePosition)
+def _(sensor: CoarsePosition, observed: Vector, noise: Vector) -> tuple[float, ...]:
+    return (observed[PLACE_NOW] + sensor.noise_m * noise[0],)
+
+
+class CoarseTable(Table):
+    """[sensors.coarse]: an absolute position of the striker, on the period of its frame."""
+
+    # A Hall or a string sensor's.
+    noise_m: float = Field(default=2e-3, ge=0.0, description="the position's noise in m rms")
+
+    def sensor(self) -> CoarsePosition:
+        """The sensor's record."""
+        return CoarsePosition(self.noise_m)
+
+
+class SampledTables(Table):
+    """The tables of these sensors, each where it is fitted."""
+
+    coarse: CoarseTable | None = Field(
+        default=None, description="the table [sensors.coarse], if one is fitted"
+    )
+
+    def sampled(self) -> tuple[SampledSensor, ...]:
+        """The sensors that are fitted."""
+        tables = (getattr(self, name) for name in SampledTables.model_fields)
+        return tuple(table.sensor() for table in tables if table is not None)
