@@ -301,7 +301,7 @@ class ParameterValue(NamedTuple):
     """Position of the parameter in the firmware's table."""
 
     tier: int
-    """Who settles the parameter."""
+    """Who settles the parameter; MODULE where there is no such parameter."""
 
     status: int
     """How the request ended."""

@@ -1,5 +1,9 @@
-"""The page on adding a part: each change, put into a copy of the package, moves as scipy says it does."""
+"""The page on adding a part: each change, put into a copy of the packages, does what the page says.
 
+A new part moves as scipy says it does; a new sensor's frames are the plant's truth and correct the estimate.
+"""
+
+import ast
 import json
 import math
 import os
@@ -16,10 +20,14 @@ from plant_sim.simulation import initial_state
 
 REPOSITORY = Path(__file__).parents[3]
 PAGE = (REPOSITORY / "docs/how-to/add-a-part.md").read_text("utf-8")
-LAW_CHANGE, BACKLASH_CHANGE = re.findall(r"^```diff\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
-COUNTS = re.findall(r"^\| (.*) \| (\d+) \|", PAGE, re.MULTILINE)
+LAW_CHANGE, BACKLASH_CHANGE, SENSOR_CHANGE = re.findall(
+    r"^```diff\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE
+)
+COUNTS = re.findall(r"^\| (.*) \| (\d+) \| (\d+) \|", PAGE, re.MULTILINE)
+COMMANDS = re.findall(r"^python -m (\S+)", PAGE, re.MULTILINE)
 
 RESULTS = """
+import ast
 import json
 print(json.dumps([[one.final.x_m, one.final.v_m_s, len(one.impacts.t_s), one.energy.residual, one.method]
                   for one in ({results})]))
@@ -58,15 +66,30 @@ def files_of(change: str) -> list[str]:
 
 def with_change(change: str, script: str, results: str, folder: Path) -> list[list]:
     """What the page's script leaves on a package with that change."""
-    shutil.copytree(
-        REPOSITORY / "plant_sim", folder / "plant_sim", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    subprocess.run(["git", "apply", "-"], input=change, text=True, cwd=folder, check=True)
-    lines = re.search(rf"^```python {script}\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
-    assert lines is not None
+    copied("plant_sim", folder)
+    applied(change, folder)
     begin = "from plant_sim import load_scene, simulate\nfrom plant_sim.scene import read_scene\n"
+    return json.loads(python(folder, "-c", begin + script_of(script) + RESULTS.format(results=results)))
+
+
+def copied(package: str, folder: Path) -> None:
+    shutil.copytree(REPOSITORY / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+
+
+def applied(change: str, folder: Path) -> None:
+    subprocess.run(["git", "apply", "-"], input=change, text=True, cwd=folder, check=True)
+
+
+def script_of(name: str) -> str:
+    lines = re.search(rf"^```python {name}\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    assert lines is not None
+    return lines[1]
+
+
+def python(folder: Path, *arguments: str) -> str:
+    """What Python prints on the packages in `folder`."""
     done = subprocess.run(
-        [sys.executable, "-c", begin + lines[1] + RESULTS.format(results=results)],
+        [sys.executable, *arguments],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(folder)},
         capture_output=True,
@@ -74,7 +97,21 @@ def with_change(change: str, script: str, results: str, folder: Path) -> list[li
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return done.stdout
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Every file's text; of Python what it says, however its lines are laid out."""
+    texts = {}
+    for path in folder.rglob("*"):
+        if path.suffix in (".py", ".toml", ".dbc", ".md") and "__pycache__" not in path.parts:
+            text = path.read_text("utf-8")
+            texts[str(path.relative_to(folder))] = ast.dump(ast.parse(text)) if path.suffix == ".py" else text
+    return texts
+
+
+def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+    return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
 
 
 def by_scipy(kind: type[Reference], name: str) -> Reference:
@@ -100,7 +137,7 @@ def test_a_law_of_friction_is_one_file(tmp_path: Path) -> None:
     assert error_m(stepping, truth) < 1e-3
     assert adaptive[2] == stepping[2] == len(truth.impacts_t)
     assert abs(adaptive[3]) < 1e-8
-    assert COUNTS[0] == ("a law of friction", str(len(files_of(LAW_CHANGE))))
+    assert COUNTS[0][:2] == ("a law of friction", str(len(files_of(LAW_CHANGE))))
     assert len(files_of(LAW_CHANGE)) <= 3
 
 
@@ -111,20 +148,55 @@ def test_backlash_in_the_crank_is_three_files(tmp_path: Path) -> None:
     assert error_m(end, truth) < 1e-8
     assert end[2] == len(truth.impacts_t)
     assert abs(end[3]) < 1e-7
-    assert COUNTS[1] == ("backlash in the crank", str(len(files_of(BACKLASH_CHANGE))))
+    assert COUNTS[1][:2] == ("backlash in the crank", str(len(files_of(BACKLASH_CHANGE))))
     assert len(files_of(BACKLASH_CHANGE)) <= 4
 
 
-def test_the_files_of_a_sensor_are_those_that_name_it() -> None:
-    named = {
-        str(path.relative_to(REPOSITORY / package))
-        for package in ("plant_sim", "hil", "firmware_py")
-        for path in (REPOSITORY / package).rglob("*.*")
-        if path.suffix in (".py", ".dbc", ".toml")
-        and "generated" not in path.parts
-        and path.name != "parameter_values.py"
-        and re.search(r"coarse(?!st)", path.read_text("utf-8"), re.IGNORECASE)
-    }
-    section = PAGE.partition("## A sensor")[2].partition("For a sensor of your own")[0]
-    assert set(re.findall(r"`([\w/]+\.\w+)`", section)) == named
-    assert COUNTS[2] == ("a sensor that the firmware uses", str(len(named)))
+SENSOR_RESULTS = """
+import json
+import numpy as np
+sent = used.table("can/StrikerSpeed")
+truth = used.table("plant")
+at = np.searchsorted(truth["t_s"].to_numpy(), sent["t_s"].to_numpy() - 1e-9)
+errors = sent["striker_velocity_m_s"].to_numpy() - truth["v_m_s"].to_numpy()[at]
+print(json.dumps([[one.figures.estimate.v_rmse_m_s for one in (used, ignored)], len(errors),
+                  float(np.std(errors)), float(np.mean(errors))]))
+"""
+
+COMPILED_FRAMES = """
+import numba
+import numpy as np
+from firmware_py.builds.numba_subset import register
+from hil.nodes.sampled import sampled_frame
+from plant_sim.sensors.sampled import SAMPLED
+register()
+compiled = numba.njit(lambda *arguments: sampled_frame(*arguments))
+sensors, observed, noise = tuple(kind(0.01) for kind in SAMPLED), np.arange(20) * 0.01, np.ones(1)
+for which in range(len(sensors)):
+    frame = sampled_frame(sensors, which, observed, noise, 3)
+    assert compiled(sensors, which, observed, noise, 3) == frame, which
+    print(frame.can_id)
+"""
+
+
+def test_a_sensor_is_four_files(tmp_path: Path) -> None:
+    """Through all packages: sampled, sent, received and used, in Python and in compiled code."""
+    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs/reference"):
+        copied(package, tmp_path)
+    original = contents(tmp_path)
+    applied(SENSOR_CHANGE, tmp_path)
+    edited = changed(original, contents(tmp_path))
+    assert edited == set(files_of(SENSOR_CHANGE))
+    for command in COMMANDS:
+        python(tmp_path, "-m", command)
+    written = changed(original, contents(tmp_path)) - edited
+    assert COUNTS[2] == ("a sensor that the firmware uses", str(len(edited)), str(len(written)))
+    assert len(edited) <= 4
+    assert python(tmp_path, "-c", COMPILED_FRAMES).split() == ["41", "52"]
+    (by_sensor, without), frames, noise_m_s, bias_m_s = json.loads(
+        python(tmp_path, "-c", script_of("sensor") + SENSOR_RESULTS)
+    )
+    assert frames == 400
+    assert 0.009 < noise_m_s < 0.011
+    assert abs(bias_m_s) < 0.002
+    assert by_sensor < 0.5 * without
