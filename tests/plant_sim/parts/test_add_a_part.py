@@ -181,7 +181,7 @@ for which in range(len(sensors)):
 
 def test_a_sensor_is_four_files(tmp_path: Path) -> None:
     """Through all packages: sampled, sent, received and used, in Python and in compiled code."""
-    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs/reference"):
+    for package in ("firmware_py", "hil", "plant_sim", "tools", "docs"):
         copied(package, tmp_path)
     original = contents(tmp_path)
     applied(SENSOR_CHANGE, tmp_path)
@@ -199,4 +199,4 @@ def test_a_sensor_is_four_files(tmp_path: Path) -> None:
     assert frames == 400
     assert 0.009 < noise_m_s < 0.011
     assert abs(bias_m_s) < 0.002
-    assert by_sensor < 0.5 * without
+    assert by_sensor < 0.8 * without
