@@ -7,7 +7,6 @@ from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import WordFrame
 from firmware_py.interface.generated import kinds, records, unpacking
 
-
 RECEIVED_IDS = (
     kinds.ENCODER_ESTIMATES.can_id,
     kinds.ACCELEROMETER.can_id,

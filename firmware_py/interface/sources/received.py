@@ -17,7 +17,7 @@ from firmware_py.interface.generated import kinds, records, unpacking
 
 '''
 
-STATE = '''
+STATE = '''\
 RECEIVED_IDS = ({ids})
 """The identifiers that the firmware listens to, the most frequent first."""
 
