@@ -1,4 +1,4 @@
-"""Where the wearer is in the gait cycle, and how far that can be relied on: heel strike to heel strike.
+"""The phase of the gait cycle, from heel strike to heel strike, and the confidence in it.
 
 The phase is the time since the last heel strike over the stride that is expected. Three more events of a
 stride (toe down, heel off, toe off) come at phases that are learnt from the strides gone by; each pulls the
@@ -22,31 +22,31 @@ from firmware_py.core.inputs import GaitInput
 from firmware_py.interface.enums import GaitState
 
 NEARLY_ONE = 0.9999
-"""The phase of a stride that lasts longer than expected."""
+"""Largest phase of a stride that lasts longer than expected."""
 
 LONGEST_S = 100.0
-"""Times count no further."""
+"""Largest value of a time count."""
 
 SHORTEST_STRIDE_S = 0.5
-"""A stride; a run has 0.7 s."""
+"""Shortest stride; in a run it is 0.7 s."""
 LONGEST_STRIDE_S = 3.0
-"""A stride; the slowest walk has 2.5 s."""
+"""Longest stride; in the slowest walk it is 2.5 s."""
 SWING_RAD_S = 1.0
-"""The shank, backward: the leg has swung."""
+"""Backward rate of the shank above which the leg has swung."""
 STILL_RAD_S = 0.25
-"""Of the shank: in stance it turns by 0.5 and more."""
+"""Rate of the shank below which the leg is at rest; in stance it is 0.5 and more."""
 STANDING_S = 1.0
-"""A leg at rest for this time: standing."""
+"""Time at rest after which the wearer stands."""
 GAIN_STRIDE = 0.5
-"""Share of a stride in the mean: 20 % in 5 are followed."""
+"""Weight of a stride in the mean; it follows a change of 20 % in 5 strides."""
 EVENT_STD = 0.0045
-"""Of the cycle: 5 ms of frames, and how feet roll."""
+"""Deviation of an event, as a share of the cycle: 5 ms of frames, and the roll of the foot."""
 IRREGULAR = 0.35
-"""Of a stride: so different a one begins anew."""
+"""Relative change of a stride after which the estimate begins anew."""
 LARGEST_SPREAD = 0.15
-"""Of strides: nothing can be foretold."""
+"""Relative spread of the strides at which the confidence is 0."""
 STRIDES_TO_TRUST = 3
-"""Before anything is said."""
+"""Strides before the confidence rises above 0."""
 STRIKE_PHASE = 0.012
 """Where in the cycle the heel's switch closes: at a tenth of the load."""
 
@@ -96,7 +96,7 @@ class Stride(NamedTuple):
 
 
 class Events(NamedTuple):
-    """What comes between two heel strikes."""
+    """The events between two heel strikes."""
 
     toe_down: Event
     heel_off: Event
@@ -104,7 +104,7 @@ class Events(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """The sensors' last word, whether the leg has swung since its heel strike, and its time at rest."""
+    """The last switch states, whether the leg has swung since its heel strike, and its time at rest."""
 
     heel: bool
     toe: bool
@@ -176,7 +176,7 @@ def _unseen(events: Events) -> Events:
 
 
 def _whole_strides(stride: Stride, took_s: float) -> int:
-    """How many strides lie between two heel strikes seen: more than one where a switch missed some."""
+    """Number of strides between two detected heel strikes: more than one if a switch missed some."""
     if stride.known < STRIDES_TO_TRUST:
         return 1
     return max(int(took_s / stride.mean_s + 0.5), 1)
@@ -196,7 +196,7 @@ def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> 
 
 
 def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
-    """A heel strike: a stride has ended, or several, and the next one begins."""
+    """The stride after a heel strike, which ends one stride or several."""
     took_s = stride.since_seen_s - config.edge_age_s
     whole = _whole_strides(stride, took_s)
     one_s = took_s / whole
@@ -224,7 +224,7 @@ def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
 
 
 def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
-    """The expected stride with what an event says of it that has just come."""
+    """The expected stride, corrected by an event that has just occurred."""
     if stride.known <= STRIDES_TO_TRUST:
         return stride
     off_s = event.at_s / event.phase - stride.expected_s
@@ -245,7 +245,7 @@ def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
 
 
 def _due(stride: Stride, event: Event, at_s: float) -> bool:
-    """Whether it may be this event: not seen in this stride yet, and no switch that bounces elsewhere."""
+    """Whether an edge may be this event: the first in this stride, and near its phase."""
     usual_s = event.phase * stride.expected_s
     return event.at_s <= 0.0 and 0.4 * usual_s < at_s < 2.5 * usual_s
 
@@ -253,7 +253,7 @@ def _due(stride: Stride, event: Event, at_s: float) -> bool:
 def _heard(
     config: GaitConfig, stride: Stride, events: Events, leg: Leg, sensors: GaitInput
 ) -> tuple[Stride, Events, Leg]:
-    """What a fresh frame says."""
+    """The stride, events and leg after a fresh frame."""
     rate_rad_s, heel, toe = sensors.shank_rate_rad_s, sensors.heel, sensors.toe
     swung = leg.swung or rate_rad_s < -SWING_RAD_S
     still_s = leg.still_s + 2.0 * config.edge_age_s if abs(rate_rad_s) < STILL_RAD_S else 0.0
@@ -287,7 +287,7 @@ def _heard(
 
 
 def _missed(stride: Stride) -> Stride:
-    """A heel strike that must have been: the cycle goes on from where it should have come."""
+    """The stride after a missed heel strike: the cycle continues from its expected time."""
     return stride._replace(
         expected_s=stride.mean_s,
         variance=2.0 * stride.spread * stride.spread,
@@ -298,7 +298,7 @@ def _missed(stride: Stride) -> Stride:
 
 
 def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
-    """The stride a tick later; who does not walk has none."""
+    """The stride a tick later; without walking no stride is known."""
     return stride._replace(
         since_s=min(stride.since_s + dt_s, LONGEST_S),
         since_seen_s=min(stride.since_seen_s + dt_s, LONGEST_S),
@@ -307,7 +307,7 @@ def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
 
 
 def _doing(confidence: float, leg: Leg, forgotten: bool) -> GaitState:
-    """What the leg does."""
+    """The state of the leg."""
     if leg.still_s > STANDING_S or forgotten:
         return GaitState.STANDING
     if confidence <= 0.0:
@@ -316,7 +316,7 @@ def _doing(confidence: float, leg: Leg, forgotten: bool) -> GaitState:
 
 
 def step(config: GaitConfig, state: CycleState, sensors: GaitInput, elapsed_ticks: int) -> CycleState:
-    """One tick: time goes on, and a fresh frame may bring an event of the stride."""
+    """One tick: advances the time, and processes a fresh frame."""
     walking = (
         state.stride.since_seen_s < (MOST_MISSED + 1) * state.stride.mean_s
         and state.leg.still_s < config.still_s

@@ -22,15 +22,15 @@ from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
 from firmware_py.interface.enums import Refusal
 
 MOST_TURNS = 15
-"""Crank turns a stride; what the report has room for."""
+"""Largest number of crank turns per stride that the report can hold."""
 
 COUNTS = 65536
 
 AIM_HYSTERESIS = 0.01
-"""As `hysteresis`, where an impulse is asked for: what the mean impact of some strides is uncertain by."""
+"""The hysteresis with a requested impulse: the uncertainty of the mean impact of some strides."""
 
 LARGEST_SHARE = 0.45
-"""After the heel strike, which gives the stride that turns are chosen for."""
+"""Largest share: n then changes after the heel strike, which determines the stride."""
 
 
 class LockConfig(NamedTuple):
@@ -57,7 +57,7 @@ class LockConfig(NamedTuple):
 
 
 class LockState(NamedTuple):
-    """`base_ratio` is where a start ends, `trim` what the ratio is off it now.
+    """`base_ratio` is the ratio at a start's end, `trim` the present difference from it.
 
     `phase` is that of the cycle, `error_rad` is θ* − θ, `impact_rad` is θ_b. Counts of pulses wrap at COUNTS.
     """
@@ -89,9 +89,9 @@ INITIAL = LockState(
 
 
 def chosen(config: LockConfig, stride_s: float, before: int, aim_ratio: float) -> int:
-    """How many turns a stride come next to `aim_ratio`, or to the centre where that is 0.
+    """The number of turns per stride nearest to `aim_ratio`, or to the centre if that is 0.
 
-    0 where none gives a ratio within the region.
+    0 if no number gives a ratio within the region.
     """
     one = TAU / (stride_s * config.natural_rad_s)
     aim = aim_ratio if aim_ratio > 0.0 else config.centre_ratio
@@ -110,14 +110,14 @@ def chosen(config: LockConfig, stride_s: float, before: int, aim_ratio: float) -
 
 
 def refused(config: LockConfig, gait: CycleState, harmonic: int) -> Refusal:
-    """What keeps the crank from following, or NONE."""
+    """The reason why the crank cannot follow, or NONE."""
     if gait.confidence < config.lowest_confidence:
         return Refusal.NOT_WALKING
     return Refusal.NONE if harmonic > 0 else Refusal.NO_HARMONIC
 
 
 def turning_share(config: LockConfig, stride_s: float) -> float:
-    """By how much of the cycle before p_c another n is to be taken.
+    """The share of the cycle before p_c at which n changes.
 
     The ratio goes over by Δr, a turn a stride, at its rate ρ: meanwhile the crank gains ω Δr²/2ρ on the new
     θ*, or loses it. That is what θ* leaps by where the change comes ω Δr²/4πρ of a cycle before p_c.
@@ -128,7 +128,7 @@ def turning_share(config: LockConfig, stride_s: float) -> float:
 
 
 def within(config: LockConfig, phase: float) -> bool:
-    """Whether a phase of the cycle lies in the window."""
+    """Whether a phase of the cycle is in the window."""
     return config.window_start <= phase <= config.window_end
 
 
@@ -145,9 +145,9 @@ def step(
     elapsed_ticks: int,
     aim_ratio: float,
 ) -> LockState:
-    """One tick. `moving`: on the way already, to the base; `holding`: captured, free to leave it.
+    """One tick. `moving`: a start to the base ratio is running; `holding`: captured, the ratio may change.
 
-    `aim_ratio` is where an impulse asked for lies, or 0.
+    `aim_ratio` is the ratio of a requested impulse, or 0.
     """
     middle = 0.5 * (config.window_start + config.window_end)
     harmonic = 0

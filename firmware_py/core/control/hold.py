@@ -1,4 +1,4 @@
-"""Once captured: keep away from the fold, creep to a speed beyond it, give the impulse that was asked for.
+"""The hold after capture: a distance to the fold, a slow approach to the requested ratio or impulse.
 
 On the branch with one impact a period both the crank angle at impact and the impulse rise with the speed, and
 at the fold, 85° to 91° past the forward dead centre, the branch ends. So once a period, on a period with
@@ -26,9 +26,9 @@ GAIN_RETREAT = 0.5
 """Of the error a period, where φ exceeds φ*: the fold comes closer while a housing that swings at nearly the
 crank's frequency takes from its amplitude, and 0.3 is too slow for that."""
 GAIN_IMPULSE = 0.2
-"""Of the error a period; an impact settles in two."""
+"""Share of the error corrected in a period; an impact settles in two periods."""
 IMPULSE_TOLERANCE = 0.03
-"""Further off than this it is not met."""
+"""Relative error above which the requested impulse is not met."""
 
 
 class HoldConfig(NamedTuple):
@@ -49,7 +49,7 @@ class HoldConfig(NamedTuple):
 
 
 class HoldState(NamedTuple):
-    """`trim` is what the ratio is off the S-curve's end now, `wanted_trim` where it is going."""
+    """`trim` is the ratio's present difference from the S-curve's end, `wanted_trim` its target."""
 
     trim: float
     trim_rate_1_s: float
@@ -72,7 +72,7 @@ INITIAL = HoldState(
 
 
 def phase_step(config: HoldConfig, phase_rad: float) -> float:
-    """Δ_guard: by how much the ratio may rise at this phase; below 0 it has to fall."""
+    """Δ_guard: the largest increase of the ratio at this phase; if negative, the ratio must fall."""
     within_rad = clamp(phase_rad, 1.5)
     slope_rad = PHASE_SLOPE_RAD * (1.0 + PHASE_SLOPE_GROWTH * (within_rad if within_rad > 0.0 else 0.0))
     error_rad = config.highest_phase_rad - within_rad
@@ -92,7 +92,7 @@ def wanted_step(
 
 
 def possible(config: HoldConfig, target_impulse_n_s: float) -> bool:
-    """Whether an impulse may be asked for at all; 0 asks for none, NaN is none."""
+    """Whether a requested impulse is possible; 0 means no request, and NaN is impossible."""
     return target_impulse_n_s == 0.0 or (
         config.lowest_impulse_n_s <= target_impulse_n_s <= config.highest_impulse_n_s
     )
@@ -106,7 +106,7 @@ def _bound(
     target_impulse_n_s: float,
     impulse_n_s: float,
 ) -> Refusal:
-    """Which end of the impact region keeps the impulse, or else the ratio, from what was asked for."""
+    """The end of the impact region that limits the requested impulse or ratio."""
     if target_impulse_n_s <= 0.0:
         short = guarded and target_ratio - ratio > config.largest_step
         return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL

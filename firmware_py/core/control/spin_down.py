@@ -1,4 +1,4 @@
-"""A stop that takes the striker's energy first, and then lets the crank rest where the gap is widest.
+"""A stop that first removes the striker's energy and then rests the crank where the gap is widest.
 
 A striker with little damping keeps meeting the stop after the crank has stopped. The piston's pull takes
 the power −c x_A v from it, most of it where x_A goes against v. With the striker's free motion as a phasor,
@@ -9,7 +9,7 @@ that is a crank at θ = ψ: it turns on at the striker's own frequency, in step 
 
     ω_crank = ω + g ω (ψ − θ)
 
-(a phase-locked loop, as in `lock`), until the swing no longer reaches the stop. Then it turns on to its
+(a phase-locked loop, as in `gait_lock`), until the swing no longer reaches the stop. Then it turns to its
 backward dead centre, θ = −90°, where the gap is wider by A and the spring has no lever on a motor without
 torque. It lasts no longer than `longest_s`: a stop ends in a crank at rest.
 """
@@ -24,14 +24,14 @@ from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import at_least, clamp, wrap_pi
 
 WAITS_RAD = 0.75 * math.pi
-"""Beyond π less this a crank behind the striker waits for its next swing: to wait takes no speed."""
+"""If the crank lags by more than π minus this angle, it waits for the next swing; waiting needs no speed."""
 
 PARK_GAIN = 1.5
-"""Over ω: on the dead centre within half a swing, which hardly stirs the striker."""
+"""Gain over ω: the crank reaches the dead centre within half a swing and hardly excites the striker."""
 
 
 class CalmStage(IntEnum):
-    """Where a stop is."""
+    """The stage of a stop."""
 
     OFF = 0
     BRAKE = 1
@@ -39,7 +39,7 @@ class CalmStage(IntEnum):
 
 
 class CalmConfig(NamedTuple):
-    """`longest_s` of braking; 0: the S-curve to rest alone. `share` of the way to the stop a swing may take.
+    """`longest_s`: longest braking (0: the S-curve alone). `share`: a swing's share of the way to the stop.
 
     `gain` is g.
     """
@@ -74,7 +74,7 @@ INITIAL = CalmState(stage=CalmStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m
 def step(
     config: CalmConfig, state: CalmState, crank: CrankState, estimate: EstimatorState, elapsed_ticks: int
 ) -> CalmState:
-    """One tick of a stop: the speed that the crank is to have."""
+    """One tick of a stop: the crank's target speed."""
     natural_rad_s = config.natural_rad_s
     highest_rad_s = state.highest_rad_s
     if state.stage == CalmStage.OFF:

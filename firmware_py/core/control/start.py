@@ -1,4 +1,4 @@
-"""How the crank is brought to speed, into the impact regime and back to rest.
+"""The start: S-curves of the crank's speed into the impact regime, and back to rest.
 
 Near the fold the impact regime cannot be entered by switching on: from rest an instant start ends in
 non-impact motion for every crank phase. Followed from below it can, so the speed rises on an S-curve
@@ -20,13 +20,13 @@ from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
 
 DIP_S = 1.0
-"""Down to the dip."""
+"""Duration of the way down to the dip."""
 SHORTEST_CHANGE_S = 0.5
-"""For a small change of the target."""
+"""Shortest duration of a change of the target."""
 
 
 class Stage(IntEnum):
-    """Where a start or a stop is."""
+    """The stage of a start or a stop."""
 
     REST = 0
     RISE = 1

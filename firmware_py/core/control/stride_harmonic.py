@@ -1,10 +1,10 @@
-"""An impulse asked for while a gait is followed: the turns a stride whose impacts come nearest to it.
+"""A requested impulse with a gait: the number of turns per stride whose impacts are nearest to it.
 
 The cadence leaves a few ratios r = n f_stride 2π/ω, and impacts grow with r. From their mean J̄ at the mean r̄,
 
     r* = r̄ + (J* − J̄)/J'
 
-is where impacts would be those asked for, and n is chosen next to it in place of the region's centre. The
+is the ratio of the requested impacts, and the n nearest to it is chosen instead of the region's centre. The
 slope J' starts as a parameter. After two values of n have been tried, the secant through them replaces it, so
 that both values rank the candidates alike and the search does not oscillate. Whole turns seldom meet a
 request; the remainder is reported.
@@ -16,10 +16,10 @@ from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 SETTLING, MEAN, TELLING = 1, 4, 6
-"""Strides that go by until impacts count, that they are the mean of, and until a miss is reported."""
+"""Strides before impacts count, strides in their mean, and strides before a miss is reported."""
 
 LARGEST_ERROR = 2.0
-"""How wrong the parameter J' may be, as a factor; a secant beyond is that of a leg that changed its walk."""
+"""Largest error of the parameter J', as a factor; a secant beyond it comes from a changed walk."""
 
 
 class TherapyConfig(NamedTuple):
@@ -32,7 +32,7 @@ class TherapyConfig(NamedTuple):
 
 
 class TherapyState(NamedTuple):
-    """`turns` of the crank since `harmonic` was taken, and the means since; `left_…`: those before."""
+    """`turns` of the crank with the present `harmonic`, and their means; `left_…`: means of the last one."""
 
     harmonic: int
     turns: int
@@ -54,11 +54,11 @@ INITIAL = TherapyState(
     aim_ratio=0.0,
     refusal=NO_REFUSAL,
 )
-"""An `aim_ratio` of 0: none, the region's centre."""
+"""An `aim_ratio` of 0 means the region's centre."""
 
 
 def known(state: TherapyState) -> bool:
-    """Whether the means are whole."""
+    """Whether the means are complete."""
     return state.harmonic > 0 and state.turns >= (SETTLING + MEAN) * state.harmonic
 
 
@@ -73,7 +73,7 @@ def slope_n_s(config: TherapyConfig, state: TherapyState) -> float:
 
 
 def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> Refusal:
-    """Whether the impacts are others than asked for, once other n had their time."""
+    """The refusal if the impacts miss the request after enough strides."""
     if state.turns < TELLING * state.harmonic:
         return NO_REFUSAL
     miss_n_s = state.impulse_n_s - target_impulse_n_s
@@ -83,7 +83,7 @@ def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float)
 
 
 def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> TherapyState:
-    """The same impacts with r* and what is left over."""
+    """The state with r* and the refusal."""
     aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
     return state._replace(
         aim_ratio=min(max(aim_ratio, config.lowest_ratio), config.highest_ratio),
@@ -101,7 +101,7 @@ def step(
     regime: RegimeState,
     impact_n_s: float,
 ) -> TherapyState:
-    """One tick. `ratio` is the crank's, `impact_n_s` the last impact's impulse; target 0 asks for none."""
+    """One tick. `ratio`: the crank's; `impact_n_s`: the last impact's impulse; target 0: no request."""
     if not holding or harmonic == 0:
         return INITIAL
     turns, left_ratio, left_impulse_n_s = state.turns, state.left_ratio, state.left_impulse_n_s

@@ -1,4 +1,4 @@
-"""One reading of the striker from two ranges, and the housing's: which counts, and by how much it is off."""
+"""The accelerometers' readings: choice between the striker's two ranges, and their offsets."""
 
 import math
 from typing import NamedTuple
@@ -8,9 +8,9 @@ from firmware_py.core.numbers import at_least
 from firmware_py.interface.arrivals import NEVER_TICKS
 
 CLIPPED_SHARE = 0.98
-"""Of the full scale: a reading beyond may be more."""
+"""Share of the full scale above which a reading may be clipped."""
 FEWEST_HOUSING = 1000
-"""The housing's offset starts as 0, as certain as after this many readings: it may move at once."""
+"""Weight of the housing's initial offset 0, in readings, because the housing may move from the start."""
 
 
 class NominalSensors(NamedTuple):

@@ -1,9 +1,9 @@
-"""When the striker touches the stop: a one-sided test on the innovation, confirmed by a second vote.
+"""The impact detector: a one-sided test on the innovation, with a second condition.
 
-The stop can only push back, so a touch-down shows as an acceleration below the model's. It counts where it
-exceeds an absolute floor by a multiple of what the estimate itself is uncertain, and where the estimate has
-the striker near the stop and coming; or, should the estimate be lost, where two readings in a row exceed
-several times as much. After a separation the detector stays blind for the refractory time.
+The stop only pushes back, so a touch-down causes an acceleration below the model's. It is detected if the
+difference exceeds an absolute floor by a multiple of the estimate's deviation, and if the estimated striker
+is near the stop and approaches it. If the estimate is lost, two successive readings must exceed several times
+that threshold. After a separation the detector stays blind for the refractory time.
 
 The touch-down lies between ticks. A Hunt–Crossley stop starts as a Hertz contact, a(t) ∝ x'⁻^1.5 t^1.5, so
 the excess at the first tick gives its age; the low-pass adds its delay.
@@ -18,19 +18,19 @@ from firmware_py.core.numbers import at_least
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 SIGMAS = 4.0
-"""Spreads of the estimate, on top of the floor."""
+"""Deviations of the estimate, in addition to the floor."""
 NEAR_M = 0.006
-"""Near the stop; the spread of the estimate is added."""
+"""Distance that counts as near the stop; the estimate's deviation is added."""
 SURE_FACTOR = 3.0
-"""Twice this much in a row counts anywhere."""
+"""Factor of the threshold for two successive readings at any position."""
 END_M_S2 = 1.5
-"""A contact has ended below this."""
+"""Excess below which a contact has ended."""
 END_FRACTION = 0.02
-"""Or below this share of its peak."""
+"""Share of the peak below which a contact has ended."""
 SEPARATION_AGE_S = 0.0005
-"""From separation to the tick that sees it."""
+"""Time from separation to the tick that detects it."""
 LONGEST_CONTACT_S = 0.08
-"""Eight times the nominal contact."""
+"""Longest contact: eight times the nominal one."""
 
 
 class DetectorConfig(NamedTuple):

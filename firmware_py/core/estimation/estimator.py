@@ -1,4 +1,4 @@
-"""Where the striker is: a Kalman filter over position, velocity and accelerometer bias.
+"""The striker's state: a Kalman filter over position, velocity and accelerometer bias.
 
     m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = F_stop
 
@@ -59,18 +59,18 @@ The filter's written-out form does that: as many of filterpy's calls would take 
 """
 
 LONGEST_TRAPEZOID_TICKS = 5
-"""The readings before and after a longer gap say nothing of an impact in it: half of a soft one fits in."""
+"""A longer gap can hide half of a soft impact from the readings before and after it."""
 
 STILL_M_S = 0.05
-"""Slower, the striker may be stuck; and within 2 σ, where the estimate is no better than that."""
+"""Speed below which the striker may be stuck; or 2 σ of the velocity, if that is larger."""
 LONGEST_SLIDE = 5
-"""Times as long it then takes: beside a crank that is still slow, a slide is not pulled either."""
+"""Factor of the waiting time if 2 σ is larger: with a slow crank a sliding striker is not pulled either."""
 
 STILL_VARIANCE = 1e-4
-"""Of v = 0 where the striker sticks: (10 mm/s)², as single readings are no witnesses of their own."""
+"""Variance of the zero-velocity update: (10 mm/s)², because successive readings are correlated."""
 
 LONGEST_FLIGHT_TICKS = 5000
-"""A flight that no impact ends begins anew."""
+"""A longer flight without an impact begins anew."""
 
 DOUBT_VARIANCE = 1e-4
 """(10 mm)²: a touch-down leaves the position known far better, unless the estimate has excluded it."""

@@ -186,7 +186,7 @@ Errors of a motor's speed add up in its angle, so that they are kept smaller.
 """
 
 SHARE_OF_A_CONTACT = 0.1
-"""A contact takes few steps, and what it errs by the orbit may grow: each may err by this share of others."""
+"""An orbit can amplify the errors of a contact's few steps, so each may have only this share of others."""
 
 
 SHARE_OF_BEND = 1e-3

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from plant_sim.kernels import jit
 
 SHARE = 4e-3
-"""What a cell leaves uncertain of the motion's size: the longer the cells, the more a near stop stops."""
+"""Uncertainty within a cell, as a share of the motion; near a stop longer cells are subdivided more often."""
 
 STRONGEST_DRAG = 0.5
 """2σ / ω up to which the bounds on derivatives are worth their while."""
