@@ -15,12 +15,14 @@ from typing import Any, get_args, get_origin
 
 from llvmlite import ir
 from numba.core import types
+from numba.cpython.unsafe.tuple import tuple_setitem
 from numba.extending import intrinsic, overload, register_jitable
 
 import firmware_py.builds.numba_replace
 import firmware_py.core
 import firmware_py.node
 from firmware_py.builds.flat import members
+from firmware_py.core import parameters
 from firmware_py.core.estimation import kalman
 from firmware_py.interface import arrivals, counters, enums, float32, framing
 from firmware_py.interface.enums import AxisState, OperatorRequest
@@ -28,11 +30,17 @@ from firmware_py.interface.generated import packing, received, unpacking
 
 _tuple: Any = types.BaseTuple.from_types
 
+
+def _with_value(parameters: Any, index: Any, value: Any) -> Any:
+    return tuple_setitem(parameters, index, value)
+
+
 INSTEAD: dict[Any, Any] = {
     kalman.predict: kalman.predict_written_out,
     kalman.update: kalman.update_written_out,
+    parameters.with_value: _with_value,
 }
-"""filterpy's algebra interpreted, and the same algebra written out compiled."""
+"""Functions by which compiled code replaces others: filterpy's algebra by the same algebra written out."""
 
 
 @functools.cache

@@ -12,7 +12,7 @@ that is refused hands back the parameters as they were. Whether the firmware may
 
 import math
 
-from firmware_py.core.parameter_values import COUNT, HIGH, LOW, ORDERED, TIERS, WHOLE, Parameters, with_value
+from firmware_py.core.parameter_values import COUNT, HIGH, LOW, ORDERED, TIERS, WHOLE, Parameters
 from firmware_py.interface.enums import ParameterStatus, ParameterTier
 
 BUILD = ParameterTier.BUILD.value
@@ -43,6 +43,11 @@ def read_parameter(parameters: Parameters, index: int) -> tuple[float, int, Para
     if not 0 <= index < COUNT:
         return 0.0, MODULE, UNKNOWN_INDEX
     return parameters[index], TIERS[index], OK
+
+
+def with_value(parameters: Parameters, index: int, value: float) -> Parameters:
+    """`parameters`, with `value` in the place of `index`."""
+    return Parameters(*(value if place == index else one for place, one in enumerate(parameters)))
 
 
 def write_parameter(parameters: Parameters, index: int, value: float) -> tuple[Parameters, ParameterStatus]:

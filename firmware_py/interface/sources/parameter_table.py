@@ -74,16 +74,6 @@ from typing import NamedTuple
 
 '''
 
-WITH_VALUE = '''
-def _chosen(first: bool, one: float, other: float) -> float:
-    return one if first else other
-
-
-def with_value(parameters: Parameters, index: int, value: float) -> Parameters:
-    """`parameters`, with `value` in the place of `index`."""
-    return Parameters(
-'''
-
 
 def _column(head: str, values: Iterable[object]) -> str:
     """`head(…)` over as few lines as it takes."""
@@ -93,8 +83,7 @@ def _column(head: str, values: Iterable[object]) -> str:
 
 def source() -> str:
     """The text of `core/parameter_values.py`, not laid out yet."""
-    places = list(enumerate(TABLE))
-    pairs = [(index, INDEX[one.at_most]) for index, one in places if one.at_most]
+    pairs = [(index, INDEX[one.at_most]) for index, one in enumerate(TABLE) if one.at_most]
     return "\n".join(
         (
             HEADER,
@@ -109,9 +98,6 @@ def source() -> str:
             _column("TIERS = ", (one.tier.value for one in TABLE)) + '"""`ParameterTier` of each."""\n',
             _column("WHOLE = ", (int(one.whole) for one in TABLE)) + '"""1 for a count."""\n',
             _column("ORDERED = ", pairs) + '"""Indices: the first may not exceed the second."""\n',
-            WITH_VALUE,
-            *(f"        _chosen(index == {at}, value, parameters.{one.field})," for at, one in places),
-            "    )\n",
         )
     )
 
