@@ -165,31 +165,25 @@ def power_up(config: DriveConfig) -> DriveState:
 @shared
 def set_torque(drive: DriveState, torque_n_m: float) -> DriveState:
     """A torque command, which feeds the watchdog; in velocity mode it is the feed-forward."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    control_mode, input_mode, _, velocity_rad_s, _ = setpoint
-    setpoint = Setpoint(control_mode, input_mode, torque_n_m, velocity_rad_s, 0.0)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    return drive._replace(setpoint=drive.setpoint._replace(torque_n_m=torque_n_m, age_s=0.0))
 
 
 @shared
 def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) -> DriveState:
     """A velocity command with its feed-forward, which alone acts in torque mode; it feeds the watchdog."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
     velocity_rad_s = velocity_rev_s * TURN_RAD
-    setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, torque_n_m, velocity_rad_s, 0.0)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    setpoint = drive.setpoint._replace(torque_n_m=torque_n_m, velocity_rad_s=velocity_rad_s, age_s=0.0)
+    return drive._replace(setpoint=setpoint)
 
 
 @shared
 def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveState:
     """What the axis controls and how its input acts; an armed axis disarms in a mode that is not modelled."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    setpoint, loop = drive.setpoint, drive.loop
     if setpoint.control_mode != control_mode:
-        loop = VelocityLoop(setpoint.velocity_rad_s, 0.0, loop.elapsed_s, loop.turned_rad)
-    setpoint = Setpoint(
-        control_mode, input_mode, setpoint.torque_n_m, setpoint.velocity_rad_s, setpoint.age_s
-    )
-    drive = DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+        loop = loop._replace(target_rad_s=setpoint.velocity_rad_s, integral_n_m=0.0)
+    setpoint = setpoint._replace(control_mode=control_mode, input_mode=input_mode)
+    drive = drive._replace(setpoint=setpoint, loop=loop)
     if is_armed(drive) and not is_modelled(setpoint):
         return disarm(drive, BAD_CONFIG)
     return drive
@@ -206,17 +200,14 @@ def is_modelled(setpoint: Setpoint) -> bool:
 @shared
 def set_limits(config: DriveConfig, drive: DriveState, velocity_rev_s: float, current_a: float) -> DriveState:
     """New limits: at least 0, and no more current than the configuration allows."""
-    axis, setpoint, _, offset_rev, motor_degc, loop = drive
     current_a = min(max(0.0, current_a), config.current_limit_a)
-    limits = Limits(max(0.0, velocity_rev_s) * TURN_RAD, current_a)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    return drive._replace(limits=Limits(max(0.0, velocity_rev_s) * TURN_RAD, current_a))
 
 
 @shared
 def set_position(drive: DriveState, position_rev: float, encoder_position_rev: float) -> DriveState:
     """Call the encoder's present position `position_rev`."""
-    axis, setpoint, limits, _, motor_degc, loop = drive
-    return DriveState(axis, setpoint, limits, position_rev - encoder_position_rev, motor_degc, loop)
+    return drive._replace(position_offset_rev=position_rev - encoder_position_rev)
 
 
 @shared
@@ -226,24 +217,24 @@ def request_state(drive: DriveState, requested: int) -> DriveState:
     An axis with errors or in a mode that is not modelled does not arm. Homing finds no end stop. Other states
     are not modelled: the procedure ends with INVALID_STATE.
     """
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    _, errors, reason, _ = axis
+    axis, setpoint, loop = drive.axis, drive.setpoint, drive.loop
     if requested == AXIS_IDLE:
-        axis = Axis(AXIS_IDLE, errors, reason, CANCELLED if is_calibration(axis.state) else SUCCESS)
+        result = CANCELLED if is_calibration(axis.state) else SUCCESS
+        axis = axis._replace(state=AXIS_IDLE, procedure_result=result)
     elif requested not in (CLOSED_LOOP, HOMING) and not is_calibration(requested):
-        axis = Axis(axis.state, errors, reason, INVALID_STATE)
-    elif errors != NO_ERROR:
-        axis = Axis(axis.state, errors, reason, DISARMED)
+        axis = axis._replace(procedure_result=INVALID_STATE)
+    elif axis.errors != NO_ERROR:
+        axis = axis._replace(procedure_result=DISARMED)
     elif requested == HOMING:
-        axis = Axis(AXIS_IDLE, errors, reason, NO_END_STOP)
+        axis = axis._replace(state=AXIS_IDLE, procedure_result=NO_END_STOP)
     elif requested == CLOSED_LOOP and not is_modelled(setpoint):
-        axis = Axis(axis.state, BAD_CONFIG, reason, DISARMED)
+        axis = axis._replace(errors=BAD_CONFIG, procedure_result=DISARMED)
     elif axis.state != requested:
         result = SUCCESS if requested == CLOSED_LOOP else BUSY
-        axis = Axis(armed_state(requested), errors, NO_ERROR, result)
-        setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, 0.0, 0.0, 0.0)
+        axis = Axis(armed_state(requested), axis.errors, NO_ERROR, result)
+        setpoint = setpoint._replace(torque_n_m=0.0, velocity_rad_s=0.0, age_s=0.0)
         loop = VelocityLoop(0.0, 0.0, 0.0, 0.0)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    return drive._replace(axis=axis, setpoint=setpoint, loop=loop)
 
 
 @shared
@@ -265,21 +256,16 @@ def armed_state(requested: int) -> AxisState:
 @shared
 def clear_errors(drive: DriveState) -> DriveState:
     """Forget the errors, so that the axis may arm again."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    axis = Axis(axis.state, NO_ERROR, axis.disarm_reason, axis.procedure_result)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    return drive._replace(axis=drive.axis._replace(errors=NO_ERROR))
 
 
 @shared
 def disarm(drive: DriveState, error: int) -> DriveState:
     """Let go of the motor and say why; the error (one of `AxisError`) stays until it is cleared."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
+    axis = drive.axis._replace(state=AXIS_IDLE, errors=drive.axis.errors | error)
     if is_armed(drive):
-        axis = Axis(AXIS_IDLE, axis.errors | error, error, DISARMED)
-    else:
-        axis = Axis(AXIS_IDLE, axis.errors | error, axis.disarm_reason, axis.procedure_result)
-    setpoint = Setpoint(setpoint.control_mode, setpoint.input_mode, 0.0, 0.0, setpoint.age_s)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+        axis = axis._replace(disarm_reason=error, procedure_result=DISARMED)
+    return drive._replace(axis=axis, setpoint=drive.setpoint._replace(torque_n_m=0.0, velocity_rad_s=0.0))
 
 
 # --- time ------------------------------------------------------------------------------------------
@@ -316,14 +302,12 @@ def elapse(  # noqa: PLR0911 - one cause to disarm after the other
     config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float, current_a: float
 ) -> DriveState:
     """Let `dt_s` pass: watchdog, temperature and overspeed, then velocity mode or a calibration."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    control_mode, input_mode, torque_n_m, velocity_rad_s, age_s = setpoint
-    age_s += dt_s
+    axis, limits, motor_degc = drive.axis, drive.limits, drive.motor_degc
+    age_s = drive.setpoint.age_s + dt_s
     heating_k = config.thermal_resistance_k_w * config.resistance_ohm * current_a * current_a
     excess_k = motor_degc - config.ambient_degc
     motor_degc += (heating_k - excess_k) * dt_s / config.thermal_time_s
-    setpoint = Setpoint(control_mode, input_mode, torque_n_m, velocity_rad_s, age_s)
-    drive = DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    drive = drive._replace(setpoint=drive.setpoint._replace(age_s=age_s), motor_degc=motor_degc)
     if not is_armed(drive):
         return drive
     if axis.state == CLOSED_LOOP and age_s >= config.watchdog_s - TIME_RESOLUTION_S:
@@ -375,16 +359,14 @@ def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
 @shared
 def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
     """Let `dt_s` pass for the velocity loop: the ramp goes on, the integral grows, or decays at the limit."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    _, integral_n_m, elapsed_s, turned_rad = loop
-    limit_n_m = limits.current_a * config.torque_constant_n_m_a
+    integral_n_m = drive.loop.integral_n_m
+    limit_n_m = drive.limits.current_a * config.torque_constant_n_m_a
     reached_rad_s = target_rad_s(config, drive, dt_s)
     if abs(velocity_torque_n_m(config, drive, omega_rad_s)) > limit_n_m:
         integral_n_m -= integral_n_m * min(1.0, dt_s / config.integrator_leak_s)
     else:
         integral_n_m += config.integrator_gain_n_m * (reached_rad_s - omega_rad_s) * dt_s
-    loop = VelocityLoop(reached_rad_s, integral_n_m, elapsed_s, turned_rad)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+    return drive._replace(loop=drive.loop._replace(target_rad_s=reached_rad_s, integral_n_m=integral_n_m))
 
 
 # --- calibration -----------------------------------------------------------------------------------
@@ -408,16 +390,14 @@ def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
 @shared
 def calibrate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
     """Let `dt_s` of a calibration pass. A crank that does not follow the scan ends it with an error."""
-    axis, setpoint, limits, offset_rev, motor_degc, loop = drive
-    target, integral_n_m, before_s, turned_rad = loop
-    elapsed_s, turned_rad = before_s + dt_s, turned_rad + omega_rad_s * dt_s
-    loop = VelocityLoop(target, integral_n_m, elapsed_s, turned_rad)
+    axis, before_s = drive.axis, drive.loop.elapsed_s
+    elapsed_s, turned_rad = before_s + dt_s, drive.loop.turned_rad + omega_rad_s * dt_s
+    drive = drive._replace(loop=drive.loop._replace(elapsed_s=elapsed_s, turned_rad=turned_rad))
     turns_s = scan_begins_s(config, axis.state) + config.scan_s
     ends_s = config.motor_calibration_s if axis.state == MOTOR_CALIBRATION else turns_s + config.scan_s
     if elapsed_s >= ends_s - TIME_RESOLUTION_S:
-        axis = Axis(AXIS_IDLE, axis.errors, axis.disarm_reason, SUCCESS)
-    elif before_s < turns_s <= elapsed_s and turned_rad < 0.5 * config.scan_rad_s * config.scan_s:
+        return drive._replace(axis=axis._replace(state=AXIS_IDLE, procedure_result=SUCCESS))
+    if before_s < turns_s <= elapsed_s and turned_rad < 0.5 * config.scan_rad_s * config.scan_s:
         drive = disarm(drive, _CALIBRATION_FAILED)
-        axis, setpoint = drive.axis, drive.setpoint
-        axis = Axis(AXIS_IDLE, axis.errors, axis.disarm_reason, ENCODER_MISMATCH)
-    return DriveState(axis, setpoint, limits, offset_rev, motor_degc, loop)
+        return drive._replace(axis=drive.axis._replace(procedure_result=ENCODER_MISMATCH))
+    return drive
