@@ -29,10 +29,11 @@ from firmware_py.interface.enums import AxisState, OperatorRequest
 from firmware_py.interface.generated import packing, received, unpacking
 
 _tuple: Any = types.BaseTuple.from_types
+_with_item: Any = tuple_setitem
 
 
 def _with_value(parameters: Any, index: Any, value: Any) -> Any:
-    return tuple_setitem(parameters, index, value)
+    return _with_item(parameters, index, value)
 
 
 INSTEAD: dict[Any, Any] = {
