@@ -4,7 +4,9 @@ Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted (by Ct
 internal error, 4 usage or bad input, 5 nothing ran.
 """
 
+import functools
 import os
+import resource
 import sys
 import tempfile
 import traceback
@@ -27,14 +29,11 @@ from tools.output import (
     progress_console,
 )
 
-app = typer.Typer(
-    name="vibrohil",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
-
 LONGEST_MESSAGE = 4000
 """Characters of a refusal."""
+GIB = 2**30
+ADDRESS_SPACE_GIB = 3
+"""What the largest process of a run maps, most of it without using it."""
 
 
 def print_version(wanted: bool) -> None:
@@ -64,7 +63,7 @@ COMMANDS = {
 """The modules of the commands, in the groups of the help page."""
 
 
-def register(module: str, group: str) -> None:
+def register(app: typer.Typer, module: str, group: str) -> None:
     """Add one module's command, or its group of sub-commands, to the program."""
     commands, groups = len(app.registered_commands), len(app.registered_groups)
     import_module(f"tools.commands.{module}").register(app)
@@ -85,13 +84,7 @@ def show_example(command: CommandInfo, prefix: str) -> None:
     command.epilog = f"Example: {EXAMPLES[prefix + name]}"
 
 
-for group, modules in COMMANDS.items():
-    for module in modules:
-        register(module, group)
-
-
-@app.callback()
-def program(
+def vibrohil(
     version: Annotated[
         bool,
         typer.Option(
@@ -100,6 +93,17 @@ def program(
     ] = False,
 ) -> None:
     """Hardware-in-the-loop bench for a vibro-impact drive."""
+
+
+@functools.cache
+def program() -> typer.Typer:
+    """The program with all its commands; KernelCacheError if the kernels' folder cannot be written."""
+    app = typer.Typer(name="vibrohil", no_args_is_help=True, pretty_exceptions_enable=False)
+    app.callback()(vibrohil)
+    for group, modules in COMMANDS.items():
+        for module in modules:
+            register(app, module, group)
+    return app
 
 
 def bad_input_types() -> tuple[type[Exception], ...]:
@@ -123,6 +127,15 @@ def bad_input_types() -> tuple[type[Exception], ...]:
         *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
         *(DamagedFileError, RerunError, WorkerDiedError),
     )
+
+
+def is_bad_input(error: Exception) -> bool:
+    """Whether the input or the machine caused an error, and not a defect."""
+    from plant_sim.kernels import KernelCacheError
+
+    if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
+        return True
+    return isinstance(error, bad_input_types())
 
 
 def solver_errors() -> tuple[type[Exception], ...]:
@@ -177,12 +190,25 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
     return EXIT_INTERNAL_ERROR
 
 
+def small_address_space() -> str:
+    """A sentence about a limit of the address space that is too small for a run, or nothing."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= ADDRESS_SPACE_GIB * GIB:
+        return ""
+    return (
+        f"this process may map {limit / GIB:.1f} GiB of memory (ulimit -v), and a run maps "
+        f"{ADDRESS_SPACE_GIB} GiB; raise the limit if the run ends for lack of memory"
+    )
+
+
 def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
+    if note := small_address_space():
+        progress_console.print(f"note: {note}", markup=False)
     try:
         with ending_signals():
-            return app(arguments, standalone_mode=False) or EXIT_PASSED
+            return program()(arguments, standalone_mode=False) or EXIT_PASSED
     except (Interrupted, KeyboardInterrupt, typer.Abort) as error:
         progress_console.print(str(error) or "interrupted")
         if as_json:
@@ -190,8 +216,13 @@ def run(arguments: list[str]) -> int:
         return EXIT_INTERRUPTED
     except TyperException as error:
         return refuse(error.format_message(), as_json)
+    except MemoryError:
+        say_error(
+            "error:", f"out of memory; {small_address_space() or 'free some, or run less at once'}", as_json
+        )
+        return EXIT_INTERNAL_ERROR
     except Exception as error:
-        if isinstance(error, bad_input_types()):
+        if is_bad_input(error):
             return refuse(str(error), as_json)
         return report_internal_error(error, as_json)
 

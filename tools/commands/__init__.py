@@ -1,1 +1,1 @@
-"""One file a command of `vibrohil`; each registers itself on `tools.cli.app`."""
+"""One file a command of `vibrohil`; `tools.cli.program` asks each to register itself."""

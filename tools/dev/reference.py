@@ -31,7 +31,7 @@ from hil.scenario.scenario import (
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
-from tools.cli import app
+from tools.cli import program
 
 PLACE = Path("docs/reference")
 MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"
@@ -291,14 +291,14 @@ def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def commands() -> str:
     """Every command and its options."""
-    program: Any = typer.main.get_command(app)
+    whole: Any = typer.main.get_command(program())
     parts = [
         "Every command describes itself with `--help`. With `--json` it prints one JSON object on standard "
         "output. Exit statuses: 0 all passed, 1 a check failed, 2 interrupted (by Ctrl-C, "
         "SIGTERM or SIGHUP), 3 internal error, 4 usage or "
         "bad input, 5 nothing ran."
     ]
-    for name, command in every_command(program):
+    for name, command in every_command(whole):
         lines = []
         for option in command.params:
             if option.name == "help":

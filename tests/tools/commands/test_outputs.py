@@ -23,7 +23,7 @@ READ = {("run", "--parameters"), ("suite", "--parameters"), ("suite", "--baselin
 
 def outputs() -> list[tuple[str, str]]:
     """Every option of the program that takes a path to write to: command, option."""
-    program: Any = typer.main.get_command(cli.app)
+    program: Any = typer.main.get_command(cli.program())
     return [
         (name, option.opts[0])
         for name, command in every_command(program)

@@ -102,7 +102,7 @@ EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_every_command_and_option_that_is_shown_is_there(place, shown):
-    program = typer.main.get_command(cli.app)
+    program = typer.main.get_command(cli.program())
     for name, *words in shown:
         if name.startswith("--"):
             continue
@@ -121,7 +121,7 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
 
 
 def test_every_command_is_in_the_readme():
-    program = typer.main.get_command(cli.app)
+    program = typer.main.get_command(cli.program())
     named = {name for name, *_ in shown_on(README)}
     # The plant stands beside the firmware.
     assert named | {"plant"} == set(program.commands)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
-from tools.cli import app
+from tools.cli import program
 from tools.output import BadInputError
 from tools.study.feasibility import feasibility
 from tools.study.feasibility import page as feasibility_page
@@ -152,7 +152,7 @@ def test_the_page_says_where_all_holds_and_where_nothing_can() -> None:
 
 
 def test_an_unknown_preset_is_refused() -> None:
-    result = CliRunner().invoke(app, ["study", "feasibility", "--preset", "table2"])
+    result = CliRunner().invoke(program(), ["study", "feasibility", "--preset", "table2"])
     assert isinstance(result.exception, BadInputError)
     assert "wanted one of table1, gait, walking" in str(result.exception)
 

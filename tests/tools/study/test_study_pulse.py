@@ -13,7 +13,7 @@ from hil.scenario.scenario import read_scenario
 from plant_sim.parts.walking import Walking
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene, read_scene
-from tools.cli import app
+from tools.cli import program
 from tools.output import BadInputError
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse import gate
@@ -210,7 +210,7 @@ def test_one_turn_a_stride_needs_a_spring_for_its_cadence() -> None:
 
 
 def test_an_unknown_way_is_refused() -> None:
-    result = CliRunner().invoke(app, ["study", "pulse", "--way", "luck"])
+    result = CliRunner().invoke(program(), ["study", "pulse", "--way", "luck"])
     assert isinstance(result.exception, BadInputError)
     assert "wanted one of turn, subharmonic, gated" in str(result.exception)
 
