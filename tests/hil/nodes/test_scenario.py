@@ -81,7 +81,7 @@ RUN_COMMAND = '[[script.commands]]\nat_s = 1.0\nrequest = "run"\n'
         (
             RUN_COMMAND.replace("run", "walk"),
             [],
-            r"script.commands.0.request = 'walk' is not 'idle', 'run'.*; give what is asked for",
+            r"script.commands.0.request = 'walk' is not 'idle', 'run'.*; give the request",
         ),
         ('[[checks]]\nname = "regmie"\nequals = "impact"\n', [], r"did you mean regime"),
         ('[[checks]]\nname = "peak_force_n"\nhigh = 1.0\nunit = "kN"\n', [], r"the figure is in 'N'"),
