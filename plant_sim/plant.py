@@ -90,19 +90,16 @@ class Plant:
         self._sensors: Sensors | None = None
         self._probe: Probe = NoSensing()
         if scene.sensors is not None:
-            models = scene.sensors.models()
-            sensing = allocate_sensing(models, initial.omega_rad_s, self.parts.housing)
+            sensing = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
-            self._sensors = Sensors(models, sensing, np.random.default_rng(seed))
+            self._sensors = Sensors(scene.sensors, sensing, np.random.default_rng(seed))
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
         """The sensors that are sampled on periods of their own."""
         streams = (SAMPLED_STREAM + SAMPLED.index(type(sensor)) for sensor in self.sampled)
         self._sampled_noise = [np.random.default_rng((seed, stream)) for stream in streams]
         self._gait_sensors: GaitSensors | None = None
         if scene.sensors is not None and isinstance(self.parts.housing, Walking):
-            self._gait_sensors = GaitSensors(
-                scene.sensors.gait.model(), self.parts.housing, seed, GAIT_PERIOD_S
-            )
+            self._gait_sensors = GaitSensors(scene.sensors.gait, self.parts.housing, seed, GAIT_PERIOD_S)
         self._t_s = initial.t_s
         self._t_rest_s = 0.0
         self._torque_n_m = 0.0

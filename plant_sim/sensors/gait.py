@@ -26,7 +26,7 @@ from plant_sim.parts.walking import (
     leg_at,
     row_at,
 )
-from plant_sim.sensors.models import GaitSensorModel
+from plant_sim.tables.sensor_tables import GaitSensorsTable
 
 FULL_SHARE = 0.3
 """Of its full size: a motion that is larger loads the foot as walking does, a smaller one as standing."""
@@ -156,15 +156,15 @@ class _Switch:
 class GaitSensors:
     """IMU and switches, read together each `period_s`; a frame that drops out is None."""
 
-    def __init__(self, model: GaitSensorModel, walking: Walking, seed: int, period_s: float) -> None:
-        self._model = model
+    def __init__(self, table: GaitSensorsTable, walking: Walking, seed: int, period_s: float) -> None:
+        self._table = table
         self._walking = walking
         self._dice = np.random.default_rng((seed, GAIT_STREAM))
-        self._heel = _Switch(model.heel_threshold, model.bounce_s)
-        self._toe = _Switch(model.toe_threshold, model.bounce_s)
-        frames = max(model.dropout_s / period_s, 1.0)
+        self._heel = _Switch(table.heel_threshold, table.bounce_s)
+        self._toe = _Switch(table.toe_threshold, table.bounce_s)
+        frames = max(table.dropout_s / period_s, 1.0)
         self._ends = 1.0 / frames
-        self._begins = model.dropout_share / (1.0 - model.dropout_share) / frames
+        self._begins = table.dropout_share / (1.0 - table.dropout_share) / frames
         self._is_out = False
 
     def read(self, t_s: float) -> GaitReading | None:
@@ -173,7 +173,7 @@ class GaitSensors:
 
     def read_of(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
         """The sample at `t_s`, whose truth is known."""
-        model, dice = self._model, self._dice
+        table, dice = self._table, self._dice
         rate_noise, force_noise = dice.standard_normal(2).tolist()
         heel = self._heel.read(t_s, truth.heel_load, dice)
         toe = self._toe.read(t_s, truth.toe_load, dice)
@@ -181,13 +181,13 @@ class GaitSensors:
         if self._is_out:
             return None
         # An IMU that leans forward by τ within the sagittal plane, and is twisted about the shank.
-        tilt_rad = model.tilt_rad
+        tilt_rad = table.tilt_rad
         along_m_s2 = truth.up_m_s2 * math.cos(tilt_rad) + truth.forward_m_s2 * math.sin(tilt_rad)
         return GaitReading(
-            truth.shank_rad_s * math.cos(model.twist_rad)
-            + model.rate_bias_rad_s
-            + model.rate_noise_rad_s * rate_noise,
-            along_m_s2 + model.along_bias_m_s2 + model.along_noise_m_s2 * force_noise,
+            truth.shank_rad_s * math.cos(table.twist_rad)
+            + table.rate_bias_rad_s
+            + table.rate_noise_rad_s * rate_noise,
+            along_m_s2 + table.along_bias_m_s2 + table.along_noise_m_s2 * force_noise,
             heel,
             toe,
         )

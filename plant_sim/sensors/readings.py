@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import shared
-from plant_sim.sensors.models import AccelerometerModel, SensorModels
 from plant_sim.sensors.sensing import Sensing
+from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 TURN_RAD = 2.0 * math.pi
 NOISE_AT_ONCE = 256
@@ -47,27 +47,27 @@ class Readers(NamedTuple):
     encoder_noise_rad_s: float
 
 
-def accelerometer_reader(model: AccelerometerModel) -> AccelerometerReader:
+def accelerometer_reader(table: AccelerometerTable) -> AccelerometerReader:
     """The reader of an accelerometer of these numbers."""
     # A Butterworth of second order passes the noise of π/(2√2) f_c.
-    bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * model.bandwidth_hz
+    bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * table.bandwidth_hz
     return AccelerometerReader(
-        count_m_s2=model.count_m_s2,
-        bias=model.bias_m_s2 / model.count_m_s2,
-        noise=model.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / model.count_m_s2,
+        count_m_s2=table.count_m_s2,
+        bias=table.bias_m_s2 / table.count_m_s2,
+        noise=table.noise_m_s2_rthz * math.sqrt(bandwidth_hz) / table.count_m_s2,
         # The positive full scale of two's complement is one count short of the range.
-        most=math.ceil(model.range_m_s2 / model.count_m_s2) - 1,
+        most=math.ceil(table.range_m_s2 / table.count_m_s2) - 1,
     )
 
 
-def readers(models: SensorModels) -> Readers:
+def readers(sensors: SensorsTable) -> Readers:
     """The readers of a scene's sensors."""
     return Readers(
-        striker_low=accelerometer_reader(models.striker_low),
-        striker_high=accelerometer_reader(models.striker_high),
-        housing=accelerometer_reader(models.housing),
-        encoder_counts=models.encoder.counts,
-        encoder_noise_rad_s=models.encoder.noise_rad_s,
+        striker_low=accelerometer_reader(sensors.striker_low),
+        striker_high=accelerometer_reader(sensors.striker_high),
+        housing=accelerometer_reader(sensors.housing),
+        encoder_counts=sensors.encoder.counts,
+        encoder_noise_rad_s=sensors.encoder.noise_rad_s,
     )
 
 
@@ -94,8 +94,8 @@ def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -
 class Sensors:
     """All sensors of a module, read together."""
 
-    def __init__(self, models: SensorModels, sensing: Sensing, noise: np.random.Generator) -> None:
-        self.readers = readers(models)
+    def __init__(self, sensors: SensorsTable, sensing: Sensing, noise: np.random.Generator) -> None:
+        self.readers = readers(sensors)
         self._readings = sensing.readings
         self.noise = Noise(noise)
 

@@ -22,9 +22,9 @@ from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
-from plant_sim.sensors.models import AccelerometerModel, SensorModels
 from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
+from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 Complex = NDArray[np.complex128]
 
@@ -65,14 +65,14 @@ Probe: TypeAlias = NoSensing | Sensing
 
 
 def allocate_sensing(
-    models: SensorModels, crank_speed_rad_s: float, housing: Housing | None = None
+    sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
 ) -> Sensing:
     """Filters that have seen a striker at rest, what the housing always does, and a steady crank."""
-    poles = [_pole(models.striker_low), _pole(models.striker_high), -models.encoder.bandwidth_rad_s + 0.0j]
+    poles = [_pole(sensors.striker_low), _pole(sensors.striker_high), -sensors.encoder.bandwidth_rad_s + 0.0j]
     states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
     is_felt = isinstance(housing, Tilted | Moving | Walking)
     if isinstance(housing, Tilted | Moving | Walking):
-        poles.append(_pole(models.housing))
+        poles.append(_pole(sensors.housing))
         states.append(0.0j)
         along_m_s2 = housing_m_s2(housing, 0.0) if isinstance(housing, Walking) else housing.along_m_s2
         for which in (LOW, HIGH, HOUSING):
@@ -84,7 +84,7 @@ def allocate_sensing(
         step_s=np.zeros(1),
         power=np.zeros(DEGREE + 1),
         pulses=np.zeros((PULSES, 2)),
-        pulse_s=models.rigid_contact_s,
+        pulse_s=sensors.rigid_contact_s,
         shaken=np.zeros((2 if is_felt else 0, DEGREE + 1)),
         readings=np.zeros(HOUSING + 1),
     )
@@ -92,8 +92,8 @@ def allocate_sensing(
     return sensing
 
 
-def _pole(model: AccelerometerModel) -> complex:
-    return 2.0 * math.pi * model.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
+def _pole(table: AccelerometerTable) -> complex:
+    return 2.0 * math.pi * table.bandwidth_hz * complex(-1.0, 1.0) / math.sqrt(2.0)
 
 
 @by_part

@@ -2,7 +2,6 @@
 
 from pydantic import Field
 
-from plant_sim.sensors.models import AccelerometerModel, EncoderModel, GaitSensorModel, SensorModels
 from plant_sim.sensors.sampled import SampledTables
 from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 
@@ -16,10 +15,6 @@ class AccelerometerTable(Table):
     bias_m_s2: float = Field(description="the reading at rest in m/s²")
     # Below half the 1 kHz sample rate; 0.56 ms of delay.
     bandwidth_hz: float = Field(default=400.0, gt=0.0, description="the low-pass's corner frequency in Hz")
-
-    def model(self) -> AccelerometerModel:
-        """Plain record for the kernels."""
-        return AccelerometerModel(**self.model_dump())
 
 
 class LowRangeTable(AccelerometerTable):
@@ -69,10 +64,6 @@ class EncoderTable(Table):
     # One count is 0.38 mrad; a tracking loop of 1000 rad/s at 8 kHz leaves about this much of its rounding.
     noise_rad_s: float = Field(default=0.02, ge=0.0, description="the speed estimate's noise in rad/s, rms")
 
-    def model(self) -> EncoderModel:
-        """Plain record for the kernels."""
-        return EncoderModel(**self.model_dump())
-
 
 class GaitSensorsTable(Table):
     """[sensors.gait]: an IMU on the shank and switches under heel and toe, where the scene has a [gait]."""
@@ -108,10 +99,6 @@ class GaitSensorsTable(Table):
     dropout_share: float = Field(default=0.0, ge=0.0, lt=1.0, description="the share of frames that drop out")
     dropout_s: float = Field(default=0.02, ge=0.0, description="the mean duration of a drop-out in s")
 
-    def model(self) -> GaitSensorModel:
-        """Plain record for the sensors."""
-        return GaitSensorModel(**self.model_dump())
-
 
 class SensorsTable(SampledTables):
     """What the firmware can know."""
@@ -126,13 +113,3 @@ class SensorsTable(SampledTables):
     rigid_contact_s: float = Field(
         default=0.01, gt=0.0, description="the duration in s of the half-sine read at a rigid stop"
     )
-
-    def models(self) -> SensorModels:
-        """Plain records for the kernels."""
-        return SensorModels(
-            striker_low=self.striker_low.model(),
-            striker_high=self.striker_high.model(),
-            housing=self.housing.model(),
-            encoder=self.encoder.model(),
-            rigid_contact_s=self.rigid_contact_s,
-        )

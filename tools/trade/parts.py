@@ -121,7 +121,7 @@ def rig_of(scene: Scene) -> Rig:
     memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE)
     probe: Probe = NoSensing()
     if scene.sensors is not None:
-        probe = allocate_sensing(scene.sensors.models(), speed_rad_s, parts.housing)
+        probe = allocate_sensing(scene.sensors, speed_rad_s, parts.housing)
     kernel = entry_point(advance, parts, probe, memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)
     return Rig(parts, probe, memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
 

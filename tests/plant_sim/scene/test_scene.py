@@ -48,9 +48,8 @@ def test_defaults_of_motor_and_sensors() -> None:
     assert parts.drive.torque_constant_n_m_a * parts.drive.current_limit_a == pytest.approx(0.8)
     assert isinstance(parts.stop, HuntCrossley)
     assert scene.sensors is not None
-    models = scene.sensors.models()
-    assert models.striker_low.range_m_s2 == pytest.approx(16 * 9.80665)
-    assert models.striker_high.range_m_s2 == pytest.approx(200 * 9.80665)
+    assert scene.sensors.striker_low.range_m_s2 == pytest.approx(16 * 9.80665)
+    assert scene.sensors.striker_high.range_m_s2 == pytest.approx(200 * 9.80665)
 
 
 def test_every_part_can_be_asked_for() -> None:
