@@ -5,11 +5,12 @@ block line by line.
 """
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,25 @@ HEX_DIGITS[list(b"0123456789ABCDEF")] = range(16)
 HEX_DIGITS[list(b"abcdef")] = range(10, 16)
 
 
+class Bus(ABC):
+    """The frames of a run, in memory or on the disk."""
+
+    @abstractmethod
+    def pieces(self) -> Iterator["BusLog"]:
+        """The frames in pieces."""
+
+    @cached_property
+    def counts(self) -> "BusCounts":
+        """The number of frames in each tenth of a second."""
+        return counted(self.pieces())
+
+    def whole(self) -> "BusLog":
+        """All frames in memory."""
+        return joined_logs(self.pieces())
+
+
 @dataclass(frozen=True)
-class BusLog:
+class BusLog(Bus):
     """Frames: simulated seconds, identifiers, lengths in bytes, shapes (n,); and all their bytes in a row."""
 
     t_s: FloatArray
@@ -59,11 +77,6 @@ class BusLog:
     def payloads(self) -> tuple[bytes, ...]:
         """The bytes of each frame."""
         return tuple(self.payloads_of(np.arange(len(self.t_s))))
-
-    @cached_property
-    def counts(self) -> "BusCounts":
-        """Its frames, counted."""
-        return counted([self])
 
     def pieces(self) -> Iterator["BusLog"]:
         """It is one piece."""
@@ -125,21 +138,7 @@ def joined_logs(pieces: Iterable[BusLog]) -> BusLog:
     )
 
 
-class Bus(Protocol):
-    """The frames of a run, in memory or on the disk."""
-
-    @property
-    def counts(self) -> BusCounts:
-        """Its frames, counted."""
-
-    def pieces(self) -> Iterator[BusLog]:
-        """The frames in pieces."""
-
-    def whole(self) -> BusLog:
-        """All frames in memory."""
-
-
-class StoredBus:
+class StoredBus(Bus):
     """The frames of a candump log on the disk, read a block at a time."""
 
     def __init__(self, path: Path) -> None:
@@ -164,10 +163,6 @@ class StoredBus:
     def counts(self) -> BusCounts:
         """Its frames and lines, counted."""
         return counted(self.pieces())._replace(lines=self._lines, read_bytes=self._read_bytes)
-
-    def whole(self) -> BusLog:
-        """All frames in memory."""
-        return joined_logs(self.pieces())
 
 
 def bus_log(t_s: FloatArray, can_id: IntArray, payloads: Sequence[bytes]) -> BusLog:

@@ -4,7 +4,6 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
-from hil.record.candump import NO_BUS, BusCounts, BusLog, counted, joined_logs
+from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
 from hil.record.rates import slow_entity
 from hil.record.rerun_program import RerunError, rerun
@@ -301,7 +300,7 @@ class WithSlow:
         return self._fast[key] if key in self._fast.dtype.names else self._slow[key][self._newest]
 
 
-class LoggedBus:
+class LoggedBus(Bus):
     """The frames that a log holds, read some at a time."""
 
     def __init__(self, path: Path) -> None:
@@ -311,15 +310,6 @@ class LoggedBus:
         """The frames in pieces."""
         for block in blocks(self._path, RAW):
             yield bus_of(a_row_a_frame(block))
-
-    @cached_property
-    def counts(self) -> BusCounts:
-        """Its frames, counted."""
-        return counted(self.pieces())
-
-    def whole(self) -> BusLog:
-        """All frames in memory."""
-        return joined_logs(self.pieces())
 
 
 def documents(path: Path) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -12,6 +13,10 @@ FirmwareBuild = Annotated[
         help="The firmware's build: interpreted, compiled, in single precision, or (lockstep only) on "
         "an emulated Cortex-M7 or, in single precision, Cortex-M4F.",
     ),
+]
+ParameterFiles = Annotated[
+    list[Path] | None,
+    typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
 ]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
 Sync = Annotated[

@@ -28,7 +28,7 @@ from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench import workers
 from hil.bench.lockstep import run_lockstep
-from hil.bench.suite import PROCESSES
+from hil.bench.suite import PROCESSES, silent
 from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import read
@@ -68,10 +68,6 @@ class Beside(FirmwareNode):
         if sent != others:
             raise DifferentBytesError(f"tick {self._ticks}: python sends {sent}, compiled sends {others}")
         return super().tick(frames_in, elapsed_ticks)
-
-
-def silent(_: float, __: str) -> None:
-    """No progress is shown."""
 
 
 def decided_by_python(scenario: Scenario, seed: int) -> Decisions:

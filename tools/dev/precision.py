@@ -27,6 +27,7 @@ from firmware_py.node.tick import NodeState
 from firmware_py.shell import board_node
 from firmware_py.shell.compiled_node import CompiledNode
 from hil.bench.lockstep import in_lockstep
+from hil.bench.suite import silent
 from hil.bench.verdict import judge
 from hil.judge.decisions import Decisions, decisions_of
 from hil.judge.figures.figures import figures_from
@@ -105,10 +106,6 @@ def judged(run_dir: Path) -> tuple[bool, dict[str, bool], Decisions]:
     verdict, results = judge(traces, figures_from(traces), run_dir)
     checks = {result.name: result.passed for result in results}
     return bool(verdict["passed"]), checks, decisions_of(read(run_dir / "firmware.trace"))
-
-
-def silent(_: float, __: str) -> None:
-    """No progress is shown."""
 
 
 def distances(ours: NDArray[np.int64], others: NDArray[np.int64]) -> list[int]:

@@ -11,6 +11,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench.lockstep import in_lockstep, run_lockstep
+from hil.bench.suite import silent
 from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
@@ -74,13 +75,13 @@ def received_in(scenario: Scenario) -> Received:
             return super().tick(frames_in, elapsed_ticks)
 
     with tempfile.TemporaryDirectory() as folder:
-        run_lockstep(scenario, Path(folder), 1, _silent, make=Recorder)
+        run_lockstep(scenario, Path(folder), 1, silent, make=Recorder)
     return received
 
 
 def _run(scenario: Scenario, build: Build) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, _silent, build)
+        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent, build)
         estimate = figures_of(run_dir).estimate
         errors = [math.nan if one is None else one for one in (estimate.x_rmse_m, estimate.v_rmse_m_s)]
         return Outcome(errors[0], errors[1], decisions_of(read(run_dir / "firmware.trace")))
@@ -92,7 +93,3 @@ def _replayed_us(scenario: Scenario, build: Build, received: Received) -> float:
     for frames, elapsed_ticks in received:
         tick(frames, elapsed_ticks)
     return (time.thread_time_ns() - begun) * 1e-3 / len(received)
-
-
-def _silent(_: float, __: str) -> None:
-    pass

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.lockstep import in_lockstep
+from hil.bench.suite import silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
@@ -47,7 +48,7 @@ def _row(rate_hz: int) -> dict[str, Any]:
     warm_firmware(scenario.parameters)
     with tempfile.TemporaryDirectory() as folder:
         begun = time.thread_time_ns()
-        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, lambda fraction, doing: None)
+        run_dir, _ = in_lockstep(scenario, Path(folder) / "run", 1, silent)
         spent_us = (time.thread_time_ns() - begun) * 1e-3
         figures = figures_of(run_dir)
     results = evaluate(scenario.checks, figures.as_json())

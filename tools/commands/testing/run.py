@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles
 from tools.output import BadInputError, answer, console, exit_of, figure, figure_table
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -42,10 +42,7 @@ def run(
             "--set", help="Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE; repeatable."
         ),
     ] = None,
-    parameters: Annotated[
-        list[Path] | None,
-        typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
-    ] = None,
+    parameters: ParameterFiles = None,
     soak: Annotated[
         str | None,
         typer.Option(help="Extend the run by this time before its last command, e.g. 10m, and check memory."),

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles
 from tools.logs.changes import baseline_result, show_changes
 from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure
 from tools.outputs import folder_option
@@ -42,10 +42,7 @@ def suite(
         list[str] | None,
         typer.Option("--set", help="Change a value in every scenario, as for run; repeatable."),
     ] = None,
-    parameters: Annotated[
-        list[Path] | None,
-        typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
-    ] = None,
+    parameters: ParameterFiles = None,
     baseline: Annotated[
         str | None,
         typer.Option(help="Compare with this suite: its folder, or previous for the newest one."),
