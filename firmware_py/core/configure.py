@@ -2,10 +2,8 @@
 
 import math
 
-from firmware_py.core.control import gait, hold, speed, start
+from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.control import gait_lock as lock
-from firmware_py.core.control import spin_down as calm
-from firmware_py.core.control import stride_harmonic as therapy
 from firmware_py.core.estimation import (
     accelerometer,
     crank,
@@ -111,8 +109,8 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             readings_as_one=max(p.estimator_model_memory_s / tick_s, 1.0),
             still_m_s2=estimator_state.STILL_M_S2,
             still_ticks=_in_ticks(p.estimator_still_s, tick_s),
-            strange_sigmas=p.estimator_strange_sigmas,
-            strange_ticks=_in_ticks(p.estimator_strange_s, tick_s),
+            gate_sigmas=p.estimator_gate_sigmas,
+            gate_ticks=_in_ticks(p.estimator_gate_s, tick_s),
         ),
         stop_variance=_square(p.estimator_stop_std_m),
         measured=measured(p),
@@ -134,7 +132,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
         mass_kg=mass_kg,
         restitution=restitution,
     )
-    longest_stop_s = max(p.start_stop_s, p.calm_longest_s) if p.gait_follow > 0.0 else p.start_stop_s
+    longest_stop_s = max(p.start_stop_s, p.spin_down_longest_s) if p.gait_follow > 0.0 else p.start_stop_s
     return Config(
         tick_s=tick_s,
         drive_link=drive_link.DriveLinkConfig(
@@ -280,21 +278,21 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             largest_trim=p.gait_largest_trim,
             rate_1_s=p.gait_rate_1_s,
         ),
-        therapy=therapy.TherapyConfig(
+        stride_harmonic=stride_harmonic.StrideHarmonicConfig(
             lowest_ratio=p.gait_lowest_ratio,
             highest_ratio=p.gait_highest_ratio,
             impulse_slope_n_s=p.hold_impulse_slope_n_s,
             impulse_tolerance=p.gait_impulse_tolerance,
         ),
-        calm=calm.CalmConfig(
+        spin_down=spin_down.SpinDownConfig(
             tick_s=tick_s,
-            longest_s=p.calm_longest_s if p.gait_follow > 0.0 else 0.0,
+            longest_s=p.spin_down_longest_s if p.gait_follow > 0.0 else 0.0,
             natural_rad_s=natural_rad_s,
             amplitude_m=p.drive_amplitude_m,
             rest_length_m=p.striker_rest_length_m,
             stop_m=p.stop_position_m,
-            share=p.calm_share,
-            gain=p.calm_gain,
+            share=p.spin_down_share,
+            gain=p.spin_down_gain,
             highest_rad_s=min(1.5 * natural_rad_s, 0.97 * p.limit_speed_rad_s),
         ),
     )

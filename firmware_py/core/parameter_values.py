@@ -45,8 +45,8 @@ class Parameters(NamedTuple):
     estimator_model_memory_s: float
     estimator_still_s: float
     estimator_coarse_std_m: float
-    estimator_strange_sigmas: float
-    estimator_strange_s: float
+    estimator_gate_sigmas: float
+    estimator_gate_s: float
     detector_floor_m_s2: float
     detector_refractory_s: float
     start_lowest_ratio: float
@@ -133,9 +133,9 @@ class Parameters(NamedTuple):
     identify_memory: float
     identify_spring_step: float
     identify_friction_step: float
-    calm_longest_s: float
-    calm_share: float
-    calm_gain: float
+    spin_down_longest_s: float
+    spin_down_share: float
+    spin_down_gain: float
     bus_drive_node: float
     bus_own_node: float
 

@@ -2,10 +2,8 @@
 
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, hold, speed, start
+from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.control import gait_lock as lock
-from firmware_py.core.control import spin_down as calm
-from firmware_py.core.control import stride_harmonic as therapy
 from firmware_py.core.estimation import crank, detector, estimator_state, identify, regime
 from firmware_py.core.safety import drive_link, monitors, supervisor
 from firmware_py.interface.enums import (
@@ -34,9 +32,9 @@ class Config(NamedTuple):
     monitors: monitors.MonitorConfig
     gait: gait.GaitConfig
     lock: lock.LockConfig
-    therapy: therapy.TherapyConfig
+    stride_harmonic: stride_harmonic.StrideHarmonicConfig
     identify: identify.IdentifyConfig
-    calm: calm.CalmConfig
+    spin_down: spin_down.SpinDownConfig
 
 
 class State(NamedTuple):
@@ -54,9 +52,9 @@ class State(NamedTuple):
     drive_link: drive_link.DriveLinkState
     gait: gait.CycleState
     lock: lock.LockState
-    therapy: therapy.TherapyState
+    stride_harmonic: stride_harmonic.StrideHarmonicState
     identify: identify.IdentifyState
-    calm: calm.CalmState
+    spin_down: spin_down.SpinDownState
 
 
 class Outputs(NamedTuple):
@@ -101,9 +99,9 @@ INITIAL = State(
     drive_link=drive_link.INITIAL,
     gait=gait.INITIAL,
     lock=lock.INITIAL,
-    therapy=therapy.INITIAL,
+    stride_harmonic=stride_harmonic.INITIAL,
     identify=identify.INITIAL,
-    calm=calm.INITIAL,
+    spin_down=spin_down.INITIAL,
 )
 
 

@@ -9,10 +9,8 @@ overrun `sense` runs once for each sample that has waited, at its own time, befo
 import math
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, hold, speed, start
+from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.control import gait_lock as lock
-from firmware_py.core.control import spin_down as calm
-from firmware_py.core.control import stride_harmonic as therapy
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import Inputs
@@ -58,7 +56,7 @@ class Sensed(NamedTuple):
 
 
 def refused(
-    valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_therapy: Refusal
+    valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_stride_harmonic: Refusal
 ) -> Refusal:
     """Why a RUN is not followed, the first reason of all."""
     if not valid_ratio:
@@ -67,7 +65,7 @@ def refused(
         return Refusal.CRANK_TOO_FAST
     if by_gait != NO_REFUSAL:
         return by_gait
-    return by_hold if by_hold != NO_REFUSAL else by_therapy
+    return by_hold if by_hold != NO_REFUSAL else by_stride_harmonic
 
 
 def unsensed(state: State) -> Sensed:
@@ -173,8 +171,8 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
     follow = config.lock.follow
     valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
     valid_target = valid_ratio and not (follow and state.lock.refusal != NO_REFUSAL)
-    calms = state.supervisor.mode == STOPPING and config.calm.longest_s > 0.0
-    followed_rad_s = state.calm.target_omega_rad_s if calms else state.start.target_omega_rad_s
+    spins_down = state.supervisor.mode == STOPPING and config.spin_down.longest_s > 0.0
+    followed_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
     monitors_now, findings = monitors.step(
         config.monitors,
         state.monitors,
@@ -220,7 +218,7 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
         )
         if contact.touch_down:
             estimate = identify.towards(config.identify, identify_now, holding, estimate)
-    lock_now, therapy_now = state.lock, state.therapy
+    lock_now, stride_harmonic_now = state.lock, state.stride_harmonic
     if follow:
         lock_now = lock.step(
             config.lock,
@@ -233,12 +231,12 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
             sensed.touch_down,
             since_touch_down_s,
             n,
-            state.therapy.aim_ratio,
+            state.stride_harmonic.aim_ratio,
         )
         asked_n_s = inputs.operator.target_impulse_n_s
-        therapy_now = therapy.step(
-            config.therapy,
-            state.therapy,
+        stride_harmonic_now = stride_harmonic.step(
+            config.stride_harmonic,
+            state.stride_harmonic,
             holding,
             lock_now.harmonic,
             lock_now.base_ratio + lock_now.trim,
@@ -271,11 +269,11 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
         not follow,
         n,
     )
-    calm_now = calm.INITIAL
+    spin_down_now = spin_down.INITIAL
     target_rad_s, target_rad_s2 = start_now.target_omega_rad_s, start_now.target_acceleration_rad_s2
-    if mode == STOPPING and config.calm.longest_s > 0.0:
-        calm_now = calm.step(config.calm, state.calm, crank_now, estimate, n)
-        target_rad_s, target_rad_s2 = calm_now.target_omega_rad_s, 0.0
+    if mode == STOPPING and config.spin_down.longest_s > 0.0:
+        spin_down_now = spin_down.step(config.spin_down, state.spin_down, crank_now, estimate, n)
+        target_rad_s, target_rad_s2 = spin_down_now.target_omega_rad_s, 0.0
     if moving and inputs.drive.axis_state == CLOSED_LOOP:
         speed_now = speed.step(config.speed, state.speed, crank_now, estimate, target_rad_s, target_rad_s2, n)
     else:
@@ -299,7 +297,7 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
             mode == READY and findings.freewheel_overspeed,
             lock_now.refusal if follow else NO_REFUSAL,
             Refusal.RATIO_TOO_HIGH if lost_again else hold_now.refusal,
-            therapy_now.refusal,
+            stride_harmonic_now.refusal,
         )
     outputs = Outputs(
         mode,
@@ -335,9 +333,9 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
             drive_link_now,
             gait_now,
             lock_now,
-            therapy_now,
+            stride_harmonic_now,
             identify_now,
-            calm_now,
+            spin_down_now,
         ),
         outputs,
     )

@@ -186,7 +186,7 @@ FAULTS: tuple[FaultLine, ...] = (
     ),
     FaultLine(
         Fault.STOP_FAILED,
-        "no standstill 1 s after the nominal duration of a stop (start.stop_s, or calm.longest_s if the "
+        "no standstill 1 s after the nominal duration of a stop (start.stop_s, or spin_down.longest_s if the "
         "crank follows the gait)",
         "in STOPPING",
         Reaction.TORQUE_OFF,

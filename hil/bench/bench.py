@@ -219,7 +219,7 @@ class ProcessesRun:
             operator_bus = addressed(join(self.provided.address, accept=()), places)
             stack.callback(operator_bus.close)
             pace = Pace(self.scenario.period_s, self.scenario.duration_s)
-            faulty_bus, tell_bus = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)
+            faulty_bus, set_time = with_faults(operator_bus, "operator", self.scenario.faults, self.seed)
             operator = OperatorRunner(self.scenario.commands, pace, faulty_bus, self.run_dir)
             stack.callback(operator.close)
             settle_garbage()
@@ -234,7 +234,7 @@ class ProcessesRun:
                 if name not in later:
                     child.start(self.start_of(name, t0_ns))
             try:
-                self.attend(operator, tell_bus, t0_ns)
+                self.attend(operator, set_time, t0_ns)
                 if not self.outcome.reasons:
                     self.await_ends()
             finally:
@@ -297,15 +297,15 @@ class ProcessesRun:
                 allowed[name] = json.loads(said)
         run_folder.note(self.run_dir, realtime=allowed)
 
-    def attend(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
+    def attend(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
         """Play the operator to the end of the script, or until some time after a child has died."""
         with nullcontext() if self.patient else fixed_priority(OPERATOR_PRIORITY):
             try:
-                self.play(operator, tell_bus, t0_ns)
+                self.play(operator, set_time, t0_ns)
             finally:
                 self.clock.leave()
 
-    def play(self, operator: OperatorRunner, tell_bus: Callable[[float], None], t0_ns: int) -> None:
+    def play(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
         """The operator's loop, with a look at the others now and then."""
         period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
         loop = FixedRateLoop(self.clock, t0_ns, period_ns)
@@ -329,7 +329,7 @@ class ProcessesRun:
                 first_tick = round(restarts[0].start_s / self.scenario.period_s)
                 self.restart(again_name(restarts[0].process), t0_ns, first_tick)
                 del restarts[0]
-            tell_bus(t_s)
+            set_time(t_s)
             operator.step(period)
             if period >= min(next_look, last_period):
                 next_look = period + PERIODS_A_LOOK

@@ -16,7 +16,7 @@ from firmware_py.shell.builds import NATIVE, Build, node_of
 from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
-from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, BusAtOnce, LockstepBus
+from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, IdealBus, LockstepBus
 from hil.bench.soak import SETTLED_SHARE, MemoryWatch
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessNode
@@ -55,14 +55,14 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
     `make` makes another firmware node than that of `build`, such as one that measures. Gives the number of
     records for which the disk had no room.
     """
-    bus: LockstepBus = BusAtOnce() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
+    bus: LockstepBus = IdealBus() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
     pace = Pace(scenario.period_s, scenario.duration_s, is_timed=False)
     faults = scenario.faults
     at_nodes = bus.break_by(faults)
     to_plant = bus.join(PLANT)
-    plant_bus, tell_plant_bus = with_faults(to_plant, PLANT, at_nodes, seed)
-    firmware_bus, tell_firmware_bus = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
-    operator_bus, tell_operator_bus = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
+    plant_bus, set_plant_time = with_faults(to_plant, PLANT, at_nodes, seed)
+    firmware_bus, set_firmware_time = with_faults(bus.join(FIRMWARE), FIRMWARE, at_nodes, seed)
+    operator_bus, set_operator_time = with_faults(bus.join(OPERATOR), OPERATOR, at_nodes, seed)
     plant_node = PlantRunner(scenario.scene, seed, pace, plant_bus, run_dir, faults)
     plant = in_turns(plant_node, PLANT, faults, pace.period_s, seed)
     walks = scenario.scene.gait is not None
@@ -105,12 +105,12 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
             t_ns = tick * period_ns
             t_s = tick * scenario.period_s
             if processes.runs(PLANT, t_s):
-                tell_plant_bus(t_s)
+                set_plant_time(t_s)
                 plant.step(tick, tick - plant_tick)
                 plant.record(tick, UNTIMED)
                 plant_tick = tick
             while operator_period * OPERATOR_PERIOD_S <= t_s + TIME_RESOLUTION_S:
-                tell_operator_bus(operator_period * OPERATOR_PERIOD_S)
+                set_operator_time(operator_period * OPERATOR_PERIOD_S)
                 operator.step(operator_period)
                 operator_period += 1
             for logged_ns, frames in bus.pass_time(t_ns, t_ns + period_ns // 2):
@@ -118,7 +118,7 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
 
             if processes.runs(FIRMWARE, t_s):
                 started_ns = now_ns()
-                tell_firmware_bus(t_s)
+                set_firmware_time(t_s)
                 firmware.step(tick, tick - firmware_tick)
                 work_us = (now_ns() - started_ns) * 1e-3
                 firmware.record(tick, LoopTiming(0, 0.0, work_us, 0))

@@ -43,7 +43,7 @@ class LockstepBus(Protocol):
         """The run is over."""
 
 
-class BusAtOnce:
+class IdealBus:
     """An ideal bus: frames arrive without delay."""
 
     def __init__(self) -> None:

@@ -73,11 +73,11 @@ class NodeProcess(NamedTuple):
         if self.out_dir is not None:
             self.out_dir.mkdir(parents=True, exist_ok=True)
         with joined(self.bus, accept, places) as node_bus:
-            faulty_bus, tell_bus = with_faults(node_bus, name, faults, self.seed)
+            faulty_bus, set_time = with_faults(node_bus, name, faults, self.seed)
             runner = make(pace, faulty_bus, start.first_tick)
             clock_faults = ClockFaults(faults, name, self.seed)
             begin = start if self.again else await_start(self.sync)
-            run_loop(runner, pace, offset, node_bus, begin, tell_bus, clock_faults, self.sync)
+            run_loop(runner, pace, offset, node_bus, begin, set_time, clock_faults, self.sync)
         if self.out_dir is not None and not self.sync:
             bring_home(self.out_dir)
 

@@ -19,7 +19,7 @@ from hil.record.traces.stored_trace import Columns, Records
 SLOW_TICKS = 10
 SLOW_BLOCKS = (
     "firmware.counters",
-    "firmware.state.calm",
+    "firmware.state.spin_down",
     "firmware.state.crank.disturbance_rad_s2",
     "firmware.state.crank.innovation_rad",
     "firmware.state.drive_link",
@@ -42,7 +42,7 @@ SLOW_BLOCKS = (
     "firmware.state.speed",
     "firmware.state.start",
     "firmware.state.supervisor",
-    "firmware.state.therapy",
+    "firmware.state.stride_harmonic",
     "plant.ankle_j",
     "plant.current_a",
     "plant.drive_work_j",

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from firmware_py.interface.codec import CODECS
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import SetInputTorque
-from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAtOnce
+from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, IdealBus
 from hil.bus.base import NodeBus
 from hil.nodes.runners import FirmwareRunner, Pace, PlantRunner
 from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Request
@@ -112,7 +112,7 @@ def measure_loop(
     phases = np.pi * np.arange(len(lines)) ** 2 / len(lines)
     push = amplitude_n_m * np.sum(np.cos(2.0 * np.pi * np.outer(t_s / window_s, lines) + phases), axis=1)
     push[: first // 2] = 0.0
-    bus = BusAtOnce()
+    bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
     plant = PlantRunner(scene, seed, pace, pushed, None)
     firmware = FirmwareRunner(parameters, pace, bus.join(FIRMWARE), None)

@@ -30,7 +30,7 @@ PARK_GAIN = 1.5
 """Gain over ω: the crank reaches the dead centre within half a swing and hardly excites the striker."""
 
 
-class CalmStage(IntEnum):
+class SpinDownStage(IntEnum):
     """The stage of a stop."""
 
     OFF = 0
@@ -38,7 +38,7 @@ class CalmStage(IntEnum):
     PARK = 2
 
 
-class CalmConfig(NamedTuple):
+class SpinDownConfig(NamedTuple):
     """`longest_s`: longest braking (0: the S-curve alone). `share`: a swing's share of the way to the stop.
 
     `gain` is g.
@@ -55,40 +55,46 @@ class CalmConfig(NamedTuple):
     highest_rad_s: float
 
 
-class CalmState(NamedTuple):
+class SpinDownState(NamedTuple):
     """`swing_m` is the striker's amplitude about where it will rest.
 
     `highest_rad_s` is the crank's speed when the stop began, which no target of the stop exceeds.
     """
 
-    stage: CalmStage
+    stage: SpinDownStage
     highest_rad_s: float
     since_s: float
     swing_m: float
     target_omega_rad_s: float
 
 
-INITIAL = CalmState(stage=CalmStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0)
+INITIAL = SpinDownState(
+    stage=SpinDownStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0
+)
 
 
 def step(
-    config: CalmConfig, state: CalmState, crank: CrankState, estimate: EstimatorState, elapsed_ticks: int
-) -> CalmState:
+    config: SpinDownConfig,
+    state: SpinDownState,
+    crank: CrankState,
+    estimate: EstimatorState,
+    elapsed_ticks: int,
+) -> SpinDownState:
     """One tick of a stop: the crank's target speed."""
     natural_rad_s = config.natural_rad_s
     highest_rad_s = state.highest_rad_s
-    if state.stage == CalmStage.OFF:
+    if state.stage == SpinDownStage.OFF:
         highest_rad_s = clamp(at_least(crank.omega_rad_s, 0.0), config.highest_rad_s)
     away_m, lag_m = estimate.x_m - config.rest_length_m, estimate.v_m_s / natural_rad_s
     swing_m = math.sqrt((away_m + config.amplitude_m) * (away_m + config.amplitude_m) + lag_m * lag_m)
     since_s = state.since_s + elapsed_ticks * config.tick_s
     reach_m = config.stop_m - config.rest_length_m + config.amplitude_m
     swings = swing_m > config.share * reach_m and since_s < config.longest_s  # what is no number does not
-    stage = CalmStage.BRAKE if swings and state.stage != CalmStage.PARK else CalmStage.PARK
-    if stage == CalmStage.BRAKE:
+    stage = SpinDownStage.BRAKE if swings and state.stage != SpinDownStage.PARK else SpinDownStage.PARK
+    if stage == SpinDownStage.BRAKE:
         error_rad = wrap_pi(atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD
         wanted_rad_s = at_least(natural_rad_s * (1.0 + config.gain * error_rad), 0.0)
     else:
         error_rad = wrap_pi(-0.5 * math.pi - crank.angle_rad)
         wanted_rad_s = clamp(natural_rad_s * PARK_GAIN * error_rad, natural_rad_s)
-    return CalmState(stage, highest_rad_s, since_s, swing_m, clamp(wanted_rad_s, highest_rad_s))
+    return SpinDownState(stage, highest_rad_s, since_s, swing_m, clamp(wanted_rad_s, highest_rad_s))

@@ -22,7 +22,7 @@ LARGEST_ERROR = 2.0
 """Largest error of the parameter J', as a factor; a secant beyond it comes from a changed walk."""
 
 
-class TherapyConfig(NamedTuple):
+class StrideHarmonicConfig(NamedTuple):
     """Ratios refer to the nominal ω; `impulse_slope_n_s` is J', per unit of r."""
 
     lowest_ratio: float
@@ -31,7 +31,7 @@ class TherapyConfig(NamedTuple):
     impulse_tolerance: float
 
 
-class TherapyState(NamedTuple):
+class StrideHarmonicState(NamedTuple):
     """`turns` of the crank with the present `harmonic`, and their means; `left_…`: means of the last one."""
 
     harmonic: int
@@ -44,7 +44,7 @@ class TherapyState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = TherapyState(
+INITIAL = StrideHarmonicState(
     harmonic=0,
     turns=0,
     ratio=0.0,
@@ -57,12 +57,12 @@ INITIAL = TherapyState(
 """An `aim_ratio` of 0 means the region's centre."""
 
 
-def known(state: TherapyState) -> bool:
+def known(state: StrideHarmonicState) -> bool:
     """Whether the means are complete."""
     return state.harmonic > 0 and state.turns >= (SETTLING + MEAN) * state.harmonic
 
 
-def slope_n_s(config: TherapyConfig, state: TherapyState) -> float:
+def slope_n_s(config: StrideHarmonicConfig, state: StrideHarmonicState) -> float:
     """J': the secant of two n, within the bounds of the parameter's error."""
     nominal_n_s = config.impulse_slope_n_s
     change = state.ratio - state.left_ratio
@@ -72,7 +72,7 @@ def slope_n_s(config: TherapyConfig, state: TherapyState) -> float:
     return min(max(secant_n_s, nominal_n_s / LARGEST_ERROR), nominal_n_s * LARGEST_ERROR)
 
 
-def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> Refusal:
+def unmet(config: StrideHarmonicConfig, state: StrideHarmonicState, target_impulse_n_s: float) -> Refusal:
     """The refusal if the impacts miss the request after enough strides."""
     if state.turns < TELLING * state.harmonic:
         return NO_REFUSAL
@@ -82,7 +82,9 @@ def unmet(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float)
     return Refusal.IMPULSE_TOO_HIGH if miss_n_s < 0.0 else Refusal.IMPULSE_TOO_LOW
 
 
-def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float) -> TherapyState:
+def aimed(
+    config: StrideHarmonicConfig, state: StrideHarmonicState, target_impulse_n_s: float
+) -> StrideHarmonicState:
     """The state with r* and the refusal."""
     aim_ratio = state.ratio + (target_impulse_n_s - state.impulse_n_s) / slope_n_s(config, state)
     return state._replace(
@@ -92,15 +94,15 @@ def aimed(config: TherapyConfig, state: TherapyState, target_impulse_n_s: float)
 
 
 def step(
-    config: TherapyConfig,
-    state: TherapyState,
+    config: StrideHarmonicConfig,
+    state: StrideHarmonicState,
     holding: bool,
     harmonic: int,
     ratio: float,
     target_impulse_n_s: float,
     regime: RegimeState,
     impact_n_s: float,
-) -> TherapyState:
+) -> StrideHarmonicState:
     """One tick. `ratio`: the crank's; `impact_n_s`: the last impact's impulse; target 0: no request."""
     if not holding or harmonic == 0:
         return INITIAL
@@ -117,7 +119,7 @@ def step(
         mean_ratio += share * (ratio - mean_ratio)
         impulse_n_s += share * (impact_n_s - impulse_n_s)
     asks = target_impulse_n_s > 0.0
-    now = TherapyState(
+    now = StrideHarmonicState(
         harmonic,
         turns,
         mean_ratio,

@@ -228,7 +228,7 @@ def correct(
     by_model = contact.settled and predicted.started and predicted.sensor.missed_ticks == 0
     model_variance = predicted.model_variance
     still_ticks = _still_ticks(config, state.still_ticks, predicted, elapsed_ticks) if by_model else 0
-    strange_ticks = _strange_ticks(config, state.strange_ticks, predicted, elapsed_ticks)
+    gated_ticks = _gated_ticks(config, state.gated_ticks, predicted, elapsed_ticks)
     sure = estimate.p.xx < DOUBT_VARIANCE
     if contact.touch_down or (contact.separation and contact.measured and sure):
         # Since then it has moved on by about v · age.
@@ -255,7 +255,7 @@ def correct(
         # In a gap the first step was Newton's.
         if sure and not contact.measured and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
             estimate = newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
-    elif by_model and not 0 < strange_ticks <= config.noise.strange_ticks:
+    elif by_model and not 0 < gated_ticks <= config.noise.gate_ticks:
         of_state_m_s2 = predicted.of_state_m_s2
         waits = 1 if 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)) < STILL_M_S else LONGEST_SLIDE
         stuck = still_ticks > waits * config.noise.still_ticks
@@ -298,7 +298,7 @@ def correct(
         predicted.nis if by_model else 0.0,
         model_variance,
         still_ticks,
-        strange_ticks,
+        gated_ticks,
         predicted.sensor,
         touch_down,
         predicted.started,
@@ -399,16 +399,14 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
     return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 
 
-def _strange_ticks(
-    config: EstimatorConfig, strange_ticks: int, predicted: Prediction, elapsed_ticks: int
-) -> int:
+def _gated_ticks(config: EstimatorConfig, gated_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
     """For how long the innovation has been beyond what the model may be off by.
 
     Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
     again where that lasts, as the estimate is lost then.
     """
-    if abs(predicted.innovation_m_s2) <= config.noise.strange_sigmas * predicted.innovation_std_m_s2:
+    if abs(predicted.innovation_m_s2) <= config.noise.gate_sigmas * predicted.innovation_std_m_s2:
         return 0
     if elapsed_ticks > 1:  # in what was skipped an impact may be missing: lost at once, unless it still lasts
         return 1 if is_of_the_stop(config.striker, predicted.sensor.acceleration_m_s2) else NEVER_TICKS
-    return min(strange_ticks + 1, NEVER_TICKS)
+    return min(gated_ticks + 1, NEVER_TICKS)

@@ -59,8 +59,8 @@ class AdaptiveNoise(NamedTuple):
     readings_as_one: float
     still_m_s2: float
     still_ticks: int
-    strange_sigmas: float
-    strange_ticks: int
+    gate_sigmas: float
+    gate_ticks: int
 
 
 class EstimatorConfig(NamedTuple):
@@ -103,7 +103,7 @@ class EstimatorState(NamedTuple):
     `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
     the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
     of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker,
-    `strange_ticks` for how long the innovation has been none that the model can have. `spring_share` and
+    `gated_ticks` for how long the innovation has been none that the model can have. `spring_share` and
     `friction_share` are by how much the model's exceed their nominal values (`identify`).
     """
 
@@ -122,7 +122,7 @@ class EstimatorState(NamedTuple):
     nis: float
     model_variance: float
     still_ticks: int
-    strange_ticks: int
+    gated_ticks: int
     sensor: SensorState
     touch_down: StateEstimate
     started: bool
@@ -184,7 +184,7 @@ INITIAL = EstimatorState(
     nis=0.0,
     model_variance=0.0,
     still_ticks=0,
-    strange_ticks=0,
+    gated_ticks=0,
     sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
     touch_down=_NO_ESTIMATE,
     started=False,

@@ -397,9 +397,9 @@ def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_ski
         of_state_m_s2=0.0,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
-    assert estimator._strange_ticks(config, 7, usual, 1) == 0
-    assert estimator._strange_ticks(config, 7, pushed, 1) == 8
-    assert estimator._strange_ticks(config, 0, pushed, 3) > config.noise.strange_ticks
-    assert estimator._strange_ticks(config, NEVER_TICKS, pushed, 1) == NEVER_TICKS
+    assert estimator._gated_ticks(config, 7, usual, 1) == 0
+    assert estimator._gated_ticks(config, 7, pushed, 1) == 8
+    assert estimator._gated_ticks(config, 0, pushed, 3) > config.noise.gate_ticks
+    assert estimator._gated_ticks(config, NEVER_TICKS, pushed, 1) == NEVER_TICKS
     by_the_stop = pushed._replace(sensor=pushed.sensor._replace(acceleration_m_s2=-50.0))
-    assert estimator._strange_ticks(config, 0, by_the_stop, 30) == 1
+    assert estimator._gated_ticks(config, 0, by_the_stop, 30) == 1

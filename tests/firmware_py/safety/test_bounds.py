@@ -6,8 +6,7 @@ from collections.abc import Callable
 import pytest
 from closed_loop import Bench
 
-from firmware_py.core.control import spin_down as calm
-from firmware_py.core.control import start
+from firmware_py.core.control import spin_down, start
 from firmware_py.core.control.start import StartState
 from firmware_py.core.estimation import crank, estimator_state, regime
 from firmware_py.interface import codec
@@ -197,8 +196,8 @@ def test_a_stop_begins_at_the_crank_s_speed_where_that_lags_behind_its_target() 
 
 @pytest.mark.parametrize("omega_rad_s", [-3.0, 0.0, 2.0, 9.0, 12.0])
 def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s: float) -> None:
-    config = config_from({"gait.follow": 1}).calm
-    state = calm.INITIAL
+    config = config_from({"gait.follow": 1}).spin_down
+    state = spin_down.INITIAL
     for tick in range(4000):
         # A striker that swings far ahead of the crank asks for the highest speed.
         swing = estimator_state.INITIAL._replace(
@@ -206,5 +205,5 @@ def test_no_target_of_a_walk_s_stop_is_above_the_speed_it_began_with(omega_rad_s
         )
         speed_rad_s = omega_rad_s if tick == 0 else state.target_omega_rad_s
         turning_crank = crank.INITIAL._replace(angle_rad=0.005 * tick % math.tau, omega_rad_s=speed_rad_s)
-        state = calm.step(config, state, turning_crank, swing, 1)
+        state = spin_down.step(config, state, turning_crank, swing, 1)
         assert abs(state.target_omega_rad_s) <= max(omega_rad_s, 0.0)

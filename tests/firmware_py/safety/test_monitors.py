@@ -351,7 +351,12 @@ def test_an_acceleration_that_no_torque_explains() -> None:
 
 @pytest.mark.parametrize(
     ("parameters", "longest_ticks"),
-    [({}, 2000), ({"start.stop_s": 2.5}, 3500), ({"gait.follow": 1}, 3000), ({"calm.longest_s": 5.0}, 2000)],
+    [
+        ({}, 2000),
+        ({"start.stop_s": 2.5}, 3500),
+        ({"gait.follow": 1}, 3000),
+        ({"spin_down.longest_s": 5.0}, 2000),
+    ],
 )
 def test_a_stop_has_its_time(parameters: dict[str, float], longest_ticks: int) -> None:
     config = config_from(parameters).monitors

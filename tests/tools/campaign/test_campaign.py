@@ -293,7 +293,11 @@ def test_the_cells_of_a_walk_are_modules_and_courses() -> None:
 
 
 def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
-    settings = ["campaign.presets='table1'", "campaign.courses=['stop', 'change']", "firmware.calm.gain=2.0"]
+    settings = [
+        "campaign.presets='table1'",
+        "campaign.courses=['stop', 'change']",
+        "firmware.spin_down.gain=2.0",
+    ]
     cells, _ = walk_cells(walk_table(), settings)
     assert [cell.name for cell in cells] == ["table1 stop", "table1 change"]
     assert cells[0].firmware["calm"]["gain"] == 2.0

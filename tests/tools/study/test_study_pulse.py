@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control import spin_down
 from firmware_py.shell.parameters import config_from
 from hil.scenario.scenario import read_scenario
 from plant_sim.parts.walking import Walking
@@ -64,7 +64,7 @@ def test_pumping_is_the_mirror_of_braking(psi: float) -> None:
     striker = (L0 + swing_m * math.cos(psi), -swing_m * OMEGA * math.sin(psi))
     assert gate._pumping(GATE, 1.0, psi + math.pi, striker) == pytest.approx(OMEGA)
     behind = gate._pumping(GATE, 1.0, psi + math.pi - 0.1, striker)
-    assert behind == pytest.approx(OMEGA * (1.0 + 0.1 * CONFIG.calm.gain))
+    assert behind == pytest.approx(OMEGA * (1.0 + 0.1 * CONFIG.spin_down.gain))
     power = [A * math.sin(theta) * striker[1] for theta in (psi + math.pi, psi)]
     assert power[0] == pytest.approx(-power[1])
     assert power[0] > 0.0
@@ -123,7 +123,7 @@ def test_the_brake_is_the_firmwares_own() -> None:
     striker = (L0 + 0.02, -0.4)
     after = gate.step(GATE, state, (0.6, 1.0, 1.0), 1.0, striker, False)
     assert after.stage == Stage.BRAKE
-    assert after.braking.stage == calm.CalmStage.BRAKE
+    assert after.braking.stage == spin_down.SpinDownStage.BRAKE
     assert after.target_rad_s == after.braking.target_omega_rad_s
 
 

@@ -19,7 +19,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_py.core.control import spin_down as calm
+from firmware_py.core.control import spin_down
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.numbers import clamp, wrap_pi
 
@@ -42,7 +42,7 @@ class Gate(NamedTuple):
     that swing will be `ahead_rad` later.
     """
 
-    braking: calm.CalmConfig
+    braking: spin_down.SpinDownConfig
     lowest_confidence: float
     lead_gain: float = 0.3
     swinging: float = 1.5
@@ -60,7 +60,7 @@ class GateState(NamedTuple):
     armed: bool
     since_s: float
     lead_s: float
-    braking: calm.CalmState
+    braking: spin_down.SpinDownState
     target_rad_s: float
 
 
@@ -82,7 +82,7 @@ def initial(gate: Gate) -> GateState:
     nominal = gate.braking
     gap_m = nominal.stop_m - nominal.rest_length_m
     lead_s = impact_at_rad(gap_m / nominal.amplitude_m) / nominal.natural_rad_s
-    return GateState(Stage.REST, True, 0.0, lead_s, calm.INITIAL, 0.0)
+    return GateState(Stage.REST, True, 0.0, lead_s, spin_down.INITIAL, 0.0)
 
 
 def step(
@@ -104,9 +104,9 @@ def step(
     )
     if touch_down and stage == Stage.PUMP:
         lead_s += gate.lead_gain * stride_s * _from_middle(phase)
-        stage, braking = Stage.BRAKE, calm.INITIAL
+        stage, braking = Stage.BRAKE, spin_down.INITIAL
     elif stage == Stage.PUMP and since_s > 2.0 * lead_s:
-        stage, braking = Stage.BRAKE, calm.INITIAL
+        stage, braking = Stage.BRAKE, spin_down.INITIAL
 
     late = (phase - WINDOW_MIDDLE + lead_s / stride_s) % 1.0
     armed = state.armed or late > 0.5
@@ -116,14 +116,14 @@ def step(
     if stage == Stage.PUMP:
         target_rad_s = _pumping(gate, since_s, crank_rad, striker)
     else:
-        braking = calm.step(
+        braking = spin_down.step(
             nominal,
             braking,
             crank.INITIAL._replace(angle_rad=crank_rad),
             estimator_state.INITIAL._replace(x_m=striker[0], v_m_s=striker[1]),
             1,
         )
-        stage = Stage.BRAKE if braking.stage == calm.CalmStage.BRAKE else Stage.REST
+        stage = Stage.BRAKE if braking.stage == spin_down.SpinDownStage.BRAKE else Stage.REST
         target_rad_s = braking.target_omega_rad_s
         if stage == Stage.REST:
             target_rad_s = _resting(gate, crank_rad, striker)

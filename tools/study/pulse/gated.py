@@ -48,11 +48,11 @@ def drawn_scene(module: str, stride_hz: float, walker: int) -> Scene:
 def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + JUDGED + 2) -> Walked:
     """A walk under the gate, a tick at a time."""
     config = config_from(read_scenario(SCENES[module][1])["firmware"])
-    gate = Gate(config.calm, config.lock.lowest_confidence)
+    gate = Gate(config.spin_down, config.lock.lowest_confidence)
     plant = Plant(drawn_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
     walking = plant.parts.housing
     assert isinstance(walking, Walking)
-    nominal = config.calm
+    nominal = config.spin_down
     spring_n_m = 0.8 * nominal.natural_rad_s**2
     off_m = POSITION_ERROR_M * float(np.random.default_rng([DEFAULT_SEED, walker, 4]).standard_normal())
     cycle, state = gait.INITIAL, initial(gate)

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from firmware_py.core.control import spin_down as calm
-from firmware_py.core.control.spin_down import CalmStage
+from firmware_py.core.control import spin_down
+from firmware_py.core.control.spin_down import SpinDownStage
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.shell.parameters import config_from
 
-CONFIG = config_from({"gait": {"follow": 1.0}}).calm
+CONFIG = config_from({"gait": {"follow": 1.0}}).spin_down
 MASS_KG, DAMPING_N_S_M = 0.8, 0.2
 REST_M = CONFIG.rest_length_m
 TURNING = crank.INITIAL._replace(omega_rad_s=1.2 * CONFIG.natural_rad_s)
@@ -18,9 +18,9 @@ TURNING = crank.INITIAL._replace(omega_rad_s=1.2 * CONFIG.natural_rad_s)
 
 def stopped(x_m: float, v_m_s: float, angle_rad: float, most_s: float = 3.0) -> list[tuple[float, ...]]:
     """A free striker and a crank that has every speed at once: (x, swing, angle, speed) tick by tick."""
-    state, rows = calm.INITIAL, []
+    state, rows = spin_down.INITIAL, []
     for _ in range(round(most_s / CONFIG.tick_s)):
-        state = calm.step(
+        state = spin_down.step(
             CONFIG,
             state,
             TURNING._replace(angle_rad=angle_rad),
@@ -41,14 +41,14 @@ def test_after_a_impact_the_striker_does_not_come_back_to_the_stop(angle_deg: in
     rows = stopped(CONFIG.stop_m, v_m_s, math.radians(angle_deg))
     later = rows[round(0.3 / CONFIG.tick_s) :]
     assert max(row[0] for row in later) < CONFIG.stop_m
-    assert later[-1][4] == CalmStage.PARK
+    assert later[-1][4] == SpinDownStage.PARK
 
 
 def test_braking_takes_as_much_as_the_piston_s_pull_can() -> None:
     """P = c A R ω sin² ψ, π c A R in a swing: what a crank in step takes until the share is reached."""
     rows = stopped(REST_M - 0.09, 0.0, math.pi)
     reach_m = CONFIG.stop_m - REST_M + CONFIG.amplitude_m
-    braked = [row for row in rows if row[4] == CalmStage.BRAKE]
+    braked = [row for row in rows if row[4] == SpinDownStage.BRAKE]
     assert braked[-1][1] == pytest.approx(CONFIG.share * reach_m, abs=1e-3)
     swings = len(braked) * CONFIG.tick_s * CONFIG.natural_rad_s / (2.0 * math.pi)
     assert swings < 1.0
@@ -62,21 +62,21 @@ def test_the_crank_comes_to_rest_at_its_backward_dead_centre() -> None:
 
 
 def test_braking_ends_whatever_the_striker_does() -> None:
-    state = calm.INITIAL
+    state = spin_down.INITIAL
     far = estimator_state.INITIAL._replace(x_m=CONFIG.stop_m, v_m_s=2.0)
     stages = []
     for _ in range(round(1.1 * CONFIG.longest_s / CONFIG.tick_s)):
-        state = calm.step(CONFIG, state, crank.INITIAL, far, 1)
+        state = spin_down.step(CONFIG, state, crank.INITIAL, far, 1)
         stages.append(state.stage)
-    assert stages[0] == CalmStage.BRAKE
-    assert stages.index(CalmStage.PARK) * CONFIG.tick_s == pytest.approx(CONFIG.longest_s, abs=0.01)
-    assert CalmStage.BRAKE not in stages[stages.index(CalmStage.PARK) :]
+    assert stages[0] == SpinDownStage.BRAKE
+    assert stages.index(SpinDownStage.PARK) * CONFIG.tick_s == pytest.approx(CONFIG.longest_s, abs=0.01)
+    assert SpinDownStage.BRAKE not in stages[stages.index(SpinDownStage.PARK) :]
 
 
 def test_an_estimate_that_is_no_number_parks_the_crank() -> None:
     lost = estimator_state.INITIAL._replace(x_m=math.nan, v_m_s=math.nan)
-    state = calm.step(CONFIG, calm.INITIAL, crank.INITIAL, lost, 1)
-    assert state.stage == CalmStage.PARK
+    state = spin_down.step(CONFIG, spin_down.INITIAL, crank.INITIAL, lost, 1)
+    assert state.stage == SpinDownStage.PARK
     assert abs(state.target_omega_rad_s) <= CONFIG.natural_rad_s
 
 
@@ -84,9 +84,9 @@ def test_speeds_stay_below_the_limit() -> None:
     for x_m in (REST_M - 0.1, REST_M, CONFIG.stop_m):
         for v_m_s in (-1.0, 0.0, 1.0):
             for degree in range(0, 360, 10):
-                state = calm.step(
+                state = spin_down.step(
                     CONFIG,
-                    calm.INITIAL,
+                    spin_down.INITIAL,
                     TURNING._replace(angle_rad=math.radians(degree)),
                     estimator_state.INITIAL._replace(x_m=x_m, v_m_s=v_m_s),
                     1,
@@ -95,5 +95,5 @@ def test_speeds_stay_below_the_limit() -> None:
 
 
 def test_only_where_a_gait_is_followed() -> None:
-    assert config_from({}).calm.longest_s == 0.0
+    assert config_from({}).spin_down.longest_s == 0.0
     assert CONFIG.longest_s == 2.0

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from firmware_py.core.control import gait_lock as lock
-from firmware_py.core.control import stride_harmonic as therapy
-from firmware_py.core.control.stride_harmonic import TherapyState
+from firmware_py.core.control import stride_harmonic
+from firmware_py.core.control.stride_harmonic import StrideHarmonicState
 from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.core.estimation.regime import Period, RegimeState
 from firmware_py.interface.enums import Refusal
@@ -16,7 +16,7 @@ from firmware_py.shell.parameters import config_from
 WHOLE = config_from(
     {"gait.follow": 1, "gait.lowest_ratio": 0.98, "gait.centre_ratio": 1.14, "hold.impulse_slope_n_s": 2.0}
 )
-CONFIG, LOCK = WHOLE.therapy, WHOLE.lock
+CONFIG, LOCK = WHOLE.stride_harmonic, WHOLE.lock
 TURN_ENDED = NO_REGIME._replace(ended=True, last=Period(1, 0.6, 0.5, 30.0))
 STRIDE_S = 20.0 * math.pi / LOCK.natural_rad_s
 """A tenth of r for each turn a stride: ten of them are r = 1."""
@@ -29,15 +29,17 @@ def linear(slope_n_s: float) -> Impact:
     return lambda ratio: 0.8 + slope_n_s * (ratio - 1.1)
 
 
-def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[TherapyState, list[int]]:
+def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[StrideHarmonicState, list[int]]:
     """What comes of `turns` of the crank, each with one impact; and all turns a stride that were taken."""
-    state, taken = therapy.INITIAL, [11]
+    state, taken = stride_harmonic.INITIAL, [11]
     for _ in range(turns):
         harmonic = lock.chosen(LOCK, STRIDE_S, taken[-1], state.aim_ratio)
         if harmonic != taken[-1]:
             taken.append(harmonic)
         ratio = 0.1 * harmonic
-        state = therapy.step(CONFIG, state, True, harmonic, ratio, target_n_s, TURN_ENDED, impact(ratio))
+        state = stride_harmonic.step(
+            CONFIG, state, True, harmonic, ratio, target_n_s, TURN_ENDED, impact(ratio)
+        )
     return state, taken
 
 
@@ -89,11 +91,13 @@ def test_nothing_is_told_before_other_turns_had_their_time() -> None:
 
 
 def test_the_first_stride_does_not_count_and_turns_without_one_impact_never() -> None:
-    state = therapy.INITIAL
+    state = stride_harmonic.INITIAL
     doubled = TURN_ENDED._replace(last=Period(2, 0.6, 0.5, 30.0))
 
-    def turn(state: TherapyState, impact_n_s: float, regime: RegimeState = TURN_ENDED) -> TherapyState:
-        return therapy.step(CONFIG, state, True, 11, 1.1, 0.8, regime, impact_n_s)
+    def turn(
+        state: StrideHarmonicState, impact_n_s: float, regime: RegimeState = TURN_ENDED
+    ) -> StrideHarmonicState:
+        return stride_harmonic.step(CONFIG, state, True, 11, 1.1, 0.8, regime, impact_n_s)
 
     for _ in range(11):
         state = turn(state, 5.0)
@@ -109,4 +113,7 @@ def test_who_stops_holding_begins_anew() -> None:
     state, _ = followed(linear(2.0), 1.0, 200)
     assert state.turns > 0
     for holding, harmonic in ((False, 11), (True, 0)):
-        assert therapy.step(CONFIG, state, holding, harmonic, 1.1, 1.0, TURN_ENDED, 0.8) == therapy.INITIAL
+        assert (
+            stride_harmonic.step(CONFIG, state, holding, harmonic, 1.1, 1.0, TURN_ENDED, 0.8)
+            == stride_harmonic.INITIAL
+        )
