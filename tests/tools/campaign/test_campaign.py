@@ -300,7 +300,7 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
     ]
     cells, _ = walk_cells(walk_table(), settings)
     assert [cell.name for cell in cells] == ["table1 stop", "table1 change"]
-    assert cells[0].firmware["calm"]["gain"] == 2.0
+    assert cells[0].firmware["spin_down"]["gain"] == 2.0
     for setting, message in (
         ("campaign.presets='gait'", "'gait' is none of walking, table1"),
         ("campaign.courses='hop'", "'hop' is none of steady"),

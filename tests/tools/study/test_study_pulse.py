@@ -26,9 +26,9 @@ from tools.study.pulse.turns import scene as scene_of
 
 FIRMWARE = read_scenario(SCENES["walking"][1])["firmware"]
 CONFIG = config_from(FIRMWARE)
-GATE = Gate(CONFIG.calm, CONFIG.lock.lowest_confidence)
-OMEGA = CONFIG.calm.natural_rad_s
-L0, A = CONFIG.calm.rest_length_m, CONFIG.calm.amplitude_m
+GATE = Gate(CONFIG.spin_down, CONFIG.lock.lowest_confidence)
+OMEGA = CONFIG.spin_down.natural_rad_s
+L0, A = CONFIG.spin_down.rest_length_m, CONFIG.spin_down.amplitude_m
 PARKED = -0.5 * math.pi
 
 
@@ -115,7 +115,7 @@ def test_a_impact_that_does_not_come_ends_the_pumping() -> None:
     while state.stage == Stage.PUMP:
         state = at_phase(state, WINDOW_MIDDLE)
         ticks += 1
-    assert ticks * CONFIG.calm.tick_s == pytest.approx(2.0 * first.lead_s, abs=0.002)
+    assert ticks * CONFIG.spin_down.tick_s == pytest.approx(2.0 * first.lead_s, abs=0.002)
 
 
 def test_the_brake_is_the_firmwares_own() -> None:
