@@ -79,7 +79,7 @@ def test_the_map_holds_all_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert sum(found[part].values()) == printed["bytes"][part]
     for module in (
         "core.estimation.estimator",
-        "interface.generated.received",
+        "interface.arrivals",
         "core.elementary",
         "interface.generated.unpacking",
     ):
