@@ -12,30 +12,17 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
+from firmware_py.interface.codec import CODEC_BY_ID, CODECS, FrameCodec
 from firmware_py.interface.crc import FINAL_XOR, INITIAL, TABLE
-from firmware_py.interface.generated.records import (
-    Accelerometer,
-    DriveCurrent,
-    EncoderEstimates,
-    GaitSensors,
-    SetInputTorque,
-    StrikerEstimate,
-)
 from firmware_py.interface.layout import SignalKind
 from hil.record.candump import MOST_BYTES, BusLog, tenths_of
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
+FREQUENT_PERIOD_S = 0.01
 FREQUENT = frozenset(
     record.__name__
-    for record in (
-        Accelerometer,
-        DriveCurrent,
-        EncoderEstimates,
-        GaitSensors,
-        SetInputTorque,
-        StrikerEstimate,
-    )
+    for record, codec in CODECS.items()
+    if codec.period_s is not None and codec.period_s <= FREQUENT_PERIOD_S
 )
 """Frames that come 100 times a second or more, by the names of the DBC."""
 

@@ -19,7 +19,6 @@ from hil.record.traces.stored_trace import Columns, Records
 SLOW_TICKS = 10
 SLOW_BLOCKS = (
     "firmware.counters",
-    "firmware.state.spin_down",
     "firmware.state.crank.disturbance_rad_s2",
     "firmware.state.crank.innovation_rad",
     "firmware.state.drive_link",
@@ -40,9 +39,10 @@ SLOW_BLOCKS = (
     "firmware.state.monitors",
     "firmware.state.regime",
     "firmware.state.speed",
+    "firmware.state.spin_down",
     "firmware.state.start",
-    "firmware.state.supervisor",
     "firmware.state.stride_harmonic",
+    "firmware.state.supervisor",
     "plant.ankle_j",
     "plant.current_a",
     "plant.drive_work_j",

@@ -14,7 +14,7 @@ from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.node import Counters
 from hil.can_model.error_trace import BusErrorRecord
 from hil.record import state_timeline as lanes
-from hil.record.rates import is_slow
+from hil.record.rates import SLOW_BLOCKS, is_slow
 from hil.record.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import flatten
@@ -73,6 +73,12 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
             assert field in WRITTEN[trace], f"{entity} has no {field}"
             if trace in ("/plant", "/firmware"):
                 assert is_slow(f"{trace[1:]}.{field}") is at_100_hz, f"{entity} has no {field}"
+
+
+@pytest.mark.parametrize("block", SLOW_BLOCKS)
+def test_every_slow_block_is_written_by_the_bench(block):
+    trace, _, name = block.partition(".")
+    assert any(f"{column}.".startswith(f"{name}.") for column in WRITTEN[f"/{trace}"])
 
 
 def test_every_lane_is_written_by_the_bench():
