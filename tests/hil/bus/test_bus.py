@@ -82,16 +82,33 @@ def test_bus_is_reachable_by_its_own_user_alone_and_leaves_nothing() -> None:
     assert not folder.exists()
 
 
-def test_burst_of_a_thousand_frames_arrives_whole_and_in_order(local: ProvidedBus) -> None:
-    burst = [frame(number) for number in range(1000)]
-    with joined(local, 3) as (sender, one_by_one, late):
-        for number in burst:
-            sender.send(number)
-        assert receive_within(one_by_one, 1000) == burst
-        sender.send_all(burst)
-        assert receive_within(one_by_one, 1000) == burst
-        assert receive_within(late, 2000) == burst + burst
+def test_a_thousand_frames_arrive_whole_and_in_order(local: ProvidedBus) -> None:
+    """In one call, and one by one; a hundred fit the transmit queue, however late the hub comes to it."""
+    thousand = [frame(number) for number in range(1000)]
+    with joined(local, 3) as (sender, reader, late):
+        sender.send_all(thousand)
+        assert receive_within(reader, 1000) == thousand
+        for start in range(0, 1000, 100):
+            hundred = thousand[start : start + 100]
+            for one in hundred:
+                sender.send(one)
+            assert receive_within(reader, 100) == hundred
+        assert receive_within(late, 2000) == thousand + thousand
         assert sender.counters.unsent == 0
+
+
+def test_hundred_single_frames_wait_for_a_hub_that_is_held_up(local: ProvidedBus) -> None:
+    assert local.holder is not None
+    hundred = [frame(number) for number in range(100)]
+    with joined(local, 2) as (sender, reader):
+        os.kill(local.holder.pid, signal.SIGSTOP)
+        try:
+            for one in hundred:
+                sender.send(one)
+        finally:
+            os.kill(local.holder.pid, signal.SIGCONT)
+        assert receive_within(reader, 100) == hundred
+        assert sender.counters.waited == sender.counters.unsent == 0
 
 
 def test_node_that_never_reads_costs_the_others_nothing(local: ProvidedBus) -> None:
@@ -110,11 +127,12 @@ def test_node_that_never_reads_costs_the_others_nothing(local: ProvidedBus) -> N
 def test_frames_lost_by_a_node_that_does_not_read_are_counted_by_it(
     local: ProvidedBus, stamped: bool
 ) -> None:
-    with joined(local, 1) as (sender,), joined(local, 1, stamped) as (asleep,):
+    with joined(local, 2) as (sender, reader), joined(local, 1, stamped) as (asleep,):
         began_ns = time.time_ns()
         for start in range(0, 50_000, 500):
-            sender.send_all([frame(number) for number in range(start, start + 500)])
-            time.sleep(0.001)
+            burst = [frame(number) for number in range(start, start + 500)]
+            sender.send_all(burst)
+            assert receive_within(reader, 500) == burst
         ended_ns = time.time_ns()
         arrived = 0
         while select.select([asleep], [], [], 0.3)[0]:
