@@ -2,6 +2,8 @@
 
 import mmap
 import os
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from hil.bench.soak import (
     grown_mb,
     own_memory_mb,
     prolonged,
+    status_of,
 )
 from hil.scenario.scenario import check_scenario, read_scenario
 
@@ -72,7 +75,7 @@ def test_memory_that_grows_is_seen() -> None:
         kept[-1].write(b"x" * block)
         watch.sample()
     assert watch.growth_mb()["self"] == pytest.approx(4 * 0.675 * FEWEST_SAMPLES, rel=0.2)
-    assert own_memory_mb(2**22 + 1) is None
+    assert own_memory_mb(status_of(2**22 + 1)) is None
     assert MemoryWatch({"self": os.getpid()}).growth_mb() == {}
 
 
@@ -92,3 +95,23 @@ def test_lockstep_lets_memory_be_sampled_often_enough(build: Build, tmp_path: Pa
     run_lockstep(scenario, tmp_path, 1, lambda done, _: looks_s.append(5.0 * done), build)
     edges_s = [0.0, *looks_s, 5.0]
     assert max(later - before for before, later in pairwise(edges_s)) <= SAMPLE_S
+
+
+LOOKS_AT_ITSELF = """
+import os
+from hil.bench.soak import MemoryWatch, own_memory_mb, status_of
+watch, own = MemoryWatch({"self": os.getpid()}), status_of(os.getpid())
+watch.sample()
+before = own_memory_mb(own)
+for _ in range(20_000):
+    watch.sample()
+print(own_memory_mb(own) - before)
+"""
+
+
+def test_watch_does_not_grow_what_it_watches() -> None:
+    """Its 20,000 samples themselves take 0.16 MB."""
+    looked = subprocess.run(
+        [sys.executable, "-c", LOOKS_AT_ITSELF], capture_output=True, text=True, check=True
+    )
+    assert float(looked.stdout) < 0.3
