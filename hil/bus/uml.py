@@ -35,6 +35,7 @@ from typing import BinaryIO, Final
 from hil.timing.realtime import NODE_PRIORITY
 
 KERNEL: Final = "linux.uml"
+GUEST_MEMORY: Final = "4G"  # half of it may hold traces: those of a quarter of an hour in real time
 REMEDY: Final = "install Debian's packages: apt-get install user-mode-linux busybox"
 BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; a machine busy with other things gets twenty times that
 DELIVERY_PRIORITY: Final = NODE_PRIORITY + 10  # the guest's thread that delivers frames comes before nodes
@@ -94,7 +95,7 @@ class UmlDeathError(RuntimeError):
     """User-mode Linux did not boot, or died under the command; has its last messages and what helps."""
 
 
-def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | None = None) -> int:
+def run_in_kernel(command: Sequence[str], memory: str | None = None, host_cpu: int | None = None) -> int:
     """Run `command` under user-mode Linux and return its exit status, 128 + n after signal n.
 
     Working directory and environment are the caller's, with the programs of this Python environment first.
@@ -102,9 +103,9 @@ def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | No
     empty. SIGINT and SIGTERM reach every process in the guest; the guest gets `GRACE_S` to end by itself,
     less if a second one follows.
 
-    `memory` is the guest's, such as "2G"; the machine gives only what is touched. The kernel stays on
-    `host_cpu` (the last one this process may use): it serves all its processes by stopping and continuing
-    them, and moving between CPUs makes each switch tens of times slower.
+    `memory` is the guest's, such as "8G", or `GUEST_MEMORY`; the machine gives only what is touched. The
+    kernel stays on `host_cpu` (the last one this process may use): it serves all its processes by stopping
+    and continuing them, and moving between CPUs makes each switch tens of times slower.
     """
     if not command:
         raise UmlError("no command to run under user-mode Linux; give one after --")
@@ -112,8 +113,9 @@ def run_in_kernel(command: Sequence[str], memory: str = "2G", host_cpu: int | No
         raise UmlError(
             f"no program {command[0]!r} to run under user-mode Linux; give its path or extend PATH"
         )
+    memory = memory or GUEST_MEMORY
     if not re.fullmatch(r"[1-9][0-9]*[MG]", memory):
-        raise UmlError(f"memory of user-mode Linux: got {memory!r}, wanted a number with M or G such as 2G")
+        raise UmlError(f"memory of user-mode Linux: got {memory!r}, wanted a number with M or G such as 4G")
     kernel, busybox = _program(KERNEL), _program("busybox")
     cpu = max(os.sched_getaffinity(0)) if host_cpu is None else host_cpu
     with tempfile.TemporaryDirectory(prefix="vibrohil-kernel-") as name:

@@ -297,9 +297,7 @@ def refuse_full_disk(home: Path, needed_bytes: int) -> None:
     free_bytes = shutil.disk_usage(home.parent).free
     if needed_bytes > free_bytes:
         memory = (
-            "; give the inner kernel more, as in vibrohil kernel --memory 12G"
-            if home.parent == MEMORY
-            else ""
+            "; give the inner kernel more, as in vibrohil kernel --memory 8G" if home.parent == MEMORY else ""
         )
         raise TraceError(
             f"{home} of the whole run takes {needed_bytes / 1e9:.2f} GB, and {free_bytes / 1e9:.2f} GB "

@@ -14,7 +14,10 @@ def register(app: typer.Typer) -> None:
 
 def kernel(
     command: Annotated[list[str] | None, typer.Argument(help="The command to run, after --.")] = None,
-    memory: Annotated[str, typer.Option(help="Memory of the guest kernel.")] = "2G",
+    memory: Annotated[
+        str | None,
+        typer.Option(help="Memory of the guest kernel, 4G unless given; traces may take half of it."),
+    ] = None,
 ) -> None:
     """Run COMMAND under user-mode Linux with a real vcan0; its exit status is the command's."""
     from hil.bus.uml import run_in_kernel
