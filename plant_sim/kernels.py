@@ -165,6 +165,20 @@ def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
     return register
 
 
+def one_of(*parts: type) -> Callable[[Any], bool]:
+    """Whether a part is of one of these types; answered when a kernel is compiled."""
+
+    @by_part
+    def is_one(part: Any) -> bool:
+        return False
+
+    @law(is_one, *parts)
+    def _(part: Any) -> bool:
+        return True
+
+    return is_one
+
+
 def _without_owner(_: Any, array: types.Array) -> Any:
     def copy(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         borrowed = context.make_array(array)(context, builder, arguments[0])

@@ -1,5 +1,6 @@
 """Output options of a command, which reject an unwritable place before any work."""
 
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -15,32 +16,23 @@ TABLES = (".parquet", ".csv", ".arrow")
 
 def file_option(description: str, endings: tuple[str, ...] = ()) -> Any:
     """A Typer option for a file to write; with `endings`, one that ends in one of them."""
-
-    def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
-        if path is not None:
-            refuse_file(parameter.opts[0], path, endings)
-        return path
-
-    return typer.Option(help=description, callback=check)
+    return _option(description, lambda option, path: refuse_file(option, path, endings))
 
 
 def folder_option(description: str) -> Any:
     """A Typer option for a folder to write to; it is made where it is missing."""
-
-    def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
-        if path is not None:
-            refuse_folder(parameter.opts[0], path)
-        return path
-
-    return typer.Option(help=description, callback=check)
+    return _option(description, refuse_folder)
 
 
 def new_option(description: str, endings: tuple[str, ...] = ()) -> Any:
     """A Typer option for a file or folder to make, where nothing is yet; `endings` as in `file_option`."""
+    return _option(description, lambda option, path: refuse_existing(option, path, endings))
 
+
+def _option(description: str, refuse: Callable[[str, Path], None]) -> Any:
     def check(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
         if path is not None:
-            refuse_existing(parameter.opts[0], path, endings)
+            refuse(parameter.opts[0], path)
         return path
 
     return typer.Option(help=description, callback=check)

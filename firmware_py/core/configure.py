@@ -2,8 +2,7 @@
 
 import math
 
-from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
-from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.estimation import (
     accelerometer,
     crank,
@@ -262,7 +261,7 @@ def config_of(parameters: Parameters, damaged: bool) -> Config:
             surprise=p.gait_surprise,
             surprise_spread=p.gait_surprise_spread,
         ),
-        lock=lock.LockConfig(
+        gait_lock=gait_lock.LockConfig(
             follow=p.gait_follow > 0.0,
             tick_s=tick_s,
             natural_rad_s=natural_rad_s,

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
-from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.estimation import crank, detector, estimator_state, identify, regime
+from firmware_py.core.records import zeroed
 from firmware_py.core.safety import drive_link, monitors, supervisor
 from firmware_py.interface.enums import (
     INIT,
@@ -31,7 +31,7 @@ class Config(NamedTuple):
     speed: speed.SpeedConfig
     monitors: monitors.MonitorConfig
     gait: gait.GaitConfig
-    lock: lock.LockConfig
+    gait_lock: gait_lock.LockConfig
     stride_harmonic: stride_harmonic.StrideHarmonicConfig
     identify: identify.IdentifyConfig
     spin_down: spin_down.SpinDownConfig
@@ -51,7 +51,7 @@ class State(NamedTuple):
     supervisor: supervisor.SupervisorState
     drive_link: drive_link.DriveLinkState
     gait: gait.CycleState
-    lock: lock.LockState
+    gait_lock: gait_lock.LockState
     stride_harmonic: stride_harmonic.StrideHarmonicState
     identify: identify.IdentifyState
     spin_down: spin_down.SpinDownState
@@ -98,30 +98,19 @@ INITIAL = State(
     supervisor=supervisor.INITIAL,
     drive_link=drive_link.INITIAL,
     gait=gait.INITIAL,
-    lock=lock.INITIAL,
+    gait_lock=gait_lock.INITIAL,
     stride_harmonic=stride_harmonic.INITIAL,
     identify=identify.INITIAL,
     spin_down=spin_down.INITIAL,
 )
 
 
-INITIAL_OUTPUTS = Outputs(
+INITIAL_OUTPUTS = zeroed(
+    Outputs,
     mode=INIT,
     fault=NO_FAULT,
-    disarm_reason=0,
     refusal=NO_REFUSAL,
     regime=Regime.UNCERTAIN,
     acting_limit=ActingLimit.SAFE_STATE,
-    torque_n_m=0.0,
-    target_omega_rad_s=0.0,
     drive_frame=drive_link.DriveFrame.NOTHING,
-    impact=False,
-    separation=False,
-    impact_age_s=0.0,
-    impact_speed_m_s=0.0,
-    impact_impulse_n_s=0.0,
-    period_ended=False,
-    period_impacts=0,
-    impact_phase_rad=0.0,
-    peak_acceleration_m_s2=0.0,
 )

@@ -9,8 +9,7 @@ overrun `sense` runs once for each sample that has waited, at its own time, befo
 import math
 from typing import NamedTuple
 
-from firmware_py.core.control import gait, hold, speed, spin_down, start, stride_harmonic
-from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import gait, gait_lock, hold, speed, spin_down, start, stride_harmonic
 from firmware_py.core.estimation import crank, detector, estimator, estimator_state, identify, regime
 from firmware_py.core.estimation.estimator_state import Contact
 from firmware_py.core.inputs import Inputs
@@ -168,9 +167,9 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
     since_touch_down_s = detector_now.since_touch_down_s + sensed.separation_ticks * config.tick_s
 
     # Supervise
-    follow = config.lock.follow
+    follow = config.gait_lock.follow
     valid_ratio = start.valid_ratio(config.start, inputs.operator.target_ratio)
-    valid_target = valid_ratio and not (follow and state.lock.refusal != NO_REFUSAL)
+    valid_target = valid_ratio and not (follow and state.gait_lock.refusal != NO_REFUSAL)
     spins_down = state.supervisor.mode == STOPPING and config.spin_down.longest_s > 0.0
     followed_rad_s = state.spin_down.target_omega_rad_s if spins_down else state.start.target_omega_rad_s
     monitors_now, findings = monitors.step(
@@ -218,11 +217,11 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
         )
         if contact.touch_down:
             estimate = identify.towards(config.identify, identify_now, holding, estimate)
-    lock_now, stride_harmonic_now = state.lock, state.stride_harmonic
+    lock_now, stride_harmonic_now = state.gait_lock, state.stride_harmonic
     if follow:
-        lock_now = lock.step(
-            config.lock,
-            state.lock,
+        lock_now = gait_lock.step(
+            config.gait_lock,
+            state.gait_lock,
             gait_now,
             moving,
             holding,

@@ -15,12 +15,12 @@ Item = TypeVar("Item")
 LONGEST_DATED_TICKS = (1 << kinds.ACCELEROMETER.counter_bits) - 2
 """Since the last sample: for as long a sample's counter says when it was sent, give or take a tick."""
 
-MOST_REQUESTS = 4
-"""Parameter requests that wait for their answers at most; a client waits for one before it asks again."""
-
 
 class Requests(NamedTuple):
-    """Parameter requests: the first `number` of `waiting` wait for an answer."""
+    """Parameter requests: the first `number` of `waiting` wait for an answer.
+
+    Four suffice: a client waits for an answer before it asks again.
+    """
 
     waiting: tuple[ParameterRequest, ParameterRequest, ParameterRequest, ParameterRequest]
     number: int
@@ -30,16 +30,20 @@ NO_REQUEST = received.INITIAL.parameter_request
 NO_REQUESTS = Requests((NO_REQUEST, NO_REQUEST, NO_REQUEST, NO_REQUEST), 0)
 
 
-def with_one(waiting: tuple[Item, Item, Item, Item], count: int, one: Item) -> tuple[Item, Item, Item, Item]:
-    """Four places with `one` at place `count` < 4."""
+def with_one(
+    waiting: tuple[Item, Item, Item, Item], count: int, one: Item
+) -> tuple[tuple[Item, Item, Item, Item], int, int]:
+    """Four places, `count` of them taken, with `one` in the next: `(places, taken, lost)`."""
     first, second, third, fourth = waiting
     if count == 0:
-        return (one, second, third, fourth)
+        return (one, second, third, fourth), 1, 0
     if count == 1:
-        return (first, one, third, fourth)
+        return (first, one, third, fourth), 2, 0
     if count == 2:
-        return (first, second, one, fourth)
-    return (first, second, third, one)
+        return (first, second, one, fourth), 3, 0
+    if count == 3:
+        return (first, second, third, one), 4, 0
+    return waiting, count, 1
 
 
 def receive(
@@ -48,11 +52,9 @@ def receive(
     """Take one frame that arrived before tick number `tick`; other identifiers are passed over."""
     now, counters, usable = received.receive(tick_s, before, counters, tick, frame)
     if usable and frame.can_id == kinds.PARAMETER_REQUEST.can_id:
-        if requests.number < MOST_REQUESTS:
-            waiting = with_one(requests.waiting, requests.number, now.parameter_request)
-            requests = Requests(waiting, requests.number + 1)
-        else:
-            counters = also_counted(counters, 0, 1)
+        waiting, number, lost = with_one(requests.waiting, requests.number, now.parameter_request)
+        requests = Requests(waiting, number)
+        counters = also_counted(counters, 0, lost)
     return now, requests, counters
 
 

@@ -40,9 +40,6 @@ REGIME_S = 0.05
 NOT_WAITING = 1 << 62
 """Place in the queue of a frame that does not wait."""
 
-EVENTS = 4
-"""Faults, impacts and answers that wait at most; each leaves within a few ticks."""
-
 
 class Impact(NamedTuple):
     """An impact to report, whose age counts on while its frame waits."""
@@ -76,6 +73,8 @@ class Sent(NamedTuple):
 
 class Transmitter(NamedTuple):
     """All that waits. `next_place` counts what fell due; of `faults` and `impacts` the first ones wait.
+
+    At most four faults, impacts and answers wait; each leaves within a few ticks.
 
     `period_ended`: a drive period's report is owed, and not yet due.
     """
@@ -155,21 +154,14 @@ def queued(
     if outputs.separation:
         impulse_n_s = max(outputs.impact_impulse_n_s, 0.0)
         one = Impact(tick, outputs.impact_age_s, outputs.impact_speed_m_s, impulse_n_s)
-        count = waiting.impact_count
-        if count < EVENTS:
-            impacts = with_one(waiting.impacts, count, one)
-            waiting = waiting._replace(impacts=impacts, impact_count=count + 1)
-        else:
-            lost += 1
+        impacts, count, lost = with_one(waiting.impacts, waiting.impact_count, one)
+        waiting = waiting._replace(impacts=impacts, impact_count=count)
     reason_is_new = outputs.disarm_reason not in (0, before.disarm_reason)
     if outputs.fault not in (NO_FAULT, before.fault) or reason_is_new:
         event = FaultEvent(outputs.disarm_reason, outputs.fault.value, 0)
-        count = waiting.fault_count
-        if count < EVENTS:
-            faults = with_one(waiting.faults, count, event)
-            waiting = waiting._replace(faults=faults, fault_count=count + 1)
-        else:
-            lost += 1
+        faults, count, more = with_one(waiting.faults, waiting.fault_count, event)
+        waiting = waiting._replace(faults=faults, fault_count=count)
+        lost += more
     if outputs.refusal not in (NO_REFUSAL, before.refusal):
         lost += 0 if waiting.refusal_place == NOT_WAITING else 1
         waiting = waiting._replace(refusal=outputs.refusal.value, refusal_place=place)
@@ -193,13 +185,14 @@ def queued(
 
 def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:
     """Let an answer wait in turn; whether it found a place."""
-    if waiting.answer_count >= EVENTS:
+    answers, count, lost = with_one(waiting.answers, waiting.answer_count, answer)
+    if lost > 0:
         return waiting, False
     place = waiting.next_place
     later = waiting._replace(
         next_place=place + 1,
-        answers=with_one(waiting.answers, waiting.answer_count, answer),
-        answer_count=waiting.answer_count + 1,
+        answers=answers,
+        answer_count=count,
         answer_place=place if waiting.answer_place == NOT_WAITING else waiting.answer_place,
     )
     return later, True
@@ -242,7 +235,7 @@ def any_waits(waiting: Transmitter) -> bool:
 
 def gait_report(state: State) -> GaitReport:
     """What the firmware makes of the wearer's gait."""
-    cycle, lock = state.gait, state.lock
+    cycle, lock = state.gait, state.gait_lock
     walking = cycle.confidence > 0.0
     return GaitReport(
         cycle.phase if walking else 0.0,

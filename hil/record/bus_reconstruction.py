@@ -19,9 +19,10 @@ from hil.record.candump import BusLog
 from plant_sim.arrays import FloatArray, IntArray
 
 
-class Heard(NamedTuple):
-    """Frames of one kind: seconds, shape (n,), and their signals, shape (n, signals)."""
+class Frames(NamedTuple):
+    """Frames of one kind: seconds, shape (n,), and their signals, shape (n, signals), by name of `record`."""
 
+    record: type[Any]
     t_s: FloatArray
     signals: FloatArray
 
@@ -61,7 +62,7 @@ FIELDS = [
 """The trace's columns, as `TraceWriter` takes them."""
 
 
-def heard(bus: BusLog, record: type[Any]) -> Heard:
+def frames_of(bus: BusLog, record: type[Any]) -> Frames:
     """All frames of one kind that can be decoded."""
     one = codec.CODECS[record]
     times, signals = [], []
@@ -72,15 +73,15 @@ def heard(bus: BusLog, record: type[Any]) -> Heard:
         except codec.FrameError:
             continue  # named and counted where the frames are decoded for the log
         times.append(float(bus.t_s[row]))
-    return Heard(np.array(times), np.array(signals, np.float64).reshape(len(times), len(record._fields)))
+    values = np.array(signals, np.float64).reshape(len(times), len(record._fields))
+    return Frames(record, np.array(times), values)
 
 
-def held(frames: Heard, t_s: FloatArray) -> FloatArray:
-    """The signals last received at each of `t_s`, shape (n, signals); NaN before the first frame."""
+def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:
+    """Each signal as last received at each of `t_s`, shape (n,); NaN before the first frame."""
     last = np.searchsorted(frames.t_s, t_s, side="right") - 1
     padded = np.vstack([np.full((1, frames.signals.shape[1]), np.nan), frames.signals])
-    values: FloatArray = padded[last + 1]
-    return values
+    return dict(zip(frames.record._fields, padded[last + 1].T, strict=True))
 
 
 def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
@@ -92,8 +93,8 @@ def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
 
 def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
     """The firmware's ticks, from its first heartbeat on; one for each period in which it sent anything."""
-    heartbeat, estimate = heard(bus, FirmwareHeartbeat), heard(bus, StrikerEstimate)
-    torque, impact = heard(bus, SetInputTorque), heard(bus, ImpactEvent)
+    heartbeat, estimate = frames_of(bus, FirmwareHeartbeat), frames_of(bus, StrikerEstimate)
+    torque, impact = frames_of(bus, SetInputTorque), frames_of(bus, ImpactEvent)
     if len(heartbeat.t_s) == 0:
         return []
     sent_s = np.concatenate([frames.t_s for frames in (heartbeat, estimate, torque, impact)])
@@ -102,16 +103,23 @@ def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
     # A tick ends with the last of its frames, so that it holds all of them.
     last_of_tick = np.flatnonzero(np.diff(numbers, append=numbers[-1] + 1) > 0)
     tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
-    of_heartbeat, of_estimate, of_torque = (held(frames, t_s) for frames in (heartbeat, estimate, torque))
-    reported = held(impact, t_s)
-    strike = np.zeros(len(t_s), bool)
-    strike[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
-    unknown = np.full((len(t_s), 2), np.nan)
-    columns = np.column_stack(
-        [tick, t_s, of_heartbeat, of_torque, of_estimate, unknown, strike, reported, unknown]
-    )
+    state, reported = held(estimate, t_s), held(impact, t_s)
+    touch_down = np.zeros(len(t_s), bool)
+    touch_down[np.searchsorted(t_s, impact.t_s[impact.t_s >= t_s[0]])] = True
+    columns = {
+        "tick": tick,
+        "t_s": t_s,
+        **held(heartbeat, t_s),
+        **held(torque, t_s),
+        "x_m": state["position_m"],
+        "v_m_s": state["velocity_m_s"],
+        "omega_rad_s": state["crank_omega_rad_s"],
+        "impact": touch_down,
+        "impact_age_s": reported["age_s"],
+        "impact_speed_m_s": reported["approach_speed_m_s"],
+        "impact_impulse_n_s": reported["impulse_n_s"],
+    }
+    unknown = np.full(len(t_s), np.nan)
+    values = zip(*(columns.get(name, unknown).tolist() for name in SeenTick._fields), strict=True)
     kinds = SeenTick.__annotations__.values()
-    return [
-        SeenTick._make(kind(value) for kind, value in zip(kinds, row, strict=True))
-        for row in columns.tolist()
-    ]
+    return [SeenTick._make(kind(one) for kind, one in zip(kinds, row, strict=True)) for row in values]

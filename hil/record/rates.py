@@ -35,7 +35,7 @@ SLOW_BLOCKS = (
     "firmware.state.gait.stride",
     "firmware.state.hold",
     "firmware.state.identify",
-    "firmware.state.lock",
+    "firmware.state.gait_lock",
     "firmware.state.monitors",
     "firmware.state.regime",
     "firmware.state.speed",

@@ -247,7 +247,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             plot(
                 "Strides a second, crank turns a stride, confidence",
                 Line("/plant/slow", "gait.stride_hz", "true strides a second", "Hz", TRUTH),
-                Line("/firmware/slow", "state.lock.harmonic", "turns a stride", "", OTHER),
+                Line("/firmware/slow", "state.gait_lock.harmonic", "turns a stride", "", OTHER),
                 Line("/firmware", "state.gait.confidence", "confidence", "", ESTIMATE),
             ),
         ),

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part, law, one_of
 from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
@@ -96,15 +96,8 @@ def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> fl
     return sliding_n - (friction.mu_s - friction.mu) * weight_n * math.exp(-power)
 
 
-@by_part
-def is_dry(friction: Friction) -> bool:
-    """Whether the law has a dry part: the striker can stick, and friction turns round with its direction."""
-    return False
-
-
-@law(is_dry, Coulomb, Stribeck)
-def _(friction: Coulomb | Stribeck) -> bool:
-    return True
+is_dry = one_of(Coulomb, Stribeck)
+"""Whether the law has a dry part: the striker can stick, and friction turns round with its direction."""
 
 
 @by_part

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part, law, one_of
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
@@ -115,26 +115,11 @@ def _(housing: Walking, t_s: float) -> float:
     return unbroken_s(housing, t_s, SAME_INSTANT_S + 4e-16 * abs(t_s))
 
 
-@by_part
-def moves(housing: Housing) -> bool:
-    """Whether what it does changes with time."""
-    return False
+moves = one_of(Moving, Walking)
+"""Whether what it does changes with time."""
 
-
-@law(moves, Moving, Walking)
-def _(housing: Moving | Walking) -> bool:
-    return True
-
-
-@by_part
-def is_level(housing: Housing) -> bool:
-    """Whether there is nothing to feel of it."""
-    return False
-
-
-@law(is_level, Level)
-def _(housing: Level) -> bool:
-    return True
+is_level = one_of(Level)
+"""Whether there is nothing to feel of it."""
 
 
 class HarmonicTable(Table):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part, law, one_of
 from plant_sim.parts.restitution import (
     HERTZ_EXPONENT,
     hertz_stiffness,
@@ -131,15 +131,8 @@ def _(stop: HuntCrossley, depth_m: float) -> float:
     return elastic_force_n(stop, depth_m) * depth_m / (stop.exponent + 1.0)
 
 
-@by_part
-def has_stop(stop: Stop) -> bool:
-    """Whether there is a stop."""
-    return True
-
-
-@law(has_stop, NoStop)
-def _(stop: NoStop) -> bool:
-    return False
+has_stop = one_of(RigidStop, KelvinVoigt, HuntCrossley)
+"""Whether there is a stop."""
 
 
 @by_part
@@ -153,26 +146,11 @@ def _(stop: RigidStop) -> float:
     return stop.position_m
 
 
-@by_part
-def is_rigid(stop: Stop) -> bool:
-    """Whether an impact takes no time."""
-    return False
+is_rigid = one_of(RigidStop)
+"""Whether an impact takes no time."""
 
-
-@law(is_rigid, RigidStop)
-def _(stop: RigidStop) -> bool:
-    return True
-
-
-@by_part
-def is_soft(stop: Stop) -> bool:
-    """Whether an impact is a contact that lasts."""
-    return False
-
-
-@law(is_soft, KelvinVoigt, HuntCrossley)
-def _(stop: KelvinVoigt | HuntCrossley) -> bool:
-    return True
+is_soft = one_of(KelvinVoigt, HuntCrossley)
+"""Whether an impact is a contact that lasts."""
 
 
 @by_part

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part, law, one_of
 from plant_sim.tables.table import Table
 
 
@@ -27,15 +27,8 @@ class Ankle(NamedTuple):
 Wearer: TypeAlias = NoWearer | Ankle
 
 
-@by_part
-def is_worn(wearer: Wearer) -> bool:
-    """Whether the stop gives way."""
-    return False
-
-
-@law(is_worn, Ankle)
-def _(wearer: Ankle) -> bool:
-    return True
+is_worn = one_of(Ankle)
+"""Whether the stop gives way."""
 
 
 @by_part

@@ -93,25 +93,14 @@ def _(waves: Waves, angle_rad: float) -> float:
 
 
 @by_part
-def cogging_n_m(winding: Winding, angle_rad: float) -> float:
-    """Torque of the magnets on the slots, N m: it turns the crank where positive."""
-    return 0.0
+def cogging(winding: Winding) -> Unevenness:
+    """Its waves are the torque, N m, of the magnets on the slots, which turns the crank where positive."""
+    return Smooth()
 
 
-@law(cogging_n_m, DqWinding)
-def _(winding: DqWinding, angle_rad: float) -> float:
-    return wave_sum(winding.cogging, angle_rad)
-
-
-@by_part
-def cogging_energy_j(winding: Winding, angle_rad: float) -> float:
-    """Energy, J, that cogging stores."""
-    return 0.0
-
-
-@law(cogging_energy_j, DqWinding)
-def _(winding: DqWinding, angle_rad: float) -> float:
-    return wave_energy(winding.cogging, angle_rad)
+@law(cogging, DqWinding)
+def _(winding: DqWinding) -> Unevenness:
+    return winding.cogging
 
 
 @subroutine

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import by_part, law, subroutine
+from plant_sim.kernels import by_part, law, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
@@ -110,15 +110,8 @@ def _(probe: Sensing) -> None:
     readings[SPEED_ESTIMATE] = states[SPEED_ESTIMATE].real
 
 
-@by_part
-def is_sensing(probe: Probe) -> bool:
-    """Whether anything wants to know the motion within steps."""
-    return False
-
-
-@law(is_sensing, Sensing)
-def _(probe: Sensing) -> bool:
-    return True
+is_sensing = one_of(Sensing)
+"""Whether anything wants to know the motion within steps."""
 
 
 @by_part

@@ -26,7 +26,7 @@ from plant_sim.parts.striker import Striker
 from plant_sim.result import EnergyLedger, Impacts, MotionState, Phase, Samples, SimulationResult
 from plant_sim.solvers.cost import ALLOWANCE, TIME_STEP, debt, too_costly
 from plant_sim.solvers.double_double import TURN_RAD, turned
-from plant_sim.solvers.exact.exact import UnsupportedSceneError, require_plain, require_run, start_m
+from plant_sim.solvers.exact.exact import UnsupportedSceneError, require_plain, sample_times, start_of
 
 THETA = 0.5
 
@@ -155,15 +155,9 @@ def simulate(
     if debt(0.0, duration_s / step_s * TIME_STEP, duration_s * fastest_rad_s) > ALLOWANCE:
         place = f"over {duration_s:g} s in steps of {step_s:g} s, {1.0 / TIME_STEP:g} of which count as one"
         raise too_costly(place, "raise solver.step_s or solver.accuracy, or end the run earlier")
-    grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
-    require_run(initial, until_s, grid)
+    grid = sample_times(initial, until_s, samples_t_s)
     until_s = float(until_s)
-    start = (
-        float(initial.t_s),
-        float(start_m(striker, stop, initial)),
-        float(initial.v_m_s),
-        float(initial.crank_rad),
-    )
+    start = start_of(striker, stop, initial)
     samples = np.empty((len(grid), 3))
     impacts, (y_m, final_v_m_s, final_crank_rad), energies, phase = _run(
         striker, drive, friction, stop, start, until_s, step_s, grid, samples

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Logged = Annotated[Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")]
 FirmwareBuild = Annotated[
     Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"],
     typer.Option(

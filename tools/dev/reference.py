@@ -84,11 +84,18 @@ def frames() -> str:
             f"{one.length} bytes{protection}."
         )
         if one.signals:
+            meaning = database().get_message_by_name(one.record.__name__).get_signal_by_name
             rows = (
-                row(f"`{name}`", signal.unit or "—", values_of(signal), f"{signal.scale:g}")
+                row(
+                    f"`{name}`",
+                    signal.unit or "—",
+                    values_of(signal),
+                    f"{signal.scale:g}",
+                    meaning(name).comment,
+                )
                 for name, signal in one.signals.items()
             )
-            parts.append(table(["signal", "unit", "values", "a count is"], rows))
+            parts.append(table(["signal", "unit", "values", "a count is", "meaning"], rows))
     parts.append("## States")
     for name in enums.__dict__:
         kind = getattr(enums, name)

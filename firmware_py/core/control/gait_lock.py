@@ -19,6 +19,7 @@ from typing import NamedTuple
 from firmware_py.core.control.gait import CycleState
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import Refusal
 
 MOST_TURNS = 15
@@ -74,18 +75,7 @@ class LockState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = LockState(
-    harmonic=0,
-    phase=0.0,
-    base_ratio=1.0,
-    trim=0.0,
-    trim_rate_1_s=0.0,
-    error_rad=0.0,
-    impact_rad=0.5 * math.pi,
-    in_window=0,
-    outside=0,
-    refusal=Refusal.NOT_WALKING,
-)
+INITIAL = zeroed(LockState, base_ratio=1.0, impact_rad=0.5 * math.pi, refusal=Refusal.NOT_WALKING)
 
 
 def chosen(config: LockConfig, stride_s: float, before: int, aim_ratio: float) -> int:

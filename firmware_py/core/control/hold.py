@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import clamp
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 PHASE_SLOPE_RAD = 1.4
@@ -60,15 +61,7 @@ class HoldState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = HoldState(
-    trim=0.0,
-    trim_rate_1_s=0.0,
-    wanted_trim=0.0,
-    guarded=False,
-    bound_periods=0,
-    impulse_n_s=0.0,
-    refusal=NO_REFUSAL,
-)
+INITIAL = zeroed(HoldState, refusal=NO_REFUSAL)
 
 
 def phase_step(config: HoldConfig, phase_rad: float) -> float:

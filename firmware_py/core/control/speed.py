@@ -14,6 +14,7 @@ from firmware_py.core.elementary import cos, sin
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import clamp
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
 
@@ -54,14 +55,7 @@ class SpeedState(NamedTuple):
     acting_limit: ActingLimit
 
 
-INITIAL = SpeedState(
-    integral_n_m=0.0,
-    error_rad_s=0.0,
-    feedforward_n_m=0.0,
-    torque_n_m=0.0,
-    acting_n_m=0.0,
-    acting_limit=ActingLimit.SAFE_STATE,
-)
+INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
 def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:

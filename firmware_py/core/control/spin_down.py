@@ -22,6 +22,7 @@ from firmware_py.core.elementary import atan2
 from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.numbers import at_least, clamp, wrap_pi
+from firmware_py.core.records import zeroed
 
 WAITS_RAD = 0.75 * math.pi
 """If the crank lags by more than π minus this angle, it waits for the next swing; waiting needs no speed."""
@@ -68,9 +69,7 @@ class SpinDownState(NamedTuple):
     target_omega_rad_s: float
 
 
-INITIAL = SpinDownState(
-    stage=SpinDownStage.OFF, highest_rad_s=0.0, since_s=0.0, swing_m=0.0, target_omega_rad_s=0.0
-)
+INITIAL = zeroed(SpinDownState, stage=SpinDownStage.OFF)
 
 
 def step(

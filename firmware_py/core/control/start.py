@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.numbers import at_least
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
 
 DIP_S = 1.0
@@ -97,22 +98,7 @@ NO_CEILING = 10.0
 """Beyond every ratio that can be asked for."""
 
 
-INITIAL = StartState(
-    stage=REST,
-    from_rad_s=0.0,
-    to_rad_s=0.0,
-    duration_s=1.0,
-    s=1.0,
-    target_omega_rad_s=0.0,
-    target_acceleration_rad_s2=0.0,
-    hits=0,
-    misses=0,
-    attempts=0,
-    captured=False,
-    failed=False,
-    ceiling_ratio=NO_CEILING,
-    searching_s=0.0,
-)
+INITIAL = zeroed(StartState, stage=REST, duration_s=1.0, s=1.0, ceiling_ratio=NO_CEILING)
 
 
 def s_curve(s: float) -> tuple[float, float]:

@@ -13,6 +13,7 @@ request; the remainder is reported.
 from typing import NamedTuple
 
 from firmware_py.core.estimation.regime import RegimeState
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
 SETTLING, MEAN, TELLING = 1, 4, 6
@@ -44,16 +45,7 @@ class StrideHarmonicState(NamedTuple):
     refusal: Refusal
 
 
-INITIAL = StrideHarmonicState(
-    harmonic=0,
-    turns=0,
-    ratio=0.0,
-    impulse_n_s=0.0,
-    left_ratio=0.0,
-    left_impulse_n_s=0.0,
-    aim_ratio=0.0,
-    refusal=NO_REFUSAL,
-)
+INITIAL = zeroed(StrideHarmonicState, refusal=NO_REFUSAL)
 """An `aim_ratio` of 0 means the region's centre."""
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from firmware_py.core.elementary import exp
 from firmware_py.core.inputs import EncoderInput
 from firmware_py.core.numbers import TAU, clamp, fraction, wrap_pi, wrap_two_pi
+from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 
 FASTEST_RAD_S = 1000.0
@@ -47,14 +48,7 @@ class CrankState(NamedTuple):
     late_ticks: int
 
 
-INITIAL = CrankState(
-    angle_rad=0.0,
-    omega_rad_s=0.0,
-    disturbance_rad_s2=0.0,
-    innovation_rad=0.0,
-    missed_ticks=NEVER_TICKS,
-    late_ticks=0,
-)
+INITIAL = zeroed(CrankState, missed_ticks=NEVER_TICKS)
 
 
 def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[float, float, float]:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from firmware_py.core.elementary import cube_root
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.numbers import at_least
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 SIGMAS = 4.0
@@ -69,19 +70,7 @@ class DetectorState(NamedTuple):
     impacts: int
 
 
-INITIAL = DetectorState(
-    phase=FREE,
-    contact_ticks=0,
-    blind_ticks=0,
-    excess_m_s2=0.0,
-    peak_m_s2=0.0,
-    approach_speed_m_s=0.0,
-    impulse_n_s=0.0,
-    area_m_s=0.0,
-    since_touch_down_s=0.0,
-    measurable=True,
-    impacts=0,
-)
+INITIAL = zeroed(DetectorState, phase=FREE, measurable=True)
 
 REFERENCE_M_S = 0.9
 """The touch-down speed at which the contact time is given."""

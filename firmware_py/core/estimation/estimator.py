@@ -257,7 +257,7 @@ def correct(
             estimate = newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < gated_ticks <= config.noise.gate_ticks:
         of_state_m_s2 = predicted.of_state_m_s2
-        waits = 1 if 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)) < STILL_M_S else LONGEST_SLIDE
+        waits = 1 if two_sigma_m_s(estimate) < STILL_M_S else LONGEST_SLIDE
         stuck = still_ticks > waits * config.noise.still_ticks
         if stuck:
             estimate = kalman.update(estimate, 0.0, Row(0.0, 1.0, 0.0), STILL_VARIANCE)
@@ -371,10 +371,15 @@ def _known(
     return known
 
 
+def two_sigma_m_s(estimate: StateEstimate) -> float:
+    """Two standard deviations of the velocity."""
+    return 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0))
+
+
 def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
     """What the model's acceleration is not known to where dry friction may hold or turn: all of that."""
     dry = config.striker.dry_m_s2
-    if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + 2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)):
+    if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + two_sigma_m_s(estimate):
         return 0.0
     return dry * dry
 
@@ -394,7 +399,7 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
     pulled = abs(sensor.acceleration_m_s2 - estimate.bias_m_s2 - sensor.housing_m_s2)
-    slow_m_s = at_least(2.0 * math.sqrt(at_least(estimate.p.vv, 0.0)), STILL_M_S)
+    slow_m_s = at_least(two_sigma_m_s(estimate), STILL_M_S)
     still = pulled < config.noise.still_m_s2 and abs(estimate.v_m_s) < slow_m_s
     return min(still_ticks + elapsed_ticks, NEVER_TICKS) if still else 0
 

@@ -6,6 +6,7 @@ from firmware_py.core.estimation.accelerometer import NominalSensors, SensorStat
 from firmware_py.core.estimation.kalman import Covariance, ProcessNoise, Row, StateEstimate, Transition
 from firmware_py.core.estimation.striker_model import NominalStriker
 from firmware_py.core.measurements import AllMeasured
+from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 
@@ -164,34 +165,9 @@ class Contact(NamedTuple):
     settled: bool
 
 
-_NO_ESTIMATE = StateEstimate(0.0, 0.0, 0.0, Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-
 NO_FLIGHT = Flight(0.0, 0.0, -1)
 
-INITIAL = EstimatorState(
-    x_m=0.0,
-    v_m_s=0.0,
-    bias_m_s2=0.0,
-    p_xx=0.0,
-    p_xv=0.0,
-    p_xb=0.0,
-    p_vv=0.0,
-    p_vb=0.0,
-    p_bb=0.0,
-    innovation_m_s2=0.0,
-    innovation_std_m_s2=0.0,
-    spread_m_s2=0.0,
-    nis=0.0,
-    model_variance=0.0,
-    still_ticks=0,
-    gated_ticks=0,
-    sensor=SensorState(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, clipped=False, missed_ticks=NEVER_TICKS),
-    touch_down=_NO_ESTIMATE,
-    started=False,
-    flight=NO_FLIGHT,
-    spring_share=0.0,
-    friction_share=0.0,
-)
+INITIAL = zeroed(EstimatorState, sensor=zeroed(SensorState, missed_ticks=NEVER_TICKS), flight=NO_FLIGHT)
 
 
 def estimate_of(state: EstimatorState) -> StateEstimate:

@@ -17,6 +17,7 @@ from firmware_py.core.elementary import sin
 from firmware_py.core.estimation.estimator_state import Contact, EstimatorState
 from firmware_py.core.estimation.striker_model import NominalStriker
 from firmware_py.core.numbers import clamp
+from firmware_py.core.records import zeroed
 
 SAMPLE_TICKS = 10
 """One reading in this number counts; the integrals use them all."""
@@ -116,21 +117,10 @@ class IdentifyState(NamedTuple):
     friction: float
 
 
-_NO_SAMPLE = Sample(0.0, 0.0, 0.0, 0.0)
-_NO_SUMS = Sums(
-    0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-)
+_NO_SAMPLE = zeroed(Sample)
+_NO_SUMS = zeroed(Sums)
 
-INITIAL = IdentifyState(
-    pending=_NO_SAMPLE,
-    has_pending=False,
-    sums=_NO_SUMS,
-    normal=Normal(0.0, 0.0, 0.0, 0.0, 0.0),
-    flights=0,
-    gain=0.0,
-    spring=0.0,
-    friction=0.0,
-)
+INITIAL = zeroed(IdentifyState)
 
 
 def _added(s: Sums, sample: Sample) -> Sums:

@@ -15,6 +15,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from firmware_py.core.inputs import DriveInput, EncoderInput
+from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import (
     AXIS_IDLE,
@@ -98,14 +99,7 @@ class DriveLinkState(NamedTuple):
     service_ticks: int
 
 
-INITIAL = DriveLinkState(
-    request=AxisRequest.OPEN,
-    request_ticks=0,
-    round_ticks=0,
-    place=0,
-    confirmed=False,
-    service_ticks=NEVER_TICKS,
-)
+INITIAL = zeroed(DriveLinkState, request=AxisRequest.OPEN, service_ticks=NEVER_TICKS)
 
 
 def requested(mode: Mode) -> AxisRequest:

@@ -11,6 +11,7 @@ from firmware_py.core.estimation.crank import CrankState
 from firmware_py.core.estimation.estimator_state import EstimatorState
 from firmware_py.core.inputs import Inputs
 from firmware_py.core.numbers import TAU
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, Fault, Mode
 
 LONGEST_GAP_S = 0.010
@@ -131,26 +132,7 @@ class Findings(NamedTuple):
     freewheel_overspeed: bool
 
 
-INITIAL = MonitorState(
-    frozen_ticks=0,
-    overcurrent_ticks=0,
-    voltage_ticks=0,
-    estimate_ticks=0,
-    stall_ticks=0,
-    runaway_ticks=0,
-    implausible_ticks=0,
-    stopping_ticks=0,
-    standstill_ticks=0,
-    enable_ticks=0,
-    enabled=False,
-    position_rev=0.0,
-    stuck_ticks=0,
-    low_m_s2=0.0,
-    freewheel_ticks=0,
-    silent_ticks=0,
-    unsteady_ticks=0,
-    gaps=0,
-)
+INITIAL = zeroed(MonitorState)
 
 
 def watchdog_fault(

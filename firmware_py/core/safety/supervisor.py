@@ -9,6 +9,7 @@ INIT, from where the whole path to motion is gone again. Clearing never arms.
 
 from typing import NamedTuple
 
+from firmware_py.core.records import zeroed
 from firmware_py.core.safety.monitors import Findings
 from firmware_py.interface.enums import (
     ASKS_CLEAR,
@@ -59,9 +60,7 @@ class SupervisorState(NamedTuple):
     ticks_in_mode: int
 
 
-INITIAL = SupervisorState(
-    mode=INIT, fault=NO_FAULT, disarm_reason=0, idle_seen=False, clear_armed=False, ticks_in_mode=0
-)
+INITIAL = zeroed(SupervisorState, mode=INIT, fault=NO_FAULT)
 
 
 def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a table, read top to bottom

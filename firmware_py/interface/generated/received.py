@@ -81,30 +81,11 @@ INITIAL = Received(
 
 def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
     """The same, with the sensors' records that came in `tick` of the earlier tick `sampled`."""
-    return Received(
-        received.encoder_estimates,
-        dated(received.encoder_estimates_arrival, tick, sampled),
-        received.accelerometer,
-        dated(received.accelerometer_arrival, tick, sampled),
-        received.gait_sensors,
-        dated(received.gait_sensors_arrival, tick, sampled),
-        received.drive_current,
-        received.drive_current_arrival,
-        received.coarse_position,
-        dated(received.coarse_position_arrival, tick, sampled),
-        received.drive_heartbeat,
-        received.drive_heartbeat_arrival,
-        received.drive_errors,
-        received.drive_errors_arrival,
-        received.drive_temperature,
-        received.drive_temperature_arrival,
-        received.drive_supply,
-        received.drive_supply_arrival,
-        received.operator_command,
-        received.operator_command_arrival,
-        received.drive_estop_arrival,
-        received.parameter_request,
-        received.parameter_request_arrival,
+    return received._replace(
+        encoder_estimates_arrival=dated(received.encoder_estimates_arrival, tick, sampled),
+        accelerometer_arrival=dated(received.accelerometer_arrival, tick, sampled),
+        gait_sensors_arrival=dated(received.gait_sensors_arrival, tick, sampled),
+        coarse_position_arrival=dated(received.coarse_position_arrival, tick, sampled),
     )
 
 
@@ -114,128 +95,104 @@ def receive(
     """Take one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
     can_id, length, word = frame
     usable = False
-    (
-        encoder_estimates,
-        encoder_estimates_arrival,
-        accelerometer,
-        accelerometer_arrival,
-        gait_sensors,
-        gait_sensors_arrival,
-        drive_current,
-        drive_current_arrival,
-        coarse_position,
-        coarse_position_arrival,
-        drive_heartbeat,
-        drive_heartbeat_arrival,
-        drive_errors,
-        drive_errors_arrival,
-        drive_temperature,
-        drive_temperature_arrival,
-        drive_supply,
-        drive_supply_arrival,
-        operator_command,
-        operator_command_arrival,
-        drive_estop_arrival,
-        parameter_request,
-        parameter_request_arrival,
-    ) = received
     if can_id == kinds.ENCODER_ESTIMATES.can_id:
-        new_encoder_estimates, reason = unpacking.unpack_encoder_estimates(length, word)
-        encoder_estimates_arrival, counters, usable = taken(
-            encoder_estimates_arrival, counters, tick, reason, kinds.ENCODER_ESTIMATES, word, tick_s
+        encoder_estimates, reason = unpacking.unpack_encoder_estimates(length, word)
+        arrival, counters, usable = taken(
+            received.encoder_estimates_arrival, counters, tick, reason, kinds.ENCODER_ESTIMATES, word, tick_s
         )
-        encoder_estimates = new_encoder_estimates if usable else encoder_estimates
+        received = received._replace(
+            encoder_estimates_arrival=arrival,
+            encoder_estimates=encoder_estimates if usable else received.encoder_estimates,
+        )
     elif can_id == kinds.ACCELEROMETER.can_id:
-        new_accelerometer, reason = unpacking.unpack_accelerometer(length, word)
-        accelerometer_arrival, counters, usable = taken(
-            accelerometer_arrival, counters, tick, reason, kinds.ACCELEROMETER, word, tick_s
+        accelerometer, reason = unpacking.unpack_accelerometer(length, word)
+        arrival, counters, usable = taken(
+            received.accelerometer_arrival, counters, tick, reason, kinds.ACCELEROMETER, word, tick_s
         )
-        accelerometer = new_accelerometer if usable else accelerometer
+        received = received._replace(
+            accelerometer_arrival=arrival, accelerometer=accelerometer if usable else received.accelerometer
+        )
     elif can_id == kinds.GAIT_SENSORS.can_id:
-        new_gait_sensors, reason = unpacking.unpack_gait_sensors(length, word)
-        gait_sensors_arrival, counters, usable = taken(
-            gait_sensors_arrival, counters, tick, reason, kinds.GAIT_SENSORS, word, tick_s
+        gait_sensors, reason = unpacking.unpack_gait_sensors(length, word)
+        arrival, counters, usable = taken(
+            received.gait_sensors_arrival, counters, tick, reason, kinds.GAIT_SENSORS, word, tick_s
         )
-        gait_sensors = new_gait_sensors if usable else gait_sensors
+        received = received._replace(
+            gait_sensors_arrival=arrival, gait_sensors=gait_sensors if usable else received.gait_sensors
+        )
     elif can_id == kinds.DRIVE_CURRENT.can_id:
-        new_drive_current, reason = unpacking.unpack_drive_current(length, word)
-        drive_current_arrival, counters, usable = taken(
-            drive_current_arrival, counters, tick, reason, kinds.DRIVE_CURRENT, word, tick_s
+        drive_current, reason = unpacking.unpack_drive_current(length, word)
+        arrival, counters, usable = taken(
+            received.drive_current_arrival, counters, tick, reason, kinds.DRIVE_CURRENT, word, tick_s
         )
-        drive_current = new_drive_current if usable else drive_current
+        received = received._replace(
+            drive_current_arrival=arrival, drive_current=drive_current if usable else received.drive_current
+        )
     elif can_id == kinds.COARSE_POSITION.can_id:
-        new_coarse_position, reason = unpacking.unpack_coarse_position(length, word)
-        coarse_position_arrival, counters, usable = taken(
-            coarse_position_arrival, counters, tick, reason, kinds.COARSE_POSITION, word, tick_s
+        coarse_position, reason = unpacking.unpack_coarse_position(length, word)
+        arrival, counters, usable = taken(
+            received.coarse_position_arrival, counters, tick, reason, kinds.COARSE_POSITION, word, tick_s
         )
-        coarse_position = new_coarse_position if usable else coarse_position
+        received = received._replace(
+            coarse_position_arrival=arrival,
+            coarse_position=coarse_position if usable else received.coarse_position,
+        )
     elif can_id == kinds.DRIVE_HEARTBEAT.can_id:
-        new_drive_heartbeat, reason = unpacking.unpack_drive_heartbeat(length, word)
-        drive_heartbeat_arrival, counters, usable = taken(
-            drive_heartbeat_arrival, counters, tick, reason, kinds.DRIVE_HEARTBEAT, word, tick_s
+        drive_heartbeat, reason = unpacking.unpack_drive_heartbeat(length, word)
+        arrival, counters, usable = taken(
+            received.drive_heartbeat_arrival, counters, tick, reason, kinds.DRIVE_HEARTBEAT, word, tick_s
         )
-        drive_heartbeat = new_drive_heartbeat if usable else drive_heartbeat
+        received = received._replace(
+            drive_heartbeat_arrival=arrival,
+            drive_heartbeat=drive_heartbeat if usable else received.drive_heartbeat,
+        )
     elif can_id == kinds.DRIVE_ERRORS.can_id:
-        new_drive_errors, reason = unpacking.unpack_drive_errors(length, word)
-        drive_errors_arrival, counters, usable = taken(
-            drive_errors_arrival, counters, tick, reason, kinds.DRIVE_ERRORS, word, tick_s
+        drive_errors, reason = unpacking.unpack_drive_errors(length, word)
+        arrival, counters, usable = taken(
+            received.drive_errors_arrival, counters, tick, reason, kinds.DRIVE_ERRORS, word, tick_s
         )
-        drive_errors = new_drive_errors if usable else drive_errors
+        received = received._replace(
+            drive_errors_arrival=arrival, drive_errors=drive_errors if usable else received.drive_errors
+        )
     elif can_id == kinds.DRIVE_TEMPERATURE.can_id:
-        new_drive_temperature, reason = unpacking.unpack_drive_temperature(length, word)
-        drive_temperature_arrival, counters, usable = taken(
-            drive_temperature_arrival, counters, tick, reason, kinds.DRIVE_TEMPERATURE, word, tick_s
+        drive_temperature, reason = unpacking.unpack_drive_temperature(length, word)
+        arrival, counters, usable = taken(
+            received.drive_temperature_arrival, counters, tick, reason, kinds.DRIVE_TEMPERATURE, word, tick_s
         )
-        drive_temperature = new_drive_temperature if usable else drive_temperature
+        received = received._replace(
+            drive_temperature_arrival=arrival,
+            drive_temperature=drive_temperature if usable else received.drive_temperature,
+        )
     elif can_id == kinds.DRIVE_SUPPLY.can_id:
-        new_drive_supply, reason = unpacking.unpack_drive_supply(length, word)
-        drive_supply_arrival, counters, usable = taken(
-            drive_supply_arrival, counters, tick, reason, kinds.DRIVE_SUPPLY, word, tick_s
+        drive_supply, reason = unpacking.unpack_drive_supply(length, word)
+        arrival, counters, usable = taken(
+            received.drive_supply_arrival, counters, tick, reason, kinds.DRIVE_SUPPLY, word, tick_s
         )
-        drive_supply = new_drive_supply if usable else drive_supply
+        received = received._replace(
+            drive_supply_arrival=arrival, drive_supply=drive_supply if usable else received.drive_supply
+        )
     elif can_id == kinds.OPERATOR_COMMAND.can_id:
-        new_operator_command, reason = unpacking.unpack_operator_command(length, word)
-        operator_command_arrival, counters, usable = taken(
-            operator_command_arrival, counters, tick, reason, kinds.OPERATOR_COMMAND, word, tick_s
+        operator_command, reason = unpacking.unpack_operator_command(length, word)
+        arrival, counters, usable = taken(
+            received.operator_command_arrival, counters, tick, reason, kinds.OPERATOR_COMMAND, word, tick_s
         )
-        operator_command = new_operator_command if usable else operator_command
+        received = received._replace(
+            operator_command_arrival=arrival,
+            operator_command=operator_command if usable else received.operator_command,
+        )
     elif can_id == kinds.DRIVE_ESTOP.can_id:
         _, reason = unpacking.unpack_drive_estop(length, word)
-        drive_estop_arrival, counters, usable = taken(
-            drive_estop_arrival, counters, tick, reason, kinds.DRIVE_ESTOP, word, tick_s
+        arrival, counters, usable = taken(
+            received.drive_estop_arrival, counters, tick, reason, kinds.DRIVE_ESTOP, word, tick_s
         )
+        received = received._replace(drive_estop_arrival=arrival)
     elif can_id == kinds.PARAMETER_REQUEST.can_id:
-        new_parameter_request, reason = unpacking.unpack_parameter_request(length, word)
-        parameter_request_arrival, counters, usable = taken(
-            parameter_request_arrival, counters, tick, reason, kinds.PARAMETER_REQUEST, word, tick_s
+        parameter_request, reason = unpacking.unpack_parameter_request(length, word)
+        arrival, counters, usable = taken(
+            received.parameter_request_arrival, counters, tick, reason, kinds.PARAMETER_REQUEST, word, tick_s
         )
-        parameter_request = new_parameter_request if usable else parameter_request
-    return (
-        Received(
-            encoder_estimates,
-            encoder_estimates_arrival,
-            accelerometer,
-            accelerometer_arrival,
-            gait_sensors,
-            gait_sensors_arrival,
-            drive_current,
-            drive_current_arrival,
-            coarse_position,
-            coarse_position_arrival,
-            drive_heartbeat,
-            drive_heartbeat_arrival,
-            drive_errors,
-            drive_errors_arrival,
-            drive_temperature,
-            drive_temperature_arrival,
-            drive_supply,
-            drive_supply_arrival,
-            operator_command,
-            operator_command_arrival,
-            drive_estop_arrival,
-            parameter_request,
-            parameter_request_arrival,
-        ),
-        counters,
-        usable,
-    )
+        received = received._replace(
+            parameter_request_arrival=arrival,
+            parameter_request=parameter_request if usable else received.parameter_request,
+        )
+    return received, counters, usable

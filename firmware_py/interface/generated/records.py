@@ -103,10 +103,10 @@ class DriveCurrent(NamedTuple):
     """0x014, from Drive, every 10 ms. ODrive CANSimple 0.6 Get_Iq."""
 
     setpoint_a: float
-    """ODrive Iq_Setpoint."""
+    """ODrive Iq_Setpoint: torque-producing current."""
 
     measured_a: float
-    """ODrive Iq_Measured."""
+    """ODrive Iq_Measured: torque-producing current."""
 
 
 class DriveTemperature(NamedTuple):

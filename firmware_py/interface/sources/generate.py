@@ -5,7 +5,7 @@
 A codec that loops over a description of its signals costs several times what the packing does, and a
 microcontroller has no description; so each frame gets the few lines that someone would write by hand. The
 bench needs the description too, for messages and tables, but not a parser of DBC files in every process. A
-test holds the checked-in files against what this module writes; `ruff format` lays their lines out.
+test holds the checked-in files against what this module writes.
 """
 
 import json
@@ -14,9 +14,10 @@ from pathlib import Path
 from firmware_py.interface.crc import INITIAL, TABLE
 from firmware_py.interface.layout import Layout, Signal, SignalKind, snake, span
 from firmware_py.interface.sources.dbc import database
-from firmware_py.interface.sources.layout import layout_of
+from firmware_py.interface.sources.dbc_layout import layout_of
 from firmware_py.interface.sources.received import received_source
 from firmware_py.interface.sources.records import RECORDS, record_source
+from firmware_py.interface.sources.write import write
 
 GENERATED = Path(__file__).parents[1] / "generated"
 
@@ -202,4 +203,4 @@ def _to_value(signal: Signal) -> str:
 
 if __name__ == "__main__":
     for file, text in sources().items():
-        (GENERATED / file).write_text(text, encoding="utf-8")
+        write(GENERATED / file, text)

@@ -3,8 +3,7 @@
     python -m firmware_py.interface.sources.parameter_table
 
 writes `core/parameter_values.py`, the parameters in the firmware's subset: a microcontroller reads no TOML
-and knows no names. A test holds the checked-in file against what this module writes; `ruff format` lays its
-lines out.
+and knows no names. A test holds the checked-in file against what this module writes.
 """
 
 import textwrap
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.interface.enums import ParameterTier
+from firmware_py.interface.sources.write import write
 
 SOURCE = Path(__file__).with_name("parameters.toml")
 TARGET = Path(__file__).parents[2] / "core" / "parameter_values.py"
@@ -103,4 +103,4 @@ def source() -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(source(), encoding="utf-8")
+    write(TARGET, source())

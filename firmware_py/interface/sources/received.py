@@ -32,7 +32,7 @@ DATED = '''
 
 def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
     """The same, with the sensors' records that came in `tick` of the earlier tick `sampled`."""
-    return Received({sampled})
+    return received._replace({sampled})
 
 
 '''
@@ -42,8 +42,7 @@ RECEIVE = '''def receive(
     """Take one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
     can_id, length, word = frame
     usable = False
-    ({names}) = received
-{branches}    return Received({names}), counters, usable
+{branches}    return received, counters, usable
 '''
 BY_SAMPLE = ("EncoderEstimates",)
 """The drive's frames that are sampled with the sensors."""
@@ -57,40 +56,37 @@ def received_source(layouts: Sequence[Layout]) -> str:
     )
     ids = ", ".join(f"kinds.{snake(layout.name).upper()}.can_id" for layout in frames)
     members, initial, sampled, branches = "", "", "", ""
-    names: list[str] = []
     for layout in frames:
         name = snake(layout.name)
         arrival = f"{name}_arrival"
         if layout.signals:
-            names.append(name)
             members += f"    {name}: records.{layout.name}\n"
             initial += f"{name}={nothing(layout)}, "
-            sampled += f"received.{name}, "
-        names.append(arrival)
         members += f"    {arrival}: Arrival\n"
         initial += f"{arrival}=NEVER, "
-        sampled += (
-            f"dated(received.{arrival}, tick, sampled), " if is_sampled(layout) else f"received.{arrival}, "
-        )
+        if is_sampled(layout):
+            sampled += f"{arrival}=dated(received.{arrival}, tick, sampled), "
         branches += branch(layout)
     return (
         RECEIVED
         + STATE.format(ids=ids, members=members, initial=initial)
         + DATED.format(sampled=sampled)
-        + RECEIVE.format(names=", ".join(names), branches=branches.replace("    elif", "    if", 1))
+        + RECEIVE.format(branches=branches.replace("    elif", "    if", 1))
     )
 
 
 def branch(layout: Layout) -> str:
     """The lines that take one frame."""
     name = snake(layout.name)
-    kind, arrival, new = f"kinds.{name.upper()}", f"{name}_arrival", f"new_{name}" if layout.signals else "_"
+    kind, new = f"kinds.{name.upper()}", f"{name}_arrival=arrival"
+    if layout.signals:
+        new += f", {name}={name} if usable else received.{name}"
     return (
         f"    elif can_id == {kind}.can_id:\n"
-        f"        {new}, reason = unpacking.unpack_{name}(length, word)\n"
-        f"        {arrival}, counters, usable = taken(\n"
-        f"            {arrival}, counters, tick, reason, {kind}, word, tick_s\n        )\n"
-        + (f"        {name} = {new} if usable else {name}\n" if layout.signals else "")
+        f"        {name if layout.signals else '_'}, reason = unpacking.unpack_{name}(length, word)\n"
+        f"        arrival, counters, usable = taken(\n"
+        f"            received.{name}_arrival, counters, tick, reason, {kind}, word, tick_s\n        )\n"
+        f"        received = received._replace({new})\n"
     )
 
 

@@ -58,7 +58,7 @@ class GaitEnd(NamedTuple):
 
 def push_off(scenario: Mapping[str, Any]) -> PushOff:
     """The window of a scenario's firmware."""
-    lock = config_from(scenario.get("firmware", {})).lock
+    lock = config_from(scenario.get("firmware", {})).gait_lock
     return PushOff(lock.window_start, lock.window_end)
 
 

@@ -17,7 +17,7 @@ from firmware_py.shell.node import Node
 from hil.record.traces.trace import FieldType, TraceWriter
 from hil.timing.loop import LoopTiming
 
-OF_A_WALK = ("gait", "lock")
+OF_A_WALK = ("gait", "gait_lock")
 """Parts of the firmware's state that are recorded only where somebody may walk."""
 MEMORY_OF = {"inputs": "inputs", "state": "core", "outputs": "outputs", "counters": "counters"}
 """Which member of the firmware's memory the trace's columns of a prefix are."""

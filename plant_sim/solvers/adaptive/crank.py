@@ -14,7 +14,7 @@ from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
-from plant_sim.parts.winding import DqWinding, Winding, cogging_n_m
+from plant_sim.parts.winding import DqWinding, Winding, cogging, wave_sum
 from plant_sim.solvers.adaptive.bernstein import DEGREE, NO_ROOT, NODES, evaluate, interpolate
 from plant_sim.solvers.adaptive.event_location import (
     CRANK_BREAK,
@@ -194,7 +194,7 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
     place = current_place(parts)
     torque = turning_torque_n_m(parts.winding, parts.drive, torque_n_m, Crank(angle_rad, 0.0), y, place)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
-    return torque + cogging_n_m(parts.winding, angle_rad) - load
+    return torque + wave_sum(cogging(parts.winding), angle_rad) - load
 
 
 @subroutine

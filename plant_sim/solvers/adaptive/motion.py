@@ -11,7 +11,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j
 from plant_sim.parts.walking import Walking
-from plant_sim.parts.winding import cogging_energy_j, cogging_n_m
+from plant_sim.parts.winding import cogging, wave_energy, wave_sum
 from plant_sim.solvers.adaptive.crank import (
     coupling_n,
     crank_derivative,
@@ -74,7 +74,7 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
     load = crank_torque_n_m(parts.linkage, spring, drive.amplitude_m, crank.angle_rad)
     work = work_place(parts)
     torque = turning_torque_n_m(parts.winding, drive, flow.torque_n_m, crank, y, current_place(parts))
-    held_back = load - cogging_n_m(parts.winding, crank.angle_rad)
+    held_back = load - wave_sum(cogging(parts.winding), crank.angle_rad)
     crank_loss = crank_derivative(drive, flow, torque, held_back, crank, work, out)
     closing = closing_m_s(parts.wearer, drive, y)
     a_b = housing_m_s2(parts.housing, flow.time_s + tau_s)
@@ -124,5 +124,5 @@ def stored_energy_j(parts: Parts, phase: int, y: Vector, crank: Crank) -> float:
     if in_touch(phase, depth_m):
         energy += elastic_energy_j(stop, depth_m)
     energy += plate_energy_j(parts.wearer, drive, y)
-    energy += cogging_energy_j(parts.winding, crank.angle_rad)
+    energy += wave_energy(cogging(parts.winding), crank.angle_rad)
     return energy + rotor_energy_j(drive, crank.speed_rad_s)

@@ -158,16 +158,9 @@ def simulate(
             "the exact solver has closed forms for an ideal drive, no, viscous or Coulomb friction and no or "
             f"a rigid stop; this scene has {drive!r}, {friction!r} and {stop!r}: use the adaptive solver"
         )
-    grid = np.zeros(0) if samples_t_s is None else np.ascontiguousarray(samples_t_s, dtype=np.float64)
-    require_run(initial, until_s, grid)
-
+    grid = sample_times(initial, until_s, samples_t_s)
     until_s = float(until_s)
-    start = (
-        float(initial.t_s),
-        float(start_m(striker, stop, initial)),
-        float(initial.v_m_s),
-        float(initial.crank_rad),
-    )
+    start = start_of(striker, stop, initial)
     samples = np.empty((len(grid), 3))
     arguments = (striker, drive, friction, stop, start, until_s, float(rest_speed_m_s), grid, samples)
     kinds = type(friction), type(stop)
@@ -200,8 +193,11 @@ def require_plain(parts: Parts) -> None:
         )
 
 
-def require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.float64]) -> None:
-    """Refuse numbers that make no run."""
+def sample_times(
+    initial: MotionState, until_s: float, asked_t_s: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """The times of a run's samples, s, shape (n,); refuses numbers that make no run."""
+    samples_t_s = np.zeros(0) if asked_t_s is None else np.ascontiguousarray(asked_t_s, dtype=np.float64)
     numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
     if not all(map(math.isfinite, numbers)):
         raise UnsupportedSceneError(
@@ -218,19 +214,22 @@ def require_run(initial: MotionState, until_s: float, samples_t_s: NDArray[np.fl
             f"the sample times must ascend within [{initial.t_s}, {until_s}] s and go from "
             f"{samples_t_s[0]} to {samples_t_s[-1]} s; sort and clip them"
         )
+    return samples_t_s
 
 
-def start_m(striker: Striker, stop: NoStop | RigidStop, initial: MotionState) -> float:
-    """y at the start; refuses one beyond the stop."""
+def start_of(
+    striker: Striker, stop: NoStop | RigidStop, initial: MotionState
+) -> tuple[float, float, float, float]:
+    """t, y, v and crank angle at the start; refuses one beyond the stop."""
     y_m = initial.x_m - striker.rest_length_m
-    if isinstance(stop, NoStop):
-        return y_m
-    if initial.x_m > stop.position_m:
-        raise UnsupportedSceneError(
-            f"the striker starts at x = {initial.x_m} m, beyond the rigid stop at {stop.position_m} m; "
-            "start at or before the stop, or use a soft one"
-        )
-    return min(y_m, stop.position_m - striker.rest_length_m)
+    if isinstance(stop, RigidStop):
+        if initial.x_m > stop.position_m:
+            raise UnsupportedSceneError(
+                f"the striker starts at x = {initial.x_m} m, beyond the rigid stop at {stop.position_m} m; "
+                "start at or before the stop, or use a soft one"
+            )
+        y_m = min(y_m, stop.position_m - striker.rest_length_m)
+    return float(initial.t_s), float(y_m), float(initial.v_m_s), float(initial.crank_rad)
 
 
 def _position_m(striker: Striker, stop: NoStop | RigidStop, y_m: float) -> float:

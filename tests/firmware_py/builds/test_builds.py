@@ -169,7 +169,7 @@ def test_both_builds_keep_the_same_bits_while_somebody_walks(
     for tick, frames in enumerate(walked.received):
         assert compiled.tick(frames, 1) == python.tick(frames, 1), tick
         confidence = max(confidence, python.state.gait.confidence)
-        harmonic = max(harmonic, python.state.lock.harmonic)
+        harmonic = max(harmonic, python.state.gait_lock.harmonic)
         if tick % 10 == 0 or tick == len(walked.received) - 1:
             assert bits(compiled.inputs) == bits(python.inputs), tick
             assert bits(compiled.state) == bits(python.state), tick

@@ -7,8 +7,7 @@ import pytest
 from closed_loop import Bench
 from walker import PERIOD_S, Walk, walk
 
-from firmware_py.core.control import gait
-from firmware_py.core.control import gait_lock as lock
+from firmware_py.core.control import gait, gait_lock
 from firmware_py.core.control.gait_lock import LockConfig, LockState
 from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.interface import codec
@@ -18,7 +17,7 @@ from firmware_py.interface.generated.records import GaitReport, GaitSensors
 from firmware_py.shell.parameters import config_from
 
 FOLLOW = {"gait.follow": 1}
-CONFIG: LockConfig = config_from(FOLLOW).lock
+CONFIG: LockConfig = config_from(FOLLOW).gait_lock
 NATURAL_HZ = CONFIG.natural_rad_s / (2.0 * math.pi)
 
 
@@ -34,19 +33,19 @@ def cycle(stride_s: float, phase: float = 0.5, confidence: float = 0.9) -> gait.
 
 def stepped(state: LockState, seen: gait.CycleState, angle_rad: float = 0.0, ticks: int = 1) -> LockState:
     for _ in range(ticks):
-        state = lock.step(CONFIG, state, seen, True, True, angle_rad, NO_REGIME, False, 0.0, 1, 0.0)
+        state = gait_lock.step(CONFIG, state, seen, True, True, angle_rad, NO_REGIME, False, 0.0, 1, 0.0)
     return state
 
 
 @pytest.mark.parametrize("ratio", [0.99, 1.12, 1.29])
 @pytest.mark.parametrize("harmonic", [1, 2])
 def test_the_turns_that_are_nearest_to_the_centre_are_taken(ratio: float, harmonic: int) -> None:
-    assert lock.chosen(CONFIG, stride_for(ratio, harmonic), 0, 0.0) == harmonic
+    assert gait_lock.chosen(CONFIG, stride_for(ratio, harmonic), 0, 0.0) == harmonic
 
 
 def test_many_turns_come_nearer_to_the_centre_than_few() -> None:
     for stride_s in np.linspace(3.0, 9.0, 50):
-        harmonic = lock.chosen(CONFIG, float(stride_s), 0, 0.0)
+        harmonic = gait_lock.chosen(CONFIG, float(stride_s), 0, 0.0)
         ratio = harmonic / (stride_s * NATURAL_HZ)
         others = [other / (stride_s * NATURAL_HZ) for other in range(1, 20)]
         assert abs(ratio - CONFIG.centre_ratio) == pytest.approx(
@@ -55,34 +54,38 @@ def test_many_turns_come_nearer_to_the_centre_than_few() -> None:
 
 
 def test_where_no_whole_number_of_turns_lies_in_the_region_there_is_none() -> None:
-    assert lock.chosen(CONFIG, stride_for(0.90, 1), 0, 0.0) == 0
-    assert lock.chosen(CONFIG, stride_for(0.90, 2), 0, 0.0) == 0
-    assert lock.chosen(CONFIG, 100.0, 0, 0.0) == 0
-    assert lock.refused(CONFIG, cycle(1.0), 0) == Refusal.NO_HARMONIC
+    assert gait_lock.chosen(CONFIG, stride_for(0.90, 1), 0, 0.0) == 0
+    assert gait_lock.chosen(CONFIG, stride_for(0.90, 2), 0, 0.0) == 0
+    assert gait_lock.chosen(CONFIG, 100.0, 0, 0.0) == 0
+    assert gait_lock.refused(CONFIG, cycle(1.0), 0) == Refusal.NO_HARMONIC
 
 
 def test_turns_once_taken_are_kept_until_others_are_clearly_better() -> None:
     """Five and six are equally near where r changes from a sixth to a fifth about the centre."""
     even = 2.0 * CONFIG.centre_ratio / (5.0 + 6.0)
-    up = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 6, 0.0) for one in (even, even * 1.02, even * 1.04)]
-    down = [lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 5, 0.0) for one in (even, even * 0.98, even * 0.96)]
+    up = [
+        gait_lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 6, 0.0) for one in (even, even * 1.02, even * 1.04)
+    ]
+    down = [
+        gait_lock.chosen(CONFIG, 1.0 / (one * NATURAL_HZ), 5, 0.0) for one in (even, even * 0.98, even * 0.96)
+    ]
     assert up == [6, 6, 5]
     assert down == [5, 5, 6]
 
 
 def test_turns_once_taken_may_leave_the_region_a_little() -> None:
-    assert lock.chosen(CONFIG, stride_for(0.97, 2), 0, 0.0) == 0
-    assert lock.chosen(CONFIG, stride_for(0.95, 2), 2, 0.0) == 2
-    assert lock.chosen(CONFIG, stride_for(0.93, 2), 2, 0.0) == 0
+    assert gait_lock.chosen(CONFIG, stride_for(0.97, 2), 0, 0.0) == 0
+    assert gait_lock.chosen(CONFIG, stride_for(0.95, 2), 2, 0.0) == 2
+    assert gait_lock.chosen(CONFIG, stride_for(0.93, 2), 2, 0.0) == 0
 
 
 def test_nothing_is_followed_that_is_not_trusted() -> None:
-    state = stepped(lock.INITIAL, cycle(stride_for(1.1, 2), confidence=0.2))
+    state = stepped(gait_lock.INITIAL, cycle(stride_for(1.1, 2), confidence=0.2))
     assert (state.harmonic, state.refusal) == (0, Refusal.NOT_WALKING)
 
 
 def test_the_ratio_changes_by_its_rate_at_most() -> None:
-    start = lock.INITIAL._replace(base_ratio=1.0)
+    start = gait_lock.INITIAL._replace(base_ratio=1.0)
     state = stepped(start, cycle(stride_for(1.2, 2)), ticks=100)
     assert state.trim == pytest.approx(0.1 * CONFIG.rate_1_s)
     assert state.trim_rate_1_s == pytest.approx(CONFIG.rate_1_s)
@@ -91,7 +94,7 @@ def test_the_ratio_changes_by_its_rate_at_most() -> None:
 def test_a_crank_that_lags_is_led_forward_and_one_ahead_back() -> None:
     """At the window's middle the crank has to be where impacts come: at 90° here."""
     seen = cycle(stride_for(1.1, 2), phase=0.5 * (CONFIG.window_start + CONFIG.window_end))
-    start = lock.INITIAL._replace(base_ratio=1.1)
+    start = gait_lock.INITIAL._replace(base_ratio=1.1)
     behind, ahead = (stepped(start, seen, angle, 1000) for angle in (1.4, 1.74))
     assert behind.error_rad == pytest.approx(0.5 * math.pi - 1.4)
     assert behind.trim == pytest.approx(CONFIG.gain_1_s * behind.error_rad / CONFIG.natural_rad_s)
@@ -101,13 +104,13 @@ def test_a_crank_that_lags_is_led_forward_and_one_ahead_back() -> None:
 
 def test_other_turns_are_taken_so_far_before_the_window_as_the_change_of_speed_costs() -> None:
     before, after = stride_for(1.12, 2), stride_for(1.12, 3)
-    share = lock.turning_share(CONFIG, after)
+    share = gait_lock.turning_share(CONFIG, after)
     # From two turns to three: the crank is late by ω Δr²/2ρ, which a leap of 2π in θ* by cycle stands for.
     step = 1.12 / 3.0
     lost_rad = CONFIG.natural_rad_s * step**2 / (2.0 * CONFIG.rate_1_s)
     assert 2.0 * math.pi * share == pytest.approx(lost_rad)
     change_at = 0.525 - share
-    state = stepped(lock.INITIAL, cycle(before, phase=change_at + 0.1))
+    state = stepped(gait_lock.INITIAL, cycle(before, phase=change_at + 0.1))
     assert state.harmonic == 2
     for phase in (change_at + 0.2, 0.9, 0.0, change_at - 0.01):
         state = stepped(state, cycle(after, phase=phase))
@@ -117,9 +120,9 @@ def test_other_turns_are_taken_so_far_before_the_window_as_the_change_of_speed_c
 
 def test_pulses_are_counted_in_and_out_of_the_window() -> None:
     def counted(phase: float, age_s: float) -> tuple[int, int]:
-        state = lock.step(
+        state = gait_lock.step(
             CONFIG,
-            lock.INITIAL,
+            gait_lock.INITIAL,
             cycle(stride_for(1.1, 2), phase),
             True,
             True,
@@ -193,7 +196,7 @@ def test_the_crank_follows_the_walk_into_its_window(run: tuple[Walked, Walk]) ->
     good, total = hits(bench, walked, modes.index(Mode.RUN) * 1e-3 + 4.0)
     assert total >= 15
     assert good == total
-    assert {state.lock.harmonic for state in bench.states[20_000:38_000]} == {2}
+    assert {state.gait_lock.harmonic for state in bench.states[20_000:38_000]} == {2}
 
 
 def test_it_reports_what_it_does(run: tuple[Walked, Walk]) -> None:
@@ -272,7 +275,7 @@ def test_gait_sensors_change_nothing_where_they_are_not_followed() -> None:
     assert plain.outputs == watched.outputs
     assert plain.node.state.gait == gait.INITIAL
     assert watched.node.state.gait.confidence > 0.25
-    assert watched.node.state.lock == lock.INITIAL
+    assert watched.node.state.gait_lock == gait_lock.INITIAL
     assert len(watched.reports) > 100
     assert codec.STRIKER_ESTIMATE.can_id in seen
     assert codec.GAIT_REPORT.can_id not in seen

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_py.core.control import gait_lock as lock
-from firmware_py.core.control import stride_harmonic
+from firmware_py.core.control import gait_lock, stride_harmonic
 from firmware_py.core.control.stride_harmonic import StrideHarmonicState
 from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.core.estimation.regime import Period, RegimeState
@@ -16,7 +15,7 @@ from firmware_py.shell.parameters import config_from
 WHOLE = config_from(
     {"gait.follow": 1, "gait.lowest_ratio": 0.98, "gait.centre_ratio": 1.14, "hold.impulse_slope_n_s": 2.0}
 )
-CONFIG, LOCK = WHOLE.stride_harmonic, WHOLE.lock
+CONFIG, LOCK = WHOLE.stride_harmonic, WHOLE.gait_lock
 TURN_ENDED = NO_REGIME._replace(ended=True, last=Period(1, 0.6, 0.5, 30.0))
 STRIDE_S = 20.0 * math.pi / LOCK.natural_rad_s
 """A tenth of r for each turn a stride: ten of them are r = 1."""
@@ -33,7 +32,7 @@ def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[StrideHarmo
     """What comes of `turns` of the crank, each with one impact; and all turns a stride that were taken."""
     state, taken = stride_harmonic.INITIAL, [11]
     for _ in range(turns):
-        harmonic = lock.chosen(LOCK, STRIDE_S, taken[-1], state.aim_ratio)
+        harmonic = gait_lock.chosen(LOCK, STRIDE_S, taken[-1], state.aim_ratio)
         if harmonic != taken[-1]:
             taken.append(harmonic)
         ratio = 0.1 * harmonic
@@ -45,7 +44,7 @@ def followed(impact: Impact, target_n_s: float, turns: int) -> tuple[StrideHarmo
 
 def test_a_stride_is_a_tenth_of_the_ratio_for_each_turn() -> None:
     for aim_ratio, harmonic in ((1.04, 10), (1.06, 11), (1.16, 12), (1.3, 13)):
-        assert lock.chosen(LOCK, STRIDE_S, 0, aim_ratio) == harmonic
+        assert gait_lock.chosen(LOCK, STRIDE_S, 0, aim_ratio) == harmonic
 
 
 def test_without_a_request_the_centre_counts() -> None:

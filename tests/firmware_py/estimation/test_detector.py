@@ -1,25 +1,19 @@
 import numpy as np
 import pytest
 
-from firmware_py.core.estimation import detector, estimator_state
+from firmware_py.core.estimation import detector
 from firmware_py.core.estimation.estimator_state import Contact, Prediction
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
+from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
 
 CONFIG = config_from({}).detector
-COMING = Prediction(
-    estimate=StateEstimate(0.179, 0.9, 0.0, Covariance(xx=1e-8, xv=0.0, xb=0.0, vv=1e-6, vb=0.0, bb=0.0)),
-    sensor=estimator_state.INITIAL.sensor._replace(missed_ticks=0),
-    innovation_m_s2=0.0,
-    innovation_std_m_s2=0.0,
-    spread_m_s2=0.0,
-    nis=0.0,
-    model_variance=0.0,
+COMING = zeroed(
+    Prediction,
+    estimate=zeroed(StateEstimate, x_m=0.179, v_m_s=0.9, p=zeroed(Covariance, xx=1e-8, vv=1e-6)),
     started=True,
     carried=True,
-    mean_m_s2=0.0,
-    of_state_m_s2=0.0,
 )
 
 

@@ -9,6 +9,7 @@ from firmware_py.core.estimation.estimator_state import Contact, EstimatorConfig
 from firmware_py.core.estimation.kalman import Covariance, StateEstimate
 from firmware_py.core.inputs import AccelerometerInput
 from firmware_py.core.measurements import NOTHING_MEASURED, Measurement
+from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 from firmware_py.shell.parameters import config_from
@@ -383,18 +384,13 @@ def test_a_pause_that_begins_within_a_impact_ends_after_newtons_law() -> None:
 
 def test_a_push_is_none_of_the_models_business_unless_it_lasts_or_ticks_were_skipped() -> None:
     config = config_from(EXACT_SENSOR).estimator
-    usual = estimator_state.Prediction(
-        estimate=estimator_state.estimate_of(estimator_state.INITIAL),
+    usual = zeroed(
+        estimator_state.Prediction,
         sensor=estimator_state.INITIAL.sensor,
-        innovation_m_s2=0.0,
         innovation_std_m_s2=0.1,
-        spread_m_s2=0.0,
-        nis=0.0,
         model_variance=0.01,
         started=True,
         carried=True,
-        mean_m_s2=0.0,
-        of_state_m_s2=0.0,
     )
     pushed = usual._replace(innovation_m_s2=-50.0)
     assert estimator._gated_ticks(config, 7, usual, 1) == 0

@@ -5,6 +5,7 @@ from records import HEALTHY, replaced
 
 from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.inputs import Inputs
+from firmware_py.core.records import zeroed
 from firmware_py.core.safety import monitors
 from firmware_py.core.safety.monitors import Findings, MonitorConfig, MonitorState
 from firmware_py.interface.enums import MOVING, AxisState, Fault, Mode
@@ -121,16 +122,7 @@ def test_a_gap_is_forgotten_after_steady_samples() -> None:
 
 def test_a_healthy_module_has_no_faults() -> None:
     _, findings = watch(ticks=5000)
-    assert findings == Findings(
-        Fault.NONE,
-        Fault.NONE,
-        Fault.NONE,
-        operator_lost=False,
-        standstill=False,
-        parameters_damaged=False,
-        overspeed=False,
-        freewheel_overspeed=False,
-    )
+    assert findings == zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE)
 
 
 @pytest.mark.parametrize(

@@ -4,21 +4,13 @@ import itertools
 
 import pytest
 
+from firmware_py.core.records import zeroed
 from firmware_py.core.safety import supervisor
 from firmware_py.core.safety.monitors import Findings
 from firmware_py.core.safety.supervisor import Conditions, SupervisorState, counting_fault, transition
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
-CALM = Findings(
-    Fault.NONE,
-    Fault.NONE,
-    Fault.NONE,
-    operator_lost=False,
-    standstill=True,
-    parameters_damaged=False,
-    overspeed=False,
-    freewheel_overspeed=False,
-)
+CALM = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
 
 
 def all_conditions() -> list[Conditions]:

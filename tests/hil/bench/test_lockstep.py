@@ -61,8 +61,8 @@ def test_what_the_firmware_makes_of_a_gait_is_recorded_where_a_scene_has_one(
         trace.read(folder / "firmware.trace").dtype.names or () for folder in (quick_run, walk)
     )
     more = set(walking) - set(standing)
-    assert {"state.gait.phase", "state.lock.harmonic"} <= more
-    assert {name.split(".")[1] for name in more} == {"gait", "lock"}
+    assert {"state.gait.phase", "state.gait_lock.harmonic"} <= more
+    assert {name.split(".")[1] for name in more} == {"gait", "gait_lock"}
     assert set(standing) < set(walking)
 
 

@@ -43,7 +43,7 @@ def walk(until_s: float = 100.0, tripping_s: float = -1.0) -> MadeUpRun:
         "state.gait.phase": (np.nan_to_num(phase) + ERROR) % 1.0,
         "state.gait.confidence": np.ones(len(t_s)),
         "state.gait.doing": np.full(len(t_s), GaitState.STANCE),
-        "state.lock.harmonic": np.full(len(t_s), 2),
+        "state.gait_lock.harmonic": np.full(len(t_s), 2),
     }
     return run
 

@@ -26,7 +26,7 @@ from tools.study.pulse.turns import scene as scene_of
 
 FIRMWARE = read_scenario(SCENES["walking"][1])["firmware"]
 CONFIG = config_from(FIRMWARE)
-GATE = Gate(CONFIG.spin_down, CONFIG.lock.lowest_confidence)
+GATE = Gate(CONFIG.spin_down, CONFIG.gait_lock.lowest_confidence)
 OMEGA = CONFIG.spin_down.natural_rad_s
 L0, A = CONFIG.spin_down.rest_length_m, CONFIG.spin_down.amplitude_m
 PARKED = -0.5 * math.pi

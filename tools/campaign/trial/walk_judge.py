@@ -42,7 +42,7 @@ def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.why = f"no hold: {last_word(done)}"
         return
     hold_s = (captured.t_s, min(left_s(done, captured.t_s), scenario.duration_s, ends_s))
-    judge_hold(done, scenario.config.lock, hold_s, outcome)
+    judge_hold(done, scenario.config.gait_lock, hold_s, outcome)
     if cell.course in ("stop", "stumble"):
         judge_end(done, ends_s, hold_s, PRESETS[cell.preset].last_pulse_s, outcome)
     elif done.modes[-1].mode != Mode.RUN:

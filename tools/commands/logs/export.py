@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from tools.commands.options import Json
+from tools.commands.options import Json, Logged
 from tools.output import answer, console, figure_table
 from tools.outputs import new_option, refuse_existing
 
@@ -16,9 +16,7 @@ def register(app: typer.Typer) -> None:
 
 
 def export(
-    run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
-    ] = None,
+    run: Logged = None,
     to: Annotated[
         Literal["mf4", "mcap", "parquet", "csv"],
         typer.Option(help="The format; parquet and csv write a folder with a file per frame."),

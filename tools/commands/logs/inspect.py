@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import Json
+from tools.commands.options import Json, Logged
 from tools.output import BadInputError, answer, console, exit_of, figure, plain, progress_console
 from tools.outputs import PICTURES, TABLES, file_option
 
@@ -22,9 +22,7 @@ def register(app: typer.Typer) -> None:
 
 
 def inspect(
-    run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
-    ] = None,
+    run: Logged = None,
     table: Annotated[
         str | None, typer.Option(help="Show one table of the log, e.g. plant or can/Accelerometer.")
     ] = None,

@@ -1,9 +1,10 @@
 """`vibrohil view RUN`: the Rerun viewer on a run's log."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from tools.commands.options import Logged
 
 
 def register(app: typer.Typer) -> None:
@@ -12,9 +13,7 @@ def register(app: typer.Typer) -> None:
 
 
 def view(
-    run: Annotated[
-        Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")
-    ] = None,
+    run: Logged = None,
     web: Annotated[bool, typer.Option(help="Open in a browser instead of a window; loopback only.")] = False,
     live: Annotated[bool, typer.Option(help="Wait for runs that are started with --live.")] = False,
 ) -> None:

@@ -48,7 +48,7 @@ def drawn_scene(module: str, stride_hz: float, walker: int) -> Scene:
 def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + JUDGED + 2) -> Walked:
     """A walk under the gate, a tick at a time."""
     config = config_from(read_scenario(SCENES[module][1])["firmware"])
-    gate = Gate(config.spin_down, config.lock.lowest_confidence)
+    gate = Gate(config.spin_down, config.gait_lock.lowest_confidence)
     plant = Plant(drawn_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
     walking = plant.parts.housing
     assert isinstance(walking, Walking)
@@ -56,7 +56,7 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     spring_n_m = 0.8 * nominal.natural_rad_s**2
     off_m = POSITION_ERROR_M * float(np.random.default_rng([DEFAULT_SEED, walker, 4]).standard_normal())
     cycle, state = gait.INITIAL, initial(gate)
-    heard = GaitInput(0.0, 0.0, False, False, GAIT_TICKS)
+    newest = GaitInput(0.0, 0.0, False, False, GAIT_TICKS)
     drive = plant.parts.drive
     assert isinstance(drive, MotorDrive)
     every = round(STEP_S / TICK_S)
@@ -65,8 +65,10 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     touching, torque_n_m, largest_n_m, copper_j = False, 0.0, 0.0, 0.0
     for k in range(ticks):
         reading = plant.sense_gait(plant.t_s) if k % GAIT_TICKS == 0 else None
-        heard = heard._replace(age_ticks=heard.age_ticks + 1) if reading is None else GaitInput(*reading, 0)
-        cycle = gait.step(config.gait, cycle, heard, 1)
+        newest = (
+            newest._replace(age_ticks=newest.age_ticks + 1) if reading is None else GaitInput(*reading, 0)
+        )
+        cycle = gait.step(config.gait, cycle, newest, 1)
         now = plant.now
         place_m = now.x_m + off_m
         touches = now.stop_force_n > 0.0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_py.interface.generated.records import Accelerometer, EncoderEstimates
-from hil.record.bus_reconstruction import heard, tick_numbers
+from hil.record.bus_reconstruction import frames_of, tick_numbers
 from hil.record.candump import BusLog
 from hil.record.run_traces import CAN_LOG, read_bus
 from plant_sim.arrays import FloatArray
@@ -67,7 +67,7 @@ def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
 
 def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
     """Both sensors' frames on one row of ticks."""
-    felt, turned = heard(bus, Accelerometer), heard(bus, EncoderEstimates)
+    felt, turned = frames_of(bus, Accelerometer), frames_of(bus, EncoderEstimates)
     if len(felt.t_s) < 2 or len(turned.t_s) < 2:
         raise BadInputError(
             f"{name} has {len(felt.t_s)} frames of the accelerometer and {len(turned.t_s)} of the encoder; "
