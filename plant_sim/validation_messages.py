@@ -39,11 +39,13 @@ def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
     return [*found, f"and {more} more; correct these first"] if more else found
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """`; did you mean …?` where one of the known words is close, else the list of them."""
+def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
+    """`did you mean …?` where one of the known words is close, else `listing`, or the words themselves."""
     words = sorted(known)
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
-    return f"did you mean {close[0]}?" if close else f"known: {', '.join(words)}"
+    if close:
+        return f"did you mean {close[0]}?"
+    return listing or f"known: {', '.join(words)}"
 
 
 def real(value: object) -> float:

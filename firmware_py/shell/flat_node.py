@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_py.builds.flat import Memory, loaded, stored
 from firmware_py.core.inputs import Inputs
+from firmware_py.core.records import Record
 from firmware_py.core.state import Config, Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, bytes_of, word_of
@@ -50,6 +51,10 @@ class FlatNode(ABC):
     def changed(self) -> None:
         """`flat_config` and `memory` have new content."""
 
+    def _record(self, kind: type[Record], name: str) -> Record:
+        record: Record = loaded(kind, self.memory[name][0].item())
+        return record
+
     @property
     def can_ids(self) -> Collection[int]:
         """The identifiers it listens to."""
@@ -58,26 +63,22 @@ class FlatNode(ABC):
     @property
     def inputs(self) -> Inputs:
         """What the core saw of the world."""
-        inputs: Inputs = loaded(Inputs, self.memory["inputs"][0].item())
-        return inputs
+        return self._record(Inputs, "inputs")
 
     @property
     def state(self) -> State:
         """What the core hands to its next tick."""
-        state: State = loaded(State, self.memory["core"][0].item())
-        return state
+        return self._record(State, "core")
 
     @property
     def outputs(self) -> Outputs:
         """What left the core."""
-        outputs: Outputs = loaded(Outputs, self.memory["outputs"][0].item())
-        return outputs
+        return self._record(Outputs, "outputs")
 
     @property
     def counters(self) -> Counters:
         """Frames taken, dropped and lost since power-up."""
-        counters: Counters = loaded(Counters, self.memory["counters"][0].item())
-        return counters
+        return self._record(Counters, "counters")
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""

@@ -126,7 +126,9 @@ def broken_off(case: Case, clock: ClockName, death: workers.Died) -> dict[str, A
     with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
         if not run_folder.is_own(run_dir):
             beginning.begin(run_dir, case.scenario, clock, case.seed)
-        reason = f"its process {death.how}; where it lacked memory, run fewer at once: --jobs 1"
+        reason = (
+            f"its process {death.how}; if the machine ran out of memory, run fewer at the same time: --jobs 1"
+        )
         return close(run_dir, Outcome(reasons=[reason]))
 
 

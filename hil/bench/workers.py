@@ -222,5 +222,7 @@ def results(
 def alive(result: Result | Died) -> Result:
     """The result; raise WorkerDiedError where there is none."""
     if isinstance(result, Died):
-        raise WorkerDiedError(f"a worker {result.how}; where it lacked memory, run fewer at once")
+        raise WorkerDiedError(
+            f"a worker process {result.how}; if the machine ran out of memory, run fewer at the same time"
+        )
     return result

@@ -56,7 +56,10 @@ class HubSocket:
             ) from error
         if answer != HELLO:
             self._socket.close()
-            raise BusError(f"what listens at local:{path} is no hub of this version: it said {answer!r}")
+            raise BusError(
+                f"what listens at local:{path} is no hub of this version: it sent {answer!r}; start "
+                "both sides with one version of vibrohil"
+            )
         self._socket.setblocking(False)
 
     def send(self, frame: Frame) -> None:

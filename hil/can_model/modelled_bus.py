@@ -62,7 +62,6 @@ class ModelledBus:
         self._numbers = {name: number for number, name in enumerate(nodes)}
         self._bit_ns = bit_ns_of(bitrate)
         self._state = BusState(nodes=tuple(NodeState() for _ in nodes))
-        self._delivered_until_ns = 0
         self._under_way: list[Delivery] = []
         self._babblers: list[Babbler] = []
         self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}

@@ -3,7 +3,6 @@
 A figure that is missing, NaN, or rests on a log that lacks frames never passes.
 """
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, model_validator
 from hil.judge.figures.records import CATALOGUE, incomplete, value_of
 from hil.judge.requirements import requirements
 from hil.record.run_traces import NOTHING_LEFT, RunTraces
+from plant_sim.validation_messages import nearest
 
 LONGEST_S = 86_400.0
 """No run lasts longer."""
@@ -67,9 +67,8 @@ class Check(BaseModel):
     def _names_a_figure_and_one_limit(self) -> Self:
         spec = CATALOGUE.get(self.name)
         if spec is None and self.expression is None:
-            near = difflib.get_close_matches(self.name, CATALOGUE, n=3, cutoff=0.4)
-            known = ", ".join(near) if near else ", ".join(CATALOGUE)
-            raise ValueError(f"check {self.name!r} names no figure of a run; did you mean {known}?")
+            known = nearest(self.name, CATALOGUE, "docs/reference/figures.md lists all of them")
+            raise ValueError(f"check {self.name!r} names no figure of a run; {known}")
         if spec is not None and self.unit is not None and self.unit != spec.unit:
             raise ValueError(f"check {self.name!r} has unit {self.unit!r}; the figure is in {spec.unit!r}")
         if self.requirement is not None and self.requirement not in requirements():
@@ -79,7 +78,9 @@ class Check(BaseModel):
             )
         bounded = self.low is not None or self.high is not None
         if bounded == (self.equals is not None):
-            raise ValueError(f"check {self.name!r} wants either low and/or high, or equals")
+            raise ValueError(
+                f"check {self.name!r} has no limit, or both kinds; give low, high or both, or equals"
+            )
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"check {self.name!r} cannot pass: low {self.low} is above high {self.high}")
         return self

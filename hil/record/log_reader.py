@@ -52,7 +52,9 @@ def repair(path: Path) -> bool:
     if is_whole(path):
         return False
     if not begins_as_log(path):
-        raise RerunError(f"{path} is no log of Rerun's: it does not begin as one; rebuild it from the traces")
+        raise RerunError(
+            f"{path} is no Rerun log: its first bytes are not those of one; rebuild it from the traces"
+        )
     mended = path.with_name(f"{path.name}.mended")
     outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
     if outcome.returncode != 0 or not mended.exists():

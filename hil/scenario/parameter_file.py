@@ -69,6 +69,9 @@ def merged(firmware: Mapping[str, Any], paths: Sequence[Path]) -> dict[str, Any]
         for block, table in read_parameters(path).items():
             known = tables.setdefault(block, {})
             if not isinstance(known, dict):
-                raise ParameterError(f"firmware.{block} is a value, not a table; {path} has parameters in it")
+                raise ParameterError(
+                    f"firmware.{block} is a value, not a table, and {path} has parameters in it; "
+                    "delete the value"
+                )
             known.update(table)
     return tables

@@ -190,7 +190,8 @@ def scenario_path(source: str | Path) -> Path:
     if isinstance(source, str) and not source.endswith(".toml") and "/" not in source:
         if source not in scenario_names():
             raise ScenarioError(
-                f"{source!r} is no named scenario; {nearest(source, scenario_names())} "
+                f"{source!r} is no named scenario; "
+                f"{nearest(source, scenario_names(), '`vibrohil list` shows all of them')} "
                 "(a file's path ends in .toml)"
             )
         return next(SCENARIOS.rglob(f"{source}.toml"))

@@ -146,7 +146,7 @@ class Child:
             readable, _, _ = select.select([descriptor], [], [], max(0.0, deadline - time.monotonic()))
             if not readable:
                 raise ChildError(
-                    f"{self.name} said nothing for {timeout_s:g} s\n{self.last_errors()}".rstrip()
+                    f"{self.name} wrote nothing for {timeout_s:g} s\n{self.last_errors()}".rstrip()
                 )
             byte = os.read(descriptor, 1)
             if not byte:
@@ -163,7 +163,7 @@ class Child:
         line = self.read_line(timeout_s)
         word, _, rest = line.partition(" ")
         if word != READY:
-            raise ChildError(f"{self.name} said {line!r}; wanted {READY!r}")
+            raise ChildError(f"{self.name} wrote {line!r}; wanted {READY!r}")
         return rest
 
     def start(self, start: Start) -> None:

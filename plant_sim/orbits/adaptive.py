@@ -7,32 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import jit, law, subroutine
-from plant_sim.orbits.sections import (
-    DRIVE,
-    FRICTION,
-    IMPACT_COUNT,
-    LOSS,
-    MOVED,
-    RESTED,
-    STUCK_M,
-    V_END,
-    Y_END,
-    Y_HIGH,
-    Y_LOW,
-    Outcome,
-    Protocol,
-    Size,
-    carry,
-    classify_starts,
-    clear,
-    count_impact,
-    ends_clear,
-    follow_orbit,
-    new_rows,
-    section,
-    set_out,
-    size_of,
-)
+from plant_sim.orbits import sections
+from plant_sim.orbits.sections import Outcome, Protocol, Size
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import has_stop, is_rigid, is_soft, origin_m
@@ -75,8 +51,8 @@ def follow_stepwise(
 ) -> Outcome:
     """`orbits.follow_orbit` in `memory`, which was allocated for these parts."""
     carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
-    rows = new_rows(protocol, crank_now(parts.drive, memory).speed_rad_s)
-    return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
+    rows = sections.new_rows(protocol, crank_now(parts.drive, memory).speed_rad_s)
+    return sections.follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
 
 
 @jit
@@ -90,10 +66,10 @@ def classify_stepwise(
 ) -> None:
     """`orbits.classify_starts` in `memory`, which was allocated for these parts."""
     carrier = Stepwise(parts, memory, np.zeros(LOOKS + 1), np.zeros((LOOKS + 1, 3)))
-    classify_starts(carrier, starts, protocol, regimes, impact_counts)
+    sections.classify_starts(carrier, starts, protocol, regimes, impact_counts)
 
 
-@law(size_of, Stepwise)
+@law(sections.size_of, Stepwise)
 def _(carrier: Stepwise) -> Size:
     parts = carrier.parts
     striker = parts.striker
@@ -109,7 +85,7 @@ def _shift_m(parts: Parts) -> float:
     return origin_m(parts.stop, parts.striker) - parts.striker.rest_length_m
 
 
-@law(set_out, Stepwise)
+@law(sections.set_out, Stepwise)
 def _(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: float) -> float:
     parts, memory = carrier.parts, carrier.memory
     restart(
@@ -118,18 +94,18 @@ def _(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: float) -> float:
     return 0.0
 
 
-@law(section, Stepwise)
+@law(sections.section, Stepwise)
 def _(carrier: Stepwise, motion: float) -> tuple[float, float, float, float]:
     memory = carrier.memory
     return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[CRANK_ANGLE], motion
 
 
-@law(ends_clear, Stepwise)
+@law(sections.ends_clear, Stepwise)
 def _(carrier: Stepwise, motion: float, row: NDArray[np.float64]) -> bool:
     return False
 
 
-@law(carry, Stepwise)
+@law(sections.carry, Stepwise)
 def _(
     carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: NDArray[np.float64]
 ) -> tuple[float, bool]:
@@ -142,7 +118,7 @@ def _period(
 ) -> bool:
     """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
     parts, memory, grid, samples = carrier
-    clear(row)
+    sections.clear(row)
     y, mode, shift_m = memory.y, memory.mode, _shift_m(parts)
     work = work_place(parts)
     drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop(parts.stop) else 0.0
@@ -156,18 +132,20 @@ def _period(
         for index in range(mode[IMPACTS]):
             one = memory.impacts[index]
             peak = one[PEAK_FORCE] if is_soft(parts.stop) else math.nan
-            count_impact(row, one[APPROACH], one[IMPACT_IMPULSE], one[IMPACT_ANGLE], peak)
+            sections.count_impact(row, one[APPROACH], one[IMPACT_IMPULSE], one[IMPACT_ANGLE], peak)
         mode[IMPACTS] = 0
-    row[Y_END], row[V_END] = y[0], y[1]
-    row[DRIVE], row[FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
-    row[LOSS] = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
-    row[RESTED] = 1.0 if mode[SEEN] & 1 << REST else 0.0
-    row[MOVED] = 1.0 if _slid_m(parts, row[FRICTION], mode[SEEN]) > STUCK_M else 0.0
+    row[sections.Y_END], row[sections.V_END] = y[0], y[1]
+    row[sections.DRIVE], row[sections.FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
+    row[sections.LOSS] = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
+    row[sections.RESTED] = 1.0 if mode[SEEN] & 1 << REST else 0.0
+    row[sections.MOVED] = (
+        1.0 if _slid_m(parts, row[sections.FRICTION], mode[SEEN]) > sections.STUCK_M else 0.0
+    )
     if looked_at and status == DONE:
         low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):
-            high = 0.0 if row[IMPACT_COUNT] > 0.0 else min(high, 0.0)
-        row[Y_LOW], row[Y_HIGH] = low + shift_m, high + shift_m
+            high = 0.0 if row[sections.IMPACT_COUNT] > 0.0 else min(high, 0.0)
+        row[sections.Y_LOW], row[sections.Y_HIGH] = low + shift_m, high + shift_m
     return status != DONE
 
 

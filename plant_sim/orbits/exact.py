@@ -10,32 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import jit, law, subroutine
-from plant_sim.orbits.sections import (
-    DRIVE,
-    FRICTION,
-    LOSS,
-    MOVED,
-    RESTED,
-    ROW,
-    STUCK_M,
-    V_END,
-    Y_END,
-    Y_HIGH,
-    Y_LOW,
-    Outcome,
-    Protocol,
-    Size,
-    carry,
-    classify_starts,
-    clear,
-    count_impact,
-    ends_clear,
-    follow_orbit,
-    new_rows,
-    section,
-    set_out,
-    size_of,
-)
+from plant_sim.orbits import sections
+from plant_sim.orbits.sections import Outcome, Protocol, Size
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Viscous, is_dry
 from plant_sim.parts.stop import RigidStop
@@ -78,8 +54,8 @@ def follow(
 ) -> Outcome:
     """`orbits.follow_orbit` by the closed form."""
     carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
-    rows = new_rows(protocol, drive.omega_rad_s)
-    return follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
+    rows = sections.new_rows(protocol, drive.omega_rad_s)
+    return sections.follow_orbit(carrier, y_m, v_m_s, crank_rad, protocol, rows)
 
 
 @jit
@@ -95,7 +71,7 @@ def classify(
 ) -> None:
     """`orbits.classify_starts` by the closed form."""
     carrier = Closed(oscillator(striker, drive, friction, stop), striker.rest_length_m)
-    classify_starts(carrier, starts, protocol, regimes, impacts)
+    sections.classify_starts(carrier, starts, protocol, regimes, impacts)
 
 
 @jit
@@ -118,29 +94,29 @@ def ramp(
         u = (step + 0.5) / steps
         speed = drive.omega_rad_s * u * u * (3.0 - 2.0 * u)
         o = oscillator(striker, IdealDrive(drive.amplitude_m, speed, drive.phase_rad), friction, stop)
-        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, np.zeros(ROW))
+        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, np.zeros(sections.ROW))
         y, v, crank = motion.y_m, motion.v_m_s, motion.crank_rad
     return y, v, crank
 
 
-@law(size_of, Closed)
+@law(sections.size_of, Closed)
 def _(carrier: Closed) -> Size:
     o = carrier.oscillator
     length_m = abs(o.gap_m) + abs(o.amplitude_m)
     return Size(o.drive_rad_s, carrier.rest_length_m, length_m, o.natural_rad_s * length_m)
 
 
-@law(set_out, Closed)
+@law(sections.set_out, Closed)
 def _(carrier: Closed, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
     return begin(carrier.oscillator, 0.0, y_m, v_m_s, crank_rad)
 
 
-@law(section, Closed)
+@law(sections.section, Closed)
 def _(carrier: Closed, motion: Motion) -> tuple[float, float, float, float]:
     return motion.y_m, motion.v_m_s, motion.crank_rad, motion.t_s
 
 
-@law(ends_clear, Closed)
+@law(sections.ends_clear, Closed)
 def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
     o = carrier.oscillator
     if is_dry(o.friction) or not _stays_clear(o, motion):
@@ -149,7 +125,7 @@ def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
     return True
 
 
-@law(carry, Closed)
+@law(sections.carry, Closed)
 def _(
     carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
 ) -> tuple[Motion, bool]:
@@ -161,7 +137,7 @@ def _period(
     o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
 ) -> tuple[Motion, bool]:
     """Carry the motion on to `until_s` and fill the row; also whether there were too many events."""
-    clear(row)
+    sections.clear(row)
     ledger = empty_ledger()
     low, high, slid_m = motion.y_m, motion.y_m, 0.0
     event, events = Event.IMPACT, 0
@@ -171,10 +147,10 @@ def _period(
         low, high = min(low, arrival.y_m), max(high, arrival.y_m)
         if motion.phase != Phase.FLIGHT:
             if motion.y_m >= o.gap_m and arrival.t_s > motion.t_s:
-                row[RESTED] = 1.0
+                row[sections.RESTED] = 1.0
         else:
             slid_m += abs(arrival.y_m - motion.y_m)
-            row[MOVED] = 1.0 if slid_m > STUCK_M or not is_dry(o.friction) else 0.0
+            row[sections.MOVED] = 1.0 if slid_m > sections.STUCK_M or not is_dry(o.friction) else 0.0
         if looked_at:
             ledger = booked(o, ledger, motion, arrival, departure)
             if not is_dry(o.friction) and motion.phase == Phase.FLIGHT:
@@ -182,25 +158,25 @@ def _period(
                 low, high = min(low, turns_low), max(high, turns_high)
         if event == Event.IMPACT:
             impulse = o.mass_kg * (arrival.v_m_s - departure.v_m_s)
-            count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
+            sections.count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
         motion = departure
         events += 1
-    row[Y_END], row[V_END] = motion.y_m, motion.v_m_s
-    row[Y_LOW], row[Y_HIGH] = low, high
-    row[DRIVE] = ledger.drive_j + ledger.drive_low_j
-    row[FRICTION] = ledger.friction_j + ledger.friction_low_j
-    row[LOSS] = ledger.impact_j + ledger.impact_low_j
+    row[sections.Y_END], row[sections.V_END] = motion.y_m, motion.v_m_s
+    row[sections.Y_LOW], row[sections.Y_HIGH] = low, high
+    row[sections.DRIVE] = ledger.drive_j + ledger.drive_low_j
+    row[sections.FRICTION] = ledger.friction_j + ledger.friction_low_j
+    row[sections.LOSS] = ledger.impact_j + ledger.impact_low_j
     return motion, event != Event.HORIZON
 
 
 @subroutine
 def _steady_period(o: Oscillator, row: NDArray[np.float64]) -> None:
     """The row of a period of steady motion without impacts; drive and viscous friction exchange π b Ω Y²."""
-    clear(row)
-    row[MOVED] = 1.0
-    row[Y_LOW], row[Y_HIGH] = -o.steady_m, o.steady_m
+    sections.clear(row)
+    row[sections.MOVED] = 1.0
+    row[sections.Y_LOW], row[sections.Y_HIGH] = -o.steady_m, o.steady_m
     work = math.pi * 2.0 * o.decay_1_s * o.mass_kg * o.drive_rad_s * o.steady_m * o.steady_m
-    row[DRIVE], row[FRICTION] = work, work
+    row[sections.DRIVE], row[sections.FRICTION] = work, work
 
 
 @subroutine

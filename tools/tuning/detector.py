@@ -110,7 +110,7 @@ def tune_detector(
     refuse_same_seeds(seed, fresh_seed)
     if cost_miss <= 0.0 or cost_false_alarm <= 0.0:
         raise BadInputError(
-            f"costs of {cost_miss:g} a miss and {cost_false_alarm:g} a false alarm: wanted both above 0"
+            f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0"
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
     total = trials * (len(floors_m_s2) + 2)

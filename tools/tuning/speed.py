@@ -160,12 +160,12 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
     reached = margins(nominal, *gains(nominal, crossover(weakest), weakest))
     if abs(reached.bandwidth_rad_s / wanted_rad_s - 1.0) > 0.05:
         raise BadInputError(
-            f"--bandwidth-hz {bandwidth_hz:g} cannot be had with a tick of {nominal.tick_s:g} s; the nearest "
-            f"is {reached.bandwidth_rad_s / (2.0 * math.pi):.3g} Hz"
+            f"--bandwidth-hz {bandwidth_hz:g} cannot be reached with a control period of "
+            f"{nominal.tick_s:g} s; the nearest is {reached.bandwidth_rad_s / (2.0 * math.pi):.3g} Hz"
         )
     if reached.phase_margin_deg < phase_margin_deg:
         raise BadInputError(
-            f"--phase-margin-deg {phase_margin_deg:g} cannot be had at --bandwidth-hz {bandwidth_hz:g}: "
+            f"--phase-margin-deg {phase_margin_deg:g} cannot be reached at --bandwidth-hz {bandwidth_hz:g}: "
             f"almost without integral it is {reached.phase_margin_deg:.3g}; ask for less of either, or raise "
             "--tracker-rad-s"
         )

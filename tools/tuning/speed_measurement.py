@@ -129,7 +129,9 @@ def measure_loop(
             progress(tick / pace.ticks, "measuring the loop")
     commanded = pushed.commanded_n_m[first:]
     if not np.any(commanded):
-        raise BadInputError("the firmware asked for no torque while the loop was measured: it did not start")
+        raise BadInputError(
+            "the firmware did not start: it commanded no torque during the measurement; check its parameters"
+        )
     window = np.hanning(len(commanded))
     of_commanded = np.fft.rfft(window * (commanded - commanded.mean()))
     of_acting = of_commanded + np.fft.rfft(window * push[first:])

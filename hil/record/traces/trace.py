@@ -208,7 +208,7 @@ class TraceWriter:
         if (header_bytes, record_bytes, known) != (self._header_bytes, self.record_bytes, described):
             self._header.close()
             self._file.close()
-            raise TraceError(f"{home} has other columns; only a trace of the same ones can go on")
+            raise TraceError(f"{home} has other columns than this run records; choose a new run folder")
 
     def _open_window(self, length: int) -> mmap.mmap:
         """Map the next `length` bytes after the records written so far, with disk space behind them."""

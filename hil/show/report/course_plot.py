@@ -26,9 +26,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     bounds = limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None)
     with canvas(9.6, 5.6) as figure:
         states, speeds, crank, torque = figure.subplots(4, 1, sharex=True)
-        rows = [
-            lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in ("states/mode", "states/regime")
-        ]
+        rows = [lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in STRIPS]
         for row, lane in enumerate(rows):
             strip(states, row, lane, traces.firmware, figures.duration_s)
         for fault in faults:

@@ -11,7 +11,7 @@ from firmware_py.core.control import gait, gait_lock
 from firmware_py.core.control.gait_lock import LockConfig, LockState
 from firmware_py.core.estimation.regime import INITIAL as NO_REGIME
 from firmware_py.interface import codec
-from firmware_py.interface.enums import Fault, GaitState, Mode, OperatorRequest, Refusal
+from firmware_py.interface.enums import Fault, GaitState, Mode, Refusal
 from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import GaitReport, GaitSensors
 from firmware_py.shell.parameters import config_from
@@ -227,11 +227,7 @@ def test_who_stands_still_stops_it_and_walking_alone_does_not_start_it_again(
     bench.run(8.0, keep=False)
     assert bench.node.state.gait.confidence > 0.25
     assert bench.node.outputs.mode == Mode.READY
-    bench.request = OperatorRequest.IDLE
-    bench.run(0.3, keep=False)
-    bench.request = OperatorRequest.RUN
-    bench.run(0.3, keep=False)
-    assert bench.node.outputs.mode == Mode.SOFT_START
+    assert bench.asked_again() == Mode.SOFT_START
 
 
 def test_a_walk_without_whole_turns_in_the_region_is_refused() -> None:

@@ -153,6 +153,13 @@ class Bench:
             elif frame.can_id == codec.CLEAR_ERRORS.can_id:
                 self.axis_error = 0
 
+    def asked_again(self) -> Mode:
+        """The mode after a request IDLE and then RUN, as READY needs it after a stop."""
+        for request in (OperatorRequest.IDLE, OperatorRequest.RUN):
+            self.request = request
+            self.run(0.3, keep=False)
+        return self.node.outputs.mode
+
     def started(self, rest_s: float = 0.4) -> "Bench":
         """Through INIT and READY, then ask for RUN."""
         self.run(rest_s)

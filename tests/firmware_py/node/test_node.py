@@ -238,11 +238,7 @@ def test_an_e_stop_frame_stops_in_the_same_tick_and_is_repeated_to_the_drive() -
     bench.request = OperatorRequest.RUN
     bench.run(0.3, keep=False)
     assert bench.node.outputs.mode == Mode.READY
-    bench.request = OperatorRequest.IDLE
-    bench.run(0.3, keep=False)
-    bench.request = OperatorRequest.RUN
-    bench.run(0.3, keep=False)
-    assert bench.node.outputs.mode == Mode.SOFT_START
+    assert bench.asked_again() == Mode.SOFT_START
 
 
 def ask(one: FirmwareNode, request: ParameterRequest, counter: int) -> ParameterValue:

@@ -86,20 +86,24 @@ def test_run_starts_together_keeps_its_rate_and_leaves_nothing(tmp_path: Path) -
     assert none_left(tmp_path)
 
 
-@pytest.mark.realtime
-def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
+def killed(run_dir: Path, process: str) -> tuple[dict[str, Any], float]:
+    """The verdict of a run whose process was killed, and when that was on the run's clock, s."""
     killed_s = []
 
     def kill(pids: dict[str, int]) -> None:
-        os.kill(pids["firmware"], signal.SIGKILL)
+        os.kill(pids[process], signal.SIGKILL)
         killed_s.append(time.monotonic())
 
-    verdict = run_and_disturb(tmp_path, kill, at_s=1.8)
-    assert any(reason.startswith("firmware was killed by SIGKILL at ") for reason in verdict["reasons"])
+    verdict = run_and_disturb(run_dir, kill, at_s=1.8)
+    assert any(reason.startswith(f"{process} was killed by SIGKILL at ") for reason in verdict["reasons"])
+    return verdict, killed_s[0] - json.loads((run_dir / "run.json").read_text())["t0_ns"] * 1e-9
+
+
+@pytest.mark.realtime
+def test_killed_firmware_leaves_a_motor_without_torque(tmp_path: Path) -> None:
+    verdict, at_s = killed(tmp_path, "firmware")
     assert not verdict["passed"]
     plant = trace.read(tmp_path / "plant.trace")
-    t0_s = json.loads((tmp_path / "run.json").read_text())["t0_ns"] * 1e-9
-    at_s = killed_s[0] - t0_s
     before = plant[(plant["t_s"] > at_s - 0.2) & (plant["t_s"] < at_s)]
     after = plant[plant["t_s"] > at_s + 0.1]
     assert np.max(np.abs(before["motor_torque_n_m"])) > 0.01
@@ -137,18 +141,10 @@ def test_restarted_node_goes_on_with_its_trace_and_moves_nothing(process: str, t
 
 @pytest.mark.realtime
 def test_killed_plant_makes_the_firmware_command_nothing(tmp_path: Path) -> None:
-    killed_s = []
-
-    def kill(pids: dict[str, int]) -> None:
-        os.kill(pids["plant"], signal.SIGKILL)
-        killed_s.append(time.monotonic())
-
-    verdict = run_and_disturb(tmp_path, kill, at_s=1.8)
-    assert any(reason.startswith("plant was killed by SIGKILL at ") for reason in verdict["reasons"])
+    verdict, at_s = killed(tmp_path, "plant")
     assert verdict["fault"] != "none"
     firmware = trace.read(tmp_path / "firmware.trace")
-    t0_s = json.loads((tmp_path / "run.json").read_text())["t0_ns"] * 1e-9
-    after = firmware[firmware["t_s"] > killed_s[0] - t0_s + 0.1]
+    after = firmware[firmware["t_s"] > at_s + 0.1]
     assert after["tick"][-1] - after["tick"][0] > 300
     assert np.max(np.abs(after["outputs.torque_n_m"])) == 0.0
     assert none_left(tmp_path)
@@ -265,7 +261,7 @@ def test_child_that_fails_later_says_why_and_one_that_is_killed_does_not(tmp_pat
 
 def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> None:
     mute = child("import time; time.sleep(60)", tmp_path)
-    with pytest.raises(ChildError, match=r"child said nothing for 0.2 s"):
+    with pytest.raises(ChildError, match=r"child wrote nothing for 0.2 s"):
         mute.wait_ready(0.2)
     mute.stop()
     assert mute.how_it_ended() == "child was killed by SIGTERM"

@@ -6,14 +6,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from xml.etree import ElementTree
 
 import psutil
 import pytest
+from waiting import waited_for
 
 from hil.bench.bench import run_scenario
 from hil.bench.soak import prolonged
@@ -25,7 +25,6 @@ from hil.scenario.scenario import check_scenario, load_scenario, read_scenario
 from hil.timing.loop import FixedRateLoop
 from tools.output import EXIT_INTERRUPTED
 
-T = TypeVar("T")
 PROGRAM = Path(sys.executable).with_name("vibrohil")
 GONE_S = 6.0
 """Two seconds on a machine that does nothing else; tests run beside each other."""
@@ -50,15 +49,6 @@ def rests(folder: Path, name: str, duration_s: float) -> str:
     path = folder / f"{name}.toml"
     path.write_text(RESTS.format(duration_s=duration_s))
     return str(path)
-
-
-def waited_for(look: Callable[[], T | None], timeout_s: float = 120.0) -> T:
-    """What `look` finds, once it finds something."""
-    deadline_s = time.monotonic() + timeout_s
-    while not (found := look()):
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.02)
-    return found
 
 
 def has_begun(run_dir: Path) -> bool:

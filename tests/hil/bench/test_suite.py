@@ -4,12 +4,12 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 from xml.etree import ElementTree
 
 import pytest
+from waiting import waited_for
 
 from hil.bench.compare_suites import compare, read_suite
 from hil.bench.suite import Case, judged, run_suite, scenarios_for
@@ -19,8 +19,6 @@ from hil.scenario.scenario import load_scenario, scenario_names
 from hil.scenario.seeds import at_another_moment, merged
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
-
-T = TypeVar("T")
 
 MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
 
@@ -128,21 +126,12 @@ def test_the_workers_of_a_killed_suite_end_with_it(tmp_path: Path) -> None:
     )
     mine = Path(f"/proc/{suite_process.pid}/task/{suite_process.pid}/children")
     try:
-        workers = waited_for(lambda: found if len(found := mine.read_text().split()) == 2 else None)
+        workers = waited_for(lambda: found if len(found := mine.read_text().split()) == 2 else None, 60.0)
         time.sleep(1.0)
     finally:
         suite_process.kill()
         suite_process.wait()
-    waited_for(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
-
-
-def waited_for(look: Callable[[], T | None], timeout_s: float = 60.0) -> T:
-    """What `look` finds, once it finds something."""
-    deadline_s = time.monotonic() + timeout_s
-    while not (found := look()):
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.05)
-    return found
+    waited_for(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers), 60.0)
 
 
 def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_a_worker_that_dies_costs_its_task_alone() -> None:
     found = dict(results(pid_after, [1, 0, 2, 3], 2))
     assert found[0] == Died("was killed by SIGKILL")
     assert all(isinstance(found[task], int) for task in (1, 2, 3))
-    with pytest.raises(WorkerDiedError, match="was killed by SIGKILL; where it lacked memory"):
+    with pytest.raises(WorkerDiedError, match="was killed by SIGKILL; if the machine ran out of memory"):
         alive(found[0])
 
 

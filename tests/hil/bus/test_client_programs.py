@@ -22,6 +22,7 @@ from pathlib import Path
 import can
 import pytest
 from pyroute2 import IPRoute
+from waiting import message_data
 
 from firmware_py.interface.enums import AxisError, AxisState, ProcedureResult
 from hil.bench.bench import program
@@ -78,12 +79,7 @@ def seen(bus: can.BusABC, can_id: int, wanted: Callable[[bytes], bool], from_now
     """The first such message from now on; with `from_now` false, that of what nobody has taken yet."""
     while from_now and bus.recv(0.0) is not None:
         """What came before does not count."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline_s:
-        message = bus.recv(1.0)
-        if message is not None and message.arbitration_id == can_id and wanted(bytes(message.data)):
-            return bytes(message.data)
-    raise AssertionError(f"no message {can_id:#x} as wanted within {PATIENCE_S} s")
+    return message_data(bus, can_id, wanted, PATIENCE_S)
 
 
 def turns_faster(rev_s: float) -> Callable[[bytes], bool]:

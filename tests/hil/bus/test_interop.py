@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import can
 import pytest
+from waiting import message_data
 
 from firmware_py.interface import codec
 from firmware_py.interface.enums import Fault, Mode
@@ -206,12 +207,7 @@ def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str
 
 def told(bus: can.BusABC, can_id: int, until: Any) -> bytes:
     """The first such message that is as wanted."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        message = bus.recv(1.0)
-        if message is not None and message.arbitration_id == can_id and until(bytes(message.data)):
-            return bytes(message.data)
-    raise AssertionError(f"no message {can_id:#x} as wanted")
+    return message_data(bus, can_id, until, PATIENCE_S)
 
 
 @pytest.mark.realtime

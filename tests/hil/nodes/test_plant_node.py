@@ -202,18 +202,11 @@ def assert_moves_as(node: PlantNode, plant: Plant) -> None:
     assert node.plant.state.crank_rad == pytest.approx(plant.state.crank_rad, rel=1e-6)
 
 
-def test_silence_ends_the_torque_after_fifty_milliseconds() -> None:
-    node = plant_node()
-    for tick in range(200):
-        node.publish()
-        node.advance([ARM, torque(0.1)] if tick == 0 else [])
-    assert node.drive.axis.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED
-    assert_moves_as(node, held(0.1, ticks=50, of_ticks=200))
-
-
-def test_watchdog_ends_the_torque_within_a_long_tick() -> None:
-    node = plant_node(period_s=4e-3)
-    for tick in range(50):
+@pytest.mark.parametrize(("period_s", "ticks"), [(1e-3, 200), (4e-3, 50)])
+def test_silence_ends_the_torque_after_fifty_milliseconds(period_s: float, ticks: int) -> None:
+    """In ticks of 4 ms, within a tick."""
+    node = plant_node(period_s=period_s)
+    for tick in range(ticks):
         node.publish()
         node.advance([ARM, torque(0.1)] if tick == 0 else [])
     assert node.drive.axis.disarm_reason == AxisError.WATCHDOG_TIMER_EXPIRED

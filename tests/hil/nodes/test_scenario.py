@@ -110,6 +110,7 @@ def test_bad_plant_and_bad_parameters_are_refused_too(tmp_path: Path) -> None:
     ("source", "said"),
     [
         ("soft-start-multistabel", r"no named scenario; did you mean soft-start-multistable\?"),
+        ("zzz", r"no named scenario; `vibrohil list` shows all of them \(a file's path ends in .toml\)$"),
         (
             "nowhere/at-all.toml",
             r"cannot be read \(No such file or directory\); give a scenario's file, or the name",

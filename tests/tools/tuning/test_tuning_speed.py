@@ -162,9 +162,9 @@ def test_what_is_asked_for_is_what_comes_out() -> None:
 
 
 def test_what_cannot_be_had_is_refused() -> None:
-    with pytest.raises(BadInputError, match="phase-margin-deg 80 cannot be had"):
+    with pytest.raises(BadInputError, match="phase-margin-deg 80 cannot be reached"):
         shape(NominalDrive(), 25.0, 80.0)
-    with pytest.raises(BadInputError, match="cannot be had with a tick"):
+    with pytest.raises(BadInputError, match="cannot be reached with a control period"):
         shape(NominalDrive(), 400.0, 20.0)
 
 

@@ -1,6 +1,6 @@
 """The cells of a campaign: a friction law and a ratio each, and the tables that `--set` may change."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -73,6 +73,24 @@ def _listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list) else [value]
 
 
+def numbers_after(document: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """The table `campaign` of the document after the `--set` changes; refuses a number that it lacks."""
+    known = list(document["campaign"])
+    changed: dict[str, Any] = apply_settings(document, settings)["campaign"]
+    for name in sorted(set(changed) - set(known)):
+        raise BadInputError(
+            f"--set campaign.{name} is no number of this campaign; wanted one of "
+            f"{', '.join(f'campaign.{one}' for one in known)}"
+        )
+    return changed
+
+
+def refuse_unlisted(key: str, value: str, known: Collection[str]) -> None:
+    """Raise BadInputError unless the value of a campaign's key is one of the known ones."""
+    if value not in known:
+        raise BadInputError(f"campaign.{key}: {value!r} is none of {', '.join(known)}")
+
+
 def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
     """The cells of a campaign's `table` (conditions, each (laws, ratios, impulses)) with `--set` changes.
 
@@ -82,13 +100,7 @@ def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Ce
     known = {"laws": None, "ratios": None, "impulses": None, **table}
     conditions = known.pop("conditions")
     document = {"campaign": dict(known), "firmware": {}, "scene": read_scene(BASE_SCENE)}
-    changed = apply_settings(document, settings)["campaign"]
-    unknown = sorted(set(changed) - set(known))
-    if unknown:
-        raise BadInputError(
-            f"--set campaign.{unknown[0]} is no number of this campaign; wanted one of "
-            f"{', '.join(f'campaign.{name}' for name in known)}"
-        )
+    changed = numbers_after(document, settings)
     laws, ratios, impulses = (changed.pop(name) for name in ("laws", "ratios", "impulses"))
     if laws is not None or ratios is not None or impulses is not None:
         first_laws, first_ratios, first_impulses = conditions[0]
@@ -102,8 +114,7 @@ def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Ce
     cells = []
     for condition_laws, condition_ratios, condition_impulses in conditions:
         for law in condition_laws:
-            if law not in LAWS:
-                raise BadInputError(f"campaign.laws: {law!r} is none of {', '.join(LAWS)}")
+            refuse_unlisted("laws", law, LAWS)
             own = {"campaign": {}, "scene": scene_of(law), "firmware": deepcopy(LAWS[law]["nominal"])}
             own = apply_settings(own, settings)
             cells += [

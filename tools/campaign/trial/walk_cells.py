@@ -10,9 +10,8 @@ import numpy as np
 from hil.scenario.scenario import read_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
-from tools.campaign.trial.cells import Cell
+from tools.campaign.trial.cells import Cell, numbers_after, refuse_unlisted
 from tools.campaign.trial.draws import Drawn, draw, mismatch_of
-from tools.output import BadInputError
 
 COURSES = ("steady", "change", "stop", "stumble")
 
@@ -68,13 +67,7 @@ def walk_cells(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[
     """
     numbers = {key: value for key, value in table.items() if key != "conditions"}
     known = {"presets": None, "courses": None, **numbers}
-    changed = apply_settings({"campaign": dict(known), "firmware": {}, "scene": {}}, settings)["campaign"]
-    unknown = sorted(set(changed) - set(known))
-    if unknown:
-        raise BadInputError(
-            f"--set campaign.{unknown[0]} is no number of this campaign; wanted one of "
-            f"{', '.join(f'campaign.{name}' for name in known)}"
-        )
+    changed = numbers_after({"campaign": dict(known), "firmware": {}, "scene": {}}, settings)
     presets, courses = changed.pop("presets"), changed.pop("courses")
     pairs = [(preset, course) for preset, some in table["conditions"] for course in some]
     if presets is not None or courses is not None:
@@ -90,10 +83,8 @@ def _listed(value: Any, otherwise: list[str]) -> list[str]:
 
 
 def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:
-    if preset not in PRESETS:
-        raise BadInputError(f"campaign.presets: {preset!r} is none of {', '.join(PRESETS)}")
-    if course not in COURSES:
-        raise BadInputError(f"campaign.courses: {course!r} is none of {', '.join(COURSES)}")
+    refuse_unlisted("presets", preset, PRESETS)
+    refuse_unlisted("courses", course, COURSES)
     own = {
         "campaign": {},
         "scene": deepcopy(read_scene(PRESETS[preset].scene)),

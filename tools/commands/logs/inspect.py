@@ -40,9 +40,11 @@ def inspect(
     from tools.logs.inspection import DEFAULT_SIGNALS, plot_signals, write_table
 
     if to is not None and table is None:
-        raise BadInputError("--to needs --table NAME; `vibrohil inspect RUN` lists the tables")
+        raise BadInputError("--to is given without --table NAME; `vibrohil inspect RUN` lists the tables")
     if signal and plot is None:
-        raise BadInputError("--signal needs --plot FILE")
+        raise BadInputError(
+            "--signal is given without --plot; name the file to draw into, e.g. --plot run.svg"
+        )
     logged = open_run(run)
     if plot is not None:
         plot_signals(logged, signal or list(DEFAULT_SIGNALS), plot)

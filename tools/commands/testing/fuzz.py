@@ -73,31 +73,21 @@ def frames(
     answer(payload, as_json, show, exit_of(payload))
 
 
-@fuzz.command()
-def scenes(
-    count: Inputs = 2500,
-    seed: FirstSeed = 1,
-    as_json: Json = False,
-) -> None:
-    """Read randomly damaged scenes, scenarios, parameter files and settings.
+ENDS = (
+    "Each command must end with a verdict or one sentence: no traceback, at most 20 s and 2 GB, no file "
+    "changed but its own, no temporary file left."
+)
 
-    Each command must end with a verdict or one sentence: no traceback, at most 20 s and 2 GB, no file
-    changed but its own, no temporary file left.
-    """
+
+@fuzz.command(help=f"Read randomly damaged scenes, scenarios, parameter files and settings.\n\n{ENDS}")
+def scenes(count: Inputs = 2500, seed: FirstSeed = 1, as_json: Json = False) -> None:
+    """`vibrohil fuzz scenes`."""
     fuzz_inputs("scenes", count, seed, as_json)
 
 
-@fuzz.command()
-def files(
-    count: Inputs = 2500,
-    seed: FirstSeed = 1,
-    as_json: Json = False,
-) -> None:
-    """Read randomly damaged run folders, logs, traces and CAN logs.
-
-    Each command must end with a verdict or one sentence: no traceback, at most 20 s and 2 GB, no file
-    changed but its own, no temporary file left.
-    """
+@fuzz.command(help=f"Read randomly damaged run folders, logs, traces and CAN logs.\n\n{ENDS}")
+def files(count: Inputs = 2500, seed: FirstSeed = 1, as_json: Json = False) -> None:
+    """`vibrohil fuzz files`."""
     fuzz_inputs("files", count, seed, as_json)
 
 

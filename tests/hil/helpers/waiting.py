@@ -1,0 +1,28 @@
+"""Waiting for something that another process or the bus brings about."""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import can
+
+T = TypeVar("T")
+
+
+def waited_for(look: Callable[[], T | None], timeout_s: float = 120.0) -> T:
+    """What `look` finds, once it finds something."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (found := look()):
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.02)
+    return found
+
+
+def message_data(bus: can.BusABC, can_id: int, wanted: Callable[[bytes], bool], timeout_s: float) -> bytes:
+    """The data of the first message with this identifier that is as wanted."""
+    deadline_s = time.monotonic() + timeout_s
+    while time.monotonic() < deadline_s:
+        message = bus.recv(1.0)
+        if message is not None and message.arbitration_id == can_id and wanted(bytes(message.data)):
+            return bytes(message.data)
+    raise AssertionError(f"no message {can_id:#x} as wanted within {timeout_s} s")
