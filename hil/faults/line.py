@@ -144,10 +144,10 @@ class FaultyBus:
         self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
         self._held: list[Held] = [()] * len(self._faults)
         self._t_s = self._since_s = 0.0
-        self._heard: list[Frame] = []
+        self._foreign: list[Frame] = []
 
     def move_to(self, t_s: float) -> None:
-        """The node's turn at `t_s`; strangers have their say before it."""
+        """The node's turn at `t_s`; frames of foreign nodes are sent before it."""
         self._since_s, self._t_s = self._t_s, t_s
         if self._node != PLANT:
             return
@@ -155,7 +155,7 @@ class FaultyBus:
             frames = strange(fault, t_s, self._since_s, noise)
             if frames:
                 self._bus.send_all(frames)
-                self._heard += frames
+                self._foreign += frames
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Send what the faults let through."""
@@ -169,8 +169,8 @@ class FaultyBus:
 
     def receive(self) -> list[Frame]:
         """The received frames, and those of foreign nodes."""
-        received = [*self._heard, *self._bus.receive()]
-        self._heard = []
+        received = [*self._foreign, *self._bus.receive()]
+        self._foreign = []
         return [] if self._is_unplugged else received
 
     def wait(self, timeout_s: float) -> None:

@@ -101,7 +101,7 @@ class PlantFaults:
         """The frames that leave the plant's node."""
         return [frame for frame in frames if frame.can_id not in DRIVE_IDS] if self.is_dead else frames
 
-    def heard(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+    def received(self, frames: Sequence[Frame]) -> Sequence[Frame]:
         """The frames that reach the drive."""
         if self.is_dead:
             return ()

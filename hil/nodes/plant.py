@@ -177,7 +177,7 @@ class PlantNode:
         plant, config = self.plant, self.drive_config
         omega_rad_s = plant.now.omega_rad_s
         if self._faults is not None:
-            frames = self._faults.heard(frames)
+            frames = self._faults.received(frames)
         self._obey(frames)
         torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
         self.record = self._record_of(torque_n_m)

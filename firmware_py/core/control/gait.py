@@ -250,7 +250,7 @@ def _due(stride: Stride, event: Event, at_s: float) -> bool:
     return event.at_s <= 0.0 and 0.4 * usual_s < at_s < 2.5 * usual_s
 
 
-def _heard(
+def _updated(
     config: GaitConfig, stride: Stride, events: Events, leg: Leg, sensors: GaitInput
 ) -> tuple[Stride, Events, Leg]:
     """The stride, events and leg after a fresh frame."""
@@ -325,7 +325,7 @@ def step(config: GaitConfig, state: CycleState, sensors: GaitInput, elapsed_tick
     stride = _aged(state.stride, elapsed_ticks * config.tick_s, walking)
     events, leg = state.events, state.leg
     if sensors.age_ticks == 0:
-        stride, events, leg = _heard(config, stride, events, leg, sensors)
+        stride, events, leg = _updated(config, stride, events, leg, sensors)
     trusted = stride.known >= STRIDES_TO_TRUST
     if (
         trusted
