@@ -1,6 +1,7 @@
 """Checks: limits of figures, and whether a run meets them.
 
-A figure that is missing, NaN, or rests on a log that lacks frames never passes.
+A figure that is missing, NaN, or rests on a log that lacks frames never passes; nor does any where a node has
+left no tick: a firmware that never ran has latched no fault.
 """
 
 import math
@@ -125,17 +126,24 @@ def own_value(check: Check, traces: RunTraces) -> float | None:
     return own_figure(check.expression, Window(check.from_s, check.to_s), traces.plant, traces.firmware)
 
 
+def left_no_tick(figures: Mapping[str, Any]) -> bool:
+    """Whether the loop of plant or firmware has left no tick."""
+    return any(loop["ticks"] == 0 for loop in figures["loops"].values())
+
+
 def evaluate(
     checks: Iterable[Check], figures: Mapping[str, Any], traces: RunTraces = NOTHING_LEFT
 ) -> list[CheckResult]:
     """Each check against the figures, given as `Figures.as_json()`; figures of one's own are of `traces`."""
-    doubtful = incomplete(figures)
+    doubtful, nothing_ran = incomplete(figures), left_no_tick(figures)
     results = []
     for check in checks:
         if check.expression is None:
             value, unit = value_of(figures, check.name), CATALOGUE[check.name].unit
         else:
             value, unit = own_value(check, traces), check.unit or ""
+        if nothing_ran:
+            value = None
         passed = within(check, value) and check.name not in doubtful
         results.append(CheckResult(check.name, passed, value, unit, check.limit, check.requirement))
     return results

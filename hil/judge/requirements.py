@@ -28,13 +28,19 @@ def requirements() -> Mapping[str, Requirement]:
 
 
 def trace(verdicts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """For each requirement the checks that prove it, and whether all passed; None where none did run."""
+    """For each requirement the checks that prove it, and whether all passed; None where none did run.
+
+    A run that fails whatever its checks say proves nothing.
+    """
     proofs: dict[str, list[dict[str, Any]]] = {name: [] for name in requirements()}
     for verdict in verdicts:
         for check in verdict["checks"]:
             if check.get("requirement") is not None:
-                proof = {key: check[key] for key in ("name", "limit", "passed")}
-                proofs[check["requirement"]].append({"scenario": verdict["scenario"], **proof})
+                proof = {"name": check["name"], "limit": check["limit"]}
+                passed = check["passed"] and not verdict["reasons"]
+                proofs[check["requirement"]].append(
+                    {"scenario": verdict["scenario"], **proof, "passed": passed}
+                )
     return {
         name: {
             "text": requirements()[name].text,

@@ -156,6 +156,23 @@ def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(
 
 
 @pytest.mark.usefixtures("without_plots")
+@pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace"])
+def test_no_check_passes_where_a_node_left_nothing(tmp_path, lost):
+    made_up = make_run()
+    made_up.scenario["checks"] = [
+        {"name": "fault", "equals": "none"},
+        {"name": "impact_count", "low": 0},
+        {"name": "ticks", "low": 0},
+        {"name": "final_mode", "equals": "none" if lost == "firmware.trace" else "ready"},
+    ]
+    run_dir = write_run(made_up, tmp_path)
+    (run_dir / lost).unlink()
+    verdict = finish(run_dir)
+    assert [(check["passed"], check["value"]) for check in verdict["checks"]] == [(False, None)] * 4
+    assert "fault is not there, wanted = none" in (run_dir / "junit.xml").read_text()
+
+
+@pytest.mark.usefixtures("without_plots")
 def test_a_dead_process_fails_the_run_with_the_reason(tmp_path):
     made_up = make_run()
     made_up.outcome["reasons"] = ["firmware was killed by SIGKILL at 4.00 s"]

@@ -12,7 +12,7 @@ from hil.record.candump import NO_BUS
 from hil.record.run_traces import NO_RECORDS, RunTraces
 
 WHOLE = Window(0.0, 100.0)
-LOG = {"log": {"frames_lost": 0}}
+LOG = {"log": {"frames_lost": 0}, "loops": {"plant": {"ticks": 1}, "firmware": {"ticks": 1}}}
 
 
 def plant(t_s, **columns):

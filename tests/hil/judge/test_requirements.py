@@ -63,6 +63,12 @@ def test_the_trace_says_what_proves_a_requirement_and_whether_it_is_met():
     assert found["S-01"]["passed"] is None
 
 
+def test_a_run_that_is_no_proper_run_proves_nothing():
+    found = trace([{**VERDICT, "reasons": ["firmware was killed by SIGKILL at 4.00 s"]}])
+    assert found["P-01"]["passed"] is False
+    assert [proof["passed"] for proof in found["P-01"]["checks"]] == [False]
+
+
 def test_junit_names_the_requirement_and_where_it_is_stated():
     root = ElementTree.fromstring(junit.document([VERDICT]).encode())
     properties = {
