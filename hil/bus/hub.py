@@ -18,7 +18,7 @@ from typing import IO
 
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, CONTROL_ID, FRAME_BYTES, LOSS_KIND, STAMP_KIND
-from hil.timing.processes import stop_requests
+from hil.timing.processes import READY, stop_requests, tell_parent
 from hil.timing.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
@@ -206,10 +206,10 @@ def main() -> None:
     stop = stop_requests()
     become_realtime(HUB)
     hub = Hub(path)
-    print("ready", flush=True)
+    tell_parent(READY)
     hub.serve((sys.stdin, stop))
     hub.close()
-    print(json.dumps({"forwarded": hub.forwarded, "dropped": hub.dropped}), flush=True)
+    tell_parent(json.dumps({"forwarded": hub.forwarded, "dropped": hub.dropped}))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED, HubSocket
 from hil.bus.wire import requests_in
-from hil.timing.processes import Child, ChildError
+from hil.timing.processes import READY, Child, ChildError
 
 READY_TIMEOUT_S = 20.0
 
@@ -73,17 +74,28 @@ def private_folder() -> Path:
     )
 
 
+@contextmanager
+def closed_unless_up(provided: ProvidedBus) -> Iterator[None]:
+    """Take the bus down again where the block ends early, by Ctrl-C too; raises `BusError`."""
+    try:
+        yield
+    except ChildError as error:
+        name = provided.name
+        provided.close()
+        raise BusError(f"bus {name} did not start: {error}") from error
+    except BaseException:
+        provided.close()
+        raise
+
+
 def provide_local(reason: str) -> ProvidedBus:
     """A hub of this run's own."""
     folder = private_folder()
     path = folder / "bus"
     hub = Child("hub", [sys.executable, "-m", "hil.bus.hub", str(path)])
     provided = ProvidedBus("local", f"local:{path}", False, reason, hub, folder)
-    try:
+    with closed_unless_up(provided):
         hub.wait_ready(READY_TIMEOUT_S)
-    except ChildError as error:
-        provided.close()
-        raise BusError(f"bus local did not start: {error}") from error
     return provided
 
 
@@ -97,16 +109,11 @@ def provide_vcan(reason: str) -> ProvidedBus:
     folder = private_folder()
     holder = Child("vcan", [sys.executable, "-m", "hil.bus.vcan", str(folder)])
     provided = ProvidedBus("vcan", "", True, reason, holder, folder)
-    try:
-        line = holder.read_line(READY_TIMEOUT_S)
-    except ChildError as error:
-        provided.close()
-        raise BusError(f"bus vcan did not start: {error}") from error
-    word, _, rest = line.partition(" ")
-    if word != "ready":
-        provided.close()
-        raise BusError(f"bus vcan: {rest}")
-    provided.address = rest
+    with closed_unless_up(provided):
+        word, _, rest = holder.read_line(READY_TIMEOUT_S).partition(" ")
+        if word != READY:
+            raise BusError(f"bus vcan: {rest}")
+        provided.address = rest
     return provided
 
 

@@ -36,6 +36,12 @@ def stop_requests() -> socket.socket:
     return readable
 
 
+def tell_parent(line: str) -> None:
+    """In a child: write a line to standard output; where the parent is gone, nobody misses it."""
+    with suppress(BrokenPipeError):
+        os.write(sys.stdout.fileno(), f"{line}\n".encode())
+
+
 class Start(NamedTuple):
     """When all begin, and the first tick of a process that comes later.
 

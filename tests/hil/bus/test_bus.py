@@ -21,6 +21,8 @@ from hil.bus.can_socket import CanSocket, count_arrivals, has_kernel_can
 from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
 from hil.bus.wire import CAN_FRAME
+from hil.timing.processes import Child
+from hil.timing.signals import Interrupted
 
 
 def frame(number: int) -> Frame:
@@ -259,10 +261,29 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+def test_an_interruption_while_the_hub_starts_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[int] = []
+
+    def interrupted(child: Child, _: float) -> str:
+        started.append(child.pid)
+        raise Interrupted("interrupted by Ctrl-C")
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(Child, "read_line", interrupted)
+    with pytest.raises(Interrupted):
+        provide("local")
+    (pid,) = started
+    assert not Path(f"/proc/{pid}").exists()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_hub_ends_with_a_killed_parent_and_cleans_up() -> None:
     killed = subprocess.run(
         [sys.executable, "-c", PROVIDE_AND_DIE], capture_output=True, text=True, check=False
     )
+    assert killed.stderr == ""
     pid, address = killed.stdout.split()
     deadline = time.monotonic() + 3.0
     while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
