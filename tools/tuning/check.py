@@ -164,6 +164,7 @@ def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | Non
         _emptied(folder / "recorded"),
         RECORDED_SEED,
         lambda one, _: progress(one, "recording"),
+        "compiled",
     )
     progress(0.0, "identify")
     identified = tune_identify(run_dir)[0]

@@ -118,7 +118,7 @@ def _ran(name: str, path: Path, progress: Callable[[float, str], None]) -> dict[
     """A scenario with a parameter file: its verdict, failed checks and plain figures."""
     scenario = load_scenario(name, (), [path])
     with tempfile.TemporaryDirectory(prefix="vibrohil-diff-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), SEED, progress)
+        run_dir, _ = in_lockstep(scenario, Path(folder), SEED, progress, "compiled")
         traces = read_run(run_dir)
         figures = figures_from(traces)
         verdict, results = judge(traces, figures, run_dir)

@@ -1,6 +1,6 @@
 """Safety test of a set of parameters: within bounds, a start that holds, an E-stop that stops.
 
-The runs are scenarios of the bench in lockstep, with their own checks, on their own plant.
+The runs are scenarios of the bench in lockstep on the compiled build, with their own checks and plant.
 """
 
 import tempfile
@@ -76,7 +76,7 @@ def judged(
     except ParameterError as error:
         return SafetyResult(name, seed, False, str(error))
     with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress)
+        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
         traces = read_run(run_dir)
         verdict, results = judge(traces, figures_from(traces), run_dir)
     failed = [f"{one.name} = {one.value} {one.unit}".strip() for one in results if not one.passed]

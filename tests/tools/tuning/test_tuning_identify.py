@@ -56,7 +56,7 @@ def record(
         "firmware": firmware,
         "script": {"duration_s": duration_s, "commands": commands},
     }
-    in_lockstep(check_scenario(document, "to-identify"), run_dir, seed, lambda *_: None)
+    in_lockstep(check_scenario(document, "to-identify"), run_dir, seed, lambda *_: None, "compiled")
     for trace in run_dir.glob("*.trace"):
         trace.unlink()  # the truth among them: nothing but the CAN log is left
     return run_dir
