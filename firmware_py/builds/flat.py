@@ -100,8 +100,21 @@ def _plain(value: Any) -> Any:
 
 def loaded(kind: Any, value: Any) -> Any:
     """The record of type `kind` out of `memory[0].item()`, or out of a part of it."""
+    return _loader(kind)(value)
+
+
+@functools.cache
+def _loader(kind: Any) -> Callable[[Any], Any]:
+    """What makes a record of this type, or a member of it, of what `item` gives for it."""
     if get_origin(kind) is tuple:
-        return tuple(loaded(item, one) for item, one in zip(get_args(kind), value, strict=True))
+        items = [_loader(item) for item in get_args(kind)]
+        # An array: `item` leaves one within a record as it is.
+        return lambda value: tuple(
+            load(one) for load, one in zip(items, np.asarray(value).tolist(), strict=True)
+        )
     if not hasattr(kind, "_fields"):
-        return kind(value)
-    return kind(*(loaded(member, one) for (_, member), one in zip(members(kind), value, strict=True)))
+        return cast(Callable[[Any], Any], kind)
+    if all(member in (float, int, bool) for _, member in members(kind)):
+        return cast(Callable[[Any], Any], kind._make)  # `item` gives these as they are
+    loads = [_loader(member) for _, member in members(kind)]
+    return lambda value: kind._make([load(one) for load, one in zip(loads, value, strict=True)])

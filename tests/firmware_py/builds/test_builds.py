@@ -96,7 +96,9 @@ def test_both_builds_send_the_same_bytes_among_damaged_lost_and_late_frames() ->
         missed[0] = dice.random() < (0.8 if missed[0] else 0.01)
         return missed[0]
 
-    bench = Twins({"start.rise_s": 2.0, "start.confirm_periods": 2}, change=change, overrun=overrun)
+    bench = Twins(
+        {"start.rise_s": 2.0, "start.confirm_periods": 2}, change=change, overrun=overrun, build="python"
+    )
     bench.started()
     bench.run(4.5, keep=False)
     assert bench.node.outputs.mode == Mode.RUN
@@ -130,7 +132,7 @@ class Recorded(Bench):
 @pytest.fixture(scope="module")
 def walked() -> Recorded:
     """A start into the impact regime with lost frames and a fault at the end; somebody walks."""
-    bench = Recorded({"start.rise_s": 2.0, "start.confirm_periods": 2})
+    bench = Recorded({"start.rise_s": 2.0, "start.confirm_periods": 2}, build="python")
     steps = walk(np.random.default_rng(1), stride_s=0.75, count=12)
 
     def changed(tick: int, frames: list[Frame]) -> list[Frame]:
@@ -213,7 +215,7 @@ def test_parameters_are_read_and_written_alike() -> None:
 
 
 def test_a_trace_gets_the_same_numbers(tmp_path: Path) -> None:
-    bench = Twins()
+    bench = Twins(build="python")
     bench.run(0.3, keep=False)
     timing = LoopTiming(1_000, 2.5, 3.5, 4)
     for name, node in (("python", bench.node), ("compiled", bench.other)):

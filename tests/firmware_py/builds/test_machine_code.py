@@ -55,7 +55,7 @@ def test_the_object_file_computes_the_bits_of_the_compiled_build(loaded: ctypes.
         assert state.tobytes() == node.memory.tobytes(), bench.tick
         return kept
 
-    bench = Bench(parameters, change=change)
+    bench = Bench(parameters, change=change, build="python")
     bench.started()
     bench.run(4.5, keep=False)
     assert bench.node.outputs.torque_n_m != 0.0
@@ -155,7 +155,7 @@ def test_the_example_for_a_board_sends_what_the_compiled_build_does(tmp_path: Pa
         return frames
 
     node = node_of("compiled")(config_from({}))
-    bench = Bench(change=change)
+    bench = Bench(change=change, build="python")
     bench.started()
     bench.run(0.5, keep=False)
     words = board.sent()[: 3 * board.sent_count()]

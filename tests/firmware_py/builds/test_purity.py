@@ -19,7 +19,7 @@ def bits(record: tuple) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def recorded() -> Bench:
-    bench = Bench({"start.rise_s": 1.0}).started()
+    bench = Bench({"start.rise_s": 1.0}, build="python").started()
     bench.run(3.0)
     return bench
 

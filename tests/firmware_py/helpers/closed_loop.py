@@ -1,14 +1,15 @@
 """The firmware's node on the simulated module, frame by frame, with a drive that obeys at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.builds.flat import loaded, stored
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.state import Outputs, State
+from firmware_py.core.state import Config, Outputs, State
 from firmware_py.interface import codec
 from firmware_py.interface.enums import AxisState, Mode, OperatorRequest
 from firmware_py.interface.frame import Frame
@@ -26,11 +27,13 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
 )
 from firmware_py.shell.builds import Build, node_of
+from firmware_py.shell.flat_node import FlatNode
 from firmware_py.shell.parameters import config_from
 from plant_sim.plant import Plant
 from plant_sim.result import MotionState
 from plant_sim.scene import load_scene
 
+T = TypeVar("T")
 KT_N_M_A = 0.08
 TICK_S = 0.001
 
@@ -54,6 +57,27 @@ def scene_with(**tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 @dataclass
+class Kept(Sequence[T]):
+    """A record of each kept tick: taken as it stands in the node's memory, read when it is looked at."""
+
+    take: Callable[[], Any] = field(compare=False)
+    read: Callable[[Any], T] = field(compare=False)
+    rows: list[Any] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, place: int) -> T: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[T]: ...
+    def __getitem__(self, place: int | slice) -> T | list[T]:
+        if isinstance(place, slice):
+            return [self.read(row) for row in self.rows[place]]
+        return self.read(self.rows[place])
+
+
+@dataclass
 class Bench:
     """Lockstep: sensors at t_k, the node's tick, its torque from t_{k+1}."""
 
@@ -67,7 +91,7 @@ class Bench:
     """What happens to the frames on their way to the firmware."""
     overrun: Callable[[int], bool] = lambda _: False
     """Whether the firmware misses this tick; its frames wait for the next one."""
-    build: Build = "python"
+    build: Build = "compiled"
 
     def __post_init__(self) -> None:
         self.node = node_of(self.build)(config_from(self.parameters), self.parameters)
@@ -79,17 +103,31 @@ class Bench:
         self.waiting: list[Frame] = []
         self.elapsed_ticks = 0
         self.sent: list[Frame] = []
-        self.inputs: list[Inputs] = []
-        self.states: list[State] = []
-        self.outputs: list[Outputs] = []
+        self.inputs: Kept[Inputs] = self._kept(Inputs, "inputs", "inputs")
+        self.states: Kept[State] = self._kept(State, "state", "core")
+        self.outputs: Kept[Outputs] = self._kept(Outputs, "outputs", "outputs")
         self.motions: list[MotionState] = []
         self.touch_downs: list[tuple[float, float]] = []
+
+    def _kept(self, kind: Any, attribute: str, member: str) -> "Kept[Any]":
+        node = self.node
+        if not isinstance(node, FlatNode):
+            return Kept(lambda: getattr(node, attribute), lambda record: record)
+        memory = node.memory[member]
+        return Kept(memory.tobytes, lambda row: loaded(kind, np.frombuffer(row, memory.dtype)[0].item()))
+
+    def configure(self, config: Config) -> None:
+        """Another configuration from now on."""
+        self.node.config = config
+        if isinstance(self.node, FlatNode):
+            self.node.flat_config[:] = stored(config)
+            self.node.changed()
 
     @property
     def mode(self) -> Mode:
         """The firmware's mode, without the rest of the compiled build's outputs, which take long to read."""
-        if self.build == "compiled":
-            return Mode(int(self.node.memory["outputs"]["mode"][0]))  # type: ignore[attr-defined]
+        if isinstance(self.node, FlatNode):
+            return Mode(int(self.node.memory["outputs"]["mode"][0]))
         return self.node.outputs.mode
 
     def frames(self) -> list[Frame]:
@@ -129,9 +167,8 @@ class Bench:
                 self.sent = self.node.tick(self.waiting, self.elapsed_ticks)
                 self.waiting, self.elapsed_ticks = [], 0
             if keep:
-                self.inputs.append(self.node.inputs)
-                self.states.append(self.node.state)
-                self.outputs.append(self.node.outputs)
+                for records in (self.inputs, self.states, self.outputs):
+                    records.rows.append(records.take())
                 self.motions.append(self.plant.state)
             acting_n_m = self.torque_n_m if self.axis_state == AxisState.CLOSED_LOOP_CONTROL else 0.0
             self.plant.advance(acting_n_m, TICK_S)

@@ -29,8 +29,8 @@ HIT_M_S = 0.05
 
 @pytest.fixture(scope="module")
 def default_run() -> Bench:
-    """From rest to r = 1.3, held, stopped; shortened."""
-    bench = Bench().started()
+    """From rest to r = 1.3, held, stopped; shortened; interpreted, as a run is by default."""
+    bench = Bench(build="python").started()
     bench.run(16.0)
     bench.request = OperatorRequest.IDLE
     bench.run(3.0)
@@ -337,7 +337,7 @@ END_OF = {
 @pytest.fixture(scope="module")
 def in_motion() -> tuple[Bench, int]:
     """A run, and the tick from which its inputs are played again."""
-    bench = Bench({"start.rise_s": 1.0}).started()
+    bench = Bench({"start.rise_s": 1.0}, build="python").started()
     bench.run(3.0)
     start = len(bench.inputs)
     bench.run(0.6)

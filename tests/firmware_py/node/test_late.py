@@ -82,7 +82,7 @@ def test_the_limits_on_an_impact_hold_within_an_overrun() -> None:
     first, ticks = touch_down_tick() - 3, 18
     bench = Bench(PARAMETERS, overrun=lambda tick: first <= tick < first + ticks).started()
     bench.run((first - bench.tick) * 1e-3, keep=False)
-    bench.node.config = config_from({**PARAMETERS, "limit.impulse_n_s": 0.5})
+    bench.configure(config_from({**PARAMETERS, "limit.impulse_n_s": 0.5}))
     bench.run((ticks + 1) * 1e-3)
     assert bench.node.outputs.fault == Fault.IMPULSE_LIMIT
     assert codec.SET_INPUT_TORQUE.decode(bench.sent[0].data).torque_n_m == 0.0

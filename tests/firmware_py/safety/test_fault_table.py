@@ -120,7 +120,7 @@ def go_on_in_a_stop(bench: Bench) -> None:
 
 def damaged_parameters(bench: Bench) -> None:
     monitors = bench.node.config.monitors._replace(parameters_damaged=True)
-    bench.node.config = bench.node.config._replace(monitors=monitors)
+    bench.configure(bench.node.config._replace(monitors=monitors))
 
 
 def bundled(ticks: int) -> Change:
