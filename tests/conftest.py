@@ -1,8 +1,10 @@
-"""For all tests: Ctrl-C reaches the processes that they start, and no test of properties is timed."""
+"""For all tests: one thread for linear algebra, Ctrl-C for what they start, no time limit on properties."""
 
 import signal
 
 from hypothesis import settings
+
+import tools  # noqa: F401 - keeps linear algebra to one thread
 
 # What a shell starts in its background is deaf to Ctrl-C, and so would be every process that tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

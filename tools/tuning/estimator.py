@@ -33,11 +33,11 @@ from tools.campaign.processes import environment
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
 from tools.campaign.trial.draws import Mismatch, draw
 from tools.jobs import running
+from tools.one_thread import ONE_THREAD_EACH
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
-from tools.tuning.trials import ONE_THREAD_EACH
 
 NOISE, MEMORY, STOP = "estimator.velocity_noise_m_s", "estimator.model_memory_s", "estimator.stop_std_m"
 FLOOR = "estimator.model_std_m_s2"

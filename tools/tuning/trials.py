@@ -27,6 +27,7 @@ from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
 from tools.campaign.trial.draws import Mismatch, draw
 from tools.jobs import running
+from tools.one_thread import ONE_THREAD_EACH
 
 SECONDS = 60.0
 TRIALS = 300
@@ -59,7 +60,6 @@ OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
 PACKAGES = ("firmware_py", "plant_sim", "hil", "tools/campaign", "tools/tuning")
-ONE_THREAD_EACH = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 Progress = Callable[[int, int], None]
 
