@@ -33,7 +33,7 @@ view: setup ## the newest run in the Rerun viewer
 
 test: setup $(INSTALLED_DEV) ## all tests: first on all cores, then, one by one, those that need the clock to themselves
 	@echo "test: all but the real-time tests, and the examples in docstrings, on all cores"
-	@$(BIN)/python -m pytest -n auto -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
 	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
 	@$(BIN)/python -m pytest -m "realtime or uml"
 
