@@ -27,7 +27,7 @@ from hil.record.damage import reading
 from hil.record.frame_tables import contiguous
 from hil.record.log_reader import TIMELINES, read_traces, repair
 from hil.record.rerun_program import RerunError
-from hil.record.run_folder import RUNS, is_in_use
+from hil.record.run_folder import RUNS, VERDICT, is_in_use, is_own
 from hil.record.run_traces import RunTraces
 from hil.show.rerun_log import LOG_NAME, rebuild
 
@@ -62,6 +62,8 @@ def log_of(run: Path | None) -> Path:
         repair(place)
         return place
     if not (place / "plant.trace").exists() and not (place / LOG_NAME).exists():
+        if is_own(place):
+            raise RunError(f"{place} has no log: its run has not begun, or was ended before; see {VERDICT}")
         raise RunError(f"{place} is no run folder: it holds neither {LOG_NAME} nor plant.trace")
     log = place / LOG_NAME
     if not log.exists():

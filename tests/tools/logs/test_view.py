@@ -13,6 +13,7 @@ import pytest
 
 from hil.bench import recorded_run
 from hil.bench.recorded_run import RunError
+from hil.record import run_folder
 from hil.record.candump import NO_BUS
 from hil.record.rerun_program import rerun, rerun_environment
 from hil.record.run_traces import NO_RECORDS, RunTraces
@@ -114,6 +115,12 @@ def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
 def test_what_is_no_run_is_refused(tmp_path, name):
     with pytest.raises(RunError, match=name):
         recorded_run.log_of(tmp_path / name)
+
+
+def test_a_run_that_was_killed_before_its_log_began_is_a_run_all_the_same(tmp_path):
+    run_folder.note(tmp_path, scenario="mine")
+    with pytest.raises(RunError, match=r"has no log: its run has not begun, or was ended before"):
+        recorded_run.log_of(tmp_path)
 
 
 def test_without_a_display_the_browser_is_recommended(log, monkeypatch):
