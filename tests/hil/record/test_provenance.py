@@ -1,6 +1,7 @@
 """A run says where it comes from: the commit, what was edited since, what was changed over its scenario."""
 
 import json
+import shutil
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
@@ -48,3 +49,19 @@ def test_report_and_junit_say_so_too(run):
 def test_outside_of_a_checkout_there_is_no_commit(monkeypatch):
     monkeypatch.setattr(provenance, "git", lambda *_: None)
     assert provenance.commit.__wrapped__() == {"commit": None, "edited": None}
+
+
+def test_an_edit_of_any_file_changes_the_digest_of_the_sources(monkeypatch, tmp_path):
+    here = Path(provenance.__file__)
+    root = here.parents[2]
+    for part in provenance.PARTS:
+        shutil.copytree(root / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / here.relative_to(root)))
+    found = {provenance.sources.__wrapped__()}
+    folders = {path.parent: path for path in sorted(tmp_path.rglob("*")) if path.is_file()}
+    for number, path in enumerate(folders.values(), start=1):
+        with path.open("ab") as file:
+            file.write(b"\n")
+        found.add(provenance.sources.__wrapped__())
+        assert len(found) == number + 1, path
+    assert len(folders) > 50
