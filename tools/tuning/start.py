@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from firmware_py.shell.parameters import DEFAULTS
+from hil.record import provenance
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaigns import NO_IMPULSE, Condition
 from tools.campaign.processes import Batch
@@ -149,6 +150,12 @@ def with_front(tried: Sequence[Ramp]) -> list[Ramp]:
 
 
 # --- the search ---------------------------------------------------------------------------------------
+
+
+def name_of_search(numbers: Sequence[int]) -> str:
+    """Names a search by all that its results depend on: space, trials and seed, sources, packages."""
+    parts = [SPACE, numbers, provenance.sources(), provenance.versions()]
+    return f"start-{hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]}"
 
 
 def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":
@@ -308,8 +315,7 @@ def tune_start(
     """The start that fails least, and all that were tried; `fresh_trials` choose among the best as well."""
     final_seed, screening_trials = seed + 1, min(SCREENING_TRIALS, fresh_trials)
     refuse_same_seeds(final_seed, fresh_seed)
-    asked_for = json.dumps({"space": SPACE, "trials": [trials, fresh_trials, seed]}, sort_keys=True)
-    study = study_in(journal, f"start-{hashlib.sha256(asked_for.encode()).hexdigest()[:12]}", seed)
+    study = study_in(journal, name_of_search([trials, fresh_trials, seed]), seed)
 
     with processes_for(workers) as run:
         judged = Judge(run, workers)

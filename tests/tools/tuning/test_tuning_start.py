@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.record import provenance
 from plant_sim.arrays import FloatArray
 from tools import cli
 from tools.campaign.trial.outcome import Outcome
@@ -21,6 +22,7 @@ from tools.tuning.start import (
     asked,
     final,
     finished,
+    name_of_search,
     neighbours,
     ramp,
     screened,
@@ -112,6 +114,12 @@ def test_neighbours_stay_within_what_is_searched() -> None:
     assert {values["start.rise_s"] for values in around} == {1.0, 1.5}
     assert {values["start.approach_ratio"] for values in around} == {0.8, 0.9}
     assert {values["hold.rate_1_s"] for values in around} == {DEFAULT["hold.rate_1_s"]}
+
+
+def test_a_search_of_edited_sources_is_another_one(monkeypatch) -> None:
+    before = name_of_search([24, 96, 1])
+    monkeypatch.setattr(provenance, "sources", lambda: "edited")
+    assert name_of_search([24, 96, 1]) != before
 
 
 def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
