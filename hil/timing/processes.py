@@ -23,6 +23,9 @@ BAD_INPUT_STATUS = 4
 """The program's exit status where its input is at fault."""
 
 STOP_TIMEOUT_S = 3.0
+LOOK_S = 1.0
+MOST_LOOKS_STOPPED = 5
+"""One after the other, each `LOOK_S` long, at a child that is not ready and that a signal has stopped."""
 SHOWN_LINES = 12
 
 
@@ -143,17 +146,23 @@ class Child:
         return f": {lines[-1]}" if lines and (self._process.poll() or 0) > 0 else ""
 
     def read_line(self, timeout_s: float) -> str:
-        """The next line of its standard output."""
+        """The next line of its standard output; raises where it ends, stays silent or stays stopped."""
         assert self._process.stdout is not None
         descriptor = self._process.stdout.fileno()
         line = b""
         deadline = time.monotonic() + timeout_s
+        looks_stopped = 0
         while not line.endswith(b"\n"):
-            readable, _, _ = select.select([descriptor], [], [], max(0.0, deadline - time.monotonic()))
+            rest_s = deadline - time.monotonic()
+            readable, _, _ = select.select([descriptor], [], [], min(LOOK_S, max(0.0, rest_s)))
             if not readable:
-                raise ChildError(
-                    f"{self.name} wrote nothing for {timeout_s:g} s\n{self.last_errors()}".rstrip()
-                )
+                looks_stopped = looks_stopped + 1 if has_stopped(self.pid) else 0
+                if looks_stopped == MOST_LOOKS_STOPPED:
+                    raise ChildError(f"{self.name} was stopped by a signal before it was ready")
+                if rest_s <= 0.0:
+                    silence = f"{self.name} wrote nothing for {timeout_s:g} s"
+                    raise ChildError(f"{silence}\n{self.last_errors()}".rstrip())
+                continue
             byte = os.read(descriptor, 1)
             if not byte:
                 self._process.wait(STOP_TIMEOUT_S)

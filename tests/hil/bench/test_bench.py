@@ -267,6 +267,25 @@ def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> No
     assert mute.how_it_ended() == "child was killed by SIGTERM"
 
 
+def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(tmp_path: Path) -> None:
+    held = child("import time; time.sleep(60)", tmp_path)
+    held.signal(signal.SIGSTOP)
+    began_s = time.monotonic()
+    with pytest.raises(ChildError, match="child was stopped by a signal before it was ready"):
+        held.wait_ready(120.0)
+    assert time.monotonic() - began_s < 20.0
+    held.stop()
+    assert held.killed_at_stop
+
+
+def test_child_that_is_continued_in_time_becomes_ready(tmp_path: Path) -> None:
+    held = child("import time; time.sleep(0.5); print('ready', flush=True); time.sleep(60)", tmp_path)
+    held.signal(signal.SIGSTOP)
+    threading.Timer(2.0, held.signal, (signal.SIGCONT,)).start()
+    held.wait_ready(60.0)
+    held.stop()
+
+
 def test_child_that_will_not_stop_is_made_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.timing.processes.STOP_TIMEOUT_S", 0.3)
     stubborn = child(
