@@ -30,8 +30,13 @@ SHOWN_LINES = 12
 
 
 def stop_requests() -> socket.socket:
-    """A descriptor that becomes readable on SIGTERM, to sleep on; Ctrl-C is left to the parent."""
+    """A descriptor that becomes readable on SIGTERM, to sleep on; Ctrl-C is left to the parent.
+
+    A second one like it stays open to the end of the process: a signal that comes while the program ends
+    is told to somebody too.
+    """
     readable, writable = socket.socketpair()
+    readable.dup().detach()
     writable.setblocking(False)
     signal.set_wakeup_fd(writable.detach())
     signal.signal(signal.SIGTERM, lambda *_: None)

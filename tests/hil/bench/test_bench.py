@@ -267,6 +267,22 @@ def test_child_that_says_nothing_is_not_waited_for_forever(tmp_path: Path) -> No
     assert mute.how_it_ended() == "child was killed by SIGTERM"
 
 
+ENDS_AS_IT_IS_STOPPED = """
+import os, signal, time
+from hil.timing.processes import stop_requests
+stop_requests().close()
+os.kill(os.getpid(), signal.SIGTERM)
+time.sleep(0.01)
+"""
+
+
+def test_child_that_is_stopped_while_it_ends_writes_no_error() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", ENDS_AS_IT_IS_STOPPED], capture_output=True, text=True, check=True
+    )
+    assert ended.stderr == ""
+
+
 def test_child_that_is_stopped_before_it_is_ready_is_not_waited_for(tmp_path: Path) -> None:
     held = child("import time; time.sleep(60)", tmp_path)
     held.signal(signal.SIGSTOP)

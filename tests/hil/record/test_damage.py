@@ -113,7 +113,7 @@ def test_a_file_that_does_not_begin_as_a_log_is_none(tmp_path: Path) -> None:
     log = tmp_path / "run.rrd"
     log.touch()
     os.truncate(log, 3 << 30)
-    with pytest.raises(RerunError, match="no log"):
+    with pytest.raises(RerunError, match="no Rerun log"):
         repair(log)
 
 
