@@ -32,8 +32,8 @@ SHOWN_LINES = 12
 def stop_requests() -> socket.socket:
     """A descriptor that becomes readable on SIGTERM, to sleep on; Ctrl-C is left to the parent.
 
-    A second one like it stays open to the end of the process: a signal that comes while the program ends
-    is told to somebody too.
+    A second one like it stays open to the end of the process, so that a signal that comes while the program
+    ends is no error.
     """
     readable, writable = socket.socketpair()
     readable.dup().detach()
