@@ -14,7 +14,7 @@ from plant_sim.parts.stop import origin_m
 from plant_sim.parts.walking import Walking
 from plant_sim.result import ElectricalLedger, EnergyLedger, Impact, MotionState, Observation, Phase
 from plant_sim.scene import Scene, require_scene
-from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at
+from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
 from plant_sim.sensors.sampled import SAMPLED
 from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
@@ -210,6 +210,11 @@ class Plant:
         walking = self.parts.housing
         return gait_at(walking, t_s) if isinstance(walking, Walking) else None
 
+    def gaits_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The gait at these times, shape (n,), a row each as `GaitTruth` has it; None where nobody walks."""
+        walking = self.parts.housing
+        return gaits_at(walking, times_s) if isinstance(walking, Walking) else None
+
     def lend(self) -> Lent:
         """Hand the module to compiled code; `take_back` ends that. Raise PlantError without sensors."""
         if self._sensors is None or isinstance(self._probe, NoSensing):
@@ -272,6 +277,7 @@ def warm(scene: Scene) -> None:
     """Compile, or load from the cache, all that a plant of this scene runs, before any clock starts."""
     plant = Plant(scene, seed=0)
     plant.advance(0.0, 1e-3)
+    plant.gait_at(0.0)
     if scene.sensors is not None:
         plant.sense()
 

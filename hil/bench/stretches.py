@@ -250,7 +250,6 @@ class RecordedStretches:
 
     def __init__(self, scenario: Scenario, nodes: Nodes, can_log: CanLog) -> None:
         self._period_s = scenario.period_s
-        self._walks = scenario.scene.gait is not None
         self._plant = nodes.plant
         self._firmware = nodes.firmware
         self._can_log = can_log
@@ -264,10 +263,10 @@ class RecordedStretches:
         rows, node = self._plant_rows[:ticks], self._plant.node
         for column, name in enumerate(PlantRecord._fields):
             rows[name] = records.plant[:, column]
-        if self._walks:
-            gaits = [node.gait_in(number) for number in range(tick, tick + ticks)]
-            for name, values in zip(GaitTruth._fields, zip(*gaits, strict=True), strict=True):
-                rows[f"gait.{name}"] = values
+        gaits = node.gaits_in(tick, ticks)
+        if gaits is not None:
+            for column, name in enumerate(GaitTruth._fields):
+                rows[f"gait.{name}"] = gaits[:, column]
         self._plant.append(rows, records.impacts)
         numbers = np.arange(tick, tick + ticks)
         records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._period_s

@@ -6,6 +6,9 @@ module to t_{k+1}. Where the loop has skipped ticks, `sleep_through` lets their 
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
 from firmware_py.interface.generated.records import Accelerometer, GaitSensors
@@ -181,7 +184,7 @@ class PlantNode:
         self._obey(frames)
         torque_n_m = axis.torque_n_m(config, self.drive, omega_rad_s)
         self.record = self._record_of(torque_n_m)
-        self.gait = self.gait_in(self.tick)
+        self.gait = plant.gait_at(self._since_start_s(self.tick))
         armed_s = min(self.period_s, axis.watchdog_left_s(config, self.drive))
         self._move(torque_n_m, armed_s)
         now = plant.now
@@ -203,9 +206,10 @@ class PlantNode:
             elif is_new_address(self.node_id, frame):
                 self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # its number is a parameter
 
-    def gait_in(self, tick: int) -> GaitTruth | None:
-        """The gait in `tick`; None where nobody walks."""
-        return self.plant.gait_at(self._since_start_s(tick))
+    def gaits_in(self, tick: int, ticks: int) -> NDArray[np.float64] | None:
+        """The gait in `ticks` from `tick` on, a row each as `GaitTruth` has it; None where nobody walks."""
+        numbers = np.arange(tick, tick + ticks, dtype=np.float64)
+        return self.plant.gaits_at(numbers * self.period_s - self.began_s)
 
     def _since_start_s(self, tick: int) -> float:
         return tick * self.period_s - self.began_s

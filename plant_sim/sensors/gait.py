@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.arrays import FloatArray
-from plant_sim.kernels import jit
+from plant_sim.kernels import jit, shared
 from plant_sim.parts.walking import (
     BEGIN_S,
     FROM_HZ,
@@ -18,7 +18,6 @@ from plant_sim.parts.walking import (
     TO_HZ,
     TO_SIZE,
     TOE_OFF,
-    Leg,
     Walking,
     along_axis,
     ankle_n_m_kg,
@@ -73,20 +72,36 @@ class GaitReading(NamedTuple):
     toe_contact: bool
 
 
+@jit
+def _truths(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
+    for place in range(times_s.size):
+        truth = _truth(walking, times_s[place])
+        for column in range(len(truth)):
+            out[place, column] = truth[column]
+
+
+def gaits_at(walking: Walking, times_s: FloatArray) -> FloatArray:
+    """The truth at these times, shape (n,): a row each as `GaitTruth` has it, shape (n, 12)."""
+    truths = np.empty((len(times_s), len(GaitTruth._fields)))
+    _truths(walking, np.ascontiguousarray(times_s, dtype=np.float64), truths)
+    return truths
+
+
 def gait_at(walking: Walking, t_s: float) -> GaitTruth:
     """The truth at `t_s`."""
-    return gait_of(walking, leg_at(walking, t_s), t_s)
+    state, tripping, *others = gaits_at(walking, np.array([t_s]))[0].tolist()
+    return GaitTruth(LegState(int(state)), bool(tripping), *others)
 
 
-def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
-    """The truth at `t_s`, when the leg does this."""
+@shared
+def _truth(walking: Walking, t_s: float) -> tuple[float, ...]:
+    leg = leg_at(walking, t_s)
     row = walking.rows[row_at(walking.rows, t_s)]
     axis_m_s2 = along_axis(walking, leg.up_m_s2, leg.forward_m_s2, leg.outward_m_s2)
-    felt = float(leg.up_m_s2), float(leg.forward_m_s2), float(axis_m_s2)
-    motion = float(leg.lean_rad), float(leg.lean_rad_s), *felt
+    motion = leg.lean_rad, leg.lean_rad_s, leg.up_m_s2, leg.forward_m_s2, axis_m_s2
     full = max(row[FROM_SIZE], row[TO_SIZE])
     if full == 0.0:
-        return GaitTruth(LegState.STANDING, False, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD, 0.0)
+        return float(LegState.STANDING.value), 0.0, math.nan, 0.0, *motion, STANDING_LOAD, STANDING_LOAD, 0.0
     phase = cycles_at(row, t_s) % 1.0
     in_curves = phase + walking.warp * math.sin(math.pi * phase) ** 2
     s = min((t_s - row[BEGIN_S]) / row[LENGTH_S], 1.0)
@@ -94,15 +109,16 @@ def gait_of(walking: Walking, leg: Leg, t_s: float) -> GaitTruth:
     size = row[FROM_SIZE] + (row[TO_SIZE] - row[FROM_SIZE]) * gone_over
     walks = min(size / (FULL_SHARE * full), 1.0)
     rest = (1.0 - walks) * STANDING_LOAD
-    return GaitTruth(
-        LegState.STANCE if in_curves < TOE_OFF else LegState.SWING,
-        bool(row[KNOCK_M_S2] > 0.0 and t_s - row[BEGIN_S] < KNOCK_S),
-        float(phase),
-        float(row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * gone_over),
+    state = LegState.STANCE if in_curves < TOE_OFF else LegState.SWING
+    return (
+        float(state.value),
+        1.0 if row[KNOCK_M_S2] > 0.0 and t_s - row[BEGIN_S] < KNOCK_S else 0.0,
+        phase,
+        row[FROM_HZ] + (row[TO_HZ] - row[FROM_HZ]) * gone_over,
         *motion,
-        float(walks * heel_load(in_curves) + rest),
-        float(walks * toe_load(in_curves) + rest),
-        float(size * ankle_n_m_kg(in_curves)),
+        walks * heel_load(in_curves) + rest,
+        walks * toe_load(in_curves) + rest,
+        size * ankle_n_m_kg(in_curves),
     )
 
 
@@ -120,16 +136,19 @@ def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:
     return cycles % 1.0
 
 
+@shared
 def heel_load(phase: float) -> float:
     """Of the curves' cycle: from heel strike on, gone by heel-off at 42 %."""
     return _rise(phase, 0.0, 0.06) * (1.0 - _rise(phase, 0.15, 0.42))
 
 
+@shared
 def toe_load(phase: float) -> float:
     """From foot-flat on, largest in push-off, gone at toe-off."""
     return _rise(phase, 0.08, 0.45) * (1.0 - _rise(phase, 0.5, TOE_OFF))
 
 
+@shared
 def _rise(phase: float, begin: float, end: float) -> float:
     s = min(max((phase - begin) / (end - begin), 0.0), 1.0)
     return s * s * (3.0 - 2.0 * s)
@@ -169,11 +188,8 @@ class GaitSensors:
 
     def read(self, t_s: float) -> GaitReading | None:
         """One sample, with new noise."""
-        return self.read_of(t_s, gait_at(self._walking, t_s))
-
-    def read_of(self, t_s: float, truth: GaitTruth) -> GaitReading | None:
-        """The sample at `t_s`, whose truth is known."""
         table, dice = self._table, self._dice
+        truth = gait_at(self._walking, t_s)
         rate_noise, force_noise = dice.standard_normal(2).tolist()
         heel = self._heel.read(t_s, truth.heel_load, dice)
         toe = self._toe.read(t_s, truth.toe_load, dice)
