@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from hil.judge.checks import checks_of
 from hil.judge.figures.records import Figures
@@ -11,62 +10,73 @@ from hil.record import state_timeline
 from hil.record.run_traces import RunTraces, column
 from hil.record.state_timeline import Lane, state_name
 from hil.record.traces.stored_trace import Records
-from hil.show.injected import injected
+from hil.show.injected import Injected, injected
 from hil.show.limits import limits
-from hil.show.report.canvas import ALARM, ESTIMATE, TARGET, TRUTH, Plot, canvas, css, svg_of, thinned
+from hil.show.report.chart import (
+    ALARM,
+    ESTIMATE,
+    TARGET,
+    TRUTH,
+    Json,
+    Plot,
+    chart,
+    css,
+    curve,
+    level,
+    on,
+    points,
+    stacked,
+    upright,
+)
 
-LEAST_NAMED = 0.08
-"""A state that takes less of the run than this has no room for its name."""
 STRIPS = ("states/mode", "states/regime")
+LEAST_SHARE = 0.002
+"""An injected fault that takes less of the run than this is shown as wide."""
+STATES, SPEEDS, CRANK, TORQUE = 1, 2, 3, 4
+PANEL_OF = {"impact_speed": SPEEDS, "speed": CRANK, "torque": TORQUE}
 
 
 def course(traces: RunTraces, figures: Figures) -> Plot:
     """The whole run: modes, regime and injected faults; impacts, crank speed and torque with their limits."""
+    plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     faults = injected(traces.scenario)
-    bounds = limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None)
-    with canvas(9.6, 5.6) as figure:
-        states, speeds, crank, torque = figure.subplots(4, 1, sharex=True)
-        rows = [lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in STRIPS]
-        for row, lane in enumerate(rows):
-            strip(states, row, lane, traces.firmware, figures.duration_s)
-        for fault in faults:
-            width_s = max(min(fault.to_s, figures.duration_s) - fault.from_s, 0.002 * figures.duration_s)
-            states.broken_barh([(fault.from_s, width_s)], (len(rows) - 0.4, 0.8), color=ALARM)
-        names = [lane.entity.removeprefix("states/") for lane in rows] + ["injected"] * bool(faults)
-        states.set_yticks(range(len(names)), names)
-        states.invert_yaxis()
-        states.grid(visible=False)
-        seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
-        reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
-        touched_s = column(traces.impacts, "t_s")
-        speeds.plot(touched_s, column(traces.impacts, "v_m_s"), "o", color=TRUTH, ms=4, label="true")
-        reported = column(seen, "outputs.impact_speed_m_s")
-        speeds.plot(reported_s, reported, "x", color=ESTIMATE, ms=4, label="reported")
-        speeds.set(ylabel="v⁻ [m/s]")
-        plant_s, firmware_s = column(traces.plant, "t_s"), column(traces.firmware, "t_s")
-        crank.plot(*thinned(plant_s, column(traces.plant, "omega_rad_s")), color=TRUTH, lw=0.9, label="true")
-        target = column(traces.firmware, "outputs.target_omega_rad_s")
-        crank.plot(*thinned(firmware_s, target), color=TARGET, ls="--", lw=0.9, label="target")
-        crank.set(ylabel="Ω [rad/s]")
-        given = column(traces.plant, "motor_torque_n_m")
-        torque.plot(*thinned(plant_s, given), color=TRUTH, lw=0.7, label="motor")
-        asked = column(traces.firmware, "outputs.torque_n_m")
-        torque.plot(*thinned(firmware_s, asked), color=ESTIMATE, lw=0.7, label="asked for")
-        torque.set(ylabel="torque [N m]", xlabel="simulated time [s]")
-        plots_of = {"impact_speed": speeds, "speed": crank, "torque": torque}
-        for bound in bounds:
-            if (axes := plots_of.get(bound.plot)) is not None:
-                axes.hlines(bound.value, bound.from_s, bound.to_s, color=ALARM, lw=0.9, ls="--")
-        for axes in (speeds, crank, torque):
-            axes.legend(loc="upper left", ncols=2)
-        if figures.latched.at_s is not None:
-            for axes in (states, speeds, crank, torque):
-                axes.axvline(figures.latched.at_s, color=ALARM, lw=1.0)
-        svg = svg_of(figure)
+    seen = firmware[column(firmware, "outputs.impact") != 0.0]
+    reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
+    reported_m_s = column(seen, "outputs.impact_speed_m_s")
+    plant_s, firmware_s = column(plant, "t_s"), column(firmware, "t_s")
+    target_rad_s = column(firmware, "outputs.target_omega_rad_s")
+    commanded_n_m = column(firmware, "outputs.torque_n_m")
+    lanes = [lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in STRIPS]
+    drawn = [
+        *(strip(lane, firmware, figures.duration_s) for lane in lanes),
+        *([fault_strip(faults, figures.duration_s)] if faults else []),
+        points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), TRUTH),
+        points(SPEEDS, "reported impact", reported_s, reported_m_s, ESTIMATE, "x"),
+        curve(CRANK, "true speed", plant_s, column(plant, "omega_rad_s"), TRUTH),
+        curve(CRANK, "target speed", firmware_s, target_rad_s, TARGET, dash="dash"),
+        curve(TORQUE, "motor torque", plant_s, column(plant, "motor_torque_n_m"), TRUTH),
+        curve(TORQUE, "commanded torque", firmware_s, commanded_n_m, ESTIMATE),
+    ]
+    for bound in limits(checks_of(traces.scenario), figures, faults[0].from_s if faults else None):
+        if (panel := PANEL_OF.get(bound.plot)) is not None:
+            drawn.append(level(panel, bound.name, bound.value, bound.from_s, bound.to_s, ALARM, "dash"))
+    latched_s = figures.latched.at_s
+    panels = stacked(
+        [("", 0.8), ("v⁻ [m/s]", 1.0), ("Ω [rad/s]", 1.0), ("torque [N m]", 1.0)], "simulated time [s]"
+    )
+    panels[0] = panels[0]._replace(y_axis={"autorange": "reversed", "showgrid": False})
+    content = chart(
+        540,
+        panels,
+        drawn,
+        [] if latched_s is None else [upright(TORQUE, latched_s, ALARM, "solid")],
+        barmode="overlay",
+        uniformtext={"minsize": 9, "mode": "hide"},
+    )
     latched = (
         ""
-        if figures.latched.at_s is None
-        else f" The line across is the fault {figures.fault}, latched at {figures.latched.at_s:.3f} s."
+        if latched_s is None
+        else f" The line across is the fault {figures.fault}, latched at {latched_s:.3f} s."
     )
     injected_text = "; ".join(f"{fault.text} at {fault.from_s:g} s" for fault in faults)
     return Plot(
@@ -74,22 +84,47 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
         f"{figures.impact_count} touch-downs. Dashed: limits of checks."
         + (f" Injected: {injected_text}." if faults else "")
         + latched,
-        svg,
+        content,
     )
 
 
-def strip(axes: Axes, row: int, lane: Lane, records: Records, end_s: float) -> None:
-    """A state timeline as a row of bars with their names where they are wide enough."""
+def bars(lane: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> Json:
+    """A row of the states' panel: a bar for each span of time, in s, with its name where it has room."""
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "showlegend": False,
+        "y": [lane] * len(spans),
+        "base": [from_s for from_s, _ in spans],
+        "x": [to_s - from_s for from_s, to_s in spans],
+        "text": names,
+        "textposition": "inside",
+        "insidetextanchor": "start",
+        "textangle": 0,
+        "hovertemplate": "%{text}<br>%{base:.3f} s, for %{value:.3f} s<extra></extra>",
+        "marker": {"color": shades},
+        **on(STATES),
+    }
+
+
+def fault_strip(faults: list[Injected], end_s: float) -> Json:
+    """The injected faults."""
+    least_s = LEAST_SHARE * end_s
+    spans = [(one.from_s, max(min(one.to_s, end_s), one.from_s + least_s)) for one in faults]
+    return bars("injected", spans, [fault.text for fault in faults], [ALARM] * len(faults))
+
+
+def strip(lane: Lane, records: Records, end_s: float) -> Json:
+    """A state timeline."""
     values, t_s = column(records, lane.column).astype(int), column(records, "t_s")
-    if len(values) == 0:
-        return
-    starts = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
-    edges_s = [*t_s[starts].tolist(), end_s]
-    for at, (from_s, to_s) in zip(starts, itertools.pairwise(edges_s), strict=True):
-        value = int(values[at])
-        known = [state for state in lane.states if state.value == value]
-        shade = css(lane.colors.get(known[0], state_timeline.ALARM) if known else state_timeline.ALARM)
-        axes.broken_barh([(from_s, to_s - from_s)], (row - 0.4, 0.8), color=shade)
-        if to_s - from_s > LEAST_NAMED * end_s:
-            name = state_name(lane.states, value)
-            axes.text(from_s, row, f" {name}", va="center", fontsize=8.0, color="#ffffff", clip_on=True)
+    starts = np.flatnonzero(np.diff(values, prepend=-1))
+    states = values[starts].tolist()
+    known = [next((state for state in lane.states if state.value == value), None) for value in states]
+    alarm = state_timeline.ALARM
+    shades = [css(alarm if state is None else lane.colors.get(state, alarm)) for state in known]
+    return bars(
+        lane.entity.removeprefix("states/"),
+        list(itertools.pairwise([*t_s[starts].tolist(), end_s])),
+        [state_name(lane.states, value) for value in states],
+        shades,
+    )

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -86,6 +87,12 @@ def template(name: str) -> Template:
     return environment.get_template(name)
 
 
+@cache
+def library() -> str:
+    """The charts' library: plotly.js, the npm package plotly.js-basic-dist-min as it is (MIT licence)."""
+    return (resources.files("hil.show.report") / "templates" / "plotly-basic.min.js").read_text("utf-8")
+
+
 def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mapping[str, Any]) -> None:
     """Write the page of one run."""
     content = figures.as_json()
@@ -103,6 +110,7 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
             for headline in (*HEADLINES, *(WALK_HEADLINES if traces.is_walked else ()))
         ],
         plots=plots(traces, figures),
+        library=library(),
         files=[name for name in LINKED if (path.parent / name).exists()],
         figures=rows,
         scenario=tomli_w.dumps(dict(traces.scenario)),

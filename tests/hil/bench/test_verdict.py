@@ -13,8 +13,8 @@ from hil.bench.verdict import finish
 from hil.judge import junit, requirements
 from hil.judge.figures.figures import figures_of
 from hil.record.rerun_program import rerun
-from hil.show.report.pages import write_suite_report
-from hil.show.report.plots import thinned
+from hil.show.report.chart import thinned
+from hil.show.report.pages import library, write_suite_report
 
 # What a program that reads the verdict may rely on.
 KEYS = {
@@ -28,12 +28,6 @@ KEYS = {
 def finished(tmp_path_factory):
     run_dir = write_run(make_run(), tmp_path_factory.mktemp("run"))
     return run_dir, finish(run_dir)
-
-
-@pytest.fixture
-def without_plots(monkeypatch):
-    """Nine tenths of the time a verdict takes are its report's plots."""
-    monkeypatch.setattr("hil.show.report.pages.plots", lambda *_: [])
 
 
 class Page(html.parser.HTMLParser):
@@ -86,7 +80,6 @@ def test_finishing_again_changes_nothing(finished, tmp_path):
     assert finish(run_dir) == verdict
 
 
-@pytest.mark.usefixtures("without_plots")
 def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path):
     made_up = make_run()
     made_up.scenario["checks"] = [
@@ -108,7 +101,6 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
     }
 
 
-@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("frames", [0, 800])
 def test_what_the_recorder_lost_is_told_and_no_check_passes_on_it(tmp_path, frames):
     made_up = make_run()
@@ -132,7 +124,6 @@ def test_losses_that_a_bus_does_not_count_are_unknown_not_none(tmp_path):
     assert figures_of(write_run(made_up, tmp_path)).log.frames_lost is None
 
 
-@pytest.mark.usefixtures("without_plots")
 def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     made_up = make_run()
     made_up.impacts = {name: values[:0] for name, values in made_up.impacts.items()}
@@ -143,7 +134,6 @@ def test_a_figure_that_the_run_cannot_give_fails_its_check(tmp_path):
     assert "capture_s is not there, wanted ≤ 10 s" in (tmp_path / "junit.xml").read_text()
 
 
-@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace", "outcome.json"])
 def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(tmp_path, lost):
     run_dir = write_run(make_run(), tmp_path)
@@ -155,7 +145,6 @@ def test_a_run_that_lost_something_still_ends_in_a_failed_verdict_that_says_why(
     assert rerun(["rrd", "verify", run_dir / "run.rrd"]).returncode == 0
 
 
-@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("lost", ["firmware.trace", "plant.trace"])
 def test_no_check_passes_where_a_node_left_nothing(tmp_path, lost):
     made_up = make_run()
@@ -172,7 +161,6 @@ def test_no_check_passes_where_a_node_left_nothing(tmp_path, lost):
     assert "fault is not there, wanted = none" in (run_dir / "junit.xml").read_text()
 
 
-@pytest.mark.usefixtures("without_plots")
 def test_a_dead_process_fails_the_run_with_the_reason(tmp_path):
     made_up = make_run()
     made_up.outcome["reasons"] = ["firmware was killed by SIGKILL at 4.00 s"]
@@ -188,24 +176,20 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     page = Page(text)
     assert page.open == []
     assert page.references == ["run.rrd", "can.log", "scenario.toml", "verdict.json"]
-    assert "http" not in text.replace("http://www.w3.org/", "").replace("http://purl.org/", "").replace(
-        "http://creativecommons.org/", ""
-    )
+    assert "http" not in text.replace(library(), "")
     said = "".join(page.words[page.words.index("PASSED") :])
     for word in ("A made-up run", "detector.recall", "Phase portrait", "0.1.0", "hunt-crossley"):
         assert word in said
-    assert text.count("<svg") == 5, "the run, start-up, portrait, distributions, clockwork"
+    assert text.count('class="chart"') == 5, "the run, start-up, portrait, distributions, clockwork"
     assert "prefers-color-scheme: dark" in text
-    assert "#010203" not in text
-    assert len(text) < 1_500_000
+    assert len(text) - len(library()) < 500_000
 
 
-@pytest.mark.usefixtures("without_plots")
 def test_the_report_escapes_what_a_scenario_says(tmp_path):
     made_up = make_run()
     made_up.scenario["title"] = "<script>alert(1)</script>"
     finish(write_run(made_up, tmp_path))
-    assert "<script>" not in (tmp_path / "report.html").read_text()
+    assert "<script>alert" not in (tmp_path / "report.html").read_text()
 
 
 def test_a_suite_has_one_page_and_one_junit_file(finished, tmp_path):
@@ -233,7 +217,6 @@ def test_a_thinned_curve_keeps_its_extremes():
     assert thin_t[np.argmax(thin_x)] == t[12_345]
 
 
-@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize(("held", "named"), [(5, True), (40, True), (1, False)])
 def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, held, named):
     made_up = make_run()
@@ -249,7 +232,6 @@ def test_a_stall_of_the_host_is_named_as_the_cause_of_a_failed_check(tmp_path, h
     assert (stall in html.unescape((tmp_path / "report.html").read_text())) is named
 
 
-@pytest.mark.usefixtures("without_plots")
 def test_a_stall_of_the_host_fails_no_run_that_meets_its_checks(tmp_path):
     made_up = make_run()
     kept = np.setdiff1d(np.arange(len(made_up.firmware["tick"])), np.arange(3000, 3010))

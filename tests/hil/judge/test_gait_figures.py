@@ -15,7 +15,8 @@ from hil.judge.figures.gait import push_off
 from hil.judge.figures.records import GaitFigures
 from hil.record.log_reader import tables
 from hil.record.run_traces import read_run
-from hil.show.report.plots import plots, push_off_curve
+from hil.show.report.plots import plots
+from hil.show.report.walk_plot import push_off_curve
 from hil.show.rerun_log import RunLog, rebuild
 from plant_sim.sensors.gait import LegState
 

@@ -61,7 +61,7 @@ def test_a_report_shows_verdict_and_plots_and_loads_nothing(browser, run_dir, da
     assert near(top, PAPER[dark], 4) > 0.6 * top.shape[0] * top.shape[1]
     assert near(top, GREEN[dark], 8) > 800, "the badge of the verdict"
 
-    browser.evaluate("document.querySelectorAll('svg')[1].scrollIntoView()")
+    browser.evaluate("document.querySelectorAll('.chart')[1].scrollIntoView()")
     plot = browser.look()
     assert near(plot, TRUTH) > 500, "the striker's position"
     assert near(plot, STOP, 60) > 500, "the stop"
