@@ -20,7 +20,7 @@ from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, Ide
 from hil.bench.soak import SETTLED_SHARE, MemoryWatch
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessNode
-from hil.faults.clocks import in_turns
+from hil.faults.clocks import Turns, in_turns
 from hil.faults.line import with_faults
 from hil.faults.processes import ProcessFaults
 from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
@@ -92,7 +92,8 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
             from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports compiled code
 
             nodes = Nodes(plant_node, firmware_node, operator, to_plant)
-            stretches = stretches_of(scenario, nodes, can_log)
+            turns = [node for node in (plant, firmware) if isinstance(node, Turns)]
+            stretches = stretches_of(scenario, nodes, turns, can_log)
         tick = 0
         while tick < scenario.ticks:
             ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)

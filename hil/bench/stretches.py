@@ -1,9 +1,9 @@
 """Stretches of lockstep in one compiled call, with single ticks of lockstep between.
 
 A stretch ends before a fault begins, and the next one starts some time after the fault has ended. Faults that
-only change the module's parts or the drive's configuration begin and end between two stretches. Runs with a
-modelled bus, an encoder with a period of its own, a fault of a clock or a restart have no stretches. Frames,
-traces and can.log are those of lockstep tick by tick.
+only change the module's parts or the drive's configuration begin and end between two stretches. There is
+none while a node's clock differs from the bench's, and none in runs with a modelled bus or an encoder with a
+period of its own. Frames, traces and can.log are those of lockstep tick by tick.
 
 `records_of` runs a whole scenario so, without a folder: what campaigns do.
 """
@@ -21,6 +21,7 @@ from firmware_py.shell.flat_node import FirmwareFailedError
 from firmware_py.shell.native import NativeNode
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessBus, InProcessNode
+from hil.faults.clocks import Turns
 from hil.nodes.closed_loop import (
     FIRMWARE_FAILED,
     LINE_BYTES,
@@ -37,14 +38,11 @@ from hil.nodes.runners import FirmwareRunner, OperatorRunner, Pace, PlantRunner
 from hil.record.traces.firmware_trace import columns_in, moves_to
 from hil.record.traces.plant_trace import PlantRecord
 from hil.scenario.fault_tables import (
-    ClockJitter,
-    ClockJumped,
     Fault,
     FrictionChanged,
     Kick,
     MotorStall,
     ParametersDamaged,
-    Restarted,
     StiffnessChanged,
     StopMoved,
     SupplySag,
@@ -58,8 +56,6 @@ from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
 
 STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
 """Faults that do nothing from tick to tick between their begin and their end."""
-OF_A_CLOCK = (ClockJitter, ClockJumped, Restarted)
-"""Faults that give a node a clock of its own (`hil.faults.clocks.in_turns`)."""
 AHEAD_S = 0.005
 """A stretch ends this long before any other fault begins."""
 BEHIND_S = 0.25
@@ -72,10 +68,9 @@ LINES_A_TICK = 8
 
 def has_stretches(scenario: Scenario) -> bool:
     """Whether any part of a run of the scenario may be compiled."""
-    has_clock_faults = any(isinstance(fault, OF_A_CLOCK) for fault in scenario.faults)
     scene = scenario.scene
     encoder_has_period = scene.axis is not None and scene.axis.encoder_s is not None
-    return scenario.bitrate is None and not has_clock_faults and not encoder_has_period
+    return scenario.bitrate is None and not encoder_has_period
 
 
 def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
@@ -248,14 +243,21 @@ class Stretches:
 class RecordedStretches:
     """Stretches whose records go into the traces and the log of lockstep."""
 
-    def __init__(self, scenario: Scenario, nodes: Nodes, can_log: CanLog) -> None:
+    def __init__(self, scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog) -> None:
+        """`turns`: those of the nodes with a fault of the clock or a restart."""
         self._period_s = scenario.period_s
         self._plant = nodes.plant
         self._firmware = nodes.firmware
+        self._turns = turns
         self._can_log = can_log
         self._plant_rows = np.zeros(LONGEST_TICKS, nodes.plant.columns)
         self._stretches = Stretches(scenario, nodes, nodes.firmware.columns, True)
-        self.ticks_from = self._stretches.ticks_from
+
+    def ticks_from(self, tick: int) -> int:
+        """How many ticks from `tick` on may be compiled."""
+        if not all(turns.is_in_step(tick) for turns in self._turns):
+            return 0
+        return self._stretches.ticks_from(tick)
 
     def run(self, tick: int, ticks: int, operator_period: int) -> int:
         """Run `ticks` from `tick` on; the operator's next period."""
@@ -272,6 +274,8 @@ class RecordedStretches:
         records.firmware["tick"], records.firmware["t_s"] = numbers, (numbers + 0.5) * self._period_s
         self._firmware.append(records.firmware)
         self._can_log.append(records.can_log.tobytes())
+        for turns in self._turns:
+            turns.resume(tick + ticks)
         return operator_period
 
 
@@ -305,6 +309,8 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
         tick += ticks
 
 
-def stretches_of(scenario: Scenario, nodes: Nodes, can_log: CanLog) -> RecordedStretches | None:
+def stretches_of(
+    scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog
+) -> RecordedStretches | None:
     """The stretches of a run on these nodes; None where it has none."""
-    return RecordedStretches(scenario, nodes, can_log) if has_stretches(scenario) else None
+    return RecordedStretches(scenario, nodes, turns, can_log) if has_stretches(scenario) else None

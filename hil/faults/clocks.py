@@ -138,6 +138,14 @@ class Turns:
         self._unrecorded = self._last_tick = tick
         self._next_tick = tick + 1
 
+    def is_in_step(self, slot: int) -> bool:
+        """Whether the node's next turn is its tick of this slot, and not late."""
+        return self._next_tick == slot and not self._late_ticks
+
+    def resume(self, tick: int) -> None:
+        """Go on from `tick`, to which compiled code has brought the node."""
+        self._next_tick, self._last_tick, self._late_ticks = tick, tick - 1, None
+
     def record(self, _: int, timing: LoopTiming) -> None:
         """Append the record of this slot's last turn, if it had one."""
         if self._unrecorded is not None:

@@ -13,7 +13,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
 from hil.bench import stretches
 from hil.bench.lockstep import run_lockstep
-from hil.bench.stretches import has_stretches, quiet_until_s, word_frame
+from hil.bench.stretches import quiet_until_s, word_frame
 from hil.bus.can_log import CanLog
 from hil.nodes.closed_loop import LINE_BYTES, log_line
 from hil.record.traces import trace
@@ -31,7 +31,11 @@ STIFFER = {"kind": "stiffness-changed", "at_s": 1.0, "factor": 1.1}
 KICK = {"kind": "kick", "at_s": 1.2003, "change_m_s": 0.4}
 NOISY = {"kind": "sensor-noisy", "at_s": 1.6, "duration_s": 0.2, "sensor": "striker-low", "std": 1.0}
 PAUSED = {"kind": "paused", "at_s": 2.2, "duration_s": 0.01, "process": "firmware"}
-AWAY = {"kind": "restarted", "at_s": 2.2, "duration_s": 0.2, "process": "plant"}
+PLANT_AWAY = {"kind": "restarted", "at_s": 2.2, "duration_s": 0.2, "process": "plant"}
+FIRMWARE_AWAY = {"kind": "restarted", "at_s": 1.2, "duration_s": 0.2, "process": "firmware"}
+SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "firmware", "largest_s": 0.0025}
+PLANT_SHAKEN = {"kind": "clock-jitter", "at_s": 0.55, "duration_s": 0.1, "process": "plant", "largest_s": 4e-4}
+LEAPT = {"kind": "clock-jumped", "at_s": 3.4, "by_s": 0.5}
 
 
 BASE = "soft-start-multistable"
@@ -48,8 +52,14 @@ WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
 
 @pytest.mark.parametrize(
     ("base", "faults"),
-    [(BASE, ()), (BASE, (STIFFER, KICK, NOISY, PAUSED)), (WALK, ())],
-    ids=["undisturbed", "disturbed", "walking"],
+    [
+        (BASE, ()),
+        (BASE, (STIFFER, KICK, NOISY, PAUSED)),
+        (BASE, (SHAKEN, PLANT_SHAKEN, FIRMWARE_AWAY, PLANT_AWAY, LEAPT)),
+        (WALK, ()),
+        (WALK, (PLANT_AWAY,)),
+    ],
+    ids=["undisturbed", "disturbed", "clocks-and-restarts", "walking", "walking-restarted"],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     base: str, faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -95,11 +105,9 @@ def test_a_stretch_ends_where_a_fault_begins_and_starts_after_its_end(t_s: float
     assert quiet_until_s(faults, t_s) == pytest.approx(until_s)
 
 
-def test_a_node_with_a_clock_of_its_own_has_no_stretches() -> None:
-    jumped = {"kind": "clock-jumped", "at_s": 1.0, "by_s": 0.5}
-    assert has_stretches(scenario_with(STIFFER))
-    assert not has_stretches(scenario_with(AWAY))
-    assert not has_stretches(scenario_with(jumped))
+def test_a_clock_that_has_leapt_is_in_step_no_more() -> None:
+    assert quiet_until_s(scenario_with(LEAPT).faults, 0.0) == pytest.approx(3.395)
+    assert quiet_until_s(scenario_with(LEAPT).faults, 3.9) == 3.9
 
 
 def test_lines_of_the_log_are_those_of_can_log(tmp_path: Path) -> None:
