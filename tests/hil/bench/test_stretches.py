@@ -34,7 +34,7 @@ PAUSED = {"kind": "paused", "at_s": 2.2, "duration_s": 0.01, "process": "firmwar
 PLANT_AWAY = {"kind": "restarted", "at_s": 2.2, "duration_s": 0.2, "process": "plant"}
 FIRMWARE_AWAY = {"kind": "restarted", "at_s": 1.2, "duration_s": 0.2, "process": "firmware"}
 SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "firmware", "largest_s": 0.0025}
-PLANT_SHAKEN = {"kind": "clock-jitter", "at_s": 0.55, "duration_s": 0.1, "process": "plant", "largest_s": 4e-4}
+PLANT_SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "plant", "largest_s": 4e-4}
 LEAPT = {"kind": "clock-jumped", "at_s": 3.4, "by_s": 0.5}
 
 
