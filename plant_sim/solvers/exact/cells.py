@@ -15,7 +15,7 @@ has no root within the cell if g₀ ≤ 0, g₁ ≤ 0 and b₁, b₂ < −E.
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import jit, subroutine
 
 SHARE = 4e-3
 """Uncertainty within a cell, as a share of the motion; near a stop longer cells are subdivided more often."""
@@ -76,7 +76,7 @@ class Doubt(NamedTuple):
     blur_m_s: float
 
 
-@jit
+@subroutine
 def cells(
     stiffness_1_s2: float,
     natural_rad_s: float,
@@ -123,7 +123,7 @@ def cells(
     )
 
 
-@jit
+@subroutine
 def _series(
     w2: float, drag: float, Omega: float, h: float, z: float, v: float, sine: float, cosine: float
 ) -> tuple[float, float, float, float]:
@@ -141,7 +141,7 @@ def _series(
     return z_end, vh_end / h if h > 0.0 else v, sine_end, turned_end / turn if turn > 0.0 else cosine
 
 
-@jit
+@subroutine
 def _bounds(
     w: float, w2: float, drag: float, Omega: float, A: float, h: float, norm_m_s: float
 ) -> tuple[float, float]:

@@ -6,7 +6,7 @@ slides in: both are ≤ 0 in a flight, and the first to reach zero ends it.
 
 from typing import NamedTuple
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import is_dry
 from plant_sim.parts.stop import has_stop
 from plant_sim.solvers.exact.cells import Doubt, Place, bends_below, doubt, onward
@@ -39,13 +39,13 @@ class Cell(NamedTuple):
     doubts: Doubt
 
 
-@jit
+@subroutine
 def clear_up_to(clear_s: float) -> Crossing:
     """No event found."""
     return Crossing(clear_s, False, False, 0.0, 0.0, 0.0)
 
 
-@jit
+@subroutine
 def sets_off(o: Oscillator, here: Point, direction: float) -> bool:
     """Whether a flight leaves stop and turn behind fast enough for its first cell to be clear."""
     third = o.cells.span_s / 3.0
@@ -59,7 +59,7 @@ def sets_off(o: Oscillator, here: Point, direction: float) -> bool:
     return leaves
 
 
-@jit
+@subroutine
 def cross_cells(o: Oscillator, flight: Flight, here: Point, direction: float, last_s: float) -> Crossing:
     """Go on from cell to cell while they are clear, and find the event in the one that is not."""
     span = o.cells.span_s
@@ -77,7 +77,7 @@ def cross_cells(o: Oscillator, flight: Flight, here: Point, direction: float, la
     return clear_up_to(here.h_s + MOST_CELLS * span)
 
 
-@jit
+@subroutine
 def _is_clear(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> bool:
     """Whether neither guard, ≤ 0 at the cell's start, has a root in it."""
     left, right, doubts, span = cell.left, cell.right, cell.doubts, o.cells.span_s
@@ -94,7 +94,7 @@ def _is_clear(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> bo
     return clear
 
 
-@jit
+@subroutine
 def _event_within(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> Crossing:
     """The event in a cell: a root that Newton's method finds and up to which the cell is proved clear.
 
@@ -128,7 +128,7 @@ def _event_within(o: Oscillator, flight: Flight, cell: Cell, direction: float) -
     return nothing
 
 
-@jit
+@subroutine
 def _proved(
     o: Oscillator, flight: Flight, cell: Cell, direction: float, p: Point, rest: float, at_stop: bool
 ) -> Crossing:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import entry_point, jit
+from plant_sim.kernels import entry_point, jit, subroutine
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import ClosedForm
 from plant_sim.parts.housing import Level
@@ -103,7 +103,7 @@ _compiled_runs: dict[tuple[type, type], Callable[..., Any]] = {}
 """`_run` by kinds of friction and stop, the only ones of its arguments' types that differ."""
 
 
-@jit
+@subroutine
 def _sample(
     o: Oscillator,
     motion: Motion,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import is_dry
 from plant_sim.result import Phase
 from plant_sim.solvers.double_double import two_sum
@@ -46,13 +46,13 @@ class Ledger(NamedTuple):
     impact_low_j: float
 
 
-@jit
+@subroutine
 def empty_ledger() -> Ledger:
     """Nothing booked yet."""
     return Ledger(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@jit
+@subroutine
 def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, departure: Motion) -> Ledger:
     """The ledger after the flow from `motion` to `arrival` and its event, which made it `departure`."""
     drive, friction = _flow_energies(o, motion, arrival)
@@ -70,14 +70,14 @@ def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, depar
     )
 
 
-@jit
+@subroutine
 def stored_j(o: Oscillator, motion: Motion) -> float:
     """Kinetic and spring energy."""
     stretch = motion.y_m - o.amplitude_m * motion.sin_crank
     return 0.5 * (o.mass_kg * motion.v_m_s * motion.v_m_s + o.spring_n_m * stretch * stretch)
 
 
-@jit
+@subroutine
 def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[float, float]:
     """Work of the drive and friction heat of one flow."""
     A = o.amplitude_m
@@ -104,7 +104,7 @@ def _flow_energies(o: Oscillator, motion: Motion, arrival: Motion) -> tuple[floa
     return half_piston - o.spring_n_m * A * o.drive_rad_s * y_cos, friction
 
 
-@jit
+@subroutine
 def _undamped_resonance(o: Oscillator, flight: Flight, motion: Motion, arrival: Motion, h: float) -> float:
     """∫ y cos θ dt over h seconds of an undamped flight near resonance, by divided differences of e^(zh).
 
@@ -139,7 +139,7 @@ def _undamped_resonance(o: Oscillator, flight: Flight, motion: Motion, arrival: 
     return forced + free + flight.offset_m * (arrival.sin_crank - motion.sin_crank) / Omega
 
 
-@jit
+@subroutine
 def _quadrature(
     o: Oscillator, flight: Flight, sin0: float, cos0: float, h: float, panels: int, rule: Rule
 ) -> tuple[float, float]:
@@ -155,7 +155,7 @@ def _quadrature(
     return y_cos * half, v2 * half
 
 
-@jit
+@subroutine
 def _closed_form(
     o: Oscillator, flight: Flight, motion: Motion, arrival: Motion, h: float
 ) -> tuple[float, float]:

@@ -25,7 +25,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import subroutine
 from plant_sim.parts.friction import ROUNDING as HELD_ROUNDING
 from plant_sim.parts.friction import is_dry
 from plant_sim.parts.stop import has_stop
@@ -78,14 +78,14 @@ class Motion(NamedTuple):
     poised: bool  # just released: the net force is exactly zero
 
 
-@jit
+@subroutine
 def begin(o: Oscillator, t_s: float, y_m: float, v_m_s: float, crank_rad: float) -> Motion:
     """The motion from a state at or before the stop."""
     crank, crank_low = turned(crank_rad, 0.0, 0.0, 0.0, 0.0)
     return _moving(o, t_s, 0.0, crank, crank_low, math.sin(crank), math.cos(crank), y_m, v_m_s)
 
 
-@jit
+@subroutine
 def _moving(
     o: Oscillator,
     t: float,
@@ -119,13 +119,13 @@ def _moving(
     return Motion(t, t_low, crank, crank_low, sin_crank, cos_crank, y, v, phase, direction, poised)
 
 
-@jit
+@subroutine
 def _doubt_m(o: Oscillator, y: float) -> float:
     """The rounding of a push on a striker at rest, which does not set it in motion."""
     return HELD_ROUNDING * (o.amplitude_m + abs(y) + o.dry_offset_m)
 
 
-@jit
+@subroutine
 def next_event(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
     """The motion just before the first event up to `until_s`, and that event."""
     if motion.phase == Phase.FLIGHT:
@@ -133,7 +133,7 @@ def next_event(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, E
     return _wait(o, motion, until_s)
 
 
-@jit
+@subroutine
 def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) -> Motion:
     t, t_low = add(motion.t_s, motion.t_low_s, duration)
     crank, crank_low = turned(motion.crank_rad, motion.crank_low_rad, o.drive_rad_s, 0.0, duration)
@@ -152,7 +152,7 @@ def _arrive(o: Oscillator, motion: Motion, duration: float, y: float, v: float) 
     )
 
 
-@jit
+@subroutine
 def _at_horizon(o: Oscillator, motion: Motion, until_s: float, y: float, v: float) -> Motion:
     span = (until_s - motion.t_s) - motion.t_low_s
     there = _arrive(o, motion, span, y, v)
@@ -171,7 +171,7 @@ def _at_horizon(o: Oscillator, motion: Motion, until_s: float, y: float, v: floa
     )
 
 
-@jit
+@subroutine
 def _wait(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
     """Stick or rest until the spring's force crosses what holds the striker: A sin θ = y ± μ m g / c."""
     A, y, held = o.amplitude_m, motion.y_m, o.dry_offset_m
@@ -201,13 +201,13 @@ def _wait(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]
     return _at_horizon(o, motion, until_s, y, 0.0), Event.HORIZON
 
 
-@jit
+@subroutine
 def _level_angle(level: float, amplitude: float) -> float:
     """asin(level / amplitude), accurate near ±π/2 and clipped beyond."""
     return math.atan2(level, math.sqrt(max(0.0, (amplitude - level) * (amplitude + level))))
 
 
-@jit
+@subroutine
 def _derivative_bounds(o: Oscillator, p: Point, span: float) -> tuple[float, float, float]:
     """Bounds on the fourth, fifth and sixth derivative of y over a span from a point.
 
@@ -236,7 +236,7 @@ def _derivative_bounds(o: Oscillator, p: Point, span: float) -> tuple[float, flo
     return b4, b5, drag * b5 + w2 * b4 + drive_2 * Omega * Omega
 
 
-@jit
+@subroutine
 def _quiet_from(o: Oscillator, flight: Flight) -> float:
     """Seconds into a flight without dry friction after which it stays clear of the stop for good."""
     room = o.gap_m - o.steady_m
@@ -248,7 +248,7 @@ def _quiet_from(o: Oscillator, flight: Flight) -> float:
     return math.log(amplitude / (room * (1.0 - 1e-12))) / o.decay_1_s if o.decay_1_s > 0.0 else math.inf
 
 
-@jit
+@subroutine
 def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
     """Fly to the stop or the turn: prove a span clear, pass over it, settle the event once it is close.
 
@@ -288,7 +288,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
     return _at_horizon(o, motion, until_s, min(y, o.gap_m), v), Event.HORIZON
 
 
-@jit
+@subroutine
 def _step_on(o: Oscillator, here: Point, direction: float, last: float) -> Crossing:
     """One step by the bounds on derivatives."""
     settled = SETTLED / o.fastest_1_s
@@ -301,7 +301,7 @@ def _step_on(o: Oscillator, here: Point, direction: float, last: float) -> Cross
     return clear_up_to(here.h_s + step)
 
 
-@jit
+@subroutine
 def _without_force(p: Point) -> Point:
     """A point just released, whose net force is zero: rounding must not push it back."""
     return Point(
@@ -309,7 +309,7 @@ def _without_force(p: Point) -> Point:
     )
 
 
-@jit
+@subroutine
 def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple[float, Event]:
     """A step over which nothing happens, and the event that may come right after it."""
     b4, b5, b6 = _derivative_bounds(o, p, span)
@@ -336,7 +336,7 @@ def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple
     return step, event
 
 
-@jit
+@subroutine
 def _settle(
     o: Oscillator, p: Point, direction: float, event: Event, step: float, limit: float
 ) -> tuple[float, float, float]:
@@ -378,7 +378,7 @@ def _settle(
     return max(s + correction, 0.0), min(y + rise, o.gap_m), 0.0
 
 
-@jit
+@subroutine
 def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -> Motion:
     """The motion just after an event."""
     m = arrival
@@ -412,7 +412,7 @@ def after(o: Oscillator, arrival: Motion, event: Event, rest_speed_m_s: float) -
     )
 
 
-@jit
+@subroutine
 def _rebound(o: Oscillator, m: Motion, rest_speed_m_s: float) -> Motion:
     """Newton's impact, y'⁺ = −k y'⁻. Chatter that is certain to end is ended at `rest_speed_m_s`.
 

@@ -18,7 +18,7 @@ is used, a divided difference of the exponential taken by expm1 and sin, which i
 import math
 from typing import NamedTuple
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import jit, subroutine
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import ClosedForm, damping_n_s_m, static_limit_n
 from plant_sim.parts.stop import Stop, restitution, stop_position_m
@@ -134,7 +134,7 @@ def oscillator(striker: Striker, drive: IdealDrive, friction: ClosedForm, stop: 
     )
 
 
-@jit
+@subroutine
 def launch(
     o: Oscillator, y_m: float, v_m_s: float, sin_crank: float, cos_crank: float, direction: float
 ) -> Flight:
@@ -159,7 +159,7 @@ def launch(
     )
 
 
-@jit
+@subroutine
 def _free_response(
     o: Oscillator, h: float, sin_ringing: float, cos_ringing: float
 ) -> tuple[float, float, float]:
@@ -182,7 +182,7 @@ def _free_response(
     return mean + sigma * S, S, mean - sigma * S
 
 
-@jit
+@subroutine
 def _resonant_flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
     """`flow` near resonance: the free motion from the whole start, and the response from rest."""
     sigma, nu, Omega = o.decay_1_s, o.ringing_rad_s, o.drive_rad_s
@@ -218,7 +218,7 @@ def _resonant_flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, floa
     return y + flight.offset_m, v, sin_drive, cos_drive
 
 
-@jit
+@subroutine
 def _sin_cos(rate: float, rate_low: float, h: float) -> tuple[float, float]:
     """Sine and cosine of an angle that grows at a rate; a long one is reduced in two floats."""
     angle = rate * h
@@ -227,7 +227,7 @@ def _sin_cos(rate: float, rate_low: float, h: float) -> tuple[float, float]:
     return math.sin(angle), math.cos(angle)
 
 
-@jit
+@subroutine
 def flow(o: Oscillator, flight: Flight, h: float) -> tuple[float, float, float, float]:
     """y and y' h seconds into a flight, with the sine and cosine of Ω h."""
     if o.resonant:
@@ -256,7 +256,7 @@ class Point(NamedTuple):
     piston_cos_m: float  # A cos θ
 
 
-@jit
+@subroutine
 def point(
     o: Oscillator, flight: Flight, h: float, y: float, v: float, sin_drive: float, cos_drive: float
 ) -> Point:

@@ -11,7 +11,7 @@ root from the left at high order and pass a near miss without inventing one.
 
 import math
 
-from plant_sim.kernels import jit
+from plant_sim.kernels import jit, subroutine
 
 _TRIALS = 4
 _GOOD = 0.8
@@ -19,7 +19,7 @@ _NEWTON_STEPS = 30
 _CHORD_STEPS = 3
 
 
-@jit
+@subroutine
 def clear_span(
     g: float,
     slope: float,
@@ -62,7 +62,7 @@ def clear_span(
     return clear
 
 
-@jit
+@subroutine
 def _positive_root(square: float, linear: float, constant: float, limit: float) -> float:
     """Root in s > 0 of square s² + linear s + constant, square ≥ 0 ≥ constant; `limit` if there is none."""
     root = math.sqrt(linear * linear - 4.0 * square * constant)
@@ -73,7 +73,7 @@ def _positive_root(square: float, linear: float, constant: float, limit: float) 
     return limit
 
 
-@jit
+@subroutine
 def _first_root(g: float, slope: float, bend: float, limit: float) -> float:
     """First root in s > 0 of g + slope s + bend s²/2 with g ≤ 0; `limit` if there is none."""
     discriminant = slope * slope - 2.0 * bend * g
@@ -87,7 +87,7 @@ def _first_root(g: float, slope: float, bend: float, limit: float) -> float:
     return limit
 
 
-@jit
+@subroutine
 def polish(
     g: float, slope: float, bend: float, third: float, fourth: float, fifth: float, start: float, limit: float
 ) -> float:
