@@ -29,11 +29,14 @@ from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
 from hil.timing.loop import LoopTiming
+from plant_sim.scene import Scene
 
 Progress = Callable[[float, str], None]
 """Called with how much of the run is done, 0…1, and what is being done."""
 
 WARM_TICKS = 50
+WARM: list[tuple[Scene, bool, Build]] = []
+"""What this process has compiled or loaded: scenes, whether on the ideal bus, and builds."""
 PROGRESS_S = 0.5
 """Of simulated time, from one call to the next at most twice that."""
 TIME_RESOLUTION_S = 1e-9
@@ -176,11 +179,18 @@ def simulate(
 
 
 def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:
-    """Compile or load all that a run needs, by a run of a moment that is thrown away."""
+    """Compile or load all that a run needs, by a run of a moment that is thrown away.
+
+    Once a process for each scene, kind of bus and build: a second moment would find nothing to compile.
+    """
+    kind = scenario.scene, scenario.bitrate is None, firmware
+    if kind in WARM:
+        return
     moment = replace(scenario, duration_s=WARM_TICKS * scenario.period_s, commands=(), faults=())
     folder = run_dir / run_folder.WARM_UP
     folder.mkdir()
     try:
         run_lockstep(moment, folder, 0, lambda *_: None, firmware)
+        WARM.append(kind)
     finally:
         run_folder.discard(folder)

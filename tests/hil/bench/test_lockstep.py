@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.bench import lockstep
 from hil.bench.beginning import begin
 from hil.bench.lockstep import run_lockstep
 from hil.judge.checks import evaluate
@@ -64,6 +65,24 @@ def test_what_the_firmware_makes_of_a_gait_is_recorded_where_a_scene_has_one(
     assert {"state.gait.phase", "state.gait_lock.harmonic"} <= more
     assert {name.split(".")[1] for name in more} == {"gait", "gait_lock"}
     assert set(standing) < set(walking)
+
+
+def test_a_process_is_warmed_up_once_for_each_scene_and_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[tuple[str, str]] = []
+
+    def noted(scenario: Scenario, _: Path, __: int, ___: object, build: str) -> None:
+        runs.append((scenario.name, build))
+
+    monkeypatch.setattr(lockstep, "run_lockstep", noted)
+    monkeypatch.setattr(lockstep, "WARM", [])
+    soft, gait = "soft-start-multistable", "a-steady-walk-has-a-pulse-in-every-push-off"
+    for name in (soft, soft, gait):
+        lockstep.warm_lockstep(load_scenario(name, QUICK), "python", tmp_path)
+    lockstep.warm_lockstep(load_scenario(soft), "compiled", tmp_path)
+    assert runs == [(soft, "python"), (gait, "python"), (soft, "compiled")]
+    assert not list(tmp_path.iterdir())
 
 
 def test_another_seed_gives_other_noise(quick_run: Path, tmp_path: Path) -> None:
