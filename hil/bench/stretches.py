@@ -9,7 +9,7 @@ period of its own. Frames, traces and can.log are those of lockstep tick by tick
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +50,7 @@ from hil.scenario.fault_tables import (
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
+from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
@@ -128,6 +129,7 @@ class Stretches:
         self._scenario = scenario
         self._plant, self._firmware, self._operator, self._to_plant = nodes
         self._period_ns = round(scenario.period_s * NS_PER_S)
+        self._run: Callable[..., tuple[Loop, int]] | None = None
         self._columns, precision = columns, self._native_node().native.precision
         self._firmware_rows = np.zeros(LONGEST_TICKS, columns_in(columns, precision))
         self._buffers = Buffers(
@@ -185,7 +187,7 @@ class Stretches:
         drive, reports, counter = plant.drive, plant.reports, plant.counter
         loop = Loop(tick, lent.t_s, lent.t_rest_s, 0.0, drive, reports, counter, Held(*held))
         buffers.used[:] = 0
-        loop, status = run(
+        arguments = (
             lent.parts,
             lent.probe,
             lent.memory,
@@ -200,6 +202,8 @@ class Stretches:
             NO_GRID,
             NO_SAMPLES,
         )
+        self._run = self._run or entry_point(run, *arguments)
+        loop, status = self._run(*arguments)
         if status == FIRMWARE_FAILED:
             raise FirmwareFailedError(
                 f"a division by zero or a domain error in the compiled firmware's tick {loop.tick}"
