@@ -7,8 +7,9 @@ from typing import Protocol, get_args
 from firmware_py.interface.frame import Frame
 from hil.bus.base import NodeBus
 from hil.bus.in_process import InProcessBus, InProcessNode
-from hil.can_model.error_trace import BusErrorRecord, NodeErrors, errors_of
+from hil.can_model.error_trace import BusErrorRecord, errors_of
 from hil.can_model.in_process import ModelledInProcessBus
+from hil.can_model.state import UNTOUCHED
 from hil.record.traces.trace import TraceWriter
 from hil.scenario.fault_tables import Babbling, BusOff, Disturbed, Fault, ModelledFault
 from hil.timing.clock import NS_PER_S
@@ -77,7 +78,7 @@ class BusAsModelled:
         self._faults: list[ModelledFault] = []
         self._begun: list[ModelledFault] = []
         self._errors = TraceWriter(out_dir / "bus_errors.trace", [("", BusErrorRecord)])
-        self._last_errors = BusErrorRecord(0.0, 0, NodeErrors(), NodeErrors(), NodeErrors())
+        self._last_errors = 0, [UNTOUCHED] * len(NODES)
 
     def join(self, name: str) -> NodeBus:
         """The connection of one of the nodes."""
@@ -109,11 +110,10 @@ class BusAsModelled:
 
     def _note_errors(self, t_s: float) -> None:
         model = self._bus.model
-        nodes = [errors_of(model.counters(name)) for name in NODES]
-        errors = BusErrorRecord(t_s, model.figures.errors, *nodes)
-        if errors[1:] != self._last_errors[1:]:
-            self._last_errors = errors
-            self._errors.append(errors)
+        errors = model.figures.errors, [model.counters(name) for name in NODES]
+        if errors != self._last_errors:
+            self._last_errors = destroyed, counters = errors
+            self._errors.append(BusErrorRecord(t_s, destroyed, *map(errors_of, counters)))
 
     def _break(self, t_s: float) -> None:
         model = self._bus.model

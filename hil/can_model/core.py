@@ -36,6 +36,8 @@ def queue(state: BusState, node: int, frame: Frame, depth: int) -> BusState:
 def advance(state: BusState, until_bit: int) -> tuple[BusState, list[Arrival]]:
     """Let time pass until `until_bit`; give the frames that started before it, even if they end later."""
     arrivals: list[Arrival] = []
+    if until_bit == state.now_bit:  # all that starts before it is decided
+        return state, arrivals
     while True:
         start_bit = _next_start(state)
         if start_bit is None or start_bit >= until_bit:
@@ -139,5 +141,5 @@ def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState
         state.errors,
         state.busy_bits + pending.bits,
     )
-    receivers = tuple(number for number in range(len(nodes)) if number != sender)
+    receivers = (*range(sender), *range(sender + 1, len(nodes)))
     return arrived, Arrival(idle_from_bit - INTERMISSION_BITS, (sender,), receivers, pending)
