@@ -26,7 +26,6 @@ MAX_QUEUED_BYTES = 1 << 16
 """For a node: frames of most of a second; older ones are of no use to it."""
 MAX_QUEUED_STAMPED_BYTES = 1 << 19
 """For a node that records: some six seconds, as a machine may leave it without the CPU."""
-"""A node that reads nothing for 4,096 frames, half a second of a full bus, loses frames from then on."""
 
 
 @dataclass

@@ -24,7 +24,7 @@ ABOVE_ALL_IDS = 0x800
 def queue(state: BusState, node: int, frame: Frame, depth: int) -> BusState:
     """Return the state with `frame` queued at `node` now; a node keeps `depth` frames at most."""
     sender = state.nodes[node]
-    if sender.sequences_left or not sender.connected or len(sender.queue) >= depth:
+    if sender.sequences_left or len(sender.queue) >= depth:
         return with_node(state, node, sender._replace(lost=sender.lost + 1))
     pending = Pending(frame.can_id, state.queued, state.now_bit, frame, frame_bits(frame))
     place = bisect(sender.queue, pending)
@@ -55,13 +55,6 @@ def switch_off(state: BusState, node: int) -> BusState:
     return with_node(state, node, switched_off(state.nodes[node], state.now_bit))
 
 
-def connect(state: BusState, node: int, connected: bool) -> BusState:
-    """Return the state with `node` plugged in or out; what it had queued goes with the plug."""
-    before = state.nodes[node]
-    lost = before.lost if connected else before.lost + len(before.queue)
-    return with_node(state, node, before._replace(queue=(), connected=connected, lost=lost))
-
-
 # --- starting ------------------------------------------------------------------------------------------
 
 
@@ -86,7 +79,7 @@ def _recovered(state: BusState, at_bit: int) -> tuple[NodeState, ...]:
         sequences = max(at_bit - from_bit, 0) // RECOVERY_RUN_BITS
         if sequences >= node.sequences_left:
             back_bit = from_bit + node.sequences_left * RECOVERY_RUN_BITS
-            nodes[number] = NodeState(silent_until_bit=back_bit, connected=node.connected, lost=node.lost)
+            nodes[number] = NodeState(silent_until_bit=back_bit, lost=node.lost)
     return tuple(nodes)
 
 
@@ -108,7 +101,7 @@ def _transmit(state: BusState, start_bit: int) -> tuple[BusState, Arrival | None
     senders: list[int] = []
     plain = not state.corruptions
     for number, node in enumerate(nodes):
-        if node.counters != UNTOUCHED or not node.connected:
+        if node.counters != UNTOUCHED:
             plain = False
         if node.queue and node.silent_until_bit <= start_bit:
             first = node.queue[0].can_id
@@ -127,7 +120,7 @@ def _undisturbed(state: BusState, start_bit: int, sender: int) -> tuple[BusState
     """The usual transmission: one sender, no error, all counters at 0."""
     before = state.nodes[sender]
     pending = before.queue[0]
-    after = NodeState(before.queue[1:], before.counters, before.silent_until_bit, 0, 0, True, before.lost)
+    after = NodeState(before.queue[1:], before.counters, before.silent_until_bit, 0, 0, before.lost)
     nodes = (*state.nodes[:sender], after, *state.nodes[sender + 1 :])
     idle_from_bit = start_bit + pending.bits
     arrived = BusState(

@@ -106,14 +106,6 @@ class ModelledBus:
         """Make `node` go bus-off; it comes back by itself after 128 runs of 11 recessive bits."""
         self._state = core.switch_off(self._state, self._number(node))
 
-    def unplug(self, node: str) -> None:
-        """Cut `node` off: it neither sends nor receives, and what it queues is lost."""
-        self._state = core.connect(self._state, self._number(node), connected=False)
-
-    def plug(self, node: str) -> None:
-        """Connect `node` again."""
-        self._state = core.connect(self._state, self._number(node), connected=True)
-
     def babble(self, node: str, frame: Frame, period_ns: int, from_ns: int, until_ns: int) -> None:
         """Let `node` queue `frame` every `period_ns`, from `from_ns` on and before `until_ns`."""
         if period_ns < 1 or from_ns < self._state.now_bit * self._bit_ns:

@@ -43,9 +43,8 @@ class NodeState(NamedTuple):
     sequences_left: int = 0
     """Runs of recessive bits that a node which is off still has to see; 0: it is on the bus."""
     counting_from_bit: int = 0
-    connected: bool = True
     lost: int = 0
-    """Frames refused or thrown away: queue full, node off or not connected."""
+    """Frames refused or thrown away: queue full or node off."""
 
 
 class BusState(NamedTuple):

@@ -88,7 +88,7 @@ def transmit(state: BusState, start_bit: int, senders: Sequence[int]) -> tuple[B
         tuple(
             number
             for number, node in enumerate(state.nodes)
-            if number not in senders and node.connected and not node.sequences_left
+            if number not in senders and not node.sequences_left
         ),
     )
     collision, parts = _who_sends(everyone)

@@ -113,6 +113,8 @@ def by_rate(trace: str, records: Records, named: frozenset[str]) -> Rates:
 
 
 def slow_rows(records: Records) -> Records:
-    """The records of the ticks at which the log holds all signals."""
-    rows: Records = records[column(records, "tick") % SLOW_TICKS == 0]
+    """The records of the ticks at which the log holds all signals; the first where none of them is due."""
+    due = column(records, "tick") % SLOW_TICKS == 0
+    due[:1] |= not due.any()
+    rows: Records = records[due]
     return rows

@@ -292,20 +292,6 @@ def test_a_node_that_is_off_neither_hears_nor_acknowledges() -> None:
     assert arrived[0].t_ns > 1408 * US
 
 
-def test_an_unplugged_node_is_alone() -> None:
-    bus = bus_of()
-    bus.submit("a", SHORT, 0)
-    bus.submit("a", LONG, 0)
-    bus.unplug("a")
-    bus.submit("a", LONG, 10 * US)
-    bus.submit("b", LONG, 10 * US)
-    assert [(one.sender, one.receivers) for one in bus.deliver(1000 * US)] == [("b", ("c",))]
-    assert bus.figures.lost == 3
-    bus.plug("a")
-    bus.submit("a", SHORT, 1000 * US)
-    assert [(one.sender, one.receivers) for one in bus.deliver(2000 * US)] == [("a", ("b", "c"))]
-
-
 def test_an_error_passive_sender_waits_for_the_others() -> None:
     """After its frame it keeps silent for 8 bits: a less urgent frame of another node goes first."""
     for errors, order in ((0, [0x10, 0x11, 0x200]), (130, [0x10, 0x200, 0x11])):
@@ -384,6 +370,6 @@ def test_nodes_of_one_process_meet_on_it_in_time() -> None:
     assert firmware.receive() == [LONG]
     assert firmware.receive() == []
     assert plant.receive() == [Frame(0x001, b"")]
-    bus.model.unplug("firmware")
+    bus.model.switch_off("firmware")
     firmware.send(SHORT)
     assert firmware.counters.unsent == 1

@@ -74,6 +74,17 @@ def test_ticks_are_logged_in_single_precision_and_books_at_100_hz(tmp_path):
         np.testing.assert_array_equal(logged["state.crank.omega_rad_s"], speeds)
 
 
+def test_a_log_of_less_than_ten_ticks_has_every_signal(tmp_path):
+    made_up = make_run()
+    made_up.firmware = {name: values[3:8] for name, values in made_up.firmware.items()}
+    made_up.firmware["state.hold.gain"] = np.full(5, 0.25)
+    traces = read_run(write_run(made_up, tmp_path))
+    path = tmp_path / "short.rrd"
+    with closing(RunLog(path, traces.run, traces.scenario)) as log:
+        log.append(traces)
+    np.testing.assert_array_equal(read_traces(path).firmware["state.hold.gain"], 0.25)
+
+
 def test_energies_and_located_impacts_are_logged_as_they_are(tmp_path):
     made_up = make_run()
     made_up.plant["friction_j"] = 1.0 / (np.arange(len(made_up.plant["tick"])) + 3.0)
