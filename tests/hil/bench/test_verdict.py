@@ -1,5 +1,6 @@
 """A finished run folder: verdict, JUnit and report, also of a run that went wrong."""
 
+import hashlib
 import html
 import html.parser
 import json
@@ -183,6 +184,12 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     assert text.count('class="chart"') == 5, "the run, start-up, portrait, distributions, clockwork"
     assert "prefers-color-scheme: dark" in text
     assert len(text) - len(library()) < 500_000
+
+
+def test_the_library_in_a_report_is_the_published_one():
+    """The file of the npm package plotly.js-basic-dist-min 4.1.1, byte for byte."""
+    digest = hashlib.sha256(library().encode()).hexdigest()
+    assert digest == "99784e3abfb07b142a15e521a439e6d9addceadb3f79553fd24c72774f0649ba"
 
 
 def test_the_report_escapes_what_a_scenario_says(tmp_path):
