@@ -4,9 +4,9 @@ A frame starts once the bus is idle, the lowest identifier among the nodes' firs
 started is not interrupted: `advance` decides every start before the time it is given, `queue` adds frames at
 that time. Nodes are numbered.
 
-Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is cut
-off while its frame is on the wire finishes it; an error-passive node is done with an error when the others
-are, where a real one may need up to 6 bits more of silence.
+Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is
+switched off while its frame is on the wire finishes it; an error-passive node is done with an error when
+the others are, where a real one may need up to 6 bits more of silence.
 """
 
 from bisect import bisect

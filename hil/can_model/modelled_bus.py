@@ -67,7 +67,7 @@ class ModelledBus:
         self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}
 
     def submit(self, node: str, frame: Frame, t_ns: int) -> None:
-        """Queue `frame` at `node`. A node that is off, unplugged or full loses it."""
+        """Queue `frame` at `node`. A node that is off or full loses it."""
         number = self._number(node)
         self._advance(t_ns)
         self._state = core.queue(self._state, number, frame, QUEUE_FRAMES)

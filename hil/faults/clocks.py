@@ -108,6 +108,7 @@ class Turns:
         self._period_s = period_s
         self._next_tick = 0
         self._last_tick = -1
+        self._last_slot = -1
         self._late_ticks: float | None = None
         self._unrecorded: int | None = None
 
@@ -130,6 +131,7 @@ class Turns:
             # What passed at one go, by a leap or while the process stood still, is skipped.
             woken_ticks = woken_ticks if woken_ticks >= own_tick - 0.5 else own_tick
             self._turn(self._next_tick + int(woken_ticks - self._next_tick))
+            self._last_slot = slot
 
     def _turn(self, tick: int) -> None:
         if self._unrecorded is not None:
@@ -139,12 +141,13 @@ class Turns:
         self._next_tick = tick + 1
 
     def is_in_step(self, slot: int) -> bool:
-        """Whether the node's next turn is its tick of this slot, and not late."""
-        return self._next_tick == slot and not self._late_ticks
+        """Whether its last turn was in the slot before, and its next is its tick of this one, not late."""
+        return self._last_slot == slot - 1 and self._next_tick == slot and not self._late_ticks
 
     def resume(self, tick: int) -> None:
         """Go on from `tick`, to which compiled code has brought the node."""
         self._next_tick, self._last_tick, self._late_ticks = tick, tick - 1, None
+        self._last_slot = tick - 1
 
     def record(self, _: int, timing: LoopTiming) -> None:
         """Append the record of this slot's last turn, if it had one."""

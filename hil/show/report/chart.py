@@ -77,10 +77,10 @@ def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
     return (t[rows], *(value[rows] for value in values))
 
 
-def numbers(values: ArrayLike) -> Json:
-    """Values in single precision, as Plotly reads them fastest."""
-    data = np.asarray(values, dtype="<f4")
-    return {"dtype": "f4", "bdata": base64.b64encode(data.tobytes()).decode()}
+def numbers(values: ArrayLike, kind: str = "f4") -> Json:
+    """Values in single precision, or in double as `f8`, as Plotly reads them fastest."""
+    data = np.asarray(values, dtype=f"<{kind}")
+    return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode()}
 
 
 def axis(letter: str, panel: int) -> str:
@@ -99,7 +99,7 @@ def on(panel: int) -> Json:
 
 def trace(panel: int, kind: str, name: str, x: ArrayLike, y: ArrayLike, **settings: Any) -> Json:
     """Values over others in a panel; `kind` and `settings` are Plotly's."""
-    return {"type": kind, "name": name, "x": numbers(x), "y": numbers(y), **on(panel), **settings}
+    return {"type": kind, "name": name, "x": numbers(x, "f8"), "y": numbers(y), **on(panel), **settings}
 
 
 def curve(
@@ -126,9 +126,9 @@ def level(
 
 
 def points(panel: int, name: str, x: FloatArray, y: FloatArray, color: str, symbol: str = "circle") -> Json:
-    """Markers."""
+    """Markers at the points that `thinned` leaves."""
     marker = {"color": color, "size": 6, "symbol": symbol}
-    return trace(panel, "scatter", name, x, y, mode="markers", marker=marker)
+    return trace(panel, "scatter", name, *thinned(x, y), mode="markers", marker=marker)
 
 
 def columns(panel: int, name: str, edges: FloatArray, counts: ArrayLike, color: str) -> Json:

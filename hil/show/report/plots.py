@@ -105,10 +105,11 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot | None:
             (truth, "x_m", "v_m_s", TRUTH, "truth"),
         )
     ]
-    lines = [] if (stop_m := stop_of(traces)) is None else [upright(1, 1e3 * stop_m, ALARM, "solid")]
+    stop_m = stop_of(traces)
+    lines = [] if stop_m is None else [upright(1, 1e3 * stop_m, ALARM, "solid")]
     return Plot(
         "Phase portrait",
-        f"The last {PORTRAIT_PERIODS} drive periods of the hold, and the stop.",
+        f"The last {PORTRAIT_PERIODS} drive periods of the hold{'' if stop_m is None else ', and the stop'}.",
         chart(350, [Panel("v [m/s]", "x [mm]")], drawn, lines),
         half=True,
     )

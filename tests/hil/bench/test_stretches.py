@@ -36,6 +36,8 @@ FIRMWARE_AWAY = {"kind": "restarted", "at_s": 1.2, "duration_s": 0.2, "process":
 SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "firmware", "largest_s": 0.0025}
 PLANT_SHAKEN = {"kind": "clock-jitter", "at_s": 0.5, "duration_s": 0.1, "process": "plant", "largest_s": 4e-4}
 LEAPT = {"kind": "clock-jumped", "at_s": 3.4, "by_s": 0.5}
+THERE_AND_BACK = {"kind": "clock-jumped", "at_s": 1.0, "by_s": 0.6, "duration_s": 0.3}
+"""The firmware has no turn while its clock falls back; its frames wait longer than a stretch does."""
 
 
 BASE = "soft-start-multistable"
@@ -56,10 +58,11 @@ WALK = "a-steady-walk-has-a-pulse-in-every-push-off"
         (BASE, ()),
         (BASE, (STIFFER, KICK, NOISY, PAUSED)),
         (BASE, (SHAKEN, PLANT_SHAKEN, FIRMWARE_AWAY, PLANT_AWAY, LEAPT)),
+        (BASE, (THERE_AND_BACK,)),
         (WALK, ()),
         (WALK, (PLANT_AWAY,)),
     ],
-    ids=["undisturbed", "disturbed", "clocks-and-restarts", "walking", "walking-restarted"],
+    ids=["undisturbed", "disturbed", "clocks-and-restarts", "there-and-back", "walking", "walking-restarted"],
 )
 def test_stretches_record_the_same_bytes_as_lockstep_tick_by_tick(
     base: str, faults: tuple[dict[str, Any], ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -105,7 +108,7 @@ def test_a_stretch_ends_where_a_fault_begins_and_starts_after_its_end(t_s: float
     assert quiet_until_s(faults, t_s) == pytest.approx(until_s)
 
 
-def test_a_clock_that_has_leapt_is_in_step_no_more() -> None:
+def test_no_stretch_starts_once_a_clock_has_leapt() -> None:
     assert quiet_until_s(scenario_with(LEAPT).faults, 0.0) == pytest.approx(3.395)
     assert quiet_until_s(scenario_with(LEAPT).faults, 3.9) == 3.9
 

@@ -177,7 +177,10 @@ def test_the_report_stands_alone_and_says_the_verdict_first(finished):
     page = Page(text)
     assert page.open == []
     assert page.references == ["run.rrd", "can.log", "scenario.toml", "verdict.json"]
-    assert "http" not in text.replace(library(), "")
+    own = text.replace(library(), "")
+    assert "http:" not in own
+    assert "https:" not in own
+    assert "showSendToCloud: false" in own, "the library would offer to upload the run"
     said = "".join(page.words[page.words.index("PASSED") :])
     for word in ("A made-up run", "detector.recall", "Phase portrait", "0.1.0", "hunt-crossley"):
         assert word in said
