@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -70,13 +70,14 @@ def start(*command: str, **environment: str) -> subprocess.Popen[str]:
     )
 
 
-def kernels_of(starter: subprocess.Popen[str]) -> list[int]:
-    """Process ids of the kernel that `starter` runs: all of the kernel's session."""
-    children = Path(f"/proc/{starter.pid}/task/{starter.pid}/children").read_text().split()
-    return [pid for child in children for pid in session_of(int(child))]
+def kernel_of(starter: subprocess.Popen[str]) -> int:
+    """Process id of the kernel that `starter` runs: it leads a session of its own."""
+    (kernel,) = Path(f"/proc/{starter.pid}/task/{starter.pid}/children").read_text().split()
+    return int(kernel)
 
 
 def session_of(leader: int) -> list[int]:
+    """Process ids of what runs in a session: of a kernel, all of it and of its guest's processes."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -88,10 +89,10 @@ def session_of(leader: int) -> list[int]:
     return found
 
 
-def gone(pids: Sequence[int], within_s: float) -> bool:
-    """Whether the kernel led by the first of `pids` and the rest have ended in time."""
+def gone(kernel: int, within_s: float) -> bool:
+    """Whether a kernel and everything in it have ended in time."""
     limit_s = time.monotonic() + within_s
-    while session_of(min(pids)):
+    while session_of(kernel):
         if time.monotonic() > limit_s:
             return False
         time.sleep(0.05)
@@ -159,7 +160,7 @@ def test_memory_mapped_files_reach_the_machine_and_processes_can_share_a_queue(t
 
 @pytest.mark.uml
 def test_the_kernel_keeps_to_one_cpu_and_its_starter_does_not(sleeping: subprocess.Popen[str]) -> None:
-    cpus = {frozenset(os.sched_getaffinity(pid)) for pid in kernels_of(sleeping)}
+    cpus = {frozenset(os.sched_getaffinity(pid)) for pid in session_of(kernel_of(sleeping))}
     assert cpus == {frozenset({max(os.sched_getaffinity(0))})}
     assert os.sched_getaffinity(sleeping.pid) == os.sched_getaffinity(0)
     assert os.sched_getscheduler(sleeping.pid) == os.SCHED_OTHER
@@ -170,19 +171,19 @@ def test_the_kernel_keeps_to_one_cpu_and_its_starter_does_not(sleeping: subproce
 def test_a_signal_reaches_the_command_and_ends_the_kernel(
     sleeping: subprocess.Popen[str], number: signal.Signals
 ) -> None:
-    pids = kernels_of(sleeping)
+    kernel = kernel_of(sleeping)
     sleeping.send_signal(number)
     assert sleeping.wait(timeout=5.0) == 128 + number
-    assert gone(pids, within_s=2.0)
+    assert gone(kernel, within_s=2.0)
 
 
 @pytest.mark.uml
 def test_the_kernel_does_not_outlive_a_killed_starter(sleeping: subprocess.Popen[str]) -> None:
-    pids = kernels_of(sleeping)
-    folder = Path(f"/proc/{pids[0]}/environ").read_bytes().partition(b"HOME=")[2].partition(b"\0")[0]
+    kernel = kernel_of(sleeping)
+    folder = Path(f"/proc/{kernel}/environ").read_bytes().partition(b"HOME=")[2].partition(b"\0")[0]
     assert Path(folder.decode()).is_dir()
     sleeping.kill()
-    assert gone(pids, within_s=5.0)
+    assert gone(kernel, within_s=5.0)
     assert not Path(folder.decode()).exists()
 
 
@@ -192,12 +193,12 @@ def test_a_command_that_ignores_signals_is_ended(monkeypatch: pytest.MonkeyPatch
     process = start("sh", "-c", "trap '' INT TERM; echo running; sleep 60; sleep 60")
     assert process.stdout is not None
     assert process.stdout.readline() == "running\n"
-    pids = kernels_of(process)
+    kernel = kernel_of(process)
     process.send_signal(signal.SIGINT)
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=5.0) == 128 + signal.SIGINT
-    assert gone(pids, within_s=2.0)
+    assert gone(kernel, within_s=2.0)
     process.communicate()
 
 
@@ -230,7 +231,7 @@ def test_a_kernel_that_never_boots_is_ended(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(uml, "BOOT_LIMIT_S", 0.5)
     with pytest.raises(uml.UmlDeathError, match=r"has not booted within"):
         uml.run_in_kernel(["true"])
-    assert gone([int((tmp_path / "pid").read_text())], within_s=2.0)
+    assert gone(int((tmp_path / "pid").read_text()), within_s=2.0)
 
 
 def test_a_missing_package_names_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
