@@ -24,6 +24,7 @@ _Law = TypeVar("_Law", bound=Callable[..., Any])
 
 
 _KERNELS_ONLY = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_HERE = Path(__file__).parent
 
 
 class KernelCacheError(OSError):
@@ -31,11 +32,11 @@ class KernelCacheError(OSError):
 
 
 @functools.cache
-def cache_folder() -> Path:
-    """Folder of the compiled kernels, under $VIBROHIL_CACHE_DIR or `vibrohil` in the user's cache folder."""
+def cache_folder(name: str = "plant_sim", packages: tuple[Path, ...] = (_HERE,)) -> Path:
+    """Where kernels of these packages are kept: in $VIBROHIL_CACHE_DIR or `vibrohil` in the user's cache."""
     user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     root = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
-    folder = root / f"plant_sim-{_source_hash()}"
+    folder = root / f"{name}-{_source_hash(packages)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -46,22 +47,28 @@ def cache_folder() -> Path:
     return folder
 
 
-def _source_hash() -> str:
-    package = Path(__file__).parent
+def _source_hash(packages: tuple[Path, ...]) -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(package.rglob("*.py")):
-        digest.update(source.relative_to(package).as_posix().encode())
-        digest.update(source.read_bytes())
+    for package in packages:
+        for source in sorted(package.rglob("*.py")):
+            digest.update(source.relative_to(package.parent).as_posix().encode())
+            digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
 def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a kernel: no Python objects, no GIL, IEEE division, cached per source state and types."""
+    return cached(function, cache_folder())
+
+
+def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callable[_P, _R]:
+    """Compile a kernel, with more of numba's options, and keep it in `folder`."""
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
     settings: Any = numba_config
-    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
+    previous, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
     try:
-        kernel: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        njit: Any = numba.njit
+        kernel: Callable[_P, _R] = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         settings.CACHE_DIR = previous
     return kernel

@@ -5,6 +5,7 @@ internal error, 4 usage or bad input, 5 nothing ran.
 """
 
 import functools
+import gc
 import os
 import resource
 import sys
@@ -31,6 +32,8 @@ from tools.output import (
 
 LONGEST_MESSAGE = 4000
 """Characters of a refusal."""
+RARE_COLLECTION = 50_000
+"""Objects between two garbage collections: Python's 700 have a start look through every import many times."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """What the largest process of a run maps, most of it without using it."""
@@ -204,6 +207,7 @@ def small_address_space() -> str:
 def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
+    gc.set_threshold(RARE_COLLECTION)
     if note := small_address_space():
         progress_console.print(f"note: {note}", markup=False)
     try:

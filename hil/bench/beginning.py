@@ -1,6 +1,5 @@
 """The beginning of a run: the cleared folder, with the scenario as run and a first `run.json`."""
 
-import hashlib
 import time
 from pathlib import Path
 
@@ -13,8 +12,7 @@ from hil.timing.realtime import is_user_mode_linux
 
 def key_of(scenario: Scenario, clock: str, seed: int) -> str:
     """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages."""
-    parts = (tomli_w.dumps(scenario.document), clock, str(seed), provenance.sources(), provenance.versions())
-    return hashlib.sha256(repr(parts).encode()).hexdigest()
+    return provenance.key(tomli_w.dumps(scenario.document), clock, seed)
 
 
 def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:

@@ -55,6 +55,14 @@ def sources() -> str:
     return digest.hexdigest()
 
 
+def key(*parts: object) -> str:
+    """A digest of what a result was asked for with, and of the code and packages that computed it.
+
+    Whoever keeps results names them by it, so that an edit never hands an old one out as new.
+    """
+    return hashlib.sha256(repr((parts, sources(), versions())).encode()).hexdigest()
+
+
 KEYS = ("commit", "edited", "changes", "seed")
 """The origin of a run, for run.json, verdict and JUnit."""
 

@@ -5,9 +5,7 @@ the stop's force. Speeds are approach speeds, m/s; k is the ratio of separation 
 """
 
 import math
-
-from scipy.optimize import brentq
-from scipy.special import gamma
+from collections.abc import Callable
 
 HERTZ_EXPONENT = 1.5
 """F ∝ δ^1.5 for a rounded striker on a flat pad (Hertz)."""
@@ -32,7 +30,7 @@ def hunt_crossley_dissipation(restitution: float) -> float:
     largest = math.nextafter(1.0 / restitution, 0.0)
     if imbalance(largest) > 0.0:  # the root is closer to 1/k than numbers are
         return largest
-    return float(brentq(imbalance, 0.0, largest, xtol=1e-300, rtol=1e-15))
+    return _root(imbalance, 0.0, largest)
 
 
 def _log_remainder(u: float) -> float:
@@ -49,9 +47,10 @@ def hertz_stiffness(mass_kg: float, contact_s: float, speed_m_s: float) -> float
     (Johnson, Contact Mechanics, 1985, section 11.4).
     """
     n = HERTZ_EXPONENT
-    quarter = math.sqrt(math.pi) * gamma(1.0 + 1.0 / (n + 1.0)) / gamma(0.5 + 1.0 / (n + 1.0))
+    quarter = math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / (n + 1.0)) / math.gamma(0.5 + 1.0 / (n + 1.0))
     deepest_m = contact_s * speed_m_s / (2.0 * quarter)
-    return float((n + 1.0) * mass_kg * speed_m_s**2 / (2.0 * deepest_m ** (n + 1.0)))
+    stiffness: float = (n + 1.0) * mass_kg * speed_m_s**2 / (2.0 * deepest_m ** (n + 1.0))
+    return stiffness
 
 
 def linear_stiffness(mass_kg: float, contact_s: float) -> float:
@@ -85,5 +84,18 @@ def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: floa
     def excess(log_zeta: float) -> float:
         return math.log(kelvin_voigt_restitution(math.exp(log_zeta))) - math.log(restitution)
 
-    zeta = math.exp(float(brentq(excess, -50.0, 50.0, xtol=1e-15, rtol=1e-15)))
+    zeta = math.exp(_root(excess, -50.0, 50.0))
     return 2.0 * zeta * math.sqrt(stiffness_n_m * mass_kg)
+
+
+def _root(falling: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function that falls from above zero to below crosses it: bisection down to two neighbours.
+
+    Not scipy.optimize's, whose import takes longer than all else that a scene needs.
+    """
+    while low < (middle := low + 0.5 * (high - low)) < high:
+        if falling(middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return high

@@ -5,7 +5,6 @@ and seed, the firmware's build, every source file and the packages' versions. It
 complete.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -25,8 +24,7 @@ class Journal:
     def __init__(
         self, campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, firmware: Build
     ) -> None:
-        parts = (campaign, cells, dict(numbers), seed, firmware, provenance.sources(), provenance.versions())
-        digest = hashlib.sha256(repr(parts).encode()).hexdigest()
+        digest = provenance.key(campaign, cells, dict(numbers), seed, firmware)
         self.path = RUNS / f"campaign-{campaign}-{digest[:16]}.jsonl"
         self.outcomes = self._read()
         self.path.parent.mkdir(exist_ok=True)

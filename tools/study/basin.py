@@ -119,22 +119,21 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     return found
 
 
-def keep(found: Basin, where: work.Where, **more: Any) -> None:
-    """Write a map with its numbers, and what `more` it depends on, as one file."""
+def keep(found: Basin, where: work.Where) -> None:
+    """Write a map with its numbers as one file."""
     spec = {
         "case": found.case.parameters(),
         "ratio": found.ratio,
         "plane": found.plane,
         "start": found.start,
-        **more,
     }
     store.write(where.out / f"{found.name}.parquet", found.table, spec, found.statistics)
 
 
 def specs(
-    case: Case, ratio: float, plane: str, size: int, rows_at_once: int = ROWS_AT_ONCE, **more: Any
+    case: Case, ratio: float, plane: str, size: int, rows_at_once: int = ROWS_AT_ONCE
 ) -> list[dict[str, Any]]:
-    """The pieces of a map, and what `more` they depend on."""
+    """The pieces of a map."""
     return [
         {
             "case": case.parameters(),
@@ -142,7 +141,6 @@ def specs(
             "plane": plane,
             "size": size,
             "rows": [first, min(first + rows_at_once, size)],
-            **more,
         }
         for first in range(0, size, rows_at_once)
     ]

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from hil.nodes.compiled import PACKAGES, cache_folder
 from plant_sim.scene import read_scene
 from tools.output import BadInputError
 from tools.study import store, work
@@ -90,9 +89,7 @@ def nominal_of(case: Case) -> dict[str, Any]:
 def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
     """The whole map; also written as one file beside its figure."""
     check(case, ratio)
-    # The pieces depend on the firmware and the campaigns as well.
-    sources = cache_folder("campaign", (*PACKAGES, "tools/campaign")).name
-    pieces = specs(case, ratio, plane, size, ROWS_AT_ONCE, sources=sources)
+    pieces = specs(case, ratio, plane, size, ROWS_AT_ONCE)
     paths = work.run(f"soft-{plane}", piece, pieces, where, in_processes=True)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reaches_stop = table["impacts"].to_numpy() > 0.0
@@ -105,7 +102,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
         "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
     }
     found = Basin(case, ratio, plane, size, table, 0, numbers, start="soft")
-    keep(found, where, sources=sources)
+    keep(found, where)
     return found
 
 

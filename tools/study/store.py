@@ -5,19 +5,17 @@ everything that it depends on: a study that was killed goes on where it stopped,
 starts afresh.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from plant_sim.kernels import cache_folder
+from hil.record import provenance
 
 Spec = Mapping[str, Any]
 
@@ -26,20 +24,13 @@ METADATA_KEY = b"vibrohil"
 
 @cache
 def versions() -> dict[str, str]:
-    """What computed a result: packages, and the state of the plant's and the studies' own sources."""
-    digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for source in sorted(here.rglob("*.py")):
-        digest.update(source.relative_to(here).as_posix().encode())
-        digest.update(source.read_bytes())
-    packages = {name: version(name) for name in ("vibrohil", "numpy", "numba", "pyarrow")}
-    return {**packages, "plant_sim": cache_folder().name.split("-")[-1], "studies": digest.hexdigest()[:16]}
+    """What computed a result: the packages and the code's state."""
+    return {**provenance.versions(), "sources": provenance.sources()[:16]}
 
 
 def name_of(kind: str, spec: Spec) -> str:
     """A file's name: the kind of piece and a hash of all that its content depends on."""
-    text = json.dumps({"kind": kind, "spec": spec, "versions": versions()}, sort_keys=True)
-    return f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:20]}.parquet"
+    return f"{kind}-{provenance.key(kind, json.dumps(spec, sort_keys=True))[:20]}.parquet"
 
 
 def write(path: Path, table: pa.Table, spec: Spec, facts: Mapping[str, Any]) -> None:

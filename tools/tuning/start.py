@@ -15,8 +15,6 @@ What is free and what was searched is kept in a journal beside the parameter fil
 where it was killed.
 """
 
-import hashlib
-import json
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -154,8 +152,7 @@ def with_front(tried: Sequence[Ramp]) -> list[Ramp]:
 
 def name_of_search(numbers: Sequence[int]) -> str:
     """Names a search by all that its results depend on: space, trials and seed, sources, packages."""
-    parts = [SPACE, numbers, provenance.sources(), provenance.versions()]
-    return f"start-{hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]}"
+    return f"start-{provenance.key(SPACE, tuple(numbers))[:12]}"
 
 
 def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":

@@ -8,7 +8,6 @@ Each trial's outcome is a line of a JSON file that is appended to: a run that wa
 it is made of has changed.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -22,6 +21,7 @@ import numpy as np
 
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
+from hil.record import provenance
 from tools.campaign.processes import environment
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
@@ -59,7 +59,6 @@ ABSOLUTE = ("stop", "restitution")
 OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
 """Of the trials have to be within each limit, and of the laws named rightly."""
-PACKAGES = ("firmware_py", "plant_sim", "hil", "tools/campaign", "tools/tuning")
 
 Progress = Callable[[int, int], None]
 
@@ -144,16 +143,6 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     return Trial(trial, law, found.law.value, "", errors, held, plain)
 
 
-def sources() -> str:
-    """A digest of all that a trial's outcome depends on."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
 def known_trials(path: Path, key: str) -> dict[int, Trial]:
     """What an earlier run of the same key has left; a line cut short by a kill is left out."""
     found = {}
@@ -176,7 +165,7 @@ def run_trials(
     workers: int | None = None,
 ) -> list[Trial]:
     """All trials; those that `path` has are not run again."""
-    key = f"{seed} {seconds:g} {sources()}"
+    key = provenance.key(seed, seconds)
     done = {number: one for number, one in known_trials(path, key).items() if number < trials}
     missing = [number for number in range(trials) if number not in done]
     progress(len(done), trials)

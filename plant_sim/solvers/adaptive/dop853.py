@@ -5,20 +5,12 @@ Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed. 199
 
 import math
 
-import numpy as np
-from scipy.integrate import DOP853
-
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
 from plant_sim.solvers.adaptive.bernstein import DEGREE
+from plant_sim.solvers.adaptive.dop853_tables import E3, E5, A, C, D
 from plant_sim.solvers.adaptive.motion import derivative
 from plant_sim.solvers.adaptive.state_layout import STAGES, Flow, Vector, state_size, work_place
-
-A: Vector = np.zeros((STAGES, STAGES))
-A[:12, :12], A[12, :12], A[13:] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-C: Vector = np.concatenate((DOP853.C, [1.0], DOP853.C_EXTRA))
-E3, E5, D = DOP853.E3, DOP853.E5, DOP853.D
-"""Of errors of third and fifth order and of the continuous extension, as scipy has them."""
 
 
 @subroutine

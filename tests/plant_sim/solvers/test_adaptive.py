@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from changed_scenes import changed
 from reference import Reference
+from scipy.integrate import DOP853
 
 from plant_sim.result import Phase
 from plant_sim.scene import Scene, load_scene
 from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive import dop853_tables
 
 ADAPTIVE = {"solver.method": "adaptive"}
 HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
@@ -200,3 +202,17 @@ def test_samples_do_not_change_the_run() -> None:
     assert fine.samples is not None
     assert fine.samples.x_m[-1] == pytest.approx(fine.final.x_m, abs=1e-15)
     assert np.max(fine.samples.x_m) <= 0.18 + 1e-9
+
+
+def test_the_numbers_of_dop853_are_scipys() -> None:
+    assert np.array_equal(dop853_tables.A[:12, :12], DOP853.A)
+    assert np.array_equal(dop853_tables.A[12, :12], DOP853.B)
+    assert np.array_equal(dop853_tables.A[13:], DOP853.A_EXTRA)
+    assert not dop853_tables.A[:13, 12:].any()
+    assert dop853_tables.C.tolist() == [*DOP853.C, 1.0, *DOP853.C_EXTRA]
+    for own, theirs in (
+        (dop853_tables.E3, DOP853.E3),
+        (dop853_tables.E5, DOP853.E5),
+        (dop853_tables.D, DOP853.D),
+    ):
+        assert np.array_equal(own, theirs)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import pyarrow as pa
 
-from firmware_py.builds.cache import source_hash
 from tools.study import store, work
 from tools.study.pulse.gated import SCENES, gated_piece
 from tools.study.pulse.judging import GATED, STRIDES_HZ, SUBHARMONIC, WALKERS
@@ -23,7 +22,7 @@ def compute(where: work.Where, ways: Sequence[str], strides_hz: Sequence[float] 
     paths = work.run("pulse-made", made_piece, made, where) if made else []
     if GATED in ways:
         specs = [
-            {"module": module, "stride_hz": hz, "walkers": WALKERS[GATED], "sources": source_hash()}
+            {"module": module, "stride_hz": hz, "walkers": WALKERS[GATED]}
             for module in SCENES
             for hz in strides_hz
         ]
