@@ -1,7 +1,11 @@
 """Options that several commands share."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -19,6 +23,7 @@ ParameterFiles = Annotated[
     list[Path] | None,
     typer.Option(help="A parameter file of `vibrohil tune`; repeatable; --set overrides it."),
 ]
+Workers = Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)]
 NodeBus = Annotated[str, typer.Option(help="The bus to join, e.g. socketcan:can0 or local:PATH.")]
 Sync = Annotated[
     bool, typer.Option(help="Print 'ready', then wait for the common start time on standard input.")
@@ -27,3 +32,30 @@ Again = Annotated[
     bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
 ]
 Until = Annotated[float | None, typer.Option(help="Stop after this time in s; by default on Ctrl-C.")]
+
+
+def unfolded(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the fields of its records as options, in the record's place and with its values.
+
+    A record is a frozen dataclass of options, given as a parameter's default; Typer knows single options.
+    """
+    parameters: list[inspect.Parameter] = []
+    records: dict[str, Any] = {}
+    for one in inspect.signature(command).parameters.values():
+        options = [one]
+        if is_dataclass(one.default):
+            records[one.name] = one.default
+            options = [
+                one.replace(name=field.name, annotation=field.type, default=getattr(one.default, field.name))
+                for field in fields(one.default)
+            ]
+        parameters += options
+
+    @wraps(command)
+    def with_options(**values: Any) -> None:
+        for name, record in records.items():
+            values[name] = replace(record, **{field.name: values.pop(field.name) for field in fields(record)})
+        command(**values)
+
+    vars(with_options)["__signature__"] = inspect.Signature(parameters)
+    return with_options

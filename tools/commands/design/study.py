@@ -1,7 +1,7 @@
 """`vibrohil study`: the paper's diagrams, basins and claims."""
 
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +20,7 @@ from tools.commands.design.study_output import (
     show_sweep,
     without_nan,
 )
-from tools.commands.options import Json
+from tools.commands.options import Json, unfolded
 from tools.output import BadInputError, console, figure_table
 from tools.outputs import RECORDINGS, file_option, folder_option
 
@@ -35,11 +35,6 @@ study = typer.Typer(
     no_args_is_help=True,
 )
 
-Out = Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")]
-Cores = Annotated[int | None, typer.Option(help="Number of cores of this machine; by default all.")]
-Scheduler = Annotated[
-    str | None, typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786.")
-]
 Rrd = Annotated[
     Path | None, file_option("Write a moving picture to one .rrd file; open it with view.", RECORDINGS)
 ]
@@ -49,7 +44,24 @@ Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; by default
 Amplitude = Annotated[float | None, typer.Option(help="Drive amplitude A in m; by default the preset's.")]
 Ratio = Annotated[float, typer.Option(help="Speed ratio r = Ω/ω.")]
 
-DEFAULT_OUT = Path("studies")
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """Of every study."""
+
+    out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
+        Path("studies")
+    )
+    cores: Annotated[int | None, typer.Option(help="Number of cores of this machine; by default all.")] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786."),
+    ] = None
+    as_json: Json = False
+
+    def job(self) -> StudyJob:
+        """The study with these options."""
+        return StudyJob(self.out, self.cores, self.scheduler, self.as_json)
 
 
 def register(app: typer.Typer) -> None:
@@ -58,6 +70,7 @@ def register(app: typer.Typer) -> None:
 
 
 @study.command()
+@unfolded
 def sweep(
     preset: Annotated[str, typer.Option(help="table1, gait or both.")] = "both",
     law: Annotated[str, typer.Option(help="viscous, coulomb, stribeck or all.")] = "all",
@@ -66,10 +79,7 @@ def sweep(
         bool, typer.Option("--quick", help="One friction parameter per law instead of Table 1's ranges.")
     ] = False,
     rrd: Rrd = None,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Amplitude–frequency diagrams, run-up and run-down; 50 s per ratio, the first 30 s discarded."""
     from dataclasses import replace
@@ -84,8 +94,8 @@ def sweep(
         chosen = cases.whole_range(presets, laws)
     if amplitude is not None:
         chosen = [replace(case, amplitude_m=amplitude_m(amplitude)) for case in chosen]
-    job = StudyJob(out, cores, scheduler)
-    if scheduler is None:
+    job = common.job()
+    if common.scheduler is None:
         job.warm(chosen)
     with job.computing():
         found = diagrams(chosen, job.where)
@@ -93,8 +103,8 @@ def sweep(
     for name in presets:
         shown = [d for d in found if d.case.preset == name and is_nominal(d.case)]
         if shown:
-            pictures += figures.amplitude_frequency(shown, out, f"sweep-{name}")
-    pictures += figures.regime_bars(found, out, "regimes")
+            pictures += figures.amplitude_frequency(shown, common.out, f"sweep-{name}")
+    pictures += figures.regime_bars(found, common.out, "regimes")
     if rrd is not None:
         recordings.sweeps([d for d in found if is_nominal(d.case)], rrd)
     result = {
@@ -102,10 +112,11 @@ def sweep(
         "figures": pictures,
         "rrd": rrd and str(rrd),
     }
-    job.tell(result, as_json, lambda: show_sweep(found))
+    job.tell(result, lambda: show_sweep(found))
 
 
 @study.command()
+@unfolded
 def basin(
     preset: Preset = "table1",
     law: Law = "viscous",
@@ -122,10 +133,7 @@ def basin(
     size: Annotated[
         int | None, typer.Option(help="Cells along a side; 200, or 40 with --start soft, by default.")
     ] = None,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Basins of attraction: which starts end in impacts, and how sharp the boundary is.
 
@@ -144,8 +152,8 @@ def basin(
     size = (SOFT_SIZE if soft else INSTANT_SIZE) if size is None else size
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    job = StudyJob(out, cores, scheduler)
-    if not (scheduler or soft):
+    job = common.job()
+    if not (common.scheduler or soft):
         job.warm([case])
     compute = soft_start.compute if soft else basins.compute
     with job.computing():
@@ -160,7 +168,7 @@ def basin(
             else None
         )
         pictures += figures.basin(
-            case, ratio, one.plane, across, up, impacts, caption_of(one), out, one.name, at_once
+            case, ratio, one.plane, across, up, impacts, caption_of(one), common.out, one.name, at_once
         )
 
     def show() -> None:
@@ -169,10 +177,11 @@ def basin(
             title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}, {one.start} start"
             console.print(figure_table(title, rows))
 
-    job.tell({"basins": [one.as_json() for one in found], "figures": pictures}, as_json, show)
+    job.tell({"basins": [one.as_json() for one in found], "figures": pictures}, show)
 
 
 @study.command("map")
+@unfolded
 def chart(
     over: Annotated[str, typer.Option(help="r,A, r,mu, r,b or r,k.")] = "r,A",
     preset: Preset = "table1",
@@ -180,10 +189,7 @@ def chart(
     value: Value = None,
     amplitude: Amplitude = None,
     size: Annotated[int, typer.Option(help="Cells along a side.")] = 60,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Maps over two parameters: the regime, and the share of starts that end in impacts."""
     import numpy as np
@@ -196,8 +202,8 @@ def chart(
     maps.check(case, second)
     if not 2 <= size <= LARGEST_MAP:
         raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
-    job = StudyJob(out, cores, scheduler)
-    if scheduler is None:
+    job = common.job()
+    if common.scheduler is None:
         job.warm([case])
     with job.computing():
         paths = work.run("map", maps.piece, maps.specs(case, second, size), job.where)
@@ -209,7 +215,7 @@ def chart(
     ratios, values = maps.axes(second, size)
     label = maps.SECOND[second][3]
     name = f"map-{preset}-{law}-r-{second}"
-    store.write(out / f"{name}.parquet", table, maps.summary_spec(case, second, size), {})
+    store.write(common.out / f"{name}.parquet", table, maps.summary_spec(case, second, size), {})
     summary: dict[str, Any] = {
         "over": ["r", second],
         "preset": preset,
@@ -221,26 +227,23 @@ def chart(
         "share_with_impact": float((reliability > 0.0).mean()),
         "share_certain_of_impacts": float((reliability == 1.0).mean()),
     }
-    pictures = figures.chart(case, label, ratios, values, reliability, regimes, from_rest, out, name)
+    pictures = figures.chart(case, label, ratios, values, reliability, regimes, from_rest, common.out, name)
     rows = [
         ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
         ("cells where every start ends in impacts", 100.0 * summary["share_certain_of_impacts"], "%"),
     ]
     job.tell(
         {"map": summary, "figures": pictures},
-        as_json,
         lambda: console.print(figure_table(f"{case.label}, over r and {second}", rows)),
     )
 
 
 @study.command()
+@unfolded
 def portrait(
     preset: Preset = "table1",
     rrd: Rrd = None,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Time histories and phase portraits of both attractors for each friction law."""
     from tools.study import cases, figures, recordings, store
@@ -249,12 +252,12 @@ def portrait(
 
     one_of("--preset", preset, cases.PRESETS)
     chosen = [cases.case(preset, law) for law in cases.LAWS]
-    job = StudyJob(out, cores, scheduler)
-    if scheduler is None:
+    job = common.job()
+    if common.scheduler is None:
         job.warm(chosen)
     with job.computing():
         pairs = [pair(diagram) for diagram in diagrams(chosen, job.where)]
-    samples = out / f"portrait-{preset}.parquet"
+    samples = common.out / f"portrait-{preset}.parquet"
     store.write(samples, as_table(pairs), {"cases": [case.parameters() for case in chosen]}, {})
     if rrd is not None:
         recordings.portraits(pairs, rrd)
@@ -268,22 +271,20 @@ def portrait(
             }
             for both in pairs
         ],
-        "figures": figures.portraits(pairs, out, f"portrait-{preset}"),
+        "figures": figures.portraits(pairs, common.out, f"portrait-{preset}"),
         "samples": str(samples),
         "rrd": rrd and str(rrd),
     }
-    job.tell(result, as_json, lambda: None)
+    job.tell(result, lambda: None)
 
 
 @study.command()
+@unfolded
 def claims(
     page: Annotated[
         Path | None, file_option("The page to write; by default claims.md in the folder of results.")
     ] = None,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Test the paper's fourteen claims: verdict, figures and reason of each, on a page."""
     from dataclasses import replace
@@ -297,25 +298,29 @@ def claims(
     from tools.study.claims.evidence import CONTACTS_S, Evidence
     from tools.study.portraits import pair
 
-    job = StudyJob(out, cores, scheduler)
     rigid = [cases.case("table1", law) for law in cases.LAWS]
+    job = common.job()
     job.warm([*rigid, replace(rigid[0], contact_s=CONTACTS_S[0])])
     with job.computing():
         evidence = Evidence(job.where)
         judged = judge(evidence)
-    pictures = figures.regime_bars(evidence.diagrams, out, "regimes")
+    pictures = figures.regime_bars(evidence.diagrams, common.out, "regimes")
     for preset in cases.PRESETS:
         nominal = evidence.nominal(preset)
-        pictures += figures.amplitude_frequency(nominal, out, f"sweep-{preset}")
-        pictures += figures.portraits([pair(diagram) for diagram in nominal], out, f"portrait-{preset}")
+        pictures += figures.amplitude_frequency(nominal, common.out, f"sweep-{preset}")
+        pictures += figures.portraits(
+            [pair(diagram) for diagram in nominal], common.out, f"portrait-{preset}"
+        )
     for law in ("viscous", "coulomb"):
         one = evidence.basin(law)
         across, up = basins.axes(one.case, one.plane, one.size)
         impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(one.size, one.size)
         caption = f"{100 * one.statistics['impact_fraction']:.1f} % end in impacts"
         name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
-        pictures += figures.basin(one.case, one.ratio, one.plane, across, up, impacts, caption, out, name)
-    written = page or out / "claims.md"
+        pictures += figures.basin(
+            one.case, one.ratio, one.plane, across, up, impacts, caption, common.out, name
+        )
+    written = page or common.out / "claims.md"
     pages.write(judged, written)
 
     def show() -> None:
@@ -325,20 +330,18 @@ def claims(
         console.print(table)
 
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
-    job.tell(result, as_json, show)
+    job.tell(result, show)
 
 
 @study.command()
+@unfolded
 def feasibility(
     preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
     page: Annotated[
         Path | None,
         file_option("The page to write; by default feasibility.md in the folder of results."),
     ] = None,
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Find the settings that suit a walk (cadence, axis, guide, contact, wearer), and the first failure."""
     from collections import Counter
@@ -350,14 +353,14 @@ def feasibility(
     presets = tuple(table.MODULES)
     if preset != "all":
         presets = (one_of("--preset", preset, presets),)
-    job = StudyJob(out, cores, scheduler)
+    job = common.job()
     with job.computing():
         found = table.compute(job.where, presets)
     name = "feasibility" if preset == "all" else f"feasibility-{preset}"
-    store.write(out / f"{name}.parquet", found, {"presets": list(presets)}, {})
+    store.write(common.out / f"{name}.parquet", found, {"presets": list(presets)}, {})
     rows = found.to_pylist()
-    pictures = feasibility_page.chart(rows, out, name)
-    written = page or out / f"{name}.md"
+    pictures = feasibility_page.chart(rows, common.out, name)
+    written = page or common.out / f"{name}.md"
     if page is not None:
         pictures.append(shutil.copy(pictures[0], str(page.with_suffix(".svg"))))
     feasibility_page.write(rows, written, written.with_suffix(".svg").name)
@@ -379,16 +382,14 @@ def feasibility(
         "page": str(written),
         "figures": pictures,
     }
-    job.tell(result, as_json, show)
+    job.tell(result, show)
 
 
 @study.command()
+@unfolded
 def pulse(
     way: Annotated[str, typer.Option(help="turn, subharmonic, gated or all.")] = "all",
-    out: Out = DEFAULT_OUT,
-    cores: Cores = None,
-    scheduler: Scheduler = None,
-    as_json: Json = False,
+    common: StudyOptions = StudyOptions(),
 ) -> None:
     """Compare ways to give one pulse a stride: one turn a stride, subharmonics, or a resting crank."""
     from tools.study import store
@@ -398,12 +399,12 @@ def pulse(
     from tools.study.pulse.ways import compute
 
     chosen = WAYS if way == "all" else (one_of("--way", way, WAYS),)
-    job = StudyJob(out, cores, scheduler)
+    job = common.job()
     with job.computing():
         orbits = orbits_found(job.where).to_pylist() if SUBHARMONIC in chosen else []
         found = compute(job.where, chosen)
     name = "pulse" if way == "all" else f"pulse-{way}"
-    store.write(out / f"{name}.parquet", found, {"ways": list(chosen)}, {})
+    store.write(common.out / f"{name}.parquet", found, {"ways": list(chosen)}, {})
     rows, bands = found.to_pylist(), bands_of(orbits)
 
     def show() -> None:
@@ -414,9 +415,9 @@ def pulse(
     result = {
         "pulse": [without_nan(row) for row in rows],
         "bands": [band._asdict() for band in bands],
-        "figures": figures.chart(rows, bands, out, name),
+        "figures": figures.chart(rows, bands, common.out, name),
     }
-    job.tell(result, as_json, show)
+    job.tell(result, show)
 
 
 LARGEST_MAP = 4000

@@ -31,10 +31,11 @@ class Stopwatch:
 class StudyJob:
     """One study from its options to its result: place of computation, cost and report."""
 
-    def __init__(self, out: Path, cores: int | None, scheduler: str | None) -> None:
+    def __init__(self, out: Path, cores: int | None, scheduler: str | None, as_json: bool) -> None:
         from tools.study import work
 
         self.where = work.here(out, cores, scheduler)
+        self._as_json = as_json
         self._compile_s = 0.0
         self._cost: dict[str, float] = {}
 
@@ -51,7 +52,7 @@ class StudyJob:
         yield
         self._cost = clock.read()
 
-    def tell(self, result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
+    def tell(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
         """Print the result with its cost: one JSON object, or what `show` prints and a table."""
         where = self.where
         payload = {
@@ -61,7 +62,7 @@ class StudyJob:
             "cores": where.cores,
             "out": str(where.out),
         }
-        if as_json:
+        if self._as_json:
             print_json(payload)
             return
         show()

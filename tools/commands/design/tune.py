@@ -1,14 +1,14 @@
 """`vibrohil tune`: design the firmware's parameters, fit them to a log, or choose them by campaigns."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from tools.commands.design.tune_tables import show, show_check, show_difference, show_trials
-from tools.commands.options import Json
+from tools.commands.options import Json, Workers, unfolded
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError, answer, exit_of
 from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 from tools.progress import Progress, counted_progress, counting, shown_progress
@@ -16,7 +16,7 @@ from tools.progress import Progress, counted_progress, counting, shown_progress
 if TYPE_CHECKING:
     from tools.tuning.figures.views import Shown
     from tools.tuning.result import Tuning
-    from tools.tuning.safety import Bench, SafetyResult
+    from tools.tuning.safety import Bench
 
 Found = TypeVar("Found")
 
@@ -27,19 +27,37 @@ tune = typer.Typer(
     no_args_is_help=True,
 )
 
-Force = Annotated[
-    bool,
-    typer.Option("--force", help="Write the file even if a safety scenario fails; the file then says so."),
-]
-Plot = Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)]
-Rrd = Annotated[
-    Path | None, file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS)
-]
-Seed = Annotated[int | None, typer.Option(help="Seed of the trials for the choice, below 10000.", min=0)]
-FreshSeed = Annotated[
-    int | None, typer.Option(help="Seed of the trials for the judgement, from 10000 on.", min=0)
-]
-Workers = Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)]
+
+@dataclass(frozen=True)
+class Sampling:
+    """The trials on sampled modules."""
+
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the trials for the choice, below 10000.", min=0)
+    ] = None
+    fresh_seed: Annotated[
+        int | None, typer.Option(help="Seed of the trials for the judgement, from 10000 on.", min=0)
+    ] = None
+    workers: Workers = None
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files of a command's result, and how it is printed."""
+
+    out: Annotated[Path, file_option("The parameter file.")]
+    plot: Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)] = None
+    rrd: Annotated[
+        Path | None,
+        file_option("Write the result also as a Rerun recording; open it with view.", RECORDINGS),
+    ] = None
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Write the file even if a safety scenario fails; the file then says so."
+        ),
+    ] = False
+    as_json: Json = False
 
 
 def register(app: typer.Typer) -> None:
@@ -52,16 +70,6 @@ def given(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-class Outputs(NamedTuple):
-    """The files of a command's result."""
-
-    out: Path
-    plot: Path | None
-    rrd: Path | None
-    force: bool
-    as_json: bool
-
-
 def conclude(
     outputs: Outputs,
     work: "Callable[[Progress], tuple[Tuning, Found]]",
@@ -70,8 +78,13 @@ def conclude(
     more: Callable[[Found], dict[str, Any]],
     bench: "Bench | None" = None,
 ) -> None:
-    """Run a tuning, draw and record its result, judge it, write its file and print it."""
+    """Run a tuning, draw and record its result, judge it, write its file and print it.
+
+    A file that was not written is a failed check.
+    """
+    from tools.tuning.parameter_file import write
     from tools.tuning.recordings.recording import record_tuning
+    from tools.tuning.safety import judge_safety
 
     with shown_progress() as progress:
         tuning, found = work(progress)
@@ -82,44 +95,26 @@ def conclude(
         if outputs.rrd is not None:
             record_tuning(outputs.rrd, tuning, *shown(found))
             also["rrd"] = str(outputs.rrd)
-        payload, _ = finish(tuning, outputs.out, outputs.force, progress, also, bench)
-    report(payload, outputs.as_json)
-
-
-def finish(
-    tuning: "Tuning",
-    out: Path,
-    force: bool,
-    progress: Progress,
-    more: Mapping[str, Any],
-    bench: "Bench | None" = None,
-) -> tuple[dict[str, Any], list["SafetyResult"]]:
-    """Judge the result, write its file, and return the JSON object."""
-    from tools.tuning.parameter_file import write
-    from tools.tuning.safety import judge_safety
-
-    safety = judge_safety(
-        tuning.values, lambda fraction, doing: progress(fraction, f"safety: {doing}"), bench
-    )
-    safe = all(result.passed for result in safety)
-    if safe or force:
-        write(out, tuning, safety, force)
-    return {
+        safety = judge_safety(
+            tuning.values, lambda fraction, doing: progress(fraction, f"safety: {doing}"), bench
+        )
+        safe = all(result.passed for result in safety)
+        is_written = safe or outputs.force
+        if is_written:
+            write(outputs.out, tuning, safety, outputs.force)
+    payload = {
         **tuning.as_json(),
-        **more,
+        **also,
         "safety": [result.as_json() for result in safety],
         "safe": safe,
-        "out": str(out) if safe or force else None,
-    }, safety
-
-
-def report(payload: Mapping[str, Any], as_json: bool) -> None:
-    """Print the result; a file that was not written is a failed check."""
-    status = EXIT_CHECK_FAILED if payload["out"] is None else EXIT_PASSED
-    answer(payload, as_json, lambda: show(payload), status)
+        "out": str(outputs.out) if is_written else None,
+    }
+    status = EXIT_PASSED if is_written else EXIT_CHECK_FAILED
+    answer(payload, outputs.as_json, lambda: show(payload), status)
 
 
 @tune.command()
+@unfolded
 def speed(
     bandwidth_hz: Annotated[
         float | None,
@@ -138,11 +133,7 @@ def speed(
     measure: Annotated[
         bool, typer.Option(help="Measure the loop in lockstep, with sines added to the torque.")
     ] = True,
-    out: Annotated[Path, file_option("The parameter file.")] = Path("speed.toml"),
-    plot: Plot = None,
-    rrd: Rrd = None,
-    force: Force = False,
-    as_json: Json = False,
+    outputs: Outputs = Outputs(Path("speed.toml")),
 ) -> None:
     """Design the PI gains of the speed loop for a bandwidth and a phase margin, and measure the loop."""
     from hil.scenario.parameter_file import nested
@@ -168,7 +159,7 @@ def speed(
         return tuning, (design, measured)
 
     conclude(
-        Outputs(out, plot, rrd, force, as_json),
+        outputs,
         work,
         lambda _, loop, path: draw_speed(nominal, *loop, path),
         lambda loop: views.of_speed(nominal, *loop),
@@ -177,6 +168,7 @@ def speed(
 
 
 @tune.command()
+@unfolded
 def identify(
     source: Annotated[
         Path | None, typer.Argument(help="A run folder, or a candump log of a real bench.")
@@ -197,11 +189,7 @@ def identify(
         Path, file_option("File with a line per finished trial; finished trials are not run again.")
     ] = Path("identify-trials.jsonl"),
     workers: Workers = None,
-    out: Annotated[Path, file_option("The parameter file.")] = Path("identified.toml"),
-    plot: Plot = None,
-    rrd: Rrd = None,
-    force: Force = False,
-    as_json: Json = False,
+    outputs: Outputs = Outputs(Path("identified.toml")),
 ) -> None:
     """Identify spring, friction, crank radius and stop from the CAN frames of one log.
 
@@ -217,7 +205,7 @@ def identify(
             raise BadInputError(
                 f"--trials samples its own modules; leave out {source}, or leave out --trials"
             )
-        judge_identification(trials, trials_out, workers, as_json)
+        judge_identification(trials, trials_out, workers, outputs.as_json)
         return
     if source is None:
         raise BadInputError("no log: give a run folder or a candump log, or --trials 300")
@@ -229,7 +217,7 @@ def identify(
         return tuning, (identified, readings)
 
     conclude(
-        Outputs(out, plot, rrd, force, as_json),
+        outputs,
         work,
         lambda _, both, path: draw_identified(both[0], both[1], path),
         lambda both: views.of_identify(both[0], both[1]),
@@ -249,18 +237,13 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
 
 
 @tune.command()
+@unfolded
 def detector(
     cost_miss: Annotated[float, typer.Option(help="Cost of a missed impact.")] = 1.0,
     cost_false_alarm: Annotated[float, typer.Option(help="Cost of a false alarm.")] = 1.0,
     trials: Annotated[int | None, typer.Option(help="Trials for each floor.", min=11)] = None,
-    seed: Seed = None,
-    fresh_seed: FreshSeed = None,
-    workers: Workers = None,
-    out: Annotated[Path, file_option("The parameter file.")] = Path("detector.toml"),
-    plot: Plot = None,
-    rrd: Rrd = None,
-    force: Force = False,
-    as_json: Json = False,
+    sampling: Sampling = Sampling(),
+    outputs: Outputs = Outputs(Path("detector.toml")),
 ) -> None:
     """Choose the impact detector's floor by the costs of misses and false alarms, on sampled modules."""
     from tools.tuning.detector import tune_detector
@@ -268,12 +251,12 @@ def detector(
     from tools.tuning.figures.detector import draw_detector
 
     conclude(
-        Outputs(out, plot, rrd, force, as_json),
+        outputs,
         lambda progress: tune_detector(
             cost_miss,
             cost_false_alarm,
             progress=counting(progress, "trials"),
-            **given(trials=trials, seed=seed, fresh_seed=fresh_seed, workers=workers),
+            **given(trials=trials, **vars(sampling)),
         ),
         draw_detector,
         views.of_detector,
@@ -286,6 +269,7 @@ def detector(
 
 
 @tune.command()
+@unfolded
 def estimator(
     logs: Annotated[
         list[Path] | None,
@@ -296,14 +280,8 @@ def estimator(
         int | None,
         typer.Option(help="Trials that compare the result with default and naive values; 0: none.", min=0),
     ] = None,
-    seed: Seed = None,
-    fresh_seed: FreshSeed = None,
-    workers: Workers = None,
-    out: Annotated[Path, file_option("The parameter file.")] = Path("estimator.toml"),
-    plot: Plot = None,
-    rrd: Rrd = None,
-    force: Force = False,
-    as_json: Json = False,
+    sampling: Sampling = Sampling(),
+    outputs: Outputs = Outputs(Path("estimator.toml")),
 ) -> None:
     """Choose the estimator's Q and R from logs, by the likelihood of the touch-downs, without truth."""
     from tools.tuning.estimator import tune_estimator
@@ -311,13 +289,11 @@ def estimator(
     from tools.tuning.figures.estimator import draw_estimator
 
     conclude(
-        Outputs(out, plot, rrd, force, as_json),
+        outputs,
         lambda progress: tune_estimator(
             logs or (),
             progress=counting(progress, "logs"),
-            **given(
-                modules=modules, fresh_trials=fresh_trials, seed=seed, fresh_seed=fresh_seed, workers=workers
-            ),
+            **given(modules=modules, fresh_trials=fresh_trials, **vars(sampling)),
         ),
         draw_estimator,
         views.of_estimator,
@@ -326,6 +302,7 @@ def estimator(
 
 
 @tune.command()
+@unfolded
 def start(
     candidates: Annotated[int | None, typer.Option(help="Number of candidates in all.", min=2)] = None,
     trials: Annotated[int | None, typer.Option(help="Trials for each candidate.", min=8)] = None,
@@ -336,14 +313,8 @@ def start(
         Path | None,
         file_option("Journal of the search, from which the command continues; by default beside the file."),
     ] = None,
-    seed: Seed = None,
-    fresh_seed: FreshSeed = None,
-    workers: Workers = None,
-    out: Annotated[Path, file_option("The parameter file.")] = Path("start.toml"),
-    plot: Plot = None,
-    rrd: Rrd = None,
-    force: Force = False,
-    as_json: Json = False,
+    sampling: Sampling = Sampling(),
+    outputs: Outputs = Outputs(Path("start.toml")),
 ) -> None:
     """Tune start-up and hold loop: fewest failures, then hardest impacts, then time, then energy."""
     from tools.tuning.figures import views
@@ -351,18 +322,11 @@ def start(
     from tools.tuning.start import tune_start
 
     conclude(
-        Outputs(out, plot, rrd, force, as_json),
+        outputs,
         lambda progress: tune_start(
-            journal or out.with_suffix(".journal"),
+            journal or outputs.out.with_suffix(".journal"),
             progress=counting(progress, "trials"),
-            **given(
-                candidates=candidates,
-                trials=trials,
-                fresh_trials=fresh_trials,
-                seed=seed,
-                fresh_seed=fresh_seed,
-                workers=workers,
-            ),
+            **given(candidates=candidates, trials=trials, fresh_trials=fresh_trials, **vars(sampling)),
         ),
         draw_start,
         views.of_start,

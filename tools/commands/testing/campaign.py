@@ -8,7 +8,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
-from tools.commands.options import FirmwareBuild, Json
+from tools.commands.options import FirmwareBuild, Json, Workers
 from tools.output import BadInputError, answer, console, exit_of, figure
 from tools.progress import counted_progress, shown_progress
 
@@ -53,9 +53,7 @@ def campaign(
             "--set", help="Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE; repeatable."
         ),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of processes; by default one per core.", min=1)
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler to run on instead of this machine.")
     ] = None,
