@@ -5,12 +5,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hil.bench.verdict import KILLED
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSTOP)
+FINAL = (signal.SIGKILL, signal.SIGSTOP)
+"""A process can do nothing more; one that is stopped is killed later."""
 PARENT = "the program"
 """That was started, and that starts the others."""
 REPORT = "report"
@@ -45,6 +49,21 @@ class Kill(NamedTuple):
     stage: str
     at_s: float
 
+    @property
+    def is_of_program(self) -> bool:
+        """Whether the program itself receives the signal, and none of the processes that it has started."""
+        return self.process == PARENT
+
+    @property
+    def signal_name(self) -> str:
+        """The signal as the program names it."""
+        return "Ctrl-C" if self.number == signal.SIGINT else self.number.name
+
+    @property
+    def programs_cause(self) -> str:
+        """The cause that must be named where the program itself received the signal."""
+        return KILLED if self.number in FINAL else f"interrupted by {self.signal_name}"
+
     def __str__(self) -> str:
         return f"{self.of}: {self.number.name} to {self.process}, {self.stage} ({self.at_s:.3f} s)"
 
@@ -53,12 +72,15 @@ class KillError(RuntimeError):
     """A program that did not come to the moment at which it was to be killed."""
 
 
-def begun(arguments: list[str], folder: Path, temporary: Path) -> "subprocess.Popen[bytes]":
-    """The program in a folder, with a place for temporary files of its own; what it says is in `said`."""
+@contextmanager
+def begun(arguments: list[str], folder: Path) -> "Iterator[subprocess.Popen[bytes]]":
+    """The program in a folder, with temporary files in `tmp` and its output in `said`; the block ends it."""
+    temporary = folder / "tmp"
+    temporary.mkdir(exist_ok=True)
     heeding = ["env", "--default-signal=INT", "--default-signal=HUP"]  # under nohup, in the background too
     environment = {key: value for key, value in os.environ.items() if key != "XDG_RUNTIME_DIR"}
     with (folder / "said").open("ab") as said:
-        return subprocess.Popen(
+        program = subprocess.Popen(
             [*heeding, str(Path(sys.executable).with_name("vibrohil")), *arguments],
             cwd=folder,
             env={**environment, "TMPDIR": str(temporary)},
@@ -68,14 +90,19 @@ def begun(arguments: list[str], folder: Path, temporary: Path) -> "subprocess.Po
             restore_signals=True,
             start_new_session=True,
         )
+    try:
+        yield program
+    finally:
+        program.kill()
+        program.wait()
 
 
-def wait_for(look: Callable[[], Any], limit_s: float, what: str) -> Any:
+def wait_for(look: Callable[[], Any], what: str) -> Any:
     """The result of `look` as soon as it is not empty."""
-    deadline_s = time.monotonic() + limit_s
+    deadline_s = time.monotonic() + START_LIMIT_S
     while not (found := look()):
         if time.monotonic() > deadline_s:
-            raise KillError(f"{what} within {limit_s:g} s")
+            raise KillError(f"{what} within {START_LIMIT_S:g} s")
         time.sleep(LOOK_S)
     return found
 
@@ -89,23 +116,23 @@ def signalled(pid: int, number: signal.Signals) -> bool:
     return True
 
 
-def left_over(folder: Path, temporary: Path) -> list[str]:
+def left_over(folder: Path) -> list[str]:
     """Processes, sockets and temporary files that are still there GONE_S after the end."""
     deadline_s = time.monotonic() + GONE_S
-    while (left := there_now(folder, temporary)) and time.monotonic() < deadline_s:
+    while (left := there_now(folder)) and time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
     return left
 
 
-def there_now(folder: Path, temporary: Path) -> list[str]:
+def there_now(folder: Path) -> list[str]:
     """Processes, sockets and temporary files that are there now."""
-    places = (os.fsencode(folder), os.fsencode(temporary))
+    place = os.fsencode(folder)
     mine = []
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it has ended meanwhile, or is another user's
             words = (process / "cmdline").read_bytes()  # empty once a process has ended
-            if words and any(place in words + (process / "environ").read_bytes() for place in places):
+            if words and place in words + (process / "environ").read_bytes():
                 mine.append(f"process {process.name} {words[:80]!r} is left")
-    files = [f"{path} is left" for path in sorted(temporary.rglob("*"))]
+    files = [f"{path} is left" for path in sorted((folder / "tmp").rglob("*"))]
     shared = [f"{path} is left" for path in Path("/dev/shm").glob("vibrohil-*")]
     return mine + files + shared

@@ -13,13 +13,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from hil.bench.ending import was_cut_short
-from hil.bench.verdict import KILLED
 from hil.record.run_traces import read_json
 from tools.fuzz.kill import (
     END_LIMIT_S,
+    FINAL,
     GONE_S,
     LOOK_S,
-    PARENT,
     REPORT,
     SCENARIO,
     START_LIMIT_S,
@@ -111,7 +110,6 @@ def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -
     due = FINISHED_BEFORE[kill.stage]
     wait_for(
         lambda: program.poll() is not None or (queue.has_begun() and len(queue.finished()) >= due),
-        START_LIMIT_S,
         f"{due} runs were not finished",
     )
     time.sleep(kill.at_s)
@@ -119,10 +117,7 @@ def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -
 
 def cause_of(kill: Kill) -> str:
     """The cause that must be named."""
-    name = "Ctrl-C" if kill.number == signal.SIGINT else kill.number.name
-    if kill.process == WORKER:
-        return f"by {name}"
-    return KILLED if kill.number in (signal.SIGKILL, signal.SIGSTOP) else f"interrupted by {name}"
+    return kill.programs_cause if kill.is_of_program else f"by {kill.signal_name}"
 
 
 def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
@@ -135,8 +130,7 @@ def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[st
         time.sleep(LOOK_S)
     took_s = time.monotonic() - sent_s
     wrong = [] if took_s < GONE_S else [f"it took {took_s:.1f} s to end"]
-    is_killed = kill.number in (signal.SIGKILL, signal.SIGSTOP)
-    wanted = -signal.SIGKILL if is_killed else INTERRUPTED
+    wanted = -signal.SIGKILL if kill.number in FINAL else INTERRUPTED
     status = program.poll()
     is_over = kill.stage == REPORT and status == PASSED  # it came when all was written
     return wrong if status == wanted or is_over else [*wrong, f"exit status {status}, wanted {wanted}"]
@@ -153,23 +147,18 @@ def killed_queue(kill: Kill) -> list[str]:
     """Begin, kill, and begin again; what was wrong."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
         folder = Path(name)
-        temporary = folder / "tmp"
-        temporary.mkdir()
         queue = Queue(kill.of, folder)
-        program = begun(queue.command, folder, temporary)
         try:
-            await_moment(kill, queue, program)
-            before = queue.finished()
-            pid = program.pid if kill.process == PARENT else worker_of(program)
-            was_there = program.poll() is None and pid != 0 and signalled(pid, kill.number)
-            after = after_the_parents if kill.process == PARENT and was_there else after_a_workers
-            wrong = after(kill, program)
+            with begun(queue.command, folder) as program:
+                await_moment(kill, queue, program)
+                before = queue.finished()
+                pid = program.pid if kill.is_of_program else worker_of(program)
+                was_there = program.poll() is None and pid != 0 and signalled(pid, kill.number)
+                after = after_the_parents if kill.is_of_program and was_there else after_a_workers
+                wrong = after(kill, program)
         except (KillError, subprocess.TimeoutExpired) as error:
             return [str(error)]
-        finally:
-            program.kill()
-            program.wait()
-        wrong += left_over(folder, temporary)
+        wrong += left_over(folder)
         said = (folder / "said").read_text(errors="replace")
         if "Traceback" in said:
             wrong.append(said[-1000:])
@@ -184,18 +173,15 @@ def gone_on(kill: Kill, queue: Queue, before: dict[str, str], folder: Path) -> l
     """Give the same command again; what is wrong then."""
     kept = queue.finished()
     wrong = [f"{name} was finished and is not kept" for name in before if kept.get(name) != before[name]]
-    program = begun(queue.command, folder, folder / "tmp")
     try:
-        status = program.wait(START_LIMIT_S)
+        with begun(queue.command, folder) as program:
+            status = program.wait(START_LIMIT_S)
     except subprocess.TimeoutExpired:
         return [*wrong, "given again it does not end"]
-    finally:
-        program.kill()
-        program.wait()
     if status != PASSED:
         said = (folder / "said").read_text(errors="replace")
         wrong.append(f"given again it ends with {status}: {said[-500:]}")
-    if queue.is_suite and kill.process == PARENT:
+    if queue.is_suite and kill.is_of_program:
         now = queue.finished()
         wrong += [f"{name} was run again" for name in before if now.get(name) != before[name]]
     return wrong

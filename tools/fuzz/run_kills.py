@@ -8,15 +8,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from hil.bench.recorded_run import open_run
-from hil.bench.verdict import KILLED
 from hil.record.log_reader import is_whole
 from hil.record.run_traces import read_json
 from tools.fuzz.kill import (
     END_LIMIT_S,
-    PARENT,
     REPORT,
     SCENARIO,
-    START_LIMIT_S,
     Kill,
     KillError,
     begun,
@@ -33,31 +30,28 @@ STAGES = {"early": (0.1, 0.5), "middle": (1.0, 2.0), "end": (2.4, 2.8), REPORT: 
 def await_moment(kill: Kill, run_dir: Path) -> None:
     """Return when it is time to kill."""
     if kill.stage == REPORT:
-        wait_for((run_dir / "outcome.json").exists, START_LIMIT_S, "the run did not end")
+        wait_for((run_dir / "outcome.json").exists, "the run did not end")
         time.sleep(kill.at_s)
         return
     if kill.of == "lockstep":  # its time is that of its ticks: 100 records of the operator a second
-        traced = run_dir / "operator.trace"
-        wait_for(traced.exists, START_LIMIT_S, "the run did not begin")
+        wait_for((run_dir / "operator.trace").exists, "the run did not begin")
         time.sleep(0.1 * kill.at_s)
         return
     described = run_dir / "run.json"
-    t0_ns = wait_for(lambda: read_json(described).get("t0_ns"), START_LIMIT_S, "the run did not begin")
+    t0_ns = wait_for(lambda: read_json(described).get("t0_ns"), "the run did not begin")
     time.sleep(max(0.0, t0_ns * 1e-9 + kill.at_s - time.monotonic()))
 
 
 def sent(kill: Kill, bench: "subprocess.Popen[bytes]", run_dir: Path) -> bool:
     """Send the signal; whether the process was still there."""
-    pid = bench.pid if kill.process == PARENT else read_json(run_dir / "processes.json")[kill.process]
+    pid = bench.pid if kill.is_of_program else read_json(run_dir / "processes.json")[kill.process]
     return signalled(pid, kill.number)
 
 
 def causes(kill: Kill) -> tuple[str, ...]:
     """Words of which one must be in the verdict's reasons; none where the signal is rightly ignored."""
-    if kill.process == PARENT:
-        if kill.number in (signal.SIGKILL, signal.SIGSTOP):
-            return (KILLED,)
-        return (f"interrupted by {'Ctrl-C' if kill.number == signal.SIGINT else kill.number.name}",)
+    if kill.is_of_program:
+        return (kill.programs_cause,)
     return () if kill.number == signal.SIGINT else (kill.process,)
 
 
@@ -84,25 +78,21 @@ def killed_run(kill: Kill) -> list[str]:
     """Run, kill, and say what is wrong afterwards."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
         folder = Path(name)
-        run_dir, temporary = folder / "run", folder / "tmp"
-        temporary.mkdir()
+        run_dir = folder / "run"
         (folder / "killed.toml").write_text(SCENARIO)
         command = ["run", "killed.toml", "--out", str(run_dir), "--clock", kill.of, "--bus", "local"]
-        bench = begun(command, folder, temporary)
         try:
-            await_moment(kill, run_dir)
-            was_over = (run_dir / "outcome.json").exists()  # whatever the stage, on a busy machine
-            was_there = bench.poll() is None and sent(kill, bench, run_dir)
-            if kill.process == PARENT and kill.number == signal.SIGSTOP:
-                time.sleep(1.0)
-                bench.kill()
-            bench.wait(END_LIMIT_S)
+            with begun(command, folder) as bench:
+                await_moment(kill, run_dir)
+                was_over = (run_dir / "outcome.json").exists()  # whatever the stage, on a busy machine
+                was_there = bench.poll() is None and sent(kill, bench, run_dir)
+                if kill.is_of_program and kill.number == signal.SIGSTOP:
+                    time.sleep(1.0)
+                    bench.kill()
+                bench.wait(END_LIMIT_S)
         except (KillError, subprocess.TimeoutExpired) as error:
             return [str(error)]
-        finally:
-            bench.kill()
-            bench.wait()
-        wrong = left_over(run_dir, temporary)
+        wrong = left_over(folder)
         if was_there:
             wrong += wrong_verdict(kill, run_dir, was_over)
         log = open_run(run_dir).log
