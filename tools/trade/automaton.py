@@ -5,13 +5,14 @@ A striker in stick or on the stop is released at the closed-form instant.
 """
 
 import math
+from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, Stribeck
+from plant_sim.parts.friction import Coulomb, Friction, Stribeck, Viscous
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import KelvinVoigt, RigidStop
 from tools.trade.answers import Answer, answer
@@ -63,6 +64,22 @@ def static_limit_n(parts: Parts) -> float:
     if isinstance(parts.friction, Coulomb):
         return parts.friction.mu * weight_n
     return parts.friction.mu_s * weight_n if isinstance(parts.friction, Stribeck) else 0.0
+
+
+def drag_n(
+    friction: Friction, weight_n: float, v: Any, speed: Any, direction: Any, exp: Callable[[Any], Any]
+) -> Any:
+    """Friction on a striker that slides in `direction`, N, in numbers whose exponential is `exp`."""
+    match friction:
+        case Viscous(b):
+            return -b * v
+        case Coulomb(mu, b):
+            return -mu * weight_n * direction - b * v
+        case Stribeck(mu, mu_s, v_s, delta, b):
+            share = speed / v_s
+            fall = exp(-share if delta == 1.0 else -(share**delta))
+            return -(mu + (mu_s - mu) * fall) * weight_n * direction - b * v
+    return 0.0 * v
 
 
 def run(case: Case, flow: Flow) -> Answer:

@@ -4,11 +4,10 @@ from functools import partial
 from typing import Any
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, Stribeck, Viscous
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import KelvinVoigt, RigidStop
 from tools.trade.answers import Method
-from tools.trade.automaton import Event, PeerError, Piece, run, static_limit_n
+from tools.trade.automaton import Event, PeerError, Piece, drag_n, run, static_limit_n
 from tools.trade.cases import Case
 
 TOLERANCES = (1e-6, 1e-10, 1e-15)
@@ -69,7 +68,8 @@ class HeyokaFlow:
         angle = drive.omega_rad_s * hy.time + drive.phase_rad if isinstance(drive, IdealDrive) else theta
         spring = c * (drive.amplitude_m * hy.sin(angle) + l0 - x)
         depth = x - stop.position_m
-        force = spring + self._drag_n(friction, m * striker.gravity_m_s2, v)
+        direction = hy.par[0]
+        force = spring + drag_n(friction, m * striker.gravity_m_s2, v, direction * v, direction, hy.exp)
         events = [hy.t_event(depth, direction=hy.event_direction.positive)]
         if in_contact and isinstance(stop, KelvinVoigt):
             push = stop.stiffness_n_m * depth + stop.damping_n_s_m * v
@@ -83,19 +83,6 @@ class HeyokaFlow:
             equations += [(theta, omega), (omega, (self.torque_n_m - loss) / drive.inertia_kg_m2)]
         start = [0.0] * len(equations)
         return hy.taylor_adaptive(equations, start, tol=tolerance, t_events=events)
-
-    def _drag_n(self, friction: Any, weight_n: float, v: Any) -> Any:
-        hy, direction = self.hy, self.hy.par[0]
-        match friction:
-            case Viscous(b):
-                return -b * v
-            case Coulomb(mu, b):
-                return -mu * weight_n * direction - b * v
-            case Stribeck(mu, mu_s, v_s, delta, b):
-                speed = direction * v / v_s
-                fall = hy.exp(-speed if delta == 1.0 else -(speed**delta))
-                return -(mu + (mu_s - mu) * fall) * weight_n * direction - b * v
-        return 0.0 * v
 
 
 def methods(case: Case, quick: bool) -> list[Method]:

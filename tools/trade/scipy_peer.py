@@ -7,11 +7,9 @@ from typing import Any
 from scipy.integrate import solve_ivp
 
 from plant_sim.parts.drive import IdealDrive, MotorDrive
-from plant_sim.parts.friction import Coulomb, NoFriction, Stribeck, Viscous
-from plant_sim.parts.friction import Friction as FrictionLaw
 from plant_sim.parts.stop import KelvinVoigt, RigidStop
 from tools.trade.answers import Method
-from tools.trade.automaton import Event, Piece, run, static_limit_n
+from tools.trade.automaton import Event, Piece, drag_n, run, static_limit_n
 from tools.trade.cases import Case
 
 SETTINGS: tuple[tuple[str, str, dict[str, float]], ...] = (
@@ -75,26 +73,14 @@ class ScipyFlow:
             push = 0.0
             if in_contact and isinstance(stop, KelvinVoigt):
                 push = stop.stiffness_n_m * (x - stop.position_m) + stop.damping_n_s_m * v
-            acceleration = (spring + _drag_n(friction, weight_n, v, direction) - push) / m
+            drag = drag_n(friction, weight_n, v, abs(v), direction, math.exp)
+            acceleration = (spring + drag - push) / m
             if not isinstance(drive, MotorDrive):
                 return [v, acceleration]
             loss = drive.viscous_n_m_s * y[3] + spring * amplitude_m * math.cos(angle)
             return [v, acceleration, y[3], (self.torque_n_m - loss) / drive.inertia_kg_m2]
 
         return slopes
-
-
-def _drag_n(friction: FrictionLaw, weight_n: float, v: float, direction: float) -> float:
-    match friction:
-        case Viscous(b):
-            return -b * v
-        case Coulomb(mu, b):
-            return -mu * weight_n * direction - b * v
-        case Stribeck(mu, mu_s, v_s, delta, b):
-            fall = math.exp(-((abs(v) / v_s) ** delta))
-            return -(mu + (mu_s - mu) * fall) * weight_n * direction - b * v
-        case NoFriction():
-            return 0.0
 
 
 def _terminal(function: Any, direction: float) -> Any:

@@ -6,8 +6,8 @@ those. Those of the start pass together, where fresh trials show no significant 
 beside the defaults on sampled modules that had no part in any choice.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,29 +122,19 @@ class Margin:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much each tuning looks at; by default as much as its command."""
+    """How much each tuning looks at: arguments of its function, by default those of its command."""
 
-    detector_trials: int = detector.TRIALS
-    floors_m_s2: tuple[float, ...] = detector.FLOORS_M_S2
-    start_candidates: int = start.CANDIDATES
-    start_trials: int = start.TRIALS
-    start_fresh_trials: int = start.FRESH_TRIALS
-    modules: int = estimator.MODULES
-    seconds: float = estimator.SECONDS
-    fresh_trials: int = estimator.FRESH_TRIALS
+    detector: Mapping[str, Any] = field(default_factory=dict)
+    estimator: Mapping[str, Any] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)
     hold_trials: int = 24
     identify_trials: int = 40
 
 
 QUICK = Effort(
-    detector_trials=11,
-    floors_m_s2=(0.4, 0.8, 1.5, 3.0, 6.0),
-    start_candidates=3,
-    start_trials=12,
-    start_fresh_trials=12,
-    modules=8,
-    seconds=30.0,
-    fresh_trials=4,
+    detector={"trials": 11, "floors_m_s2": (0.4, 0.8, 1.5, 3.0, 6.0)},
+    estimator={"modules": 8, "seconds": 30.0, "fresh_trials": 4},
+    start={"candidates": 3, "trials": 12, "fresh_trials": 12},
     hold_trials=2,
     identify_trials=4,
 )
@@ -154,8 +144,8 @@ QUICK = Effort(
 def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | None = None) -> list[Tuning]:
     """All commands, one after the other."""
 
-    def share(name: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(done / max(total, 1), name)
+    def shown(name: str) -> dict[str, Any]:
+        return {"progress": lambda done, total: progress(done / max(total, 1), name), "workers": workers}
 
     progress(0.0, "speed")
     speed = tune_speed()[0]
@@ -168,27 +158,9 @@ def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | Non
     )
     progress(0.0, "identify")
     identified = tune_identify(run_dir)[0]
-    estimated = estimator.tune_estimator(
-        modules=effort.modules,
-        seconds=effort.seconds,
-        fresh_trials=effort.fresh_trials,
-        progress=share("estimator"),
-        workers=workers,
-    )[0]
-    detected = detector.tune_detector(
-        trials=effort.detector_trials,
-        floors_m_s2=effort.floors_m_s2,
-        progress=share("detector"),
-        workers=workers,
-    )[0]
-    started = start.tune_start(
-        folder / "start.journal",
-        candidates=effort.start_candidates,
-        trials=effort.start_trials,
-        fresh_trials=effort.start_fresh_trials,
-        progress=share("start"),
-        workers=workers,
-    )[0]
+    estimated = estimator.tune_estimator(**effort.estimator, **shown("estimator"))[0]
+    detected = detector.tune_detector(**effort.detector, **shown("detector"))[0]
+    started = start.tune_start(folder / "start.journal", **effort.start, **shown("start"))[0]
     return [speed, identified, estimated, detected, started]
 
 
@@ -264,7 +236,8 @@ def _of_identify(folder: Path, effort: Effort, progress: Progress, workers: int 
 
 def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Margin:
     both, noted = [{}, TIMID_FLOOR], counting(progress, "margin of detector")
-    detected = run_candidates("detect", both, FRESH_SEED, effort.detector_trials, noted, workers)
+    count = effort.detector.get("trials", detector.TRIALS)
+    detected = run_candidates("detect", both, FRESH_SEED, count, noted, workers)
     costs = []
     for outcomes in detected:
         counts = counts_of(outcomes)

@@ -78,14 +78,9 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch, capsys) -> None:
     Designed and identified values do not depend on how much is looked at: these defaults have to agree.
     """
     little = Effort(
-        detector_trials=11,
-        floors_m_s2=(0.8, 1.5),
-        start_candidates=1,
-        start_trials=4,
-        start_fresh_trials=4,
-        modules=2,
-        seconds=20.0,
-        fresh_trials=4,
+        detector={"trials": 11, "floors_m_s2": (0.8, 1.5)},
+        estimator={"modules": 2, "seconds": 20.0, "fresh_trials": 4},
+        start={"candidates": 1, "trials": 4, "fresh_trials": 4},
         hold_trials=1,
         identify_trials=1,
     )
