@@ -77,23 +77,11 @@ TOO_HARD = "too hard"
 TOO_SOFT = "too soft"
 REASONS = (FEASIBLE, NO_REGION, NO_TURNS, LEG_IMPACTS, LOST, TOO_HARD, TOO_SOFT)
 
-COLUMNS = (
-    ("preset", pa.string()),
-    ("axis", pa.string()),
-    ("law", pa.string()),
-    ("contact_s", pa.float64()),
-    ("wearer", pa.string()),
-    ("stride_hz", pa.float64()),
-    ("verdict", pa.string()),
-    ("harmonic", pa.int64()),
-    ("ratio", pa.float64()),
-    ("region_low", pa.float64()),
-    ("region_high", pa.float64()),
-    ("idle_impacts_hz", pa.float64()),
-    ("missed_share", pa.float64()),
-    ("felt_low_n", pa.float64()),
-    ("felt_median_n", pa.float64()),
-    ("felt_high_n", pa.float64()),
+COLUMNS = store.columns(
+    "preset axis law contact_s wearer stride_hz verdict harmonic ratio region_low region_high "
+    "idle_impacts_hz missed_share felt_low_n felt_median_n felt_high_n",
+    texts="preset axis law wearer verdict",
+    counts="harmonic",
 )
 
 
@@ -303,7 +291,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     stop = Stop(**spec["stop"])
     low, high = region(stop)
     rows = [cell(stop, axis, hz, low, high) for axis in spec["axes"] for hz in spec["strides_hz"]]
-    return pa.Table.from_pylist(rows, schema=pa.schema(COLUMNS)), {"region": [low, high]}
+    return pa.Table.from_pylist(rows, schema=COLUMNS), {"region": [low, high]}
 
 
 def compute(where: work.Where, presets: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ) -> pa.Table:

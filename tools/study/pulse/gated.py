@@ -121,4 +121,4 @@ def gated_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
         "leg_alone_hz": math.nan,
         **judged(walks, SETTLING),
     }
-    return pa.Table.from_pylist([row], schema=pa.schema(COLUMNS)), {}
+    return pa.Table.from_pylist([row], schema=COLUMNS), {}

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 
 from plant_sim.parts.walking import BEGIN_S, Walking, cycles_at, row_at
 from plant_sim.result import Impact
+from tools.study import store
 from tools.study.feasibility.feasibility import SOFTEST_M_S, Driven, pulses_n
 from tools.study.pulse.gate import WINDOW_MIDDLE
 
@@ -20,29 +20,11 @@ WALKERS = {TURN: 2, SUBHARMONIC: 2, GATED: 6}
 JUDGED = 40
 """Strides of each walk that are judged."""
 
-COLUMNS = (
-    ("way", pa.string()),
-    ("module", pa.string()),
-    ("ground", pa.string()),
-    ("axis", pa.string()),
-    ("stride_hz", pa.float64()),
-    ("turns", pa.int64()),
-    ("spring_n_m", pa.float64()),
-    ("amplitude_m", pa.float64()),
-    ("gap_m", pa.float64()),
-    ("strides", pa.int64()),
-    ("right", pa.float64()),
-    ("without", pa.float64()),
-    ("several", pa.float64()),
-    ("phase_std", pa.float64()),
-    ("impulse_n_s", pa.float64()),
-    ("felt_low_n", pa.float64()),
-    ("felt_median_n", pa.float64()),
-    ("felt_high_n", pa.float64()),
-    ("leg_alone_hz", pa.float64()),
-    ("torque_n_m", pa.float64()),
-    ("drive_w", pa.float64()),
-    ("copper_w", pa.float64()),
+COLUMNS = store.columns(
+    "way module ground axis stride_hz turns spring_n_m amplitude_m gap_m strides right without several "
+    "phase_std impulse_n_s felt_low_n felt_median_n felt_high_n leg_alone_hz torque_n_m drive_w copper_w",
+    texts="way module ground axis",
+    counts="turns strides",
 )
 
 

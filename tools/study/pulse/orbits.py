@@ -16,13 +16,7 @@ GAPS_OVER_AMPLITUDE = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 
 RATIOS = tuple(np.round(np.arange(0.5, 8.001, 0.02), 3).tolist())
 STARTS = 24
 LONG = CLASSIFY._replace(settle_s=150.0)
-ORBIT_COLUMNS = (
-    ("gap_over_amplitude", pa.float64()),
-    ("ratio", pa.float64()),
-    ("turns", pa.int64()),
-    ("share", pa.float64()),
-    ("v_share", pa.float64()),
-)
+ORBIT_COLUMNS = store.columns("gap_over_amplitude ratio turns share v_share", counts="turns")
 
 
 def once_in(cycle: int, impacts: float) -> int:
@@ -70,7 +64,7 @@ def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
             }
             for turns, speeds in sorted(found.items())
         ]
-    return pa.Table.from_pylist(rows, schema=pa.schema(ORBIT_COLUMNS)), {}
+    return pa.Table.from_pylist(rows, schema=ORBIT_COLUMNS), {}
 
 
 def orbits_found(where: work.Where) -> pa.Table:

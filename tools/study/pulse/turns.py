@@ -212,4 +212,4 @@ def made_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
             "leg_alone_hz": len(alone) / IDLE_S,
             **judged(walks, RUN_IN),
         }
-    return pa.Table.from_pylist([row], schema=pa.schema(COLUMNS)), {}
+    return pa.Table.from_pylist([row], schema=COLUMNS), {}
