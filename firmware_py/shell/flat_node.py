@@ -2,20 +2,16 @@
 
 import ctypes
 import struct
-from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from firmware_py.builds.flat import Memory, loaded, stored
-from firmware_py.core.inputs import Inputs
 from firmware_py.core.records import Record
-from firmware_py.core.state import Config, Outputs, State
-from firmware_py.interface.counters import Counters
+from firmware_py.core.state import Config
 from firmware_py.interface.frame import Frame, bytes_of, word_of
-from firmware_py.interface.generated.received import RECEIVED_IDS
 from firmware_py.node.tick import INITIAL, MAX_RX, NO_TX, NodeState, served
-from firmware_py.shell.node import fitting, refuse_other_elapsed
-from firmware_py.shell.parameters import parameters_of, with_overrides
+from firmware_py.shell.node import Node, fitting, refuse_other_elapsed
 
 FRAME_BYTES = 24
 _TX = struct.Struct("<7q")
@@ -26,16 +22,15 @@ class FirmwareFailedError(ArithmeticError):
     """The arithmetic of a tick failed."""
 
 
-class FlatNode(ABC):
-    """One controller, as `firmware_py.shell.node.FirmwareNode`; a build says where its tick runs.
+class FlatNode(Node):
+    """A node in flat memory; a build says where its tick runs.
 
     `memory` holds the whole `NodeState`, one element laid out by `firmware_py.builds.flat.layout`.
     """
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-        self.config = config
-        self.parameters = parameters_of(with_overrides(parameters or {}))
+        super().__init__(config, parameters)
         self.memory: Memory = stored(INITIAL)
         self.flat_config = stored(config)
         self.tx = stored(NO_TX)
@@ -51,34 +46,10 @@ class FlatNode(ABC):
     def changed(self) -> None:
         """`flat_config` and `memory` have new content."""
 
-    def _record(self, kind: type[Record], name: str) -> Record:
+    def part(self, kind: type[Record], name: str) -> Record:
+        """A record of the `NodeState`."""
         record: Record = loaded(kind, self.memory[name][0].item())
         return record
-
-    @property
-    def can_ids(self) -> Collection[int]:
-        """The identifiers it listens to."""
-        return RECEIVED_IDS
-
-    @property
-    def inputs(self) -> Inputs:
-        """What the core saw of the world."""
-        return self._record(Inputs, "inputs")
-
-    @property
-    def state(self) -> State:
-        """What the core hands to its next tick."""
-        return self._record(State, "core")
-
-    @property
-    def outputs(self) -> Outputs:
-        """What left the core."""
-        return self._record(Outputs, "outputs")
-
-    @property
-    def counters(self) -> Counters:
-        """Frames taken, dropped and lost since power-up."""
-        return self._record(Counters, "counters")
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""

@@ -1,6 +1,7 @@
 """The firmware on the bus: `firmware_py.node.tick` with bytes around its words. No clock, no socket."""
 
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_py.core.configure import config_of
 from firmware_py.core.estimation.kalman import filterpy_filter
 from firmware_py.core.inputs import Inputs
-from firmware_py.core.parameter_values import Parameters
+from firmware_py.core.records import Record
 from firmware_py.core.state import Config, Outputs, State
 from firmware_py.interface.counters import Counters
 from firmware_py.interface.frame import Frame, WordFrame, bytes_of, word_of
@@ -19,56 +20,27 @@ from firmware_py.node.tick import INITIAL, MAX_RX, Rx, served, tick
 from firmware_py.shell.parameters import ParameterError, parameters_of, read_back, with_overrides
 
 
-class Node(Protocol):
-    """One controller of whichever build."""
-
-    config: Config
-    parameters: Parameters
-
-    @property
-    def memory(self) -> NDArray[np.void] | None:
-        """The whole `NodeState` as one element of flat memory, of a build that keeps it so."""
-
-    @property
-    def inputs(self) -> Inputs:
-        """What the core saw of the world in the newest tick."""
-
-    @property
-    def state(self) -> State:
-        """What the core hands to its next tick."""
-
-    @property
-    def outputs(self) -> Outputs:
-        """What left the core in the newest tick."""
-
-    @property
-    def counters(self) -> Counters:
-        """Frames taken, dropped and lost since power-up."""
-
-    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick; `elapsed_ticks` is 1, or more after ticks that were skipped."""
-
-
-class MakeNode(Protocol):
-    """Makes a controller that has just been switched on."""
-
-    def __call__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> Node:
-        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
-
-
-class FirmwareNode:
-    """One controller. `tick` is called once a control period with the frames that have arrived since.
+class Node(ABC):
+    """One controller of whichever build, whose `tick` is called once a control period.
 
     `inputs`, `state` and `outputs` are the newest tick's, `counters` all ticks'.
     """
+
+    memory: NDArray[np.void] | None = None
+    """The whole `NodeState` as one element of flat memory, of a build that keeps it so."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
         self.config = config
         self.parameters = parameters_of(with_overrides(parameters or {}))
-        self.memory = None
-        self._state = INITIAL
-        filterpy_filter()  # imports filterpy now, not in the first tick
+
+    @abstractmethod
+    def part(self, kind: type[Record], name: str) -> Record:
+        """A record of the `NodeState`."""
+
+    @abstractmethod
+    def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
+        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
 
     @property
     def can_ids(self) -> Collection[int]:
@@ -78,22 +50,44 @@ class FirmwareNode:
     @property
     def inputs(self) -> Inputs:
         """What the core saw of the world."""
-        return self._state.inputs
+        return self.part(Inputs, "inputs")
 
     @property
     def state(self) -> State:
         """What the core hands to its next tick."""
-        return self._state.core
+        return self.part(State, "core")
 
     @property
     def outputs(self) -> Outputs:
         """What left the core."""
-        return self._state.outputs
+        return self.part(Outputs, "outputs")
 
     @property
     def counters(self) -> Counters:
         """Frames taken, dropped and lost since power-up."""
-        return self._state.counters
+        return self.part(Counters, "counters")
+
+
+class MakeNode(Protocol):
+    """Makes a controller that has just been switched on."""
+
+    def __call__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> Node:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+
+
+class FirmwareNode(Node):
+    """A node whose firmware is interpreted."""
+
+    def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
+        """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
+        super().__init__(config, parameters)
+        self._state = INITIAL
+        filterpy_filter()  # imports filterpy now, not in the first tick
+
+    def part(self, kind: type[Record], name: str) -> Record:
+        """A record of the `NodeState`."""
+        record: Record = getattr(self._state, name)
+        return record
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
         """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
