@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from resting import resting
 
 from hil.bench.changes import FALSE_ALARMS, TICK_TIME, changes
 from tools.cli import run
@@ -13,16 +14,6 @@ from tools.output import EXIT_BAD_INPUT, EXIT_PASSED
 
 SEEDS = range(1, 13)
 FIGURES = 40
-
-RESTS = """
-title = "It rests"
-scene = "table1-motor-soft"
-[script]
-duration_s = 0.3
-[[checks]]
-name = "impact_count"
-high = 0
-"""
 
 
 def suite(values: np.ndarray[Any, Any], ratios: np.ndarray[Any, Any] | None = None) -> dict[str, Any]:
@@ -107,7 +98,7 @@ def test_a_suite_is_compared_with_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "rests.toml").write_text(RESTS)
+    resting(tmp_path)
     assert run(["suite", "rests.toml", "--baseline", "previous"]) == EXIT_BAD_INPUT
     assert "there is no suite" in capsys.readouterr().err
     assert run(["suite", "rests.toml"]) == EXIT_PASSED

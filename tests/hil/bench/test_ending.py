@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import psutil
 import pytest
+from resting import resting
 from waiting import waited_for
 
 from hil.bench.bench import run_scenario
@@ -29,26 +30,13 @@ PROGRAM = Path(sys.executable).with_name("vibrohil")
 GONE_S = 6.0
 """Two seconds on a machine that does nothing else; tests run beside each other."""
 
-RESTS = """
-title = "It rests"
-scene = "table1-motor-soft"
-[script]
-duration_s = {duration_s}
-[[checks]]
-name = "impact_count"
-low = 0
-"""
-
 
 def silent(_: float, __: str) -> None:
     """Nobody looks at the progress."""
 
 
 def rests(folder: Path, name: str, duration_s: float) -> str:
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.toml"
-    path.write_text(RESTS.format(duration_s=duration_s))
-    return str(path)
+    return str(resting(folder, name, duration_s))
 
 
 def has_begun(run_dir: Path) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, get_args
 from xml.etree import ElementTree
 
 import pytest
+from resting import resting
 from waiting import waited_for
 
 from hil.bench.compare_suites import compare, read_suite
@@ -25,15 +26,6 @@ MODELLED = "a-bus-off-of-ten-ticks-is-ridden-through"
 
 def silent(_: float, __: str) -> None:
     """Nobody looks at the progress."""
-
-
-def short(folder: Path, name: str, peak: float) -> str:
-    path = folder / f"{name}.toml"
-    path.write_text(
-        f'title = "It rests"\nscene = "table1-motor-soft"\n[script]\nduration_s = 0.3\n'
-        f'[[checks]]\nname = "impact_count"\nlow = {peak}\n'
-    )
-    return str(path)
 
 
 def test_all_scenarios_load_and_are_named_as_their_files() -> None:
@@ -64,7 +56,7 @@ def test_a_modelled_bus_is_left_out_in_real_time(capsys: pytest.CaptureFixture[s
 
 
 def test_a_suite_leaves_one_page_one_xml_and_a_folder_a_run(tmp_path: Path) -> None:
-    names = [short(tmp_path, "rests", 0.0), short(tmp_path, "impacts", 1.0)]
+    names = [str(resting(tmp_path)), str(resting(tmp_path, "impacts", fewest=1.0))]
     result = run_suite(names, "lockstep", "auto", tmp_path / "out", [1], silent)
     assert [(one["name"], one["passed"]) for one in result["scenarios"]] == [
         ("rests", True),
@@ -204,7 +196,7 @@ def test_the_worst_figure_is_the_one_nearest_to_or_furthest_beyond_a_limit() -> 
 
 
 def test_two_suites_differ_where_a_verdict_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rests, impacts = short(tmp_path, "rests", 0.0), short(tmp_path, "impacts", 1.0)
+    rests, impacts = str(resting(tmp_path)), str(resting(tmp_path, "impacts", fewest=1.0))
     for name, names in (("a", [rests, impacts]), ("b", [rests]), ("c", [impacts])):
         run_suite(names, "lockstep", "auto", tmp_path / name, [1], silent)
     a, b, c = (str(tmp_path / name) for name in "abc")

@@ -7,6 +7,7 @@ from typing import Any
 
 import can
 import pytest
+from resting import resting
 
 from hil.bench import suite
 from hil.bench.bench import run_scenario
@@ -17,27 +18,11 @@ from hil.scenario.scenario import Scenario, load_scenario
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT
 
-SHORT = """
-title = "It rests"
-scene = "table1-motor-soft"
-[script]
-duration_s = 0.3
-[[checks]]
-name = "impact_count"
-low = 0
-"""
 USERS_FILES = ("scenario.toml", "notes.log", "report.html", "mine.rrd")
 
 
 def silent(_: float, __: str) -> None:
     """Nobody looks at the progress."""
-
-
-def short(folder: Path, name: str = "rests") -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.toml"
-    path.write_text(SHORT)
-    return path
 
 
 def run_short(scenario: Scenario, out_dir: Path | None) -> dict[str, Any]:
@@ -60,8 +45,9 @@ FOREIGN = {
 def test_a_folder_that_no_run_has_made_is_refused_and_left_as_it_is(
     run_json: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    text = resting(tmp_path, "scenario").read_text()
     for name in USERS_FILES:
-        (tmp_path / name).write_text(SHORT)
+        (tmp_path / name).write_text(text)
     if run_json is not None:
         (tmp_path / "run.json").write_text(run_json)
     before = contents(tmp_path)
@@ -74,7 +60,7 @@ def test_a_folder_that_no_run_has_made_is_refused_and_left_as_it_is(
 
 
 def test_what_a_user_puts_into_a_run_s_folder_stays_there(tmp_path: Path) -> None:
-    scenario, out = load_scenario(short(tmp_path)), tmp_path / "out"
+    scenario, out = load_scenario(resting(tmp_path)), tmp_path / "out"
     run_short(scenario, out)
     for name in ("notes.log", "mine.rrd", "mine.trace"):
         (out / name).write_text("mine")
@@ -106,7 +92,7 @@ def test_runs_that_begin_in_one_second_have_a_folder_each(
 
 
 def test_a_folder_in_use_is_refused_until_its_run_is_over(tmp_path: Path) -> None:
-    scenario, out = load_scenario(short(tmp_path)), tmp_path / "out"
+    scenario, out = load_scenario(resting(tmp_path)), tmp_path / "out"
     with claimed("rests", out), pytest.raises(RunFolderError, match="in use"):
         run_short(scenario, out)
     assert run_short(scenario, out)["passed"]
@@ -115,7 +101,7 @@ def test_a_folder_in_use_is_refused_until_its_run_is_over(tmp_path: Path) -> Non
 def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    case = Case(load_scenario(short(tmp_path)), 1, tmp_path / "out", False)
+    case = Case(load_scenario(resting(tmp_path)), 1, tmp_path / "out", False)
     assert judged(case, "lockstep", "auto")["ticks"] == 300
 
     def breaks(*_: object) -> None:
@@ -129,7 +115,7 @@ def test_a_run_that_breaks_off_is_not_judged_by_the_figures_of_the_one_before(
 
 
 def test_a_suite_refuses_two_scenarios_of_one_name_and_runs_one_given_twice_once(tmp_path: Path) -> None:
-    a, b = short(tmp_path / "a"), short(tmp_path / "b")
+    a, b = resting(tmp_path / "a"), resting(tmp_path / "b")
     arguments = ["suite", str(a), str(b), "--out", str(tmp_path / "out"), "--json"]
     assert run(arguments) == EXIT_BAD_INPUT
     assert not (tmp_path / "out").exists()
@@ -138,7 +124,7 @@ def test_a_suite_refuses_two_scenarios_of_one_name_and_runs_one_given_twice_once
 
 
 def test_a_suite_takes_no_folder_that_is_not_its_own(tmp_path: Path) -> None:
-    name = str(short(tmp_path))
+    name = str(resting(tmp_path))
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "junit.xml").write_text("mine")
@@ -153,7 +139,7 @@ def test_a_suite_takes_no_folder_that_is_not_its_own(tmp_path: Path) -> None:
 
 
 def test_two_suites_may_follow_each_other_in_one_folder(tmp_path: Path) -> None:
-    name = str(short(tmp_path))
+    name = str(resting(tmp_path))
     for seeds in ([1], [1, 2], [1, 2]):
         result = run_suite([name], "lockstep", "auto", tmp_path / f"out-{len(seeds)}", seeds, suite.silent)
         assert result["passed"]
@@ -165,7 +151,7 @@ def test_a_good_run_keeps_its_log_instead_of_its_traces(
     kept = {}
     for name, options in {"plain": [], "kept": ["--keep-traces"]}.items():
         out = tmp_path / name
-        arguments = ["run", str(short(tmp_path)), "--clock", "lockstep", "--out", str(out), *options]
+        arguments = ["run", str(resting(tmp_path)), "--clock", "lockstep", "--out", str(out), *options]
         assert run([*arguments, "--json"]) == 0
         kept[name] = [path.name for pattern in ("can.*", "*.trace") for path in sorted(out.glob(pattern))]
     assert kept == {
