@@ -1,6 +1,6 @@
 """Which solver a scene is given, and at what step: the cheapest measured one that is accurate enough.
 
-The prices are those that `vibrohil trade` prints, rounded up; they say which method is cheaper, not how long
+The costs are those that `vibrohil trade` prints, rounded up; they say which method is cheaper, not how long
 a run takes on some machine.
 """
 
@@ -21,7 +21,7 @@ class Choice(NamedTuple):
     note: str | None = None
 
 
-class SteppingPrice(NamedTuple):
+class SteppingCost(NamedTuple):
     """What stepping costs at a step of `step_rad` of the faster of drive and free oscillation."""
 
     step_rad: float
@@ -31,13 +31,13 @@ class SteppingPrice(NamedTuple):
     """Microseconds per simulated second at table1's frequencies."""
 
 
-STEPPING_PRICES = (
-    SteppingPrice(0.1, 0.1, 5.0),
-    SteppingPrice(0.03, 0.03, 16.0),
-    SteppingPrice(0.01, 0.01, 50.0),
-    SteppingPrice(0.003, 0.003, 160.0),
-    SteppingPrice(0.001, 0.001, 500.0),
-    SteppingPrice(0.0003, 0.0004, 1600.0),
+STEPPING_COSTS = (
+    SteppingCost(0.1, 0.1, 5.0),
+    SteppingCost(0.03, 0.03, 16.0),
+    SteppingCost(0.01, 0.01, 50.0),
+    SteppingCost(0.003, 0.003, 160.0),
+    SteppingCost(0.001, 0.001, 500.0),
+    SteppingCost(0.0003, 0.0004, 1600.0),
 )
 """Coarsest first. First order: the error falls as the step does."""
 
@@ -63,7 +63,7 @@ def choose(scene: Scene, parts: Parts) -> Choice:
         return Choice("adaptive", note=f"auto took adaptive: no other method has {alone}")
     if not scene.beyond_closed_form:
         return Choice("exact", note="auto took exact: a closed form is both cheapest and most accurate")
-    coarsest = STEPPING_PRICES[0]
+    coarsest = STEPPING_COSTS[0]
     error_m = coarsest.error * _length_m(scene, parts)
     if error_m <= solver.accuracy and coarsest.cost_us_s < ADAPTIVE_COST_US_S:
         step_s = coarsest.step_rad / _fastest_rad_s(scene, parts)
@@ -81,10 +81,10 @@ def choose(scene: Scene, parts: Parts) -> Choice:
 def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:
     """The longest step, s, whose measured error is within `accuracy`; finer ones by first order."""
     length_m, fastest_rad_s = _length_m(scene, parts), _fastest_rad_s(scene, parts)
-    for price in STEPPING_PRICES:
-        if price.error * length_m <= accuracy:
-            return price.step_rad / fastest_rad_s
-    finest = STEPPING_PRICES[-1]
+    for cost in STEPPING_COSTS:
+        if cost.error * length_m <= accuracy:
+            return cost.step_rad / fastest_rad_s
+    finest = STEPPING_COSTS[-1]
     share = accuracy / (finest.error * length_m)
     return max(finest.step_rad * share, FINEST_STEP_RAD) / fastest_rad_s
 

@@ -21,15 +21,15 @@ from plant_sim.parts.stop import NoStopTable, RigidStopTable, StopTable
 from plant_sim.parts.striker import StrikerTable
 from plant_sim.parts.walking import TOE_OFF, Walking
 from plant_sim.parts.wearer import NoWearer, WearerTable
-from plant_sim.parts.winding import Settled, Winding, WindingTable
-from plant_sim.strides import draw_strides
+from plant_sim.parts.winding import IdealCurrent, Winding, WindingTable
+from plant_sim.strides import sample_strides
 from plant_sim.tables.gait_tables import GaitTable
 from plant_sim.tables.quantities import LARGEST_SPEED_RAD_S
 from plant_sim.tables.scene_tables import AxisTable, InitialTable, SolverTable
 from plant_sim.tables.sensor_tables import SensorsTable
 from plant_sim.tables.table import Table
 from plant_sim.text_input import TextInputError, read_toml
-from plant_sim.validation_messages import complaints, nearest
+from plant_sim.validation_messages import messages_of, nearest
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -193,12 +193,12 @@ class Scene(Table):
         # χ = φ + w sin² π φ reaches the curves' toe-off at φ = stance_share.
         stance = gait.stance_share
         warp = (TOE_OFF - stance) / math.sin(math.pi * stance) ** 2
-        rows = draw_strides(gait.walk(), np.random.default_rng((seed, STRIDES_STREAM)))
+        rows = sample_strides(gait.walk(), np.random.default_rng((seed, STRIDES_STREAM)))
         return Walking(*gait.direction, gait.mount_m, self.striker.gravity_m_s2, warp, rows)
 
     def _winding(self) -> Winding:
         if self.drive.model != "dq-motor":
-            return Settled()
+            return IdealCurrent()
         return (self.winding or WindingTable()).part((self.motor or MotorTable()).inductance_h)
 
 
@@ -241,4 +241,4 @@ def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
     try:
         return Scene.model_validate(read_scene(source))
     except ValidationError as error:
-        raise SceneError("\n".join(complaints(error, Scene))) from error
+        raise SceneError("\n".join(messages_of(error, Scene))) from error

@@ -79,7 +79,7 @@ def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
     return here.stride_hz + share * (there.stride_hz - here.stride_hz)
 
 
-def draw_strides(walk: Walk, dice: np.random.Generator) -> Rows:
+def sample_strides(walk: Walk, dice: np.random.Generator) -> Rows:
     """Rows from t = 0 on, of which the last one lasts for ever."""
     drawing = _Drawing(walk, dice)
     script_s = [pace.at_s for pace in walk.paces] + [trip.at_s for trip in walk.trips]
@@ -103,7 +103,7 @@ class _Drawing:
         self.t_s = 0.0
         self._cycles = 0.0
         first_hz = wanted_hz(walk.paces, 0.0)
-        self._now = self._drawn(first_hz) if first_hz > 0.0 else STILL
+        self._now = self._sampled(first_hz) if first_hz > 0.0 else STILL
 
     @property
     def is_walking(self) -> bool:
@@ -116,7 +116,7 @@ class _Drawing:
         is_due = bool(self._trips) and self._trips[0].at_s <= self.t_s
         return self.is_walking and (is_due or self._now_factor != 1.0)
 
-    def _drawn(self, hertz: float, size_factor: float = 1.0) -> _Stride:
+    def _sampled(self, hertz: float, size_factor: float = 1.0) -> _Stride:
         by_hertz, by_size, by_length = np.exp(self._walk.variability * self._dice.standard_normal(3)).tolist()
         pace = hertz * by_hertz
         size = self._walk.range_share * range_of_motion(hertz) * size_factor
@@ -161,7 +161,7 @@ class _Drawing:
         here = self._now
         strike = self._walk.strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
         if here is STILL:
-            goal = self._drawn(wanted_hz(self._walk.paces, self.t_s))
+            goal = self._sampled(wanted_hz(self._walk.paces, self.t_s))
             self._go(1.0, _Stride(STARTING_SHARE * goal.hertz, 0.0, 0.0), goal)
             self._now, self._now_factor = goal, 1.0
             return
@@ -175,12 +175,12 @@ class _Drawing:
         if self._trips and self._trips[0].at_s <= self.t_s + TRIP_PHASE / here.hertz:
             trip = self._trips.pop(0)
             (factor, size), *self._recovering = TRIP_FACTORS
-            goal = self._drawn(next_hz, size)
+            goal = self._sampled(next_hz, size)
             goal = goal._replace(hertz=goal.hertz * factor)
             self._go(TRIP_PHASE, here, here, strike)
             self._go(1.0 - TRIP_PHASE, here, goal, 0.0, trip.knock_m_s2)
         else:
-            goal = self._drawn(next_hz, size)
+            goal = self._sampled(next_hz, size)
             goal = goal._replace(hertz=goal.hertz * factor)
             self._go(1.0, here, goal, strike)
         self._now, self._now_factor = goal, factor

@@ -28,13 +28,13 @@ _WANTED = {
     "physical_size": "a size from {smallest} to {largest} ({reason})",
 }
 
-MOST_COMPLAINTS = 10
+MOST_MESSAGES = 10
 
 
-def complaints(error: ValidationError, model: type[BaseModel]) -> list[str]:
+def messages_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """One sentence for each error pydantic found in data meant for `model`, up to MOST_COMPLAINTS of them."""
     details = error.errors(include_url=False)
-    found = [_complaint(detail, model) for detail in details[:MOST_COMPLAINTS]]
+    found = [_message_of(detail, model) for detail in details[:MOST_MESSAGES]]
     more = len(details) - len(found)
     return [*found, f"and {more} more; correct these first"] if more else found
 
@@ -63,7 +63,7 @@ def real(value: object) -> float:
         return math.inf
 
 
-def _complaint(detail: ErrorDetails, model: type[BaseModel]) -> str:
+def _message_of(detail: ErrorDetails, model: type[BaseModel]) -> str:
     kind, context, got = detail["type"], detail.get("ctx", {}), detail["input"]
     keys, tables = _walk(detail["loc"], model)
     key = ".".join(keys)

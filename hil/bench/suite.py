@@ -20,7 +20,7 @@ from hil.judge import junit, requirements
 from hil.record import run_folder
 from hil.record.run_traces import read_json
 from hil.scenario.scenario import Scenario, ScenarioError, load_scenario, scenario_names
-from hil.scenario.seeds import at_another_moment, merged
+from hil.scenario.seeds import at_other_times, merged
 from hil.scenario.settings import Settings
 from hil.show.report.pages import write_suite_report
 from hil.timing.clock import ClockName
@@ -69,7 +69,7 @@ def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) 
     if len(seeds) == 1:
         return [Case(one, seeds[0], folder / one.name, False) for one in scenarios]
     return [
-        Case(at_another_moment(one, seed), seed, folder / one.name / f"seed-{seed}", True)
+        Case(at_other_times(one, seed), seed, folder / one.name / f"seed-{seed}", True)
         for one in scenarios
         for seed in seeds
     ]
@@ -162,7 +162,7 @@ def prejudge(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
     path.write_text(junit.document(killed), encoding="utf-8")
 
 
-def told(verdict: Mapping[str, Any]) -> dict[str, Any]:
+def summary_of(verdict: Mapping[str, Any]) -> dict[str, Any]:
     """The result of one scenario in a suite."""
     return {
         "name": verdict["scenario"],
@@ -253,7 +253,7 @@ def run_suite(
             by_scenario.setdefault(case.scenario.name, {})[case.seed] = found[case]
         ordered = [merged(scenario.checks, by_scenario[scenario.name]) for scenario in scenarios]
         result |= {
-            "scenarios": [told(verdict) for verdict in ordered],
+            "scenarios": [summary_of(verdict) for verdict in ordered],
             "passed": all(verdict["passed"] for verdict in ordered),
             "bus": ordered[0]["bus"],
             "wall_s": time.perf_counter() - started,

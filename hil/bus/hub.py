@@ -18,7 +18,7 @@ from typing import IO
 
 from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, CONTROL_ID, FRAME_BYTES, LOSS_KIND, STAMP_KIND
-from hil.timing.processes import READY, stop_requests, tell_parent
+from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
@@ -205,10 +205,10 @@ def main() -> None:
     stop = stop_requests()
     become_realtime(HUB)
     hub = Hub(path)
-    tell_parent(READY)
+    report_to_parent(READY)
     hub.serve((sys.stdin, stop))
     hub.close()
-    tell_parent(json.dumps({"forwarded": hub.forwarded, "dropped": hub.dropped}))
+    report_to_parent(json.dumps({"forwarded": hub.forwarded, "dropped": hub.dropped}))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hil.bus.can_socket import open_can_socket
-from hil.timing.processes import READY, stop_requests, tell_parent
+from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import libc
 
 CLONE_NEWUSER = 0x10000000
@@ -101,14 +101,14 @@ def main() -> None:
                 make_interface(name)
                 address = f"vcan:{folder / 'vcan'}"
         except VcanError as error:
-            tell_parent(f"failed {error}")
+            report_to_parent(f"failed {error}")
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
             if address.startswith("vcan:"):
                 listener.bind(str(folder / "vcan"))
                 listener.listen()
                 selector.register(listener, selectors.EVENT_READ)
-            tell_parent(f"{READY} {address}")
+            report_to_parent(f"{READY} {address}")
             while all(key.fileobj is listener for key, _ in selector.select()):
                 hand_out(listener, name)
     remove_interface(name)

@@ -118,7 +118,7 @@ def outgoing(  # noqa: PLR0911 - one case a fault
             return list(frames), held
 
 
-def strange(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
+def foreign_frames(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
     """The frames of a foreign node after `since_s` and until `t_s`."""
     if not fault.acts(t_s):
         return []
@@ -152,7 +152,7 @@ class FaultyBus:
         if self._node != PLANT:
             return
         for fault, noise in zip(self._faults, self._noise, strict=True):
-            frames = strange(fault, t_s, self._since_s, noise)
+            frames = foreign_frames(fault, t_s, self._since_s, noise)
             if frames:
                 self._bus.send_all(frames)
                 self._foreign += frames

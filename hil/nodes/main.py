@@ -31,7 +31,7 @@ from hil.scenario.scenario import load_scenario, refuse_other_periods
 from hil.scenario.settings import apply_settings
 from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
 from hil.timing.loop import FixedRateLoop
-from hil.timing.processes import READY, Start, read_start, tell_parent
+from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
 START_DELAY_S = 0.2
@@ -179,7 +179,7 @@ def await_start(sync: bool) -> Start:
     """Take what the machine allows, say so, and wait for the time to begin."""
     report = become_realtime(NODE)
     if sync:
-        tell_parent(f"{READY} {json.dumps(report._asdict())}")
+        report_to_parent(f"{READY} {json.dumps(report._asdict())}")
         return read_start()
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
 
@@ -188,7 +188,7 @@ def await_restart() -> Start:
     """As `await_start`, for a node that prepares itself while others' loops run: at ordinary priority."""
     report = become_realtime(NODE)
     leave_realtime()
-    tell_parent(f"{READY} {json.dumps(report._asdict())}")
+    report_to_parent(f"{READY} {json.dumps(report._asdict())}")
     return read_start()
 
 
@@ -198,7 +198,7 @@ def run_loop(
     offset: float,
     node_bus: Bus,
     start: Start,
-    tell_time: Callable[[float], None],
+    set_time: Callable[[float], None],
     clock_faults: ClockFaults,
     sync: bool,
 ) -> None:
@@ -223,7 +223,7 @@ def run_loop(
     empty(node_bus)
 
     def step(tick: int, elapsed_ticks: int) -> None:
-        tell_time(tick * pace.period_s)
+        set_time(tick * pace.period_s)
         runner.step(tick, elapsed_ticks)
 
     try:
@@ -238,6 +238,6 @@ def run_loop(
         **asdict(node_bus.counters),
     }
     if sync:
-        tell_parent(json.dumps(summary))
+        report_to_parent(json.dumps(summary))
     else:
         print(json.dumps(summary), file=sys.stderr)

@@ -23,7 +23,7 @@ from hil.scenario.settings import Settings, apply_settings, as_texts
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.tables.table import Table
 from plant_sim.text_input import TextInputError, read_toml
-from plant_sim.validation_messages import complaints, nearest
+from plant_sim.validation_messages import messages_of, nearest
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LARGEST_RATIO = 4.0
@@ -229,7 +229,7 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
     try:
         table = ScenarioTable.model_validate(document)
     except ValidationError as error:
-        raise ScenarioError("\n".join(complaints(error, ScenarioTable))) from error
+        raise ScenarioError("\n".join(messages_of(error, ScenarioTable))) from error
     scene = load_scene(table.scene)
     _refuse_without_motor_or_sensors(scene)
     return Scenario(

@@ -19,11 +19,11 @@ AS_WRITTEN = 1
 """The seed in which faults come when the scenario says."""
 DRIVE_PERIOD_S = 0.61
 """At r = 1.1, where faults are provoked: a fault that is this much later has the same phase."""
-SEED_OF_MOMENTS = 4000
+SEED_OF_FAULT_TIMES = 4000
 """Independent of the seeds of all faults."""
 
 
-def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
+def at_other_times(scenario: Scenario, seed: int) -> Scenario:
     """The scenario with all from its first fault on later, by up to a drive period, sampled by the seed.
 
     What is wrong from the start stays so.
@@ -32,7 +32,7 @@ def at_another_moment(scenario: Scenario, seed: int) -> Scenario:
     if seed == AS_WRITTEN or first_s == 0.0:
         return scenario
     ticks = DRIVE_PERIOD_S / scenario.period_s
-    by_ticks = int(np.random.default_rng([seed, SEED_OF_MOMENTS]).integers(1, int(ticks)))
+    by_ticks = int(np.random.default_rng([seed, SEED_OF_FAULT_TIMES]).integers(1, int(ticks)))
     document = copy.deepcopy(dict(scenario.document))
     script = document["script"]
     for line in [script, *script.get("commands", []), *script["faults"]]:

@@ -9,7 +9,7 @@ from hil.judge.checks import CheckResult
 from hil.judge.figures.records import Figures
 from hil.record.run_traces import RunTraces, column
 from hil.record.traces.stored_trace import Records
-from hil.show.layout import Mark, Moments
+from hil.show.layout import Highlights, Mark
 from hil.show.verdict_text import measured
 
 CLOSE_UP_S = 3.0
@@ -107,7 +107,7 @@ def in_words(result: CheckResult) -> str:
     return f"{result.name} is {measured(result)}, wanted {result.limit} {result.unit}".rstrip()
 
 
-def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Moments:
+def highlights(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Highlights:
     """What the log opens on: the first failed check, else the end of the run-up, else the end of the run."""
     end_s = figures.duration_s
     at_s = min((mark.t_s for mark in failed), default=figures.hold_start_s)
@@ -115,7 +115,7 @@ def moments(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Mome
     run_up_end_s = figures.hold_start_s if figures.hold_start_s is not None else end_s
     centre_s = end_s if at_s is None else at_s
     left_s = min(max(centre_s - CLOSE_UP_S / 2.0, 0.0), max(end_s - CLOSE_UP_S, 0.0))
-    return Moments(
+    return Highlights(
         largest_v_m_s=figures.largest_v_m_s or 1.0,
         innovation_std_m_s2=usual_innovation(traces),
         run_up_s=(start_s or 0.0, min(run_up_end_s + CLOSE_UP_S / 2.0, end_s)),

@@ -31,7 +31,7 @@ LARGEST_NIS = 9.0
 DARK_TRUTH, DARK_ESTIMATE = 0x2E6DA8FF, 0xA8691EFF
 
 
-class Moments(NamedTuple):
+class Highlights(NamedTuple):
     """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest impact,
     and the innovation's usual σ in flight.
     """
@@ -335,20 +335,20 @@ def about() -> Any:
     )
 
 
-def layout(moments: Moments | None, contents: Contents) -> rrb.Blueprint:
-    """The tabs of a run's log, opened on `moments`; without them, as while recording, on all there is.
+def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
+    """The tabs of a run's log, opened on `highlights`; without them, as while recording, on all there is.
 
     After a failed check the cursor goes round and round in the close-up of it.
     """
-    detail_s = moments.detail_s if moments else None
-    run_up_s = moments.run_up_s if moments else None
-    speeds_m_s = (0.0, 1.15 * moments.largest_v_m_s) if moments else None
-    widest_m_s2 = 5.0 * moments.innovation_std_m_s2 if moments else 0.0
+    detail_s = highlights.detail_s if highlights else None
+    run_up_s = highlights.run_up_s if highlights else None
+    speeds_m_s = (0.0, 1.15 * highlights.largest_v_m_s) if highlights else None
+    widest_m_s2 = 5.0 * highlights.innovation_std_m_s2 if highlights else 0.0
     return rrb.Blueprint(
         rrb.Tabs(
             overview(detail_s, speeds_m_s, contents),
             start_up(run_up_s, speeds_m_s, contents),
-            estimator(detail_s, (-widest_m_s2, widest_m_s2) if moments else None, contents.imported),
+            estimator(detail_s, (-widest_m_s2, widest_m_s2) if highlights else None, contents.imported),
             *([impacts(detail_s, speeds_m_s, contents.worn)] if contents.impacts else []),
             *([gait(detail_s)] if contents.walked else []),
             bus_and_timing(contents),

@@ -27,7 +27,7 @@ from hil.record.run_folder import write_json
 from hil.record.run_traces import LOSSES, LogLoss, RunTraces, read_json, read_scenario
 from hil.show.rerun_log import LOG_NAME, RunLog
 from hil.timing.patient_clock import RunTimes
-from hil.timing.processes import READY, read_start, stop_requests, tell_parent
+from hil.timing.processes import READY, read_start, report_to_parent, stop_requests
 from hil.timing.realtime import settle_garbage
 
 APPEND_PERIOD_S = 1.0
@@ -137,7 +137,7 @@ def main() -> None:
     places = addresses_from(read_scenario(arguments.run_dir).get("firmware", {}))
     bus = None if arguments.bus is None else addressed(join(arguments.bus, stamped=True), places)
     settle_garbage()
-    tell_parent(READY)
+    report_to_parent(READY)
     start = read_start()
     times = None if start.shared < 0 else RunTimes(start.shared, start.t0_ns)
     recorder = Recorder(arguments.run_dir, bus, times)
@@ -145,7 +145,7 @@ def main() -> None:
     lost = None if bus is None else bus.counters.lost
     if bus is not None:
         bus.close()
-    tell_parent(json.dumps({"frames": recorder.frames, "lost": lost}))
+    report_to_parent(json.dumps({"frames": recorder.frames, "lost": lost}))
 
 
 if __name__ == "__main__":

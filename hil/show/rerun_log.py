@@ -48,7 +48,7 @@ from hil.record.state_timeline import (
 )
 from hil.record.traces.stored_trace import Records
 from hil.show.drawing import Drawing
-from hil.show.highlights import marks, moments
+from hil.show.highlights import highlights, marks
 from hil.show.injected import NONE, Injected, injected, timeline
 from hil.show.layout import Contents, Mark, layout
 from hil.show.limits import Limit, limits
@@ -173,7 +173,7 @@ class RunLog:
             bus_errors=len(traces.bus_errors) > 0,
             refused=self._refused,
         )
-        blueprint = layout(moments(traces, figures, failed), contents)
+        blueprint = layout(highlights(traces, figures, failed), contents)
         self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
 
     def _checks(self, failed: Sequence[Mark]) -> None:

@@ -11,7 +11,7 @@ import signal
 
 from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
 from hil.timing.loop import FixedRateLoop
-from hil.timing.processes import READY, read_start, tell_parent
+from hil.timing.processes import READY, read_start, report_to_parent
 from hil.timing.realtime import BASELINE, become_realtime, die_with_parent
 
 PERIOD_NS = NS_PER_S // 1000
@@ -42,12 +42,12 @@ def main() -> None:
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     become_realtime(BASELINE)
-    tell_parent(READY)
+    report_to_parent(READY)
     start = read_start()
     loop = BareLoop(MonotonicClock(), start.t0_ns)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
     loop.run(ticks)
-    tell_parent(json.dumps({"overruns": loop.overruns}))
+    report_to_parent(json.dumps({"overruns": loop.overruns}))
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def stop_requests() -> socket.socket:
     return readable
 
 
-def tell_parent(line: str) -> None:
+def report_to_parent(line: str) -> None:
     """In a child: write a line to standard output; where the parent is gone, nobody misses it."""
     with suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), f"{line}\n".encode())

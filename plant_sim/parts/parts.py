@@ -9,7 +9,7 @@ from plant_sim.parts.linkage import Linkage, Sine
 from plant_sim.parts.stop import Stop
 from plant_sim.parts.striker import Striker
 from plant_sim.parts.wearer import NoWearer, Wearer
-from plant_sim.parts.winding import Settled, Winding
+from plant_sim.parts.winding import IdealCurrent, Winding
 
 
 class Parts(NamedTuple):
@@ -22,4 +22,4 @@ class Parts(NamedTuple):
     linkage: Linkage = Sine()
     housing: Housing = Level()
     wearer: Wearer = NoWearer()
-    winding: Winding = Settled()
+    winding: Winding = IdealCurrent()

@@ -45,7 +45,7 @@ class Waves(NamedTuple):
 Unevenness: TypeAlias = Smooth | Waves
 
 
-class Settled(NamedTuple):
+class IdealCurrent(NamedTuple):
     """The current is what the drive can give at once; an ideal drive has none."""
 
 
@@ -61,7 +61,7 @@ class DqWinding(NamedTuple):
     """Of the flux ψ(θ), and with it of torque and back-EMF, as a share, over the electrical angle p θ."""
 
 
-Winding: TypeAlias = Settled | DqWinding
+Winding: TypeAlias = IdealCurrent | DqWinding
 
 
 @by_part

@@ -10,8 +10,8 @@ import numpy as np
 from tools.campaign.campaigns import Campaign, Goal
 from tools.campaign.statistics import Distribution, distribution, wilson
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.draws import FIRST_CAMPAIGN_SEED
 from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
 
 BINS = 12
 

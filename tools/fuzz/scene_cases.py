@@ -166,7 +166,7 @@ def special_file(random: Random, mine: Path, good: Path) -> list[str]:
     """What is no file of its kind, or no file at all, for every command that reads one."""
     endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".csv", ".trc", ".db", ".mf4", "")
     path = mine / f"mine{chosen(random, endings)}"
-    makers: tuple[Callable[[Path], object], ...] = (*STRANGE, partial(shutil.copyfile, good / BOMB))
+    makers: tuple[Callable[[Path], object], ...] = (*IMPLAUSIBLE, partial(shutil.copyfile, good / BOMB))
     make = chosen(random, makers)
     make(path)
     given = chosen(random, MISSING) if make is missing else str(path)
@@ -219,7 +219,7 @@ def circle(path: Path) -> None:
     path.symlink_to(path.name)
 
 
-STRANGE: tuple[Callable[[Path], object], ...] = (
+IMPLAUSIBLE: tuple[Callable[[Path], object], ...] = (
     *(missing, os.mkfifo, nested, endless, large, forbidden, circle, Path.mkdir, Path.touch),
 )
 MISSING = (

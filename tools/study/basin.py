@@ -204,8 +204,8 @@ def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
         return [math.nan, math.nan]
     blocks = in_impacts[:size, :size].reshape(size // BLOCK, BLOCK, size // BLOCK, BLOCK)
     shares = blocks.mean(axis=(1, 3)).ravel()
-    drawn = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
-    return [float(bound) for bound in np.quantile(drawn, (0.025, 0.975))]
+    means = np.random.default_rng(1).choice(shares, (RESAMPLES, len(shares))).mean(axis=1)
+    return [float(bound) for bound in np.quantile(means, (0.025, 0.975))]
 
 
 def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -238,8 +238,8 @@ def uncertainty_exponent(in_impacts: NDArray[np.bool_]) -> tuple[float, list[flo
     if not np.all(mean > 0.0):
         return math.nan, [math.nan, math.nan]
     exponent = float(np.polyfit(np.log(lags), np.log(mean), 1)[0])
-    draws = np.random.default_rng(1).integers(0, shares.shape[1], (RESAMPLES, shares.shape[1]))
-    resampled = shares[:, draws].mean(axis=2)
+    chosen = np.random.default_rng(1).integers(0, shares.shape[1], (RESAMPLES, shares.shape[1]))
+    resampled = shares[:, chosen].mean(axis=2)
     resampled = resampled[:, np.all(resampled > 0.0, axis=0)]
     slopes = np.polyfit(np.log(lags), np.log(resampled), 1)[0]
     return exponent, [float(bound) for bound in np.quantile(slopes, (0.025, 0.975))]

@@ -203,16 +203,23 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
     """A row per law: time history and phase portrait of the impact motion, then of the other."""
     figure, grid = new_figure(len(pairs), 4, 15.0, 0.8 + 2.9 * len(pairs))
     for row, both in zip(grid, pairs, strict=True):
-        for axes, motion, kind in ((row[:2], both.impact, "impact"), (row[2:], both.calm, "non-impact")):
+        for axes, motion, kind in (
+            (row[:2], both.impact, "impact"),
+            (row[2:], both.non_impact, "non-impact"),
+        ):
             if motion is None:
                 for blank in axes:
                     blank.set_axis_off()
                 axes[0].set_title(f"{_title(both.case)}\nno {kind} motion", fontsize=9)
                 continue
             _portrait(axes, motion, kind)
-        extents = [axes.get_xlim() for axes, there in ((row[1], both.impact), (row[3], both.calm)) if there]
-        speeds = [axes.get_ylim() for axes, there in ((row[1], both.impact), (row[3], both.calm)) if there]
-        for axes, there in ((row[1], both.impact), (row[3], both.calm)):
+        extents = [
+            axes.get_xlim() for axes, there in ((row[1], both.impact), (row[3], both.non_impact)) if there
+        ]
+        speeds = [
+            axes.get_ylim() for axes, there in ((row[1], both.impact), (row[3], both.non_impact)) if there
+        ]
+        for axes, there in ((row[1], both.impact), (row[3], both.non_impact)):
             if there:
                 axes.set_xlim(min(low for low, _ in extents), max(high for _, high in extents))
                 axes.set_ylim(min(low for low, _ in speeds), max(high for _, high in speeds))

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.orbits import adaptive as streaming_adaptive
-from plant_sim.orbits import exact as streaming
+from plant_sim.orbits import adaptive as adaptive_orbits
+from plant_sim.orbits import exact as exact_orbits
 from plant_sim.orbits.sections import CLASSIFY, Outcome, Protocol
 from plant_sim.result import MotionState, Phase
 from plant_sim.solvers.adaptive.state_layout import Memory, allocate
@@ -38,10 +38,10 @@ AT_REST = State(0.0, 0.0, 0.0)
 def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
     """The outcome of one start."""
     if case.is_exact:
-        return streaming.follow(
+        return exact_orbits.follow(
             case.striker(), case.drive(ratio), case.closed_friction(), case.rigid_stop(), *start, protocol
         )
-    return streaming_adaptive.follow_stepwise(case.parts(ratio), _memory(case), *start, protocol)
+    return adaptive_orbits.follow_stepwise(case.parts(ratio), _memory(case), *start, protocol)
 
 
 def warm(cases: Iterable[Case]) -> float:
@@ -61,7 +61,7 @@ def classify(
     """Regime (−1 − regime where not certain) and impacts per period of starts (y, v, crank), shape (n, 3)."""
     regimes, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     if case.is_exact:
-        streaming.classify(
+        exact_orbits.classify(
             case.striker(),
             case.drive(ratio),
             case.closed_friction(),
@@ -72,7 +72,7 @@ def classify(
             impacts,
         )
     else:
-        streaming_adaptive.classify_stepwise(
+        adaptive_orbits.classify_stepwise(
             case.parts(ratio), _memory(case), starts, protocol, regimes, impacts
         )
     return regimes, impacts

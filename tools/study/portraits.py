@@ -42,7 +42,7 @@ class Pair:
 
     case: Case
     impact: Motion | None
-    calm: Motion | None
+    non_impact: Motion | None
 
 
 def pair(diagram: Diagram) -> Pair:
@@ -55,8 +55,8 @@ def pair(diagram: Diagram) -> Pair:
             motion(diagram.case, ratio, diagram.up.state_at(ratio)),
             motion(diagram.case, ratio, diagram.down.state_at(ratio)),
         )
-    calm = 1.5
-    return Pair(diagram.case, None, motion(diagram.case, calm, diagram.up.state_at(calm)))
+    non_impact = 1.5
+    return Pair(diagram.case, None, motion(diagram.case, non_impact, diagram.up.state_at(non_impact)))
 
 
 def motion(case: Case, ratio: float, start: State) -> Motion:
@@ -107,7 +107,7 @@ def as_table(pairs: list[Pair]) -> pa.Table:
     """All of the pictures' points: `kind` is sample, or section for a Poincaré point; those have no time."""
     parts = []
     for both in pairs:
-        for name, one in (("impact", both.impact), ("non-impact", both.calm)):
+        for name, one in (("impact", both.impact), ("non-impact", both.non_impact)):
             if one is None:
                 continue
             sections = len(one.points)

@@ -151,7 +151,7 @@ def portraits(pairs: Sequence[Pair], path: Path) -> None:
         (both.case, kind, motion)
         for kind in ("impact", "non-impact")
         for both in pairs
-        if (motion := both.impact if kind == "impact" else both.calm) is not None
+        if (motion := both.impact if kind == "impact" else both.non_impact) is not None
     ]
     views = [
         plane(f"{titled(case)}: {kind}, Ω/ω = {motion.ratio:g}", f"/{entity(case)}/{kind}")

@@ -112,10 +112,10 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     from firmware_py.shell.parameters import config_from
     from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
     from tools.campaign.trial.cells import Cell
-    from tools.campaign.trial.draws import LARGEST_RUN_SEED
     from tools.campaign.trial.judges import lost_by
     from tools.campaign.trial.reference import JUDGED_S, instant_start_captures
     from tools.campaign.trial.run import run
+    from tools.campaign.trial.sampling import LARGEST_RUN_SEED
     from tools.campaign.trial.scenarios import RUN_S, scenario_of, script
 
     case, ratio, size = Case(**spec["case"]), spec["ratio"], spec["size"]
@@ -128,10 +128,10 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
         for column in range(size):
             v_m_s, crank_rad = (other[row], 0.0) if spec["plane"] == "state" else (0.0, other[row])
             x_m = float(y_m[column]) + case.rest_length_m
-            drawn = scene_of(case, x_m, float(v_m_s), float(crank_rad))
+            sampled = scene_of(case, x_m, float(v_m_s), float(crank_rad))
             seed = int(np.random.default_rng([NOISE_SEED, row, column]).integers(LARGEST_RUN_SEED))
-            commands = script(Cell(case.law, ratio, 0.0, drawn, nominal))
-            scenario = scenario_of("soft-start", drawn, nominal, commands, DURATION_S, seed)
+            commands = script(Cell(case.law, ratio, 0.0, sampled, nominal))
+            scenario = scenario_of("soft-start", sampled, nominal, commands, DURATION_S, seed)
             done = run(scenario, seed)
             why = lost_by(done, DURATION_S, omega_rad_s)
             late = int((done.impacts[:, IMPACT_TIME] >= DURATION_S - JUDGED_S).sum())

@@ -22,7 +22,7 @@ STATE_UNIT = "m (state at the end; velocity over ω)"
 Progress = Callable[[str], None]
 
 
-class Price(NamedTuple):
+class Cost(NamedTuple):
     """One method on one case."""
 
     case: Case
@@ -39,7 +39,7 @@ class Price(NamedTuple):
         return self.errors.impacts == self.errors.impacts_wanted
 
     def row(self) -> dict[str, Any]:
-        """The price as JSON has it."""
+        """The cost as JSON has it."""
         errors = self.errors
         return {
             "what": f"{self.case.name}: {self.method.name} {self.method.setting}".rstrip(),
@@ -72,7 +72,7 @@ def methods_of(case: Case, quick: bool) -> list[Method]:
     return found
 
 
-def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progress) -> list[Price]:
+def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progress) -> list[Cost]:
     """Answers first (which also compiles), then times, all methods in turn in every repeat.
 
     The processor's time of this thread is taken, not the wall's: other programs' load counts less. The least
@@ -88,7 +88,7 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
         for index, method in enumerate(methods):
             rows[index].append(spent_us(method.solve))
     return [
-        Price(
+        Cost(
             case,
             method,
             error,
@@ -121,16 +121,16 @@ def spent_us(solve: Callable[[], object]) -> Spent:
     return Spent(first, (time.thread_time_ns() - begun) * 1e-3 / calls)
 
 
-def pareto(prices: Sequence[Price]) -> list[Price]:
-    """The prices that no other one of the same case beats in both error and cost; wrong counts never are."""
-    right = [price for price in prices if price.is_right]
+def pareto(costs: Sequence[Cost]) -> list[Cost]:
+    """The costs that no other one of the same case beats in both error and cost; wrong counts never are."""
+    right = [cost for cost in costs if cost.is_right]
     return [
-        price
-        for price in right
+        cost
+        for cost in right
         if not any(
-            other.case is price.case
-            and other.errors.state_m <= price.errors.state_m
-            and other.least_us_s < price.least_us_s
+            other.case is cost.case
+            and other.errors.state_m <= cost.errors.state_m
+            and other.least_us_s < cost.least_us_s
             for other in right
         )
     ]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.trade.costs import Price, pareto
+from tools.trade.costs import Cost, pareto
 
 STYLES = {
     "exact": ("tab:green", "*"),
@@ -18,28 +18,26 @@ SMALLEST_M = 1e-15
 """Errors of zero are drawn here."""
 
 
-def draw(prices: Sequence[Price], path: Path) -> None:
+def draw(measured: Sequence[Cost], path: Path) -> None:
     """Draw all cases into an SVG or PNG. Hollow: a wrong number of impacts."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    cases = list(dict.fromkeys(price.case for price in prices))
-    best = pareto(prices)
+    cases = list(dict.fromkeys(each.case for each in measured))
+    best = pareto(measured)
     columns = min(3, len(cases))
     rows = -(-len(cases) // columns)
     figure = Figure(figsize=(4.6 * columns, 3.5 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, case in zip(grid.flat, cases, strict=False):
-        mine = [price for price in prices if price.case is case]
+        mine = [each for each in measured if each.case is case]
         for method, (colour, marker) in STYLES.items():
-            chosen = sorted(
-                (price for price in mine if price.method.name == method), key=lambda p: p.least_us_s
-            )
-            costs = [price.least_us_s for price in chosen]
-            errors = [max(price.errors.state_m, SMALLEST_M) for price in chosen]
+            chosen = sorted((each for each in mine if each.method.name == method), key=lambda p: p.least_us_s)
+            costs = [each.least_us_s for each in chosen]
+            errors = [max(each.errors.state_m, SMALLEST_M) for each in chosen]
             axes.plot(costs, errors, "-", color=colour, lw=0.8, alpha=0.6)
-            for price, cost, error in zip(chosen, costs, errors, strict=True):
-                face = colour if price.is_right else "none"
+            for each, cost, error in zip(chosen, costs, errors, strict=True):
+                face = colour if each.is_right else "none"
                 axes.plot(cost, error, marker, color=colour, mfc=face, ms=9 if marker == "*" else 6)
         front = sorted((p for p in best if p.case is case), key=lambda p: p.least_us_s)
         axes.step(

@@ -12,8 +12,8 @@ from contextlib import AbstractContextManager, nullcontext
 from tools.campaign.campaigns import CAMPAIGNS, Condition
 from tools.campaign.processes import Batch, batches, run_batch
 from tools.campaign.trial.cells import cells_of
-from tools.campaign.trial.draws import FIRST_CAMPAIGN_SEED
 from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
 from tools.jobs import Runner, running
 from tools.output import BadInputError
 

@@ -31,7 +31,7 @@ from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
 from tools.campaign.processes import environment
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
-from tools.campaign.trial.draws import Mismatch, draw
+from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.one_thread import ONE_THREAD_EACH
 from tools.output import BadInputError
@@ -124,7 +124,7 @@ class Combination:
 
 @lru_cache(maxsize=64)
 def _log(source: Source) -> Log:
-    return _of_file(Path(source.path)) if source.path else _drawn(source)
+    return _of_file(Path(source.path)) if source.path else _sampled(source)
 
 
 def _of_file(path: Path) -> Log:
@@ -148,13 +148,13 @@ def _of_file(path: Path) -> Log:
     return Log(nested(changed), ticks, truth)
 
 
-def _drawn(source: Source) -> Log:
+def _sampled(source: Source) -> Log:
     from tools.tuning.recordings.recorded import record
 
     law, ratio = CONDITIONS[source.number % len(CONDITIONS)]
     cell = Cell(law, ratio, 0.0, scene_of(law), LAWS[law]["nominal"])
-    drawn = draw(cell.scene, Mismatch(), source.seed, source.number)
-    ticks, truth = record(cell, drawn, source.seconds)
+    sampled = sample(cell.scene, Mismatch(), source.seed, source.number)
+    ticks, truth = record(cell, sampled, source.seconds)
     return Log(deepcopy(dict(cell.firmware)), ticks, np.stack([truth.x_m, truth.v_m_s]))
 
 

@@ -229,10 +229,10 @@ def searched(
         batch = asked(study, min(BATCH, candidates - len(known)), free)
         begun = len(known) * trials
 
-        def told(done: int, _: int, begun: int = begun) -> None:
+        def report(done: int, _: int, begun: int = begun) -> None:
             progress(begun + done, candidates * trials)
 
-        found = judged([values for _, values in batch], seed, trials, told)
+        found = judged([values for _, values in batch], seed, trials, report)
         for (trial, values), some in zip(batch, found, strict=True):
             one = ramp(values, some)
             trial.set_user_attr("ramp", vars(one))

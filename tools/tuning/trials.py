@@ -25,7 +25,7 @@ from hil.record import provenance
 from tools.campaign.processes import environment
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import LAWS, Cell, scene_of
-from tools.campaign.trial.draws import Mismatch, draw
+from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.one_thread import ONE_THREAD_EACH
 
@@ -100,16 +100,16 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     scene["friction"] = dict(known["friction"])
     scene["drive"]["amplitude_m"] = known["amplitude_m"]
     cell = Cell(law, ratio, 0.0, scene, deepcopy(known["nominal"]))
-    drawn = draw(scene, MISMATCH, seed, trial)
+    sampled = sample(scene, MISMATCH, seed, trial)
     nominal = with_overrides(known["nominal"])
-    ticks, _ = record(cell, drawn, seconds)
+    ticks, _ = record(cell, sampled, seconds)
     try:
         found = identify(
             of_ticks(ticks, nominal["sensor.low_full_scale_m_s2"]), nominal["sensor.bandwidth_hz"]
         )
     except BadInputError as error:
         return Trial(trial, law, "", str(error), {}, {}, {})
-    striker, stop, friction = drawn.scene.striker, drawn.scene.stop, drawn.scene.friction
+    striker, stop, friction = sampled.scene.striker, sampled.scene.stop, sampled.scene.friction
     mass_kg = float(striker.mass_kg)
     place_m = float(getattr(stop, "position_m", np.nan)) - float(striker.rest_length_m)
     fitted, impacts = found.fit.striker, np.median(np.array(found.impacts), axis=0) if found.impacts else None

@@ -223,7 +223,7 @@ def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
     return Stride(mean_s, mean_s, spread * spread, spread, since_s, config.edge_age_s, known, 0, early)
 
 
-def _told(config: GaitConfig, stride: Stride, event: Event) -> Stride:
+def _corrected(config: GaitConfig, stride: Stride, event: Event) -> Stride:
     """The expected stride, corrected by an event that has just occurred."""
     if stride.known <= STRIDES_TO_TRUST:
         return stride
@@ -273,15 +273,15 @@ def _updated(
         events = _unseen(events)
     elif toe and not leg.toe and _due(stride, toe_down, at_s):
         toe_down = toe_down._replace(at_s=at_s)
-        stride = _told(config, stride, toe_down)
+        stride = _corrected(config, stride, toe_down)
         events = events._replace(toe_down=toe_down)
     elif leg.heel and not heel and _due(stride, heel_off, at_s):
         heel_off = heel_off._replace(at_s=at_s)
-        stride = _told(config, stride, heel_off)
+        stride = _corrected(config, stride, heel_off)
         events = events._replace(heel_off=heel_off)
     elif leg.toe and not toe and _due(stride, toe_off, at_s):
         toe_off = toe_off._replace(at_s=at_s)
-        stride = _told(config, stride, toe_off)
+        stride = _corrected(config, stride, toe_off)
         events = events._replace(toe_off=toe_off)
     return stride, events, Leg(heel, toe, swung, still_s)
 

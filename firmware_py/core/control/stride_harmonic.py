@@ -16,7 +16,7 @@ from firmware_py.core.estimation.regime import RegimeState
 from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import NO_REFUSAL, Refusal
 
-SETTLING, MEAN, TELLING = 1, 4, 6
+SETTLING, MEAN, REPORTING = 1, 4, 6
 """Strides before impacts count, strides in their mean, and strides before a miss is reported."""
 
 LARGEST_ERROR = 2.0
@@ -66,7 +66,7 @@ def slope_n_s(config: StrideHarmonicConfig, state: StrideHarmonicState) -> float
 
 def unmet(config: StrideHarmonicConfig, state: StrideHarmonicState, target_impulse_n_s: float) -> Refusal:
     """The refusal if the impacts miss the request after enough strides."""
-    if state.turns < TELLING * state.harmonic:
+    if state.turns < REPORTING * state.harmonic:
         return NO_REFUSAL
     miss_n_s = state.impulse_n_s - target_impulse_n_s
     if abs(miss_n_s) <= config.impulse_tolerance * target_impulse_n_s:
@@ -105,7 +105,7 @@ def step(
         turns = 0
     mean_ratio, impulse_n_s = state.ratio, state.impulse_n_s
     if regime.ended and regime.last.impacts == 1:
-        turns = min(turns + 1, TELLING * harmonic)
+        turns = min(turns + 1, REPORTING * harmonic)
         counted = min(turns - SETTLING * harmonic, MEAN * harmonic)
         share = 1.0 / counted if counted > 0 else 1.0
         mean_ratio += share * (ratio - mean_ratio)

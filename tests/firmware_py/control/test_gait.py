@@ -67,12 +67,12 @@ def test_nothing_is_said_before_strides_have_been_seen() -> None:
     assert {state.doing for state in early} <= {GaitState.UNCERTAIN, GaitState.STANDING}
 
 
-def test_stance_and_swing_are_told() -> None:
+def test_stance_and_swing_are_distinguished() -> None:
     walked = walk(np.random.default_rng(1), timing=0.0)
     states = followed(walked)
-    told = [(s.doing, p) for s, p, t in zip(states, walked.phase, walked.t_s, strict=True) if t > 12.0]
-    assert all(leg == GaitState.STANCE for leg, phase in told if 0.02 < phase < 0.59)
-    assert all(leg == GaitState.SWING for leg, phase in told if 0.61 < phase < 0.99)
+    settled = [(s.doing, p) for s, p, t in zip(states, walked.phase, walked.t_s, strict=True) if t > 12.0]
+    assert all(leg == GaitState.STANCE for leg, phase in settled if 0.02 < phase < 0.59)
+    assert all(leg == GaitState.SWING for leg, phase in settled if 0.61 < phase < 0.99)
 
 
 def test_irregular_strides_are_trusted_less() -> None:
@@ -83,7 +83,7 @@ def test_irregular_strides_are_trusted_less() -> None:
     assert mean(0.10) < 0.3
 
 
-def test_a_missed_strike_is_bridged_and_trusted_less() -> None:
+def test_a_missed_heel_strike_is_bridged_and_trusted_less() -> None:
     walked = walk(np.random.default_rng(1), spread=0.0, timing=0.0, noise_rad_s=0.0)
     missing = (walked.t_s > walked.strikes_s[20] - 0.01) & (walked.t_s < walked.strikes_s[21] - 0.01)
     walked = walked._replace(heel=walked.heel & ~missing, toe=walked.toe & ~missing)
@@ -126,7 +126,7 @@ def test_a_heel_that_bounces_makes_no_stride() -> None:
     assert state.stride.known == known + 1
 
 
-def test_switches_that_bounce_tell_no_events() -> None:
+def test_switches_that_bounce_report_no_events() -> None:
     """Both open and close again within 8 ms of each change, as they like."""
     rng = np.random.default_rng(4)
     walked = walk(np.random.default_rng(3), count=50)

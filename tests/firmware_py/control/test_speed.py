@@ -98,7 +98,7 @@ def test_safe_is_zero_at_once() -> None:
     assert safe.acting_limit == ActingLimit.SAFE_STATE
 
 
-def test_the_tracker_is_told_the_torque_that_acts() -> None:
+def test_the_tracker_gets_the_acting_torque() -> None:
     state = speed.INITIAL._replace(torque_n_m=0.3, acting_n_m=0.1)
     still = ESTIMATE._replace(x_m=0.12 + 0.02 * math.sin(12.0 * 0.5e-3))
     load = CONFIG.load
@@ -108,7 +108,7 @@ def test_the_tracker_is_told_the_torque_that_acts() -> None:
     )
 
 
-def test_a_standing_crank_is_not_believed_to_move_by_less_than_its_dry_friction() -> None:
+def test_a_standing_crank_is_not_estimated_to_move_by_less_than_its_dry_friction() -> None:
     state = speed.INITIAL._replace(acting_n_m=0.004)
     assert (
         speed.known_acceleration(CONFIG, state.acting_n_m, CRANK._replace(omega_rad_s=0.0), ESTIMATE) == 0.0

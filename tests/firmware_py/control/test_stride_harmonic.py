@@ -76,14 +76,14 @@ def test_a_request_midway_is_not_hunted_for() -> None:
     ("target_n_s", "refusal", "harmonic"),
     [(1.5, Refusal.IMPULSE_TOO_HIGH, 13), (0.2, Refusal.IMPULSE_TOO_LOW, 10)],
 )
-def test_a_request_that_no_turns_meet_is_told_and_the_nearest_are_kept(
+def test_a_request_that_no_turns_meet_is_reported_and_the_nearest_are_kept(
     target_n_s: float, refusal: Refusal, harmonic: int
 ) -> None:
     state, taken = followed(linear(2.0), target_n_s, 600)
     assert (state.refusal, taken[-1]) == (refusal, harmonic)
 
 
-def test_nothing_is_told_before_other_turns_had_their_time() -> None:
+def test_nothing_is_reported_before_other_turns_had_their_time() -> None:
     """Five strides of eleven turns until it changes over, then six of thirteen."""
     refusals = [followed(linear(2.0), 1.5, turns)[0].refusal for turns in (55, 66, 132, 133)]
     assert refusals == [Refusal.NONE, Refusal.NONE, Refusal.NONE, Refusal.IMPULSE_TOO_HIGH]

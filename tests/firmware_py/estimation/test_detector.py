@@ -47,7 +47,7 @@ def test_the_threshold_follows_the_spread_of_the_innovation() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"x_m": 0.10}, {"v_m_s": -0.5}])
-def test_far_from_the_stop_or_leaving_one_reading_is_not_believed(changes: dict[str, float]) -> None:
+def test_far_from_the_stop_or_leaving_one_reading_is_no_impact(changes: dict[str, float]) -> None:
     assert not run([7.0], **changes)[0].touch_down
 
 

@@ -266,7 +266,7 @@ def test_an_unsure_velocity_is_called_none_later_and_from_further_off(
     assert found == pytest.approx(after, abs=3)
 
 
-def test_nothing_is_believed_before_the_first_reading() -> None:
+def test_nothing_is_estimated_before_the_first_reading() -> None:
     config = config_from({}).estimator
     state = tick(config, estimator_state.INITIAL, 0.0, age=NEVER_TICKS)
     assert not state.started
@@ -303,9 +303,9 @@ def test_a_coarse_position_corrects_whenever_one_comes() -> None:
     for fitted in (False, True):
         state = estimator_state.INITIAL
         for k in range(3000):
-            heard = fitted and k % 20 == 0
+            updated = fitted and k % 20 == 0
             position_m = 0.105 + 2e-3 * rng.standard_normal()
-            reading = Measurement(position_m, 0 if heard else NEVER_TICKS)
+            reading = Measurement(position_m, 0 if updated else NEVER_TICKS)
             coarse = NOTHING_MEASURED._replace(coarse_position_m=reading)
             predicted = estimator.propagate(
                 config, state, AccelerometerInput(0.0, 0.0, 0.0, 0), FREE.phase, 0.0, 0.0, 1

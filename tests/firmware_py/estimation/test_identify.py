@@ -137,10 +137,10 @@ def rms_mm(bench: Bench) -> float:
 
 
 @pytest.mark.parametrize("dry", [False, True])
-def test_fed_with_it_the_estimate_is_better_and_told_only_it_is_as_without(dry: bool) -> None:
-    off, told, fed = (held(dry, mode) for mode in range(3))
+def test_with_the_identified_force_the_estimate_is_better_and_without_feeding_it_unchanged(dry: bool) -> None:
+    off, identified, fed = (held(dry, mode) for mode in range(3))
     assert rms_mm(fed) < 0.9 * rms_mm(off)
-    assert rms_mm(told) == rms_mm(off)
-    assert told.node.state.identify.spring != 0.0
+    assert rms_mm(identified) == rms_mm(off)
+    assert identified.node.state.identify.spring != 0.0
     assert off.node.state.identify == identify.INITIAL
     assert off.node.state.estimator.flight == estimator_state.NO_FLIGHT

@@ -46,8 +46,8 @@ def test_signals_by_place_and_range() -> None:
         ('a : 0|8@1+ (1,0) [0|256] ""', "does not fit 8 bits"),
     ],
 )
-def test_a_signal_the_codec_cannot_carry(signal: str, complaint: str) -> None:
-    with pytest.raises(LayoutError, match=complaint):
+def test_a_signal_the_codec_cannot_carry(signal: str, wanted: str) -> None:
+    with pytest.raises(LayoutError, match=wanted):
         layout_of(message(4, signal))
 
 

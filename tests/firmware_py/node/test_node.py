@@ -119,7 +119,7 @@ def test_the_same_counter_after_a_whole_turn_of_silence_is_no_repetition() -> No
     assert one.inputs.accelerometer.age_ticks == 0
 
 
-def test_a_sender_that_is_stuck_never_counts_as_heard_again() -> None:
+def test_a_stuck_sender_never_counts_as_received_again() -> None:
     one = node()
     for _ in range(100):
         one.tick([sample(5)], 1)

@@ -237,7 +237,7 @@ def test_child_that_fails_before_it_is_ready_is_quoted(tmp_path: Path) -> None:
     failing.stop()
 
 
-def test_child_that_blames_its_input_is_told_from_one_that_fails(tmp_path: Path) -> None:
+def test_a_child_that_blames_its_input_is_distinguished_from_one_that_fails(tmp_path: Path) -> None:
     refusing = child("import sys; print('error: no room', file=sys.stderr); raise SystemExit(4)", tmp_path)
     with pytest.raises(ChildRefusalError, match="error: no room"):
         refusing.wait_ready(10.0)

@@ -17,7 +17,7 @@ from hil.bench.suite import Case, judged, run_suite, scenarios_for
 from hil.judge.checks import Check, within
 from hil.scenario.fault_tables import Fault
 from hil.scenario.scenario import load_scenario, scenario_names
-from hil.scenario.seeds import at_another_moment, merged
+from hil.scenario.seeds import at_other_times, merged
 from tools.cli import run
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_NOTHING_RAN, EXIT_PASSED
 
@@ -137,21 +137,21 @@ def test_a_seed_that_fails_keeps_its_log(tmp_path: Path) -> None:
 
 def test_a_seed_moves_the_fault_and_what_follows_it_within_a_drive_period() -> None:
     written = load_scenario("a-restarted-controller-goes-on-once-it-is-asked-anew")
-    assert at_another_moment(written, 1) is written
-    moments = set()
+    assert at_other_times(written, 1) is written
+    times_s = set()
     for seed in range(2, 40):
-        moved = at_another_moment(written, seed)
+        moved = at_other_times(written, seed)
         by_s = moved.faults[0].at_s - written.faults[0].at_s
         assert 0.0 < by_s < 0.611
         assert moved.duration_s - written.duration_s == pytest.approx(by_s)
         later = [one.at_s - other.at_s for one, other in zip(moved.commands, written.commands, strict=True)]
         assert later == pytest.approx([0.0, by_s, by_s, by_s])
         assert moved.faults[0].duration_s == written.faults[0].duration_s
-        moments.add(by_s)
-    assert len(moments) > 30
+        times_s.add(by_s)
+    assert len(times_s) > 30
     from_the_start = load_scenario("damaged-parameters-arm-nothing")
-    assert at_another_moment(from_the_start, 7) is from_the_start
-    assert at_another_moment(load_scenario("operator-lost"), 7).faults == ()
+    assert at_other_times(from_the_start, 7) is from_the_start
+    assert at_other_times(load_scenario("operator-lost"), 7).faults == ()
 
 
 CHECKS = [

@@ -153,7 +153,7 @@ def test_at_the_default_place_nothing_stands_in_between():
     assert isinstance(addressed(bus, PLACES[1]), AddressedBus)
 
 
-def test_a_node_elsewhere_hears_its_own_module_only():
+def test_a_node_elsewhere_receives_from_its_own_module_only():
     bus = InProcessBus()
     speaker, listener = bus.join(), AddressedBus(bus.join(), PLACES[1])
     speaker.send_all([Frame(0x00E, b"\1"), Frame(0x02E, b"\2"), Frame(0x0A8, b"\3"), Frame(0x048, b"\4")])

@@ -103,7 +103,7 @@ def test_a_failed_check_fails_the_run_and_junit_says_what_was_measured(tmp_path)
 
 
 @pytest.mark.parametrize("frames", [0, 800])
-def test_what_the_recorder_lost_is_told_and_no_check_passes_on_it(tmp_path, frames):
+def test_losses_of_the_recorder_are_reported_and_no_check_passes_on_them(tmp_path, frames):
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "bus_load", "low": 0.01}, {"name": "regime", "equals": "impact"}]
     write_run(made_up, tmp_path)

@@ -69,7 +69,7 @@ def test_the_function_may_be_one_of_the_program_itself(tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) in (("{1: 2, 2: 4}\n", ""), ("{2: 4, 1: 2}\n", ""))
 
 
-def test_one_that_dies_between_two_calls_is_told_as_well() -> None:
+def test_one_that_dies_between_two_calls_is_reported_as_well() -> None:
     with Workers(pid_after, 1) as some:
         [(_, pid)] = some.results([1])
         os.kill(alive(pid), signal.SIGKILL)

@@ -66,7 +66,7 @@ def test_frames_reach_all_others_unchanged_and_never_their_sender(local: Provide
         assert first.receive() == []
 
 
-def test_two_buses_never_hear_each_other(local: ProvidedBus) -> None:
+def test_two_buses_never_receive_from_each_other(local: ProvidedBus) -> None:
     with provide("local") as other, joined(local, 2) as (a, b), joined(other, 2) as (c, d):
         a.send(frame(1))
         c.send(frame(2))
@@ -223,7 +223,7 @@ def test_arrivals_carry_the_wall_clock_where_asked_for(local: ProvidedBus) -> No
         assert all(before_ns <= stamp_ns <= time.time_ns() for stamp_ns, _ in stamped)
 
 
-def test_stranger_is_shown_out_and_the_others_hear_nothing_of_it(local: ProvidedBus) -> None:
+def test_a_foreign_program_is_disconnected_and_the_others_receive_nothing_of_it(local: ProvidedBus) -> None:
     with joined(local, 1) as (node,), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as stranger:
         stranger.connect(local.address.removeprefix("local:"))
         stranger.sendall(CAN_FRAME.pack(0x123, 8, b"intruder"))
@@ -323,7 +323,7 @@ def test_any_python_can_interface_is_a_bus() -> None:
         second.close()
 
 
-def test_in_process_nodes_hear_the_others_only() -> None:
+def test_in_process_nodes_receive_from_the_others_only() -> None:
     bus = InProcessBus()
     first, second, third = bus.join(), bus.join(), bus.join()
     first.send(frame(1))

@@ -121,18 +121,18 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
             assert process.poll() is None
             assert time.monotonic() < deadline_s, f"of {logs} and the monitor not all began"
             time.sleep(0.05)
-        drawn = bytearray()
+        screen_bytes = bytearray()
 
         def look(_: float, __: str) -> None:
             try:
-                drawn.extend(os.read(screen, 1 << 20))
+                screen_bytes.extend(os.read(screen, 1 << 20))
             except BlockingIOError:
                 """Nothing new is shown."""
 
         run_scenario(scenario(), "real", address, folder / "run", seed=1, progress=look)
         look(1.0, "")
         process.kill()
-    return Live(folder, drawn.decode(errors="replace"))
+    return Live(folder, screen_bytes.decode(errors="replace"))
 
 
 @pytest.mark.realtime
@@ -186,7 +186,7 @@ def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str
     run_dir, _ = in_lockstep(scenario(settings), tmp_path, 1, silent)
     played = scenario(settings)
     node = FirmwareNode(played.config, played.parameters)
-    heard: list[Frame] = []
+    received: list[Frame] = []
     said: list[Frame] = []
     expected: list[Frame] = []
     of_firmware = {one.can_id for one in codec.CODECS.values() if one.sender == "Firmware"}
@@ -195,17 +195,17 @@ def test_a_log_of_lockstep_gives_the_firmware_the_same_frames(settings: list[str
             frame = Frame(message.arbitration_id, bytes(message.data))
             # An E-stop aside, an identifier has one sender; the firmware's turn begins with its torque.
             if frame.can_id not in of_firmware:
-                heard.append(frame)
+                received.append(frame)
                 continue
             if frame.can_id == codec.SET_INPUT_TORQUE.can_id:
-                said += node.tick(heard, 1)
-                heard = []
+                said += node.tick(received, 1)
+                received = []
             expected.append(frame)
     assert said == expected
     assert len({frame.can_id for frame in said}) > 6
 
 
-def told(bus: can.BusABC, can_id: int, until: Any) -> bytes:
+def reported(bus: can.BusABC, can_id: int, until: Any) -> bytes:
     """The first such message that is as wanted."""
     return message_data(bus, can_id, until, PATIENCE_S)
 
@@ -223,20 +223,22 @@ def test_a_cansimple_client_reads_and_commands_the_plant_alone() -> None:
             def send(command: int, data: bytes = b"") -> None:
                 bus.send(can.Message(arbitration_id=0 << 5 | command, data=data, is_extended_id=False))
 
-            idle = told(bus, 0x01, lambda _: True)
+            idle = reported(bus, 0x01, lambda _: True)
             assert struct.unpack("<IBBB", idle[:7]) == (0, 1, 0, 1)
             send(0x0B, struct.pack("<II", 1, 1))  # Set_Controller_Mode: torque, passthrough
             send(0x07, struct.pack("<I", 8))  # Set_Axis_State: closed loop
             for _ in range(40):
                 send(0x0E, struct.pack("<f", 0.1))  # Set_Input_Torque
                 time.sleep(0.01)
-            assert told(bus, 0x01, lambda data: data[4] == 8)
-            turning = told(bus, 0x09, lambda data: struct.unpack("<ff", data)[1] > 0.3)
+            assert reported(bus, 0x01, lambda data: data[4] == 8)
+            turning = reported(bus, 0x09, lambda data: struct.unpack("<ff", data)[1] > 0.3)
             assert 0.0 <= struct.unpack("<ff", turning)[0] < 1.0
-            voltage_v, _ = struct.unpack("<ff", told(bus, 0x17, lambda _: True))
+            voltage_v, _ = struct.unpack("<ff", reported(bus, 0x17, lambda _: True))
             assert voltage_v == 24.0
             # Nothing more is asked for: its watchdog lets go by itself.
-            error, state, result, _ = struct.unpack("<IBBB", told(bus, 0x01, lambda data: data[4] == 1)[:7])
+            error, state, result, _ = struct.unpack(
+                "<IBBB", reported(bus, 0x01, lambda data: data[4] == 1)[:7]
+            )
             assert (error, state, result) == (0x01000000, 1, 3)
 
 

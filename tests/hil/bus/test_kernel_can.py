@@ -68,7 +68,7 @@ def test_frames_reach_all_others_unchanged_and_never_their_sender() -> None:
 
 
 @needs_kernel_can
-def test_two_private_buses_never_hear_each_other() -> None:
+def test_two_private_buses_never_receive_from_each_other() -> None:
     with provide("vcan") as one, provide("vcan") as other:
         a, b, c, d = join(one.address), join(one.address), join(other.address), join(other.address)
         a.send(frame(1))

@@ -212,7 +212,7 @@ def test_a_path_object_and_the_whole_address_are_channels(local: ProvidedBus) ->
         can.Bus(channel, "vibrohil").shutdown()
 
 
-def test_the_end_of_the_bus_is_told_by_recv_and_send(local: ProvidedBus) -> None:
+def test_recv_and_send_report_the_end_of_the_bus(local: ProvidedBus) -> None:
     assert local.holder is not None
     with can.Bus(path_of(local), "vibrohil") as bus, can.Bus(path_of(local), "vibrohil") as other:
         other.send(STANDARD)

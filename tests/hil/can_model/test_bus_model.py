@@ -242,5 +242,7 @@ def test_one_receiver_that_finds_the_checksum_wrong(
     arrivals += more
     for number, node in enumerate(reference):
         assert state.nodes[number].counters == (node.tec, node.rec)
-        heard = [(arrival.bit, arrival.pending.frame) for arrival in arrivals if number in arrival.receivers]
-        assert heard == [(bit + 1, frame) for bit, frame in node.received]
+        arrived = [
+            (arrival.bit, arrival.pending.frame) for arrival in arrivals if number in arrival.receivers
+        ]
+        assert arrived == [(bit + 1, frame) for bit, frame in node.received]

@@ -25,7 +25,7 @@ def bus_of(*nodes: str, bitrate: int = 1_000_000) -> ModelledBus:
     return ModelledBus(nodes or NODES, bitrate)
 
 
-def heard(deliveries: Sequence[Delivery]) -> list[tuple[int, str, int]]:
+def received(deliveries: Sequence[Delivery]) -> list[tuple[int, str, int]]:
     return [(delivery.t_ns, delivery.sender, delivery.frame.can_id) for delivery in deliveries]
 
 
@@ -163,7 +163,7 @@ def test_a_destroyed_frame_is_repeated_after_the_error_frame() -> None:
     assert wire_bits(frame)[hit] == 0
     # the receivers' flags answer after the sixth bit of the sender's: 12 bits, delimiter 8, intermission 3
     again = hit + 1 + 12 + 8 + 3
-    assert heard(bus.deliver(1000 * US)) == [((again + frame_bits(frame) - 3) * US, "a", 0x2AA)]
+    assert received(bus.deliver(1000 * US)) == [((again + frame_bits(frame) - 3) * US, "a", 0x2AA)]
     assert bus.counters("a") == (8 - 1, 0)
     assert bus.counters("b") == bus.counters("c") == (0, 0)  # 1 for the error, less 1 for the frame
     assert bus.figures == (1, 1, (again + frame_bits(frame)) * US, 0)
@@ -281,14 +281,14 @@ def test_a_busy_bus_lets_a_node_back_after_128_frames() -> None:
     assert t_us == 128 * frame_bits(SHORT)
 
 
-def test_a_node_that_is_off_neither_hears_nor_acknowledges() -> None:
+def test_a_node_that_is_off_neither_receives_nor_acknowledges() -> None:
     bus = bus_of("a", "b")
     bus.switch_off("b")
     bus.submit("a", SHORT, 0)
     assert bus.deliver(1000 * US) == []
     assert bus.counters("a").transmit > 0
     arrived = bus.deliver(10_000 * US)  # b is back, and the frame is still being repeated
-    assert heard(arrived)[0][1:] == ("a", 0x100)
+    assert received(arrived)[0][1:] == ("a", 0x100)
     assert arrived[0].t_ns > 1408 * US
 
 

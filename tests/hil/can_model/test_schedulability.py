@@ -339,7 +339,7 @@ def test_the_command_prints_one_object_and_fails_with_the_schedule(
             assert row["slack_s"] == pytest.approx(row["deadline_s"] - row["response_s"])
 
 
-def test_the_command_draws_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     run("--bitrate", "250000")
     printed = capsys.readouterr().out
     assert "Accelerometer" in printed

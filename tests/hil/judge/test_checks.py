@@ -75,8 +75,8 @@ def test_equality(name, equals, passed):
         ({"name": "peak_force_n", "high": "1.0"}, "valid number"),
     ],
 )
-def test_a_check_that_means_nothing_is_refused(check, complaint):
-    with pytest.raises(ValidationError, match=complaint):
+def test_a_check_that_means_nothing_is_refused(check, message):
+    with pytest.raises(ValidationError, match=message):
         Check(**check)
 
 

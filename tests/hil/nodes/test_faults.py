@@ -133,27 +133,29 @@ def test_corrupted_frames_have_one_byte_wrong_and_fail_their_checksum() -> None:
 
 
 @pytest.mark.parametrize(("period_s", "expected"), [(0.25e-3, 57), (3e-3, 5)])
-def test_a_stranger_babbles_at_its_period_and_the_plant_hears_it_too(period_s: float, expected: int) -> None:
+def test_a_foreign_node_babbles_at_its_period_and_the_plant_receives_it_too(
+    period_s: float, expected: int
+) -> None:
     babble = fault("babbling", can_id=0x0E, data_hex="00ff", period_s=period_s)
-    strange = Frame(0x0E, b"\x00\xff")
-    assert sum(frames.count(strange) for frames in passed(babble)) == expected
-    assert not any(strange in frames for frames in passed(babble, node="firmware"))
+    foreign = Frame(0x0E, b"\x00\xff")
+    assert sum(frames.count(foreign) for frames in passed(babble)) == expected
+    assert not any(foreign in frames for frames in passed(babble, node="firmware"))
     wire = Wire()
     bus = FaultyBus(wire, "plant", [babble], seed=1)
     bus.move_to(0.005)
-    assert bus.receive() == [strange, Frame(0x123, b"")]
+    assert bus.receive() == [foreign, Frame(0x123, b"")]
     assert bus.receive() == [Frame(0x123, b"")]
 
 
 def test_a_flood_comes_on_every_identifier_with_any_length() -> None:
     frames = [frame for sent in passed(fault("flood", at_s=0.0, frames_a_tick=100), 300) for frame in sent]
-    strange = [frame for frame in frames if frame.can_id not in (0x028, 0x7F0)]
-    assert len({frame.can_id for frame in strange}) == 0x800 - 2
-    assert {len(frame.data) for frame in strange} == set(range(9))
+    foreign = [frame for frame in frames if frame.can_id not in (0x028, 0x7F0)]
+    assert len({frame.can_id for frame in foreign}) == 0x800 - 2
+    assert {len(frame.data) for frame in foreign} == set(range(9))
 
 
 @pytest.mark.parametrize("node", ["plant", "firmware"])
-def test_an_unplugged_node_neither_sends_nor_hears(node: str) -> None:
+def test_an_unplugged_node_neither_sends_nor_receives(node: str) -> None:
     wire = Wire()
     bus = FaultyBus(wire, node, [fault("unplugged", node="plant", duration_s=0.01)], seed=1)
     for t_s, plugged in ((0.0049, True), (0.005, node != "plant"), (0.0149, node != "plant"), (0.015, True)):
@@ -259,7 +261,7 @@ def test_a_hot_winding_disarms_the_drive() -> None:
     assert hot.drive.axis.disarm_reason == AxisError.MOTOR_OVER_TEMP
 
 
-def test_a_sagging_supply_is_told_and_in_the_end_disarms_the_drive() -> None:
+def test_a_sagging_supply_is_reported_and_in_the_end_disarms_the_drive() -> None:
     low, sent = driven(fault("supply-sag", supply_v=15.0), 300)
     supplies = [codec.decode(frame) for frame in sent if frame.can_id == codec.DRIVE_SUPPLY.can_id]
     assert [supply.voltage_v for supply in supplies] == [24.0, 15.0, 15.0]
@@ -467,8 +469,8 @@ def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) ->
         ({"kind": "restarted", "at_s": 1.0, "process": "plant"}, "duration_s is missing"),
     ],
 )
-def test_faults_that_make_no_sense_are_refused(table: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(ScenarioError, match=complaint):
+def test_faults_that_make_no_sense_are_refused(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         scenario_with(table)
 
 

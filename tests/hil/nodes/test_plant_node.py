@@ -106,16 +106,16 @@ def walking_node(**sensors: float) -> PlantNode:
 
 def test_gait_sensors_speak_every_five_ticks_and_count_their_frames() -> None:
     node = walking_node(rate_noise_rad_s=0.0, rate_bias_rad_s=0.0, twist_rad=0.0, along_noise_m_s2=0.0)
-    heard = []
+    received = []
     for tick in range(100):
         gait = [frame for frame in node.publish() if frame.can_id == codec.GAIT_SENSORS.can_id]
         node.advance([])
         assert node.gait is not None
         assert node.gait.phase == pytest.approx(0.9e-3 * tick, rel=0.1, abs=1e-9)
-        heard += [(tick, codec.GAIT_SENSORS.counter(frame.data), frame, node.gait) for frame in gait]
-    assert [tick for tick, *_ in heard] == list(range(0, 100, 5))
-    assert [counter for _, counter, *_ in heard] == [number % 16 for number in range(20)]
-    for _, _, frame, truth in heard:
+        received += [(tick, codec.GAIT_SENSORS.counter(frame.data), frame, node.gait) for frame in gait]
+    assert [tick for tick, *_ in received] == list(range(0, 100, 5))
+    assert [counter for _, counter, *_ in received] == [number % 16 for number in range(20)]
+    for _, _, frame, truth in received:
         record = codec.GAIT_SENSORS.decode(frame.data)
         assert record.shank_rate_rad_s == pytest.approx(truth.shank_rad_s, abs=6e-4)
         assert record.toe_contact == 0 or truth.phase > 0.05

@@ -54,11 +54,11 @@ def test_every_field_that_is_plotted_is_written_by_the_bench(monkeypatch):
         return plot(name, *series, **options)
 
     monkeypatch.setattr(layout, "plot", collecting)
-    moments = layout.Moments((0.0, 3.0), (2.0, 5.0), 1.0, 0.03)
+    highlights = layout.Highlights((0.0, 3.0), (2.0, 5.0), 1.0, 0.03)
     all_there_is = layout.Contents(worn=True, judged=True, failed=True, injected=True, bus_errors=True)
-    layout.layout(moments, all_there_is)
+    layout.layout(highlights, all_there_is)
     assert not any(getattr(item, "field", "") == "gait.phase" for item in plotted)
-    layout.layout(moments, all_there_is._replace(walked=True))
+    layout.layout(highlights, all_there_is._replace(walked=True))
 
     fields = [(item.entity, item.field) for item in plotted if not isinstance(item, layout.Whole)]
     fields += [

@@ -115,9 +115,9 @@ def test_limits_stand_where_the_plot_shows_what_they_bound(tmp_path):
 def contents_of(made_up, folder, monkeypatch):
     seen = []
 
-    def noting(moments, contents):
+    def noting(highlights, contents):
         seen.append(contents)
-        return layout.layout(moments, contents)
+        return layout.layout(highlights, contents)
 
     monkeypatch.setattr(rerun_log, "layout", noting)
     rebuild(write_run(made_up, folder))
@@ -129,12 +129,12 @@ def test_a_panel_is_there_where_it_has_something_to_show(tmp_path, monkeypatch):
     assert full == layout.Contents(
         judged=True, failed=True, injected=True, refused=False, measured=full.measured
     )
-    calm = broken()
-    calm.impacts = {name: values[:0] for name, values in calm.impacts.items()}
-    calm.scenario["checks"] = []
-    calm.scenario["script"]["faults"] = []
-    calm.can_log = "(0.100000) can0 7AB#00\n"
-    assert contents_of(calm, tmp_path / "calm", monkeypatch) == full._replace(
+    whole = broken()
+    whole.impacts = {name: values[:0] for name, values in whole.impacts.items()}
+    whole.scenario["checks"] = []
+    whole.scenario["script"]["faults"] = []
+    whole.can_log = "(0.100000) can0 7AB#00\n"
+    assert contents_of(whole, tmp_path / "calm", monkeypatch) == full._replace(
         impacts=False, failed=False, injected=False, refused=True
     )
 

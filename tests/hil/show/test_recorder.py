@@ -2,14 +2,17 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from log_hashes import column_hashes
 from run_folder import T_S, make_run, write_run, write_trace
+from waiting import waited_for
 
 from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
@@ -44,15 +47,20 @@ def start(run_dir, *options) -> Child:
     return child
 
 
-def play(run_dir, until_s: float) -> None:
-    """Write the made-up plant's trace as its process would, `SPEED_UP` times too fast."""
+def play(run_dir, until_s: float, once_begun=lambda: None) -> None:
+    """Write the made-up plant's trace as its process would, `SPEED_UP` times too fast.
+
+    `once_begun` is called after the first row; the rest is timed from its end on.
+    """
     columns = make_run().plant
     kinds = {"f": float, "i": int, "b": bool}
     fields = [(name, kinds[values.dtype.kind]) for name, values in columns.items()]
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     writer = TraceWriter(run_dir / "plant.trace", fields)
+    writer.append(*rows[0])
+    once_begun()
     started = time.monotonic()
-    for number, row in enumerate(rows[: round(until_s / T_S)]):
+    for number, row in enumerate(rows[1 : round(until_s / T_S)], start=1):
         writer.append(*row)
         ahead_s = number * T_S / SPEED_UP - (time.monotonic() - started)
         if ahead_s > 0.01:
@@ -128,10 +136,19 @@ def test_frames_it_lost_while_it_was_held_up_are_in_the_folder(run_dir):
     assert read_traces(run_dir / "run.rrd").losses == [loss]
 
 
+def has_plant(run_dir) -> bool:
+    """Whether the log of a run that goes on has a record of the plant yet."""
+    if not (run_dir / "run.rrd").exists():
+        return False
+    so_far = Path(shutil.copy(run_dir / "run.rrd", run_dir / "so-far.rrd"))
+    repair(so_far)
+    return bool(len(read_traces(so_far).plant))
+
+
 @pytest.mark.realtime
 def test_killed_it_loses_a_second_at_most_and_the_traces_lose_nothing(run_dir):
     recorder = start(run_dir)
-    play(run_dir, 7.0)
+    play(run_dir, 7.0, once_begun=lambda: waited_for(lambda: has_plant(run_dir)))
     os.kill(recorder.pid, signal.SIGKILL)
     recorder.wait(5.0)
     recorder.stop()

@@ -16,7 +16,7 @@ from hil.record.log_reader import read_traces, repair, tables
 from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rerun_program import rerun
 from hil.record.run_traces import read_run
-from hil.show.highlights import moments
+from hil.show.highlights import highlights
 from hil.show.log_stream import recording_id
 from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
 
@@ -222,11 +222,11 @@ def test_a_failed_check_is_marked_where_it_happened(tmp_path):
 def test_the_log_opens_on_the_failed_check_else_on_the_end_of_the_run_up(run_dir):
     traces = read_run(run_dir)
     figures = figures_from(traces)
-    calm = moments(traces, figures, [])
-    assert calm.detail_s[0] < figures.hold_start_s < calm.detail_s[1]
-    assert calm.run_up_s[0] == pytest.approx(0.5, abs=0.1)
-    assert 0.0 <= calm.detail_s[0] < calm.detail_s[1] <= END_S
-    assert calm.innovation_std_m_s2 == pytest.approx(0.1)
+    passing = highlights(traces, figures, [])
+    assert passing.detail_s[0] < figures.hold_start_s < passing.detail_s[1]
+    assert passing.run_up_s[0] == pytest.approx(0.5, abs=0.1)
+    assert 0.0 <= passing.detail_s[0] < passing.detail_s[1] <= END_S
+    assert passing.innovation_std_m_s2 == pytest.approx(0.1)
 
 
 def test_a_run_without_firmware_or_plant_still_has_a_log(tmp_path):

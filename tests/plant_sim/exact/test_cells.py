@@ -84,7 +84,7 @@ def test_a_motion_is_nowhere_further_from_its_cubic_than_is_doubted(
     end_slope=st.floats(-5.0, 5.0),
     slack=st.floats(0.0, 1.0),
 )
-def test_a_cubic_that_is_told_to_stay_below_does_so_by_its_slack(g, slope, end, end_slope, slack):
+def test_a_cubic_found_to_stay_below_does_so_by_its_slack(g, slope, end, end_slope, slack):
     u = np.linspace(0.0, 1.0, 101)[1:-1]
     rise = end - g
     cubic = g + u * slope + u**2 * (3 * rise - 2 * slope - end_slope) + u**3 * (slope + end_slope - 2 * rise)

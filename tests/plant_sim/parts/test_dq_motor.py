@@ -13,7 +13,7 @@ from weak_motor import mean_speed_ratio
 
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
-from plant_sim.parts.winding import DqWinding, Settled, Smooth, Waves
+from plant_sim.parts.winding import DqWinding, IdealCurrent, Smooth, Waves
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.sensing import NoSensing
@@ -212,7 +212,7 @@ def test_the_state_has_what_the_scene_names() -> None:
         memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
         assert (memory.y.size, memory.dense.shape[0], memory.mode.size) == (size, motion, modes)
         assert memory.scratch.inner.size == (0 if module is plain else motion)
-    assert isinstance(plain.parts().winding, Settled)
+    assert isinstance(plain.parts().winding, IdealCurrent)
     smooth, waving = dq.parts().winding, uneven({}).parts().winding
     assert isinstance(smooth, DqWinding)
     assert isinstance(waving, DqWinding)

@@ -174,7 +174,7 @@ def test_nothing_jumps_from_stride_to_stride_nor_on_starting_and_stopping() -> N
         assert np.allclose(before[:5], after[:5], rtol=0.0, atol=1e-9)
 
 
-def test_a_step_ends_where_a_strike_a_knock_or_a_stride_does() -> None:
+def test_a_step_ends_where_a_heel_strike_a_knock_or_a_stride_does() -> None:
     walking = walking_of(UNEVEN)
     knocks = walking.rows[:, w.KNOCK_M_S2] > 0.0
     assert np.sum(knocks) == 1
@@ -216,7 +216,7 @@ def test_stride_times_vary_as_much_as_asked() -> None:
     assert np.all(np.diff(rows[:, w.PHASE]) == 1.0)
 
 
-def test_a_walk_changes_pace_stops_and_starts_when_it_is_told() -> None:
+def test_a_walk_changes_pace_stops_and_starts_by_its_script() -> None:
     walking = walking_of(UNEVEN | {"stumble": [], "variability": 0.0})
     hertz = [gait_at(walking, t).stride_hz for t in (0.5, 9.0)]
     assert hertz == pytest.approx([0.9, 1.08], abs=0.02)
@@ -441,7 +441,7 @@ def test_every_trip_of_a_script_happens_and_the_walk_finds_back(first_s: float) 
     assert gait_at(walking, 5000.0).stride_hz == pytest.approx(0.9, rel=1e-6)
 
 
-def test_a_walk_is_told_to_stop_after_any_time() -> None:
+def test_a_script_stops_a_walk_after_any_time() -> None:
     """At 700 s, and a trip at 800 s of somebody who walks on."""
     scripted = {**STEADY, "pace": [{"at_s": 0.0, "stride_hz": 0.9}, {"at_s": 700.0, "stride_hz": 0.0}]}
     assert gait_at(walking_of(scripted), 699.0).stride_hz > 0.8

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from changed_scenes import changed
 
-from plant_sim.methods import STEPPING_PRICES, choose
+from plant_sim.methods import STEPPING_COSTS, choose
 from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers import stepping
@@ -84,7 +84,7 @@ def test_stepping_finds_the_step_for_an_accuracy(accuracy: float) -> None:
 
 
 def test_a_finer_step_costs_more_and_errs_less() -> None:
-    steps, errors, costs = zip(*STEPPING_PRICES, strict=True)
+    steps, errors, costs = zip(*STEPPING_COSTS, strict=True)
     assert list(steps) == sorted(steps, reverse=True)
     assert list(errors) == sorted(errors, reverse=True)
     assert list(costs) == sorted(costs)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from plant_sim.orbits import adaptive as streaming_adaptive
-from plant_sim.orbits import exact as streaming
+from plant_sim.orbits import adaptive as adaptive_orbits
+from plant_sim.orbits import exact as exact_orbits
 from plant_sim.orbits.sections import CLASSIFY, PAPER, Regime
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Viscous
@@ -48,8 +48,8 @@ def test_both_followers_name_the_same_regime(
 ) -> None:
     friction, stop = Coulomb(mu, 0.0), RigidStop(stop_m, restitution)
     parts = Parts(STRIKER, drive(ratio), friction, stop)
-    closed = streaming.follow(STRIKER, drive(ratio), friction, stop, 0.0, 0.0, 0.0, PAPER)
-    stepwise = streaming_adaptive.follow_stepwise(parts, memory_of(parts), 0.0, 0.0, 0.0, PAPER)
+    closed = exact_orbits.follow(STRIKER, drive(ratio), friction, stop, 0.0, 0.0, 0.0, PAPER)
+    stepwise = adaptive_orbits.follow_stepwise(parts, memory_of(parts), 0.0, 0.0, 0.0, PAPER)
     assert Regime(closed.regime) == Regime(stepwise.regime) == regime
     assert stepwise.x_low_m == pytest.approx(closed.x_low_m, abs=1e-6)
     assert stepwise.x_high_m == pytest.approx(closed.x_high_m, abs=1e-6)
@@ -61,18 +61,18 @@ def test_a_striker_that_the_spring_never_quite_lets_go_of_the_stop_is_stuck() ->
     """The gap is −A: the spring presses but for the instant in which the piston turns round."""
     friction, stop = Viscous(0.05), RigidStop(0.09, 0.5)
     parts = Parts(STRIKER, drive(2.0), friction, stop)
-    closed = streaming.follow(STRIKER, drive(2.0), friction, stop, -0.03, 0.3, 0.0, PAPER)
-    stepwise = streaming_adaptive.follow_stepwise(parts, memory_of(parts), -0.03, 0.3, 0.0, PAPER)
+    closed = exact_orbits.follow(STRIKER, drive(2.0), friction, stop, -0.03, 0.3, 0.0, PAPER)
+    stepwise = adaptive_orbits.follow_stepwise(parts, memory_of(parts), -0.03, 0.3, 0.0, PAPER)
     assert Regime(closed.regime) == Regime(stepwise.regime) == Regime.STUCK
 
 
 def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:
     parts = Parts(STRIKER, drive(0.9), Coulomb(0.15, 0.0), RigidStop(0.18, 0.5))
     protocol = CLASSIFY._replace(settle_s=3.0)
-    fresh = streaming_adaptive.follow_stepwise(parts, memory_of(parts), -0.02, 0.1, 0.0, protocol)
+    fresh = adaptive_orbits.follow_stepwise(parts, memory_of(parts), -0.02, 0.1, 0.0, protocol)
     used = memory_of(parts)
-    streaming_adaptive.follow_stepwise(parts, used, 0.01, -0.5, 1.0, protocol)
-    again = streaming_adaptive.follow_stepwise(parts, used, -0.02, 0.1, 0.0, protocol)
+    adaptive_orbits.follow_stepwise(parts, used, 0.01, -0.5, 1.0, protocol)
+    again = adaptive_orbits.follow_stepwise(parts, used, -0.02, 0.1, 0.0, protocol)
     assert (again.end_y_m, again.end_v_m_s) == (fresh.end_y_m, fresh.end_v_m_s)
 
 
@@ -80,7 +80,7 @@ def test_without_a_stop_nothing_beyond_the_state_is_read() -> None:
     parts = Parts(STRIKER, drive(0.5), Coulomb(0.15, 0.0), NoStop())
     memory = memory_of(parts)
     fenced = np.append(memory.y, [math.nan, math.nan])
-    outcome = streaming_adaptive.follow_stepwise(
+    outcome = adaptive_orbits.follow_stepwise(
         parts, memory._replace(y=fenced[: memory.y.size]), 0.0, 0.0, 0.0, PAPER
     )
     assert outcome.loss_j == 0.0

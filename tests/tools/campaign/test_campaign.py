@@ -17,9 +17,9 @@ from tools.campaign.processes import batches
 from tools.campaign.results import result_of
 from tools.campaign.statistics import distribution, wilson
 from tools.campaign.trial.cells import cells_of
-from tools.campaign.trial.draws import Disturbance, Mismatch, draw, mismatch_of
 from tools.campaign.trial.outcome import Outcome
-from tools.campaign.trial.walk_cells import WalkCell, course_of, drawn_walk, walk_cells
+from tools.campaign.trial.sampling import Disturbance, Mismatch, mismatch_of, sample
+from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk, walk_cells
 from tools.campaign.trial.walk_judge import ended_s
 from tools.cli import run
 from tools.commands.testing.campaign import histogram, is_kept
@@ -36,17 +36,17 @@ def table(name: str) -> dict[str, Any]:
 # --- samples -----------------------------------------------------------------------------------------
 
 
-def test_a_trial_draws_the_same_truth_every_time_and_another_draws_another() -> None:
+def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() -> None:
     cell = cells_of(table("start-up"), [])[0][0]
-    first, again, other = (draw(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
+    first, again, other = (sample(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
     assert first.scene == again.scene
     assert first.scene.striker.spring_n_m != other.scene.striker.spring_n_m
     assert first.run_seed == again.run_seed != other.run_seed
 
 
-def test_draws_fill_their_ranges_and_stay_inside() -> None:
+def test_samples_fill_their_ranges_and_stay_inside() -> None:
     cell = next(cell for cell in cells_of(table("start-up"), [])[0] if cell.law == "stribeck")
-    scenes = [draw(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
+    scenes = [sample(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
     parts = [scene.parts() for scene in scenes]
     for values, middle, width in (
         ([part.striker.spring_n_m for part in parts], 70.0, 1.4),
@@ -69,7 +69,7 @@ def test_draws_fill_their_ranges_and_stay_inside() -> None:
 
 def test_parameters_keep_the_nominal_numbers() -> None:
     for cell in cells_of(table("start-up"), [])[0]:
-        truth = draw(cell.scene, Mismatch(), 20_000, 0).scene
+        truth = sample(cell.scene, Mismatch(), 20_000, 0).scene
         assert "striker" not in cell.firmware
         assert truth.striker.spring_n_m != 70.0
         assert cell.firmware["drive"]["amplitude_m"] == truth.drive.amplitude_m  # known but for `hold`
@@ -80,7 +80,7 @@ def test_a_campaign_may_set_its_own_mismatch() -> None:
     assert [cell.ratio for cell in cells] == [1.2]
     assert mismatch_of(numbers).spring == 0.0
     assert mismatch_of(numbers).amplitude == 0.03
-    assert draw(cells[0].scene, mismatch_of(numbers), 20_000, 1).scene.striker.spring_n_m == 70.0
+    assert sample(cells[0].scene, mismatch_of(numbers), 20_000, 1).scene.striker.spring_n_m == 70.0
 
 
 # --- conditions --------------------------------------------------------------------------------------
@@ -245,12 +245,12 @@ def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
     assert histogram([]) == ""
 
 
-def test_a_drawn_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:
+def test_a_sampled_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:
     cell = cells_of(table("shock"), [])[0][0]
     moved = Disturbance(swing_m_s2=0.5, shock_g=8.0)
     for trial in range(50):
-        level = draw(cell.scene, Mismatch(), 20_000, trial).scene
-        shaken = draw(cell.scene, Mismatch(), 20_000, trial, moved, until_s=24.0).scene
+        level = sample(cell.scene, Mismatch(), 20_000, trial).scene
+        shaken = sample(cell.scene, Mismatch(), 20_000, trial, moved, until_s=24.0).scene
         assert level.housing is None
         assert shaken.housing is not None
         assert shaken.striker == level.striker
@@ -326,17 +326,17 @@ def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
         assert 0.78 <= stop.paces[0][1] <= 0.82
 
 
-def test_a_walk_is_drawn_with_its_mismatch_and_starts_at_rest() -> None:
+def test_a_walk_is_sampled_with_its_mismatch_and_starts_at_rest() -> None:
     cells, numbers = walk_cells(walk_table(), [])
     cell = cells[3]
     assert isinstance(cell, WalkCell)
-    drawn, course = drawn_walk(cell, numbers, 20_000, 3)
-    again, _ = drawn_walk(cell, numbers, 20_000, 3)
-    assert drawn.scene == again.scene
-    assert drawn.scene.initial.v_m_s == 0.0
-    assert drawn.scene.striker.spring_n_m != 720.0
-    assert [stumble.at_s for stumble in drawn.scene.gait.stumble] == course.stumbles
-    assert ended_s(drawn.scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)
+    sampled, course = sampled_walk(cell, numbers, 20_000, 3)
+    again, _ = sampled_walk(cell, numbers, 20_000, 3)
+    assert sampled.scene == again.scene
+    assert sampled.scene.initial.v_m_s == 0.0
+    assert sampled.scene.striker.spring_n_m != 720.0
+    assert [stumble.at_s for stumble in sampled.scene.gait.stumble] == course.stumbles
+    assert ended_s(sampled.scene.parts(3).housing) == pytest.approx(course.stumbles[0], abs=2.0)
 
 
 def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(

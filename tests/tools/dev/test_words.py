@@ -24,6 +24,28 @@ WORDS = {
 }
 """What is not to be written, and the word for it."""
 
+IN_NAMES = {
+    "impact": {"blow", "blows", "struck"},
+    "nominal (parameters), estimated (state)": {"belief", "believed", "believes"},
+    "distinguish, report": {"tell", "tells", "told", "telling"},
+    "sample, trial, sampled module": {"draws"},
+    "receive": {"hear", "hears", "heard"},
+    "freewheel overspeed; implausible, gated, foreign": {"whirling", "strange"},
+    "cost": {"price", "prices"},
+    "highlight": {"moments"},
+    "validation message": {"complaint", "complaints"},
+}
+"""Words that no name may have in it, by the words for them."""
+
+NAMES_ALLOWED = {
+    "_heel_struck": "heel strike is the term of gait",
+    "moments": "of a filter's weight function, 1, s, s² …",
+    "_moments": "the same",
+    "_note_moments": "the same",
+    "tell": "a method of files and of optuna's studies",
+}
+"""Names with the reason why they stand."""
+
 ON_PAGES = {r"lanes?": "state timeline", r"prices?": "cost"}
 """The same on pages alone: in the code they are names of Rerun's layout and of modules."""
 
@@ -68,6 +90,21 @@ def found_in(path: Path) -> list[str]:
     return found
 
 
+def names_in(path: Path) -> list[str]:
+    """The names in a module and the module's own that have a word in them which is not to be written."""
+    found = []
+    name = path.relative_to(REPOSITORY).as_posix()
+    tokens = tokenize.generate_tokens(io.StringIO(path.read_text("utf-8")).readline)
+    for text in {path.stem, *(token.string for token in tokens if token.type == tokenize.NAME)}:
+        parts = set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", text).lower().split("_"))
+        found += [
+            f"{name}: {text}; wanted: {word}"
+            for word, unwanted in IN_NAMES.items()
+            if parts & unwanted and text not in NAMES_ALLOWED
+        ]
+    return sorted(found)
+
+
 def files() -> list[Path]:
     own = [
         path
@@ -91,3 +128,18 @@ def test_the_check_finds(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert found_in(page)
     page.write_text("Each heel strike; as many as were sampled.")
     assert not found_in(page)
+
+
+def test_names_of_the_field() -> None:
+    found = [one for path in files() if path.suffix == ".py" for one in names_in(path)]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("text", ["draws = 1", "def test_what_is_told(): ...", "class FrameHeard: ..."])
+def test_the_check_finds_names(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("test_words.REPOSITORY", tmp_path)
+    module = tmp_path / "module.py"
+    module.write_text(text)
+    assert names_in(module)
+    module.write_text("sampled = drawing.withdrawn")
+    assert not names_in(module)

@@ -156,11 +156,11 @@ def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
     ],
 )
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves it open
-def test_what_is_no_log_is_refused(tmp_path, capsys, name, content, complaint):
+def test_what_is_no_log_is_refused(tmp_path, capsys, name, content, message):
     if content is not None:
         (tmp_path / name).write_text(content)
     assert cli.run(["import", str(tmp_path / name), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
-    assert complaint in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
@@ -190,10 +190,10 @@ LINES = [GOOD, "# a comment\n", "\n", "(1700000000.001) can0 00E#CD\n", "(170000
 def test_a_line_that_cannot_be_read_is_named(tmp_path, capsys):
     (tmp_path / "bench.log").write_text("".join(LINES))
     assert cli.run(["import", str(tmp_path / "bench.log"), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
-    told = capsys.readouterr().err
-    assert "line 5" in told
-    assert "(1700000000) rubbish" in " ".join(told.split())
-    assert "--tolerant" in told
+    stderr = capsys.readouterr().err
+    assert "line 5" in stderr
+    assert "(1700000000) rubbish" in " ".join(stderr.split())
+    assert "--tolerant" in stderr
 
 
 def test_a_tolerant_reading_leaves_such_lines_out_and_lists_them(tmp_path, capsys):
@@ -228,9 +228,9 @@ def test_of_several_channels_one_is_chosen(tmp_path, capsys):
     path = tmp_path / "bench.log"
     path.write_text(GOOD + GOOD.replace("can0", "can1") + GOOD)
     assert cli.run(["import", str(path), "--out", str(tmp_path / "run")]) == EXIT_BAD_INPUT
-    told = " ".join(capsys.readouterr().err.split())
-    assert "can0 (2 messages), can1 (1 messages)" in told
-    assert "--channel" in told
+    stderr = " ".join(capsys.readouterr().err.split())
+    assert "can0 (2 messages), can1 (1 messages)" in stderr
+    assert "--channel" in stderr
     arguments = ["import", str(path), "--out", str(tmp_path / "run"), "--json", "--channel"]
     assert cli.run([*arguments, "can2"]) == EXIT_BAD_INPUT
     capsys.readouterr()

@@ -108,9 +108,9 @@ def test_signals_are_drawn(run_dir, tmp_path):
     ],
 )
 def test_what_cannot_be_given_is_refused_with_a_remedy(
-    run_dir, tmp_path, monkeypatch, capsys, options, complaint
+    run_dir, tmp_path, monkeypatch, capsys, options, message
 ):
     monkeypatch.chdir(tmp_path)
     assert cli.run(["inspect", str(run_dir), *options]) == EXIT_BAD_INPUT
-    assert complaint in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

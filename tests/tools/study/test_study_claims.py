@@ -129,11 +129,9 @@ def test_map_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
         (["sweep", "--cores", "0"], "--cores is 0"),
     ],
 )
-def test_nonsense_is_refused(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
-) -> None:
+def test_nonsense_is_refused(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
     assert cli.run(["study", *arguments, "--json"]) == EXIT_BAD_INPUT
-    assert complaint in json.loads(capsys.readouterr().out)["error"]
+    assert message in json.loads(capsys.readouterr().out)["error"]
 
 
 def test_the_page_in_the_repository_has_these_verdicts() -> None:

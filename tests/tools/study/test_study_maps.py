@@ -58,7 +58,7 @@ def test_planes_hold_what_their_axes_say() -> None:
     assert 0.4 < (table["impacts"].to_numpy() > 0.0).mean() < 0.8
 
 
-def test_a_chart_knows_where_every_start_strikes() -> None:
+def test_a_chart_shows_where_every_start_has_impacts() -> None:
     one = case("table1", "viscous")
     spec = {"case": one.parameters(), "ratios": [1.05, 1.3, 1.7], "value": 0.02}
     table, _ = maps.piece(spec)

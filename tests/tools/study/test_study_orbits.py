@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant_sim.orbits import adaptive as streaming_adaptive
+from plant_sim.orbits import adaptive as adaptive_orbits
 from plant_sim.orbits.sections import CLASSIFY, PAPER, Regime
 from plant_sim.result import MotionState, Phase
 from plant_sim.solvers.adaptive.state_layout import allocate
@@ -23,7 +23,7 @@ def by_the_other_solver(case: Case, ratio: float, start: State):
     parts = case.parts(ratio)
     rest = MotionState(0.0, case.rest_length_m, 0.0, 0.0, 0.0, Phase.FLIGHT)
     memory = allocate(parts, rest, 1e-11, 256)
-    return streaming_adaptive.follow_stepwise(parts, memory, *start, PAPER)
+    return adaptive_orbits.follow_stepwise(parts, memory, *start, PAPER)
 
 
 @pytest.mark.parametrize(
@@ -128,5 +128,5 @@ def test_every_cell_of_a_basin_is_the_other_solvers() -> None:
     late, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     whole = CLASSIFY._replace(settle_s=40.0, record_s=10.0, stop_early=False)
     memory = allocate(parts, rest, 1e-12, 256)
-    streaming_adaptive.classify_stepwise(parts, memory, starts, whole, late, impacts)
+    adaptive_orbits.classify_stepwise(parts, memory, starts, whole, late, impacts)
     assert np.array_equal(early, -1 - late)

@@ -58,7 +58,7 @@ def test_a_portrait_runs_along_its_orbit(found, tmp_path):
     recordings.portraits(pairs, path)
     assert rerun(["rrd", "verify", path]).returncode == 0
     for both in pairs:
-        for kind, motion in (("impact", both.impact), ("non-impact", both.calm)):
+        for kind, motion in (("impact", both.impact), ("non-impact", both.non_impact)):
             name = f"/{recordings.entity(both.case)}/{kind}/striker"
             points = np.array(columns(path, name, "Points2D:positions")).reshape(-1, 2)
             if motion is None:

@@ -25,7 +25,7 @@ def test_a_cells_scene_is_the_case_at_its_start(law):
     assert soft_start.nominal_of(module)["friction"] == {"b_n_s_m": module.b_n_s_m, "mu": module.mu}
 
 
-def test_the_firmware_strikes_from_where_an_instant_start_does_not(tmp_path, monkeypatch):
+def test_the_firmware_has_impacts_from_where_an_instant_start_has_none(tmp_path, monkeypatch):
     where = work.here(tmp_path, cores=1)
     found = soft_start.compute(case("table1", "viscous"), 1.3, "state", 3, where)
     assert found.statistics["impact_fraction"] == 1.0
@@ -56,7 +56,7 @@ def test_a_cluster_gives_the_same(tmp_path):
     assert found(work.here(tmp_path / "here", 1)).equals(on_a_cluster)
 
 
-def test_where_nothing_can_strike_no_start_does(tmp_path):
+def test_without_possible_impacts_no_start_has_any(tmp_path):
     weak = case("table1", "viscous", amplitude_m=0.002)
     found = soft_start.compute(weak, 1.3, "phase", 2, work.here(tmp_path, cores=2))
     assert found.statistics["impact_fraction"] == 0.0

@@ -97,7 +97,7 @@ def test_a_result_says_what_it_was_computed_from(tmp_path: Path) -> None:
     assert metadata["facts"] == {"uncertain": 0}
 
 
-def test_wrong_wishes_are_refused(tmp_path: Path) -> None:
+def test_wrong_settings_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"--cores is 0: wanted 1 or more"):
         work.here(tmp_path, 0)
     with pytest.raises(BadInputError, match=r"no Dask scheduler answers"):

@@ -1,4 +1,4 @@
-"""Prices of methods: what is compared with what, on short runs."""
+"""Costs of methods: what is compared with what, on short runs."""
 
 import json
 import math
@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tools import cli
-from tools.trade import builds, heyoka_peer, own, scipy_peer
-from tools.trade import costs as prices
+from tools.trade import builds, costs, heyoka_peer, own, scipy_peer
 from tools.trade.answers import Answer, Method, answer, errors_of
 from tools.trade.automaton import has_peers, run
 from tools.trade.cases import CASES, Case
@@ -26,7 +25,7 @@ def test_there_is_a_case_for_each_difficulty() -> None:
 
 
 @pytest.mark.parametrize("name", ["sensitive", "Stribeck"])
-def test_peers_and_own_solvers_tell_one_story(name: str) -> None:
+def test_peers_and_own_solvers_agree(name: str) -> None:
     """scipy, with its own event search, and the adaptive solver agree where both are accurate."""
     case = SHORT[name]
     method, setting, tolerances = scipy_peer.SETTINGS[-1]
@@ -65,7 +64,7 @@ def test_the_front_holds_what_nothing_cheaper_beats(tmp_path) -> None:
     truth = answer(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
     given = [("adaptive", 1e-3, 1.0), ("stepping", 1e-6, 2.0), ("exact", 1e-4, 3.0)]
     listed = [
-        prices.Price(
+        costs.Cost(
             case,
             Method(name, "", lambda: truth),
             errors_of(case, truth._replace(x_end_m=error), truth),
@@ -75,17 +74,17 @@ def test_the_front_holds_what_nothing_cheaper_beats(tmp_path) -> None:
         )
         for name, error, cost in given
     ]
-    assert [price.method.name for price in prices.pareto(listed)] == ["adaptive", "stepping"]
+    assert [one.method.name for one in costs.pareto(listed)] == ["adaptive", "stepping"]
     wrong = listed[1]._replace(errors=listed[1].errors._replace(impacts=3))
-    assert [p.method.name for p in prices.pareto([listed[0], wrong, listed[2]])] == ["adaptive", "exact"]
+    assert [p.method.name for p in costs.pareto([listed[0], wrong, listed[2]])] == ["adaptive", "exact"]
     draw(listed, tmp_path / "front.svg")
     assert "cheapest for its error" in (tmp_path / "front.svg").read_text(encoding="utf-8")
 
 
-def test_prices_are_rows_of_json() -> None:
+def test_costs_are_rows_of_json() -> None:
     case = SHORT["sticking"]
     methods = [method for method in own.methods(case, quick=True) if method.name in ("exact", "stepping")]
-    rows = [price.row() for price in prices.measure(case, methods, 2, lambda doing: None)]
+    rows = [one.row() for one in costs.measure(case, methods, 2, lambda doing: None)]
     assert {"what", "error", "cost", "unit"} <= set(rows[0])
     assert rows[0]["error"] == 0.0
     assert all(0.0 < row["cost"] <= row["cost_median"] for row in rows)
@@ -102,21 +101,21 @@ def test_a_short_call_is_timed_in_a_row_of_them_and_a_long_one_once() -> None:
         return empty
 
     empty = answer(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
-    spent = prices.spent_us(quick)
+    spent = costs.spent_us(quick)
     assert len(calls) > 10
-    assert 0.0 < spent.call < prices.ROW_US
+    assert 0.0 < spent.call < costs.ROW_US
 
     def slow() -> Answer:
         calls.append(1)
         begun = time.thread_time_ns()
-        while time.thread_time_ns() - begun < 1.1e3 * prices.ROW_US:
+        while time.thread_time_ns() - begun < 1.1e3 * costs.ROW_US:
             pass
         return empty
 
     calls.clear()
-    spent = prices.spent_us(slow)
+    spent = costs.spent_us(slow)
     assert len(calls) == 1
-    assert spent.call == spent.first >= prices.ROW_US
+    assert spent.call == spent.first >= costs.ROW_US
 
 
 def test_the_builds_of_the_firmware_decide_alike_and_differ_in_time() -> None:

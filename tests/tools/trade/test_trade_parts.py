@@ -1,4 +1,4 @@
-"""The price list of a scene's parts: what is compared with what, and that it says so."""
+"""The costs of a scene's parts: what is compared with what, and that it says so."""
 
 import json
 

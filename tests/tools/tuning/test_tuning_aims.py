@@ -43,7 +43,7 @@ def test_the_aims_decide_in_their_order(better: FloatArray, worse: FloatArray) -
     assert choose([better, worse]) == (0, (0,))
 
 
-def test_what_cannot_be_told_apart_is_alike() -> None:
+def test_without_a_significant_difference_candidates_are_alike() -> None:
     assert choose([starts(), starts(), starts(impact=1.1)]).alike == (0, 1)
     assert choose([starts(capture_s=6.05, energy_j=3.02), starts()]).alike == (0, 1)
 
@@ -61,7 +61,7 @@ def test_the_aims_that_differ_are_named() -> None:
 
 
 @pytest.mark.parametrize("aim", AIMS, ids=lambda aim: aim.name)
-def test_equal_candidates_are_rarely_told_apart(aim) -> None:
+def test_equal_candidates_rarely_differ_significantly(aim) -> None:
     """Two candidates of one distribution on separate samples: at most one of twenty differs by chance."""
-    told = sum(is_worse(starts(seed=2 * seed), starts(seed=2 * seed + 1), aim) for seed in range(20))
-    assert told <= 1
+    significant = sum(is_worse(starts(seed=2 * seed), starts(seed=2 * seed + 1), aim) for seed in range(20))
+    assert significant <= 1

@@ -59,7 +59,7 @@ def test_the_speed_loops_defaults_are_what_tuning_gives() -> None:
     assert all(row.passed for row in rows_of([tune_speed()[0]]))
 
 
-def test_a_default_that_tuning_does_not_give_is_told() -> None:
+def test_a_default_that_tuning_does_not_give_is_reported() -> None:
     other = tune_speed(bandwidth_hz=15.0)[0]
     failed = [row.parameter for row in rows_of([other]) if not row.passed]
     assert "speed.gain_p_n_m_s" in failed

@@ -69,27 +69,27 @@ def test_a_grid_has_every_combination() -> None:
     ]
 
 
-def test_candidates_meet_the_same_draws() -> None:
+def test_candidates_meet_the_same_sampled_modules() -> None:
     """Twice the same candidate gives the same outcomes, and a high floor misses what another finds."""
     conditions = ((("viscous",), (1.1, 1.3), (0.0,)),)
     floors = (1.5, 1.5, 900.0)
-    told: list[tuple[int, int]] = []
+    reports: list[tuple[int, int]] = []
     same, again, deaf = run_candidates(
         "detect",
         [{PARAMETER: floor} for floor in floors],
         seed=41,
         trials=4,
-        progress=lambda done, total: told.append((done, total)),
+        progress=lambda done, total: reports.append((done, total)),
         workers=1,
         conditions=conditions,
     )
     assert [one.counts for one in same] == [one.counts for one in again]
     assert [one.samples for one in same] == [one.samples for one in again]
     assert [one.trial for one in same] == [0, 1, 2, 3]
-    assert told[-1] == (12, 12)
-    hears = operating(1.5, same, 1.0, 1.0)
+    assert reports[-1] == (12, 12)
+    shifted = operating(1.5, same, 1.0, 1.0)
     misses = operating(900.0, deaf, 1.0, 1.0)
-    assert hears.recall > 0.99
+    assert shifted.recall > 0.99
     assert misses.recall < 0.5
 
 

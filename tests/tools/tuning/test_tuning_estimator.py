@@ -20,8 +20,8 @@ SMALL = {NOISE: (1e-5, 1e-4, 1e-3), MEMORY: (0.03, 0.3, 3.0), STOP: (1e-4, 3e-4)
 
 
 def test_innovations_as_large_as_said_are_the_most_likely() -> None:
-    drawn = np.random.default_rng(1).normal(0.0, 0.3, 5000)
-    by_std = {std: said(drawn, np.full(5000, std**2)) for std in (0.15, 0.3, 0.6)}
+    residuals = np.random.default_rng(1).normal(0.0, 0.3, 5000)
+    by_std = {std: said(residuals, np.full(5000, std**2)) for std in (0.15, 0.3, 0.6)}
     assert by_std[0.3].nis == pytest.approx(1.0, abs=0.05)
     assert max(by_std, key=lambda std: by_std[std].likelihood) == 0.3
     # E ln p = −½ (ln 2πσ² + 1)
@@ -83,7 +83,7 @@ def test_no_parameter_depends_on_the_truth(recorded: Path, tmp_path: Path, strip
     assert with_truth.values[FLOOR] == pytest.approx(0.0146, rel=0.05)
 
 
-def test_the_likeliest_of_drawn_modules_is_near_the_least_error() -> None:
+def test_the_likeliest_of_sampled_modules_is_near_the_least_error() -> None:
     """Without knowing the truth, the touch-downs choose what comes near the best that was tried."""
     tuning, points = tune_estimator(modules=4, seconds=30.0, fresh_trials=0, grid=SMALL, workers=1)
     errors = [point.x_to_truth_mm for point in points]

@@ -133,7 +133,7 @@ def test_bounds_are_judged_before_anything_runs() -> None:
     assert "speed.gain_p_n_m_s" in results[0].why
 
 
-def test_the_safety_scenarios_tell_good_from_bad() -> None:
+def test_the_safety_scenarios_distinguish_good_from_bad() -> None:
     """An impulse limit below that of the first impacts never lets the hold come about."""
     good = judge_safety({"speed.gain_p_n_m_s": 0.05}, silent)
     assert [result.scenario for result in good] == ["bounds", *safety.SCENARIOS]

@@ -108,8 +108,8 @@ def test_derivatives_are_differences(name: str) -> None:
         striker = TRUTH._replace(**{name: getattr(TRUTH, name) + by})
         return reading(table, striker, moved(table, striker, NO_RISE, x0, v0))
 
-    told = derivatives(table, TRUTH, moved(table, TRUTH, NO_RISE, x0, v0), (name,))[0]
+    analytic = derivatives(table, TRUTH, moved(table, TRUTH, NO_RISE, x0, v0), (name,))[0]
     differences = (seen(step) - seen(-step)) / (2.0 * step)
     # A tick in which v turns has the change of sign itself.
-    assert np.median(np.abs(told - differences)) < 2e-3 * np.max(np.abs(told))
-    assert np.quantile(np.abs(told - differences), 0.99) < 1e-2 * np.max(np.abs(told))
+    assert np.median(np.abs(analytic - differences)) < 2e-3 * np.max(np.abs(analytic))
+    assert np.quantile(np.abs(analytic - differences), 0.99) < 1e-2 * np.max(np.abs(analytic))

@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same(viscous: Path, tuned: Tuning) -> None:
     assert tune_identify(viscous, seed=2)[0].values == tuned.values
 
 
-def test_a_dry_guide_is_told_and_measured(tmp_path: Path) -> None:
+def test_a_dry_guide_is_recognised_and_measured(tmp_path: Path) -> None:
     run = record(
         tmp_path / "dry",
         {"law": "coulomb", "mu": 0.15},
@@ -140,7 +140,7 @@ def test_a_dry_guide_is_told_and_measured(tmp_path: Path) -> None:
     assert tuning.values["stop.restitution"] == pytest.approx(RESTITUTION, abs=0.01)
 
 
-def test_both_laws_at_once_are_told(tmp_path: Path) -> None:
+def test_both_laws_at_once_are_recognised(tmp_path: Path) -> None:
     run = record(
         tmp_path / "both",
         {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
@@ -157,7 +157,7 @@ def test_both_laws_at_once_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 3, 7])
-def test_a_rise_towards_rest_is_told_and_measured(tmp_path: Path, seed: int) -> None:
+def test_a_rise_towards_rest_is_recognised_and_measured(tmp_path: Path, seed: int) -> None:
     run = record(
         tmp_path / "stribeck",
         {"law": "stribeck", "mu": 0.12, "mu_s": 0.18, "v_s_m_s": 0.07, "delta": 1.0},

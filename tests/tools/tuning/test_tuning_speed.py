@@ -199,13 +199,13 @@ def test_it_is_drawn(design: SpeedDesign, measured: MeasuredLoop, tmp_path: Path
 
 def test_the_recordings_bode_plot_is_over_the_logarithm_of_frequency(design: SpeedDesign) -> None:
     """The axis of a timeline is linear, so it counts thousandths of a decade."""
-    told = of_speed(NominalDrive(), design, None)
-    assert told.timeline == "frequency_1000_log10_hz"
+    record = of_speed(NominalDrive(), design, None)
+    assert record.timeline == "frequency_1000_log10_hz"
     loop = respond(NominalDrive(), design.gain_p_n_m_s, design.gain_i_n_m)
     hertz = loop.omega_rad_s / (2.0 * np.pi)
-    assert set(told.views) == {
+    assert set(record.views) == {
         "gain [dB] over 1000 log10(f / 1 Hz)",
         "phase [deg] over 1000 log10(f / 1 Hz)",
     }
-    for curves in told.views.values():
+    for curves in record.views.values():
         np.testing.assert_allclose(10.0 ** (curves["L, designed"].steps / 1000.0), hertz, rtol=2e-3)

@@ -29,7 +29,7 @@ def test_errors_beyond_the_limit_miss_the_goal() -> None:
     assert summary(two_off)["within"]["damping"]["worst"] == 0.051
 
 
-def test_a_wrong_law_is_told_and_its_parameters_are_not_counted() -> None:
+def test_a_wrong_law_is_reported_and_its_parameters_are_not_counted() -> None:
     trials = [trial(0, b_off=0.001), trial(1, named="stribeck", b_off=9.0), trial(2)]
     said = summary(trials)
     assert [one["trial"] for one in said["wrong"]] == [1]

@@ -88,8 +88,8 @@ def largest_steady_speed(done: Run) -> float:
 
 def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Into the impact regime; the largest impact on the way beside the steady one or a slow way up's."""
-    drawn, duration_s, omega_rad_s = trial.drawn, trial.scenario.duration_s, trial.omega_rad_s
-    attractor = reference(drawn.scene, omega_rad_s, drawn.more_seed)
+    sampled, duration_s, omega_rad_s = trial.sampled, trial.scenario.duration_s, trial.omega_rad_s
+    attractor = reference(sampled.scene, omega_rad_s, sampled.more_seed)
     outcome.counts["sampled"] = 1
     if not attractor.exists:
         outcome.eligible = False
@@ -101,7 +101,7 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
         elsewhere = lost_by(done, duration_s, omega_rad_s) == ""
         outcome.counts["hopeless_settled"] = int(said or elsewhere)
         return
-    outcome.counts["instant"] = int(instant_start_captures(drawn.scene, omega_rad_s))
+    outcome.counts["instant"] = int(instant_start_captures(sampled.scene, omega_rad_s))
     outcome.counts["fault_before_start"] = int(
         any(change.fault != Fault.NONE and change.t_s < RUN_S for change in done.modes)
     )

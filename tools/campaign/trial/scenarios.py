@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.draws import Drawn, disturbance_of, draw, mismatch_of
-from tools.campaign.trial.walk_cells import WalkCell, drawn_walk
+from tools.campaign.trial.sampling import Sampled, disturbance_of, mismatch_of, sample
+from tools.campaign.trial.walk_cells import WalkCell, sampled_walk
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
 """The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
@@ -23,7 +23,7 @@ SETTLED_S = RUN_S + 15.0
 class Trial(NamedTuple):
     """A sampled module, and the scenario that it goes through."""
 
-    drawn: Drawn
+    sampled: Sampled
     scenario: Scenario
 
     @property
@@ -67,11 +67,11 @@ def scenario_of(
     return check_scenario(document, name)
 
 
-def kick(numbers: Mapping[str, Any], drawn: Drawn) -> dict[str, Any]:
+def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
     """A kick of the campaign's size at a sampled moment of a settled hold."""
-    size = float(drawn.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
-    sign = 1.0 if drawn.more.uniform() < 0.5 else -1.0
-    at_s = SETTLED_S + float(drawn.more.uniform(0.0, 1.0))
+    size = float(sampled.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
+    sign = 1.0 if sampled.more.uniform() < 0.5 else -1.0
+    at_s = SETTLED_S + float(sampled.more.uniform(0.0, 1.0))
     return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
 
 
@@ -81,18 +81,18 @@ def trial_of(
     """The trial of this number: its cell, its sample, its scenario."""
     cell = cells[trial % len(cells)]
     if isinstance(cell, WalkCell):
-        drawn, course = drawn_walk(cell, numbers, seed, trial)
+        sampled, course = sampled_walk(cell, numbers, seed, trial)
         duration_s = course.duration_s
     else:
         until_s = float(numbers.get("duration_s", 0.0))
-        drawn = draw(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
+        sampled = sample(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
         duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else until_s
-    faults = [kick(numbers, drawn)] if "kick_low_m_s" in numbers else []
-    scene = dict(drawn.tables)
+    faults = [kick(numbers, sampled)] if "kick_low_m_s" in numbers else []
+    scene = dict(sampled.tables)
     if "coarse_noise_m" in numbers:
         scene["sensors"] = {**scene["sensors"], "coarse": {"noise_m": numbers["coarse_noise_m"]}}
     name = f"{campaign}-{seed}-{trial}"
     return Trial(
-        drawn,
-        scenario_of(name, scene, cell.firmware, script(cell), duration_s, drawn.run_seed, faults),
+        sampled,
+        scenario_of(name, scene, cell.firmware, script(cell), duration_s, sampled.run_seed, faults),
     )

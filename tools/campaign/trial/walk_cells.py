@@ -11,7 +11,7 @@ from hil.scenario.scenario import read_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
 from tools.campaign.trial.cells import Cell, numbers_after, refuse_unlisted
-from tools.campaign.trial.draws import Drawn, draw, mismatch_of
+from tools.campaign.trial.sampling import Sampled, mismatch_of, sample
 
 COURSES = ("steady", "change", "stop", "stumble")
 
@@ -130,7 +130,7 @@ def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Genera
     return Course(paces, [], whole_s)
 
 
-def drawn_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Drawn, Course]:
+def sampled_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
     """The truth of a trial, and what the wearer does in it."""
     course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
     scene = deepcopy(dict(cell.scene))
@@ -140,4 +140,4 @@ def drawn_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int
         "pace": [{"at_s": at_s, "stride_hz": hertz} for at_s, hertz in course.paces],
         "stumble": [{"at_s": at_s} for at_s in course.stumbles],
     }
-    return draw(scene, mismatch_of(numbers), seed, trial, at_rest=True), course
+    return sample(scene, mismatch_of(numbers), seed, trial, at_rest=True), course

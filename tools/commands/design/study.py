@@ -112,7 +112,7 @@ def sweep(
         "figures": pictures,
         "rrd": rrd and str(rrd),
     }
-    job.tell(result, lambda: show_sweep(found))
+    job.answer(result, lambda: show_sweep(found))
 
 
 @study.command()
@@ -177,7 +177,7 @@ def basin(
             title = f"{case.label}, Ω/ω = {ratio:g}, plane {one.plane}, {one.start} start"
             console.print(figure_table(title, rows))
 
-    job.tell({"basins": [one.as_json() for one in found], "figures": pictures}, show)
+    job.answer({"basins": [one.as_json() for one in found], "figures": pictures}, show)
 
 
 @study.command("map")
@@ -232,7 +232,7 @@ def chart(
         ("cells with impact motion", 100.0 * summary["share_with_impact"], "%"),
         ("cells where every start ends in impacts", 100.0 * summary["share_certain_of_impacts"], "%"),
     ]
-    job.tell(
+    job.answer(
         {"map": summary, "figures": pictures},
         lambda: console.print(figure_table(f"{case.label}, over r and {second}", rows)),
     )
@@ -267,7 +267,7 @@ def portrait(
                 "law": both.case.law,
                 "parameters": both.case.parameters(),
                 "impact_r": both.impact and both.impact.ratio,
-                "non_impact_r": both.calm and both.calm.ratio,
+                "non_impact_r": both.non_impact and both.non_impact.ratio,
             }
             for both in pairs
         ],
@@ -275,7 +275,7 @@ def portrait(
         "samples": str(samples),
         "rrd": rrd and str(rrd),
     }
-    job.tell(result, lambda: None)
+    job.answer(result, lambda: None)
 
 
 @study.command()
@@ -330,7 +330,7 @@ def claims(
         console.print(table)
 
     result = {"claims": [asdict(claim) for claim in judged], "page": str(written), "figures": pictures}
-    job.tell(result, show)
+    job.answer(result, show)
 
 
 @study.command()
@@ -382,7 +382,7 @@ def feasibility(
         "page": str(written),
         "figures": pictures,
     }
-    job.tell(result, show)
+    job.answer(result, show)
 
 
 @study.command()
@@ -417,7 +417,7 @@ def pulse(
         "bands": [band._asdict() for band in bands],
         "figures": figures.chart(rows, bands, common.out, name),
     }
-    job.tell(result, show)
+    job.answer(result, show)
 
 
 LARGEST_MAP = 4000

@@ -52,7 +52,7 @@ class StudyJob:
         yield
         self._cost = clock.read()
 
-    def tell(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
+    def answer(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
         """Print the result with its cost: one JSON object, or what `show` prints and a table."""
         where = self.where
         payload = {

@@ -16,7 +16,7 @@ from tools.outputs import PICTURES, file_option
 from tools.progress import shown_progress
 
 if TYPE_CHECKING:
-    from tools.trade.costs import Price
+    from tools.trade.costs import Cost
 
 
 def register(app: typer.Typer) -> None:
@@ -40,33 +40,30 @@ def trade(
     as_json: Json = False,
 ) -> None:
     """Measure error and cost of solvers, peers, stop models, control rates and builds."""
-    from tools.trade import builds, control_rate, fidelity, heyoka_peer, pictures
-    from tools.trade import costs as prices
+    from tools.trade import builds, control_rate, costs, fidelity, heyoka_peer, pictures
     from tools.trade.cases import CASES
 
-    repeats = prices.QUICK_REPEATS if quick else prices.REPEATS
+    repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
     if parts:
-        price_parts(quick, repeats, as_json)
+        measure_parts(quick, repeats, as_json)
         return
     if extremes is not None:
         write_extremes(extremes, as_json)
         return
     load_before = os.getloadavg()[0]
-    measured: list[Price] = []
+    measured: list[Cost] = []
     with shown_progress() as progress:
         steps = len(CASES) + 3
         for done, case in enumerate(CASES):
             share = done / steps
-            measured += prices.measure(
-                case, prices.methods_of(case, quick), repeats, partial(progress, share)
-            )
+            measured += costs.measure(case, costs.methods_of(case, quick), repeats, partial(progress, share))
         of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
         of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
         of_builds = builds.measure(repeats, partial(progress, (len(CASES) + 2) / steps))
     notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
     payload: dict[str, Any] = {
-        "rows": [*(price.row() for price in measured), *of_parts, *of_rates, *of_builds],
-        "pareto": [price.row()["what"] for price in prices.pareto(measured)],
+        "rows": [*(cost.row() for cost in measured), *of_parts, *of_rates, *of_builds],
+        "pareto": [cost.row()["what"] for cost in costs.pareto(measured)],
         "repeats": repeats,
         "load_average": {"before": load_before, "after": os.getloadavg()[0]},
         "cores": os.cpu_count(),
@@ -84,11 +81,11 @@ def write_extremes(page: Path, as_json: bool) -> None:
 
     with shown_progress() as progress:
         rows = extremes.write(page, partial(progress, None))
-    told = f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}"
-    answer({"rows": rows, "page": str(page)}, as_json, lambda: console.print(told))
+    summary = f"{len(rows)} extremes by {len(extremes.METHODS)} methods: {page}"
+    answer({"rows": rows, "page": str(page)}, as_json, lambda: console.print(summary))
 
 
-def price_parts(quick: bool, repeats: int, as_json: bool) -> None:
+def measure_parts(quick: bool, repeats: int, as_json: bool) -> None:
     """The costs of a scene's parts."""
     from tools.trade import parts
 

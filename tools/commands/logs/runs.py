@@ -49,8 +49,8 @@ def runs(
     found = chosen(listed(folder), where or [])
     if older is not None:
         removed = prune(found, age_s(older))
-        told = f"removed {len(removed)} of {len(found)} runs"
-        answer({"removed": [str(path) for path in removed]}, as_json, lambda: console.print(told))
+        summary = f"removed {len(removed)} of {len(found)} runs"
+        answer({"removed": [str(path) for path in removed]}, as_json, lambda: console.print(summary))
         return
     columns = show or list(COLUMNS)
     if as_json:

@@ -309,13 +309,13 @@ def energy(evidence: Evidence) -> Claim:
         band = diagram.widest_multistable()
         if band is not None and band[1] - band[0] > FEWEST_BAND:
             ratio = round(0.5 * (band[0] + band[1]), 2)
-            impact, calm = sorted(
+            impact, non_impact = sorted(
                 (diagram.up.at(ratio), diagram.down.at(ratio)), key=lambda row: -row["impacts"]
             )
             both[f"{diagram.case.preset} {diagram.case.law}, r = {ratio:g}"] = {
-                "non_impact_mj": 1e3 * calm["drive_j"],
+                "non_impact_mj": 1e3 * non_impact["drive_j"],
                 "impact_mj": 1e3 * impact["drive_j"],
-                "times": impact["drive_j"] / calm["drive_j"],
+                "times": impact["drive_j"] / non_impact["drive_j"],
             }
     at_r = {
         preset: {

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from plant_sim.orbits import exact as streaming
+from plant_sim.orbits import exact as exact_orbits
 from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study import basin, store, work
 from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case
@@ -189,7 +189,7 @@ def share_from_rest(one: Case, ratio: float) -> float:
 def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
     """The same after a run-up of the crank from standstill."""
     ends = [
-        streaming.ramp(
+        exact_orbits.ramp(
             one.striker(),
             one.drive(ratio),
             one.closed_friction(),

@@ -17,7 +17,7 @@ from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.walking import Walking
 from plant_sim.plant import Plant
 from plant_sim.scene import Scene, read_scene
-from tools.campaign.trial.draws import DEFAULT_SEED, Mismatch, draw
+from tools.campaign.trial.sampling import DEFAULT_SEED, Mismatch, sample
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse.gate import Gate, initial, step
 from tools.study.pulse.judging import COLUMNS, GATED, JUDGED, Walked, judged
@@ -38,18 +38,18 @@ SCENES = {
 }
 
 
-def drawn_scene(module: str, stride_hz: float, walker: int) -> Scene:
+def sampled_scene(module: str, stride_hz: float, walker: int) -> Scene:
     """A module off its nominal values as in the campaigns, on a leg."""
     given = deepcopy(read_scene(SCENES[module][0]))
     given["gait"]["pace"] = [{"at_s": 0.0, "stride_hz": stride_hz}]
-    return draw(given, Mismatch(), DEFAULT_SEED, walker, at_rest=True).scene
+    return sample(given, Mismatch(), DEFAULT_SEED, walker, at_rest=True).scene
 
 
 def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + JUDGED + 2) -> Walked:
     """A walk under the gate, a tick at a time."""
     config = config_from(read_scenario(SCENES[module][1])["firmware"])
     gate = Gate(config.spin_down, config.gait_lock.lowest_confidence)
-    plant = Plant(drawn_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
+    plant = Plant(sampled_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
     walking = plant.parts.housing
     assert isinstance(walking, Walking)
     nominal = config.spin_down

@@ -24,7 +24,7 @@ def once_in(cycle: int, impacts: float) -> int:
     return cycle if cycle > 1 and abs(impacts * cycle - 1.0) < 1e-6 else 0
 
 
-def drawn_start(unit: Case, dice: np.random.Generator) -> State:
+def sampled_start(unit: Case, dice: np.random.Generator) -> State:
     """Anywhere that a striker of this gap may be."""
     y_m = dice.uniform(-1.5, 1.0) * unit.gap_m
     v_m_s = dice.uniform(-1.2, 1.2) * unit.gap_m * unit.natural_rad_s
@@ -35,7 +35,7 @@ def found_orbit(unit: Case, ratio: float, turns: int) -> Outcome | None:
     """The first of 200 starts with one impact in this number of turns."""
     dice = np.random.default_rng(1)
     for _ in range(200):
-        orbit = follow(unit, ratio, drawn_start(unit, dice), LONG)
+        orbit = follow(unit, ratio, sampled_start(unit, dice), LONG)
         if orbit.certain and once_in(orbit.cycle, orbit.impacts) == turns:
             return orbit
     return None
@@ -50,7 +50,7 @@ def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     for ratio in spec["ratios"]:
         found: dict[int, list[float]] = {}
         for _ in range(STARTS):
-            orbit = follow(unit, ratio, drawn_start(unit, dice), LONG)
+            orbit = follow(unit, ratio, sampled_start(unit, dice), LONG)
             turns = once_in(orbit.cycle, orbit.impacts) if orbit.certain else 0
             if turns:
                 found.setdefault(turns, []).append(orbit.v_mean_m_s / (unit.natural_rad_s * unit.gap_m))

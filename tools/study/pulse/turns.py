@@ -13,7 +13,7 @@ from plant_sim.parts.walking import Walking
 from plant_sim.plant import Plant
 from plant_sim.result import Impact
 from plant_sim.scene import Scene, load_scene
-from tools.campaign.trial.draws import DEFAULT_SEED
+from tools.campaign.trial.sampling import DEFAULT_SEED
 from tools.study.cases import Case, case
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.orbits import State

@@ -79,9 +79,11 @@ def fly(
     flights: Sequence[Flight], chosen: Sequence[BoolArray], law: Law, striker: Striker, rise: Rise
 ) -> Flown:
     """The most likely parameters of a law, from first values on."""
-    told = [(one, mask) for one, mask in zip(flights, chosen, strict=True) if mask.sum() >= FEWEST_SAMPLES]
-    table = side_by_side(told)
-    x0, v0 = np.array([begun(flight, mask, striker) for flight, mask in told]).T
+    informative = [
+        (one, mask) for one, mask in zip(flights, chosen, strict=True) if mask.sum() >= FEWEST_SAMPLES
+    ]
+    table = side_by_side(informative)
+    x0, v0 = np.array([begun(flight, mask, striker) for flight, mask in informative]).T
     fitted = FITTED[law]
     p = len(fitted)
     for _ in range(PASSES):
@@ -111,26 +113,26 @@ def fly(
 def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[str, float]:
     """Standard deviations: by the sensor's noise, or over resampled flights where that is more."""
     n = len(flown.says)
-    drawn = np.array(
+    sampled = np.array(
         [
             np.linalg.solve(flown.says[rows].sum(axis=0), flown.slopes[rows].sum(axis=0))
             for rows in (noise.integers(n, size=n) for _ in range(resamples))
         ]
     )
-    most = np.maximum(np.sqrt(np.diag(flown.covariance)), drawn.std(axis=0))
+    most = np.maximum(np.sqrt(np.diag(flown.covariance)), sampled.std(axis=0))
     return dict(zip(flown.fitted, most.tolist(), strict=True))
 
 
-def side_by_side(told: Sequence[tuple[Flight, BoolArray]]) -> Table:
+def side_by_side(informative: Sequence[tuple[Flight, BoolArray]]) -> Table:
     """Flights of different lengths in one table; what lies beyond an end is not used."""
-    ticks = max(len(mask) for _, mask in told)
-    z, crank = np.zeros((ticks, len(told))), np.zeros((ticks, len(told)))
-    used = np.zeros((ticks, len(told)), bool)
-    for place, (flight, mask) in enumerate(told):
+    ticks = max(len(mask) for _, mask in informative)
+    z, crank = np.zeros((ticks, len(informative))), np.zeros((ticks, len(informative)))
+    used = np.zeros((ticks, len(informative)), bool)
+    for place, (flight, mask) in enumerate(informative):
         n = len(mask)
         z[:n, place], crank[:n, place], used[:n, place] = flight.z_m_s2, flight.regressors[:, CRANK], mask
         crank[n:, place] = crank[n - 1, place]
-    first = told[0][0]
+    first = informative[0][0]
     return Table(float(first.t_s[1] - first.t_s[0]), z, crank, used)
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from plant_sim.arrays import FloatArray
 from plant_sim.solvers.adaptive.state_layout import IMPACT_TIME
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.draws import Drawn
 from tools.campaign.trial.run import run
+from tools.campaign.trial.sampling import Sampled
 from tools.campaign.trial.scenarios import scenario_of, script
 from tools.tuning.recordings.readings import Ticks
 
@@ -31,9 +31,11 @@ RECEIVED = (
 )
 
 
-def record(cell: Cell, drawn: Drawn, duration_s: float) -> tuple[Ticks, Truth]:
+def record(cell: Cell, sampled: Sampled, duration_s: float) -> tuple[Ticks, Truth]:
     """A closed loop's log, from power-up on."""
-    scenario = scenario_of("recorded", drawn.tables, cell.firmware, script(cell), duration_s, drawn.run_seed)
+    scenario = scenario_of(
+        "recorded", sampled.tables, cell.firmware, script(cell), duration_s, sampled.run_seed
+    )
     done = run(scenario, scenario.seed, RECEIVED)
     ticks = Ticks(scenario.period_s, *(done.firmware[name].copy() for name in RECEIVED))
     return ticks, Truth(done.true("x_m"), done.true("v_m_s"), done.impacts[:, IMPACT_TIME])

@@ -51,7 +51,7 @@ class Disturbance:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Sampled:
     """One trial's truth as tables and checked, its run's seed, and a generator for its script."""
 
     tables: Mapping[str, Any]
@@ -93,7 +93,7 @@ def _moving_housing(
     return housing
 
 
-def draw(
+def sample(
     scene: Mapping[str, Any],
     mismatch: Mismatch,
     seed: int,
@@ -101,7 +101,7 @@ def draw(
     disturbance: Disturbance = Disturbance(),
     until_s: float = 0.0,
     at_rest: bool = False,
-) -> Drawn:
+) -> Sampled:
     """The truth of a trial; x₀ in −0.1…0.06 m about l₀ but not beyond the stop, v₀ in ±0.8 m/s, any phase.
 
     A shock comes before `until_s`. `at_rest`: the striker starts as the scene has it.
@@ -111,8 +111,13 @@ def draw(
     def about(width: float) -> float:
         return float(truth.uniform(-width, width))
 
-    drawn = deepcopy(dict(scene))
-    striker, stop, friction, drive = drawn["striker"], drawn["stop"], drawn["friction"], drawn["drive"]
+    sampled = deepcopy(dict(scene))
+    striker, stop, friction, drive = (
+        sampled["striker"],
+        sampled["stop"],
+        sampled["friction"],
+        sampled["drive"],
+    )
     striker["spring_n_m"] *= 1.0 + about(mismatch.spring)
     striker["rest_length_m"] += about(mismatch.rest_length_m)
     stop["position_m"] += about(mismatch.stop_m)
@@ -123,17 +128,19 @@ def draw(
     for name in ("b_n_s_m", "mu", "mu_s"):
         if name in friction:
             friction[name] *= damping if name == "b_n_s_m" else dry
-    sensors = drawn.setdefault("sensors", {})
+    sensors = sampled.setdefault("sensors", {})
     for name in ("striker_low", "housing"):
         bias_m_s2 = about(mismatch.bias_g) * STANDARD_GRAVITY_M_S2
         sensors[name] = {"bias_m_s2": bias_m_s2, **sensors.get(name, {})}
     highest_m = min(0.06, stop["position_m"] - striker["rest_length_m"])
     if not at_rest:
-        drawn["initial"] = {
+        sampled["initial"] = {
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
             "v_m_s": about(0.8),
         }
     housing = _moving_housing(disturbance, until_s, truth)
     if housing:
-        drawn["housing"] = housing
-    return Drawn(drawn, load_scene(drawn), int(noise.integers(LARGEST_RUN_SEED)), more, (seed, trial, 2))
+        sampled["housing"] = housing
+    return Sampled(
+        sampled, load_scene(sampled), int(noise.integers(LARGEST_RUN_SEED)), more, (seed, trial, 2)
+    )
