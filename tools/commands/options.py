@@ -34,6 +34,11 @@ Again = Annotated[
 Until = Annotated[float | None, typer.Option(help="Stop after this time in s; by default on Ctrl-C.")]
 
 
+def setting(description: str) -> Any:
+    """A Typer option `--set` for any number of settings `KEY=VALUE`."""
+    return typer.Option("--set", help=f"{description}; repeatable.")
+
+
 def unfolded(command: Callable[..., None]) -> Callable[..., None]:
     """The command with the fields of its records as options, in the record's place and with its values.
 

@@ -64,6 +64,10 @@ class Kill(NamedTuple):
         """The cause that must be named where the program itself received the signal."""
         return KILLED if self.number in FINAL else f"interrupted by {self.signal_name}"
 
+    def sent_to(self, pid: int) -> bool:
+        """Send the signal; whether the process was still there."""
+        return signalled(pid, self.number)
+
     def __str__(self) -> str:
         return f"{self.of}: {self.number.name} to {self.process}, {self.stage} ({self.at_s:.3f} s)"
 

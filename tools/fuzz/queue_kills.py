@@ -26,7 +26,6 @@ from tools.fuzz.kill import (
     KillError,
     begun,
     left_over,
-    signalled,
     wait_for,
 )
 from tools.fuzz.worker import children_of
@@ -153,7 +152,7 @@ def killed_queue(kill: Kill) -> list[str]:
                 await_moment(kill, queue, program)
                 before = queue.finished()
                 pid = program.pid if kill.is_of_program else worker_of(program)
-                was_there = program.poll() is None and pid != 0 and signalled(pid, kill.number)
+                was_there = program.poll() is None and pid != 0 and kill.sent_to(pid)
                 after = after_the_parents if kill.is_of_program and was_there else after_a_workers
                 wrong = after(kill, program)
         except (KillError, subprocess.TimeoutExpired) as error:

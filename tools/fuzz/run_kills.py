@@ -10,17 +10,7 @@ from xml.etree import ElementTree
 from hil.bench.recorded_run import open_run
 from hil.record.log_reader import is_whole
 from hil.record.run_traces import read_json
-from tools.fuzz.kill import (
-    END_LIMIT_S,
-    REPORT,
-    SCENARIO,
-    Kill,
-    KillError,
-    begun,
-    left_over,
-    signalled,
-    wait_for,
-)
+from tools.fuzz.kill import END_LIMIT_S, REPORT, SCENARIO, Kill, KillError, begun, left_over, wait_for
 
 CHILDREN = ("firmware", "plant", "recorder", "hub", "baseline")
 STAGES = {"early": (0.1, 0.5), "middle": (1.0, 2.0), "end": (2.4, 2.8), REPORT: (0.0, 0.3)}
@@ -45,7 +35,7 @@ def await_moment(kill: Kill, run_dir: Path) -> None:
 def sent(kill: Kill, bench: "subprocess.Popen[bytes]", run_dir: Path) -> bool:
     """Send the signal; whether the process was still there."""
     pid = bench.pid if kill.is_of_program else read_json(run_dir / "processes.json")[kill.process]
-    return signalled(pid, kill.number)
+    return kill.sent_to(pid)
 
 
 def causes(kill: Kill) -> tuple[str, ...]:

@@ -27,11 +27,7 @@ class Mpmath:
 
     tiny = mpmath.mpf(10) ** -38
     bisections = 130
-
-    @staticmethod
-    def number(value: float) -> Number:
-        return mpmath.mpf(value)
-
+    number = staticmethod(mpmath.mpf)
     exp = staticmethod(mpmath.exp)
     sqrt = staticmethod(mpmath.sqrt)
     complex = staticmethod(mpmath.mpc)
@@ -46,11 +42,7 @@ class LongDouble:
 
     tiny = np.longdouble(1e-19)
     bisections = 66
-
-    @staticmethod
-    def number(value: float) -> Number:
-        return np.longdouble(value)
-
+    number = staticmethod(np.longdouble)
     exp = staticmethod(np.exp)
     sqrt = staticmethod(np.sqrt)
 

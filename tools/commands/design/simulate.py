@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import Json
+from tools.commands.options import Json, setting
 from tools.output import BadInputError, answer, console, figure_table
 from tools.outputs import PICTURES, file_option
 
@@ -30,8 +30,7 @@ def simulate(
         float, typer.Option(help="Constant motor torque in N m, in a scene with a motor.")
     ] = 0.0,
     change: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change one value of the scene, e.g. scene.drive.ratio=1.1; repeatable."),
+        list[str] | None, setting("Change one value of the scene, e.g. scene.drive.ratio=1.1")
     ] = None,
     plot: Annotated[
         Path | None, file_option("Draw position and phase portrait into this file.", PICTURES)

@@ -7,7 +7,7 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
-from tools.commands.options import Again, Json, NodeBus, Sync, Until
+from tools.commands.options import Again, Json, NodeBus, Sync, Until, setting
 from tools.output import console, print_json
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -16,9 +16,7 @@ Scenario = Annotated[
     str | None,
     typer.Argument(help="A scenario with the firmware's parameters; without it the defaults."),
 ]
-Change = Annotated[
-    list[str] | None, typer.Option("--set", help="Change a parameter: firmware.NAME=VALUE; repeatable.")
-]
+Change = Annotated[list[str] | None, setting("Change a parameter: firmware.NAME=VALUE")]
 
 
 class NodeUnlessNamed(TyperGroup):

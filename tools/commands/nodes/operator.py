@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import NodeBus
+from tools.commands.options import NodeBus, setting
 
 
 def register(app: typer.Typer) -> None:
@@ -15,9 +15,7 @@ def register(app: typer.Typer) -> None:
 def operator(
     scenario: Annotated[str, typer.Argument(help="The scenario with the script.")],
     bus: NodeBus = "auto",
-    change: Annotated[
-        list[str] | None, typer.Option("--set", help="Change a value: script.…=VALUE; repeatable.")
-    ] = None,
+    change: Annotated[list[str] | None, setting("Change a value: script.…=VALUE")] = None,
 ) -> None:
     """Send a scenario's commands as one CAN node; Ctrl-C sends an E-stop and ends.
 

@@ -8,7 +8,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
-from tools.commands.options import FirmwareBuild, Json, Workers
+from tools.commands.options import FirmwareBuild, Json, Workers, setting
 from tools.output import BadInputError, answer, console, exit_of, figure
 from tools.progress import counted_progress, shown_progress
 
@@ -48,10 +48,7 @@ def campaign(
         int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
     ] = 20_260,
     change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE; repeatable."
-        ),
+        list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE")
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
 from tools.output import BadInputError, answer, console, exit_of, figure, figure_table
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -37,10 +37,7 @@ def run(
         int | None, typer.Option(help="Seed of all random numbers; by default the scenario's, or 1.", min=0)
     ] = None,
     change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE; repeatable."
-        ),
+        list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or script.KEY=VALUE")
     ] = None,
     parameters: ParameterFiles = None,
     soak: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
 from tools.logs.changes import baseline_result, show_changes
 from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure
 from tools.outputs import folder_option
@@ -38,10 +38,7 @@ def suite(
             help="Run each scenario with this number of seeds, from --seed on; all must pass.", min=1
         ),
     ] = 1,
-    change: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Change a value in every scenario, as for run; repeatable."),
-    ] = None,
+    change: Annotated[list[str] | None, setting("Change a value in every scenario, as for run")] = None,
     parameters: ParameterFiles = None,
     baseline: Annotated[
         str | None,
