@@ -3,7 +3,6 @@
 Plots pick fields out of the traces' records, so names, units and colours of the series live here.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import rerun.blueprint as rrb
@@ -155,9 +154,7 @@ def estimator(
                 range_y=innovations_m_s2,
             ),
             plot(
-                "NIS",
-                Line("/firmware", "state.estimator.nis", "NIS", "", OTHER),
-                range_y=(0.0, LARGEST_NIS),
+                "NIS", Line("/firmware", "state.estimator.nis", "NIS", "", OTHER), range_y=(0.0, LARGEST_NIS)
             ),
             plot(
                 "Accelerometer bias [m/s²]",
@@ -197,11 +194,7 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
                 legend=rrb.Corner2D.RightBottom,
             ),
         ),
-        plot(
-            "Force, close up [N]",
-            *forces,
-            span_s=detail_s,
-        ),
+        plot("Force, close up [N]", *forces, span_s=detail_s),
         plot(
             "Energy [J]",
             Line("/plant/slow", "drive_work_j", "drive work", "J", TRUTH),
@@ -219,7 +212,10 @@ OUTSIDE = "outside: the impact of another turn of the stride"
 
 def gait(detail_s: tuple[float, float] | None) -> Any:
     """The wearer's cycle, true and estimated, and where in it the pulses come."""
-    close_up = partial(plot, span_s=detail_s, legend=None)
+
+    def close_up(name: str, *lines: Line) -> rrb.TimeSeriesView:
+        return plot(f"{name}, close up [{lines[0].unit}]", *lines, span_s=detail_s, legend=None)
+
     return shares(
         rrb.Vertical,
         lanes("The leg: true, estimated", "leg", "leg_estimated"),
@@ -252,23 +248,17 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
             ),
         ),
         rrb.Horizontal(
+            close_up("Felt by the wearer", Line("/plant", "felt_force_n", "felt", "N", OTHER)),
             close_up(
-                "Felt by the wearer, close up [N]",
-                Line("/plant", "felt_force_n", "felt", "N", OTHER),
-            ),
-            close_up(
-                "Push-off: the ankle's moment, close up [N m/kg]",
+                "Push-off: the ankle's moment",
                 Line("/plant/slow", "gait.ankle_n_m_kg", "true", "N m/kg", TRUTH),
             ),
             close_up(
-                "Shank's rate, close up [rad/s]",
+                "Shank's rate",
                 Line("/firmware", "inputs.gait.shank_rate_rad_s", "sensed", "rad/s", ESTIMATE),
                 Line("/plant/slow", "gait.shank_rad_s", "true", "rad/s", TRUTH),
             ),
-            close_up(
-                "Along the striker's axis, close up [m/s²]",
-                Line("/plant/slow", "gait.axis_m_s2", "a_b", "m/s²", TRUTH),
-            ),
+            close_up("Along the striker's axis", Line("/plant/slow", "gait.axis_m_s2", "a_b", "m/s²", TRUTH)),
         ),
         by=(4, 7, 5, 5),
         name="Gait",
