@@ -125,18 +125,15 @@ def estimator(
     """Whether the filter is right and honest about it."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
+
+    def error(name: str, field: str, unit: str, *limits: Whole) -> rrb.TimeSeriesView:
+        line = Line("/estimate_error", field, "estimate − truth", unit, ESTIMATE)
+        return plot(f"Error of the {name}, whole run [{unit}]", line, *limits)
+
     return rrb.Vertical(
         plot("Velocity, close up [m/s]", *VELOCITY, span_s=detail_s),
         rrb.Horizontal(
-            plot(
-                "Error of the position, whole run [m]",
-                Line("/estimate_error", "x_m", "estimate − truth", "m", ESTIMATE),
-                Whole("/limits/x_error/**"),
-            ),
-            plot(
-                "Error of the velocity, whole run [m/s]",
-                Line("/estimate_error", "v_m_s", "estimate − truth", "m/s", ESTIMATE),
-            ),
+            error("position", "x_m", "m", Whole("/limits/x_error/**")), error("velocity", "v_m_s", "m/s")
         ),
         plot(
             "Acceleration, close up [m/s²]",

@@ -90,7 +90,6 @@ class Score(NamedTuple):
     flight: Any
     stop: Any
     x_to_smoother_m: float
-    v_to_smoother_m_s: float
     x_to_truth_m: float
     v_to_truth_m_s: float
     nees: float
@@ -228,7 +227,6 @@ def _score(source: Source, parameters: dict[str, float]) -> Score:
         flight=said(flying[:, replay.INNOVATION], flying[:, replay.INNOVATION_STD] ** 2),
         stop=said(stop[:, replay.STOP_INNOVATION], stop[:, replay.STOP_VARIANCE]),
         x_to_smoother_m=rms(course[:, replay.X] - yardstick.x_m),
-        v_to_smoother_m_s=rms(course[:, replay.V] - yardstick.v_m_s),
         x_to_truth_m=x_truth,
         v_to_truth_m_s=v_truth,
         nees=nees,
