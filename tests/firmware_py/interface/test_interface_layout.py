@@ -37,7 +37,7 @@ def test_signals_by_place_and_range() -> None:
 
 
 @pytest.mark.parametrize(
-    ("signal", "complaint"),
+    ("signal", "wanted"),
     [
         ('a : 7|16@0- (1,0) [-9|9] ""', "byte order big_endian"),
         ('a : 0|16@1- (1,5) [-9|9] ""', "offset 5"),

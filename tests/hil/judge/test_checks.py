@@ -61,7 +61,7 @@ def test_equality(name, equals, passed):
 
 
 @pytest.mark.parametrize(
-    ("check", "complaint"),
+    ("check", "message"),
     [
         ({"name": "detector.recal", "low": 0.9}, r"did you mean detector\.recall"),
         ({"name": "detector", "low": 0.9}, "names no figure"),

@@ -458,7 +458,7 @@ def scenario_with(*faults: dict[str, Any], bus: dict[str, Any] | None = None) ->
 
 
 @pytest.mark.parametrize(
-    ("table", "complaint"),
+    ("table", "message"),
     [
         ({"kind": "gremlins", "at_s": 1.0}, "'gremlins' is none of dropped, .*"),
         ({"kind": "dropped", "at_s": 1.0, "frames": ["Acelerometer"]}, "did you mean Accelerometer"),

@@ -141,7 +141,7 @@ def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "complaint"),
+    ("name", "content", "message"),
     [
         ("nothing.log", None, "is not there"),
         ("notes.txt", "hello", ".blf"),

@@ -94,7 +94,7 @@ def test_signals_are_drawn(run_dir, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("options", "message"),
     [
         (["--table", "plnt"], "plant"),
         (["--table", "plant", "--to", "plant.xlsx"], ".parquet"),

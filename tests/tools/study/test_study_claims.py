@@ -116,7 +116,7 @@ def test_map_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("arguments", "message"),
     [
         (["sweep", "--preset", "table2"], "--preset is 'table2': wanted one of table1, gait"),
         (["sweep", "--law", "dry"], "--law is 'dry': wanted one of viscous, coulomb, stribeck"),
