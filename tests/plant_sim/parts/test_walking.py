@@ -291,7 +291,7 @@ STANDING = {"pace": [{"at_s": 0.0, "stride_hz": 0.0}]}
 def test_standing_still_is_no_gait() -> None:
     """Across the shank nothing at all, along it gravity: as no housing, and as one on its head."""
     for axis, still in (("forward", {}), ("down", {"housing": {"tilt_rad": -math.pi / 2.0}})):
-        module = {"drive__ratio": 1.0, "solver__method": "adaptive", "friction": {"law": "none"}}
+        module = {"drive__ratio": 1.0, "solver__method": "adaptive"}
         ours = simulate(scene(STANDING | {"axis": axis}, **module), 4.0)
         theirs = simulate(scene(None, **module, **still), 4.0)
         assert ours.impacts.t_s.size == theirs.impacts.t_s.size
