@@ -30,7 +30,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
 from tools.campaign.processes import environment
-from tools.campaign.trial.cells import LAWS, Cell, scene_of
+from tools.campaign.trial.cells import LAWS, Cell
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.one_thread import ONE_THREAD_EACH
@@ -151,7 +151,7 @@ def _sampled(source: Source) -> Log:
     from tools.tuning.recordings.recorded import record
 
     law, ratio = CONDITIONS[source.number % len(CONDITIONS)]
-    cell = Cell(law, ratio, 0.0, scene_of(law), LAWS[law]["nominal"])
+    cell = Cell(law, ratio, 0.0, LAWS[law].scene, LAWS[law].nominal)
     sampled = sample(cell.scene, Mismatch(), source.seed, source.number)
     ticks, truth = record(cell, sampled, source.seconds)
     return Log(deepcopy(dict(cell.firmware)), ticks, np.stack([truth.x_m, truth.v_m_s]))

@@ -11,7 +11,6 @@ it is made of has changed.
 import json
 import os
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +23,7 @@ from firmware_py.shell.parameters import with_overrides
 from hil.record import provenance
 from tools.campaign.processes import environment
 from tools.campaign.statistics import wilson
-from tools.campaign.trial.cells import LAWS, Cell, scene_of
+from tools.campaign.trial.cells import LAWS, Cell, Law
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.one_thread import ONE_THREAD_EACH
@@ -33,16 +32,11 @@ SECONDS = 60.0
 TRIALS = 300
 SEED = 30_000
 MISMATCH = Mismatch(spring=0.05, amplitude=0.03)
-BOTH = {
-    "friction": {"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1},
-    "amplitude_m": 0.025,
-    "nominal": {"friction": {"b_n_s_m": 0.1, "mu": 0.05}, "drive": {"amplitude_m": 0.025}},
-}
-MODULES: dict[str, dict[str, Any]] = {
+MODULES = {
     "viscous": LAWS["viscous"],
     "coulomb": LAWS["coulomb"],
     "stribeck": LAWS["stribeck"],
-    "coulomb and viscous": BOTH,
+    "coulomb and viscous": Law({"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1}, 0.025),
 }
 """By the law's name as identification has it."""
 RATIOS = {"viscous": (1.1, 1.2, 1.3)}
@@ -96,12 +90,9 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
 
     law, ratio = module_of(trial)
     known = MODULES[law]
-    scene = scene_of("viscous")
-    scene["friction"] = dict(known["friction"])
-    scene["drive"]["amplitude_m"] = known["amplitude_m"]
-    cell = Cell(law, ratio, 0.0, scene, deepcopy(known["nominal"]))
-    sampled = sample(scene, MISMATCH, seed, trial)
-    nominal = with_overrides(known["nominal"])
+    cell = Cell(law, ratio, 0.0, known.scene, known.nominal)
+    sampled = sample(cell.scene, MISMATCH, seed, trial)
+    nominal = with_overrides(known.nominal)
     ticks, _ = record(cell, sampled, seconds)
     try:
         found = identify(

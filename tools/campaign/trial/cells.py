@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
@@ -14,34 +14,35 @@ BASE_SCENE = "table1-motor-soft"
 DRY_AMPLITUDE_M = 0.03
 """Dry friction holds the striker at 20 mm."""
 
-LAWS: dict[str, dict[str, Any]] = {
-    "viscous": {
-        "friction": {"law": "viscous", "b_n_s_m": 0.2},
-        "amplitude_m": 0.02,
-        "nominal": {"friction": {"b_n_s_m": 0.2, "mu": 0.0}, "drive": {"amplitude_m": 0.02}},
-    },
-    "coulomb": {
-        "friction": {"law": "coulomb", "mu": 0.15},
-        "amplitude_m": DRY_AMPLITUDE_M,
-        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
-    },
-    "coulomb-0.2": {
-        "friction": {"law": "coulomb", "mu": 0.2},
-        "amplitude_m": DRY_AMPLITUDE_M,
-        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.2}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
-    },
-    "coulomb-0.3": {
-        "friction": {"law": "coulomb", "mu": 0.3},
-        "amplitude_m": DRY_AMPLITUDE_M,
-        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.3}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
-    },
-    "stribeck": {
-        "friction": {"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0},
-        "amplitude_m": DRY_AMPLITUDE_M,
-        "nominal": {"friction": {"b_n_s_m": 0.0, "mu": 0.15}, "drive": {"amplitude_m": DRY_AMPLITUDE_M}},
-    },
+
+class Law(NamedTuple):
+    """A friction of the true module, and the amplitude of the drive that moves the striker in it."""
+
+    friction: Mapping[str, Any]
+    amplitude_m: float = DRY_AMPLITUDE_M
+
+    @property
+    def scene(self) -> dict[str, Any]:
+        """The nominal scene with this friction."""
+        scene = deepcopy(read_scene(BASE_SCENE))
+        scene["friction"] = dict(self.friction)
+        scene["drive"]["amplitude_m"] = self.amplitude_m
+        return scene
+
+    @property
+    def nominal(self) -> dict[str, Any]:
+        """The firmware's parameters, which know a dry law by its μ alone."""
+        friction = {name: self.friction.get(name, 0.0) for name in ("b_n_s_m", "mu")}
+        return {"friction": friction, "drive": {"amplitude_m": self.amplitude_m}}
+
+
+LAWS = {
+    "viscous": Law({"law": "viscous", "b_n_s_m": 0.2}, 0.02),
+    "coulomb": Law({"law": "coulomb", "mu": 0.15}),
+    "coulomb-0.2": Law({"law": "coulomb", "mu": 0.2}),
+    "coulomb-0.3": Law({"law": "coulomb", "mu": 0.3}),
+    "stribeck": Law({"law": "stribeck", "mu": 0.15, "mu_s": 0.2, "v_s_m_s": 0.05, "delta": 1.0}),
 }
-"""Truth and nominal parameters by friction law; the firmware knows a dry law by its μ alone."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +60,6 @@ class Cell:
         """As tables and goals call it."""
         asked = f" {self.impulse_n_s:g} N s" if self.impulse_n_s > 0.0 else ""
         return f"{self.law} r={self.ratio:g}{asked}"
-
-
-def scene_of(law: str) -> dict[str, Any]:
-    """The nominal scene with a friction law."""
-    scene = deepcopy(read_scene(BASE_SCENE))
-    scene["friction"] = dict(LAWS[law]["friction"])
-    scene["drive"]["amplitude_m"] = LAWS[law]["amplitude_m"]
-    return scene
 
 
 def _listed(value: Any) -> list[Any]:
@@ -115,7 +108,7 @@ def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Ce
     for condition_laws, condition_ratios, condition_impulses in conditions:
         for law in condition_laws:
             refuse_unlisted("laws", law, LAWS)
-            own = {"campaign": {}, "scene": scene_of(law), "firmware": deepcopy(LAWS[law]["nominal"])}
+            own = {"campaign": {}, "scene": LAWS[law].scene, "firmware": LAWS[law].nominal}
             own = apply_settings(own, settings)
             cells += [
                 Cell(law, float(ratio), float(impulse), own["scene"], own["firmware"])
