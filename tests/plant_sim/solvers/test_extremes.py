@@ -113,10 +113,9 @@ def test_a_stalled_motor_stays_where_it_is() -> None:
 
 def test_a_motor_too_weak_for_the_crank_stalls_against_the_spring() -> None:
     """Peak of c A² sin θ cos θ = 14 mN m and 5 mN m of dry loss: 12 mN m do not get round, 30 do."""
-    still = {"striker.mass_kg": 1e6}
+    still = {"striker.mass_kg": 1e6, "stop": {"law": "none"}}
     weak = run(MOTOR, still, 5.0, torque_n_m=0.012)
     strong = run(MOTOR, still, 5.0, torque_n_m=0.03)
-    assert weak.impacts.t_s.size == strong.impacts.t_s.size == 0
     assert weak.final.omega_rad_s == 0.0
     assert weak.final.crank_rad < 0.5 * math.pi
     assert strong.final.omega_rad_s > 10.0
