@@ -1,6 +1,6 @@
-"""Every bus behind `provide(spec)`, which makes or names it, and `join(address)`."""
+"""Every bus behind one `open_bus(spec)`."""
 
 from hil.bus.base import Bus, BusCounters, BusError, Loss
-from hil.bus.opening import ProvidedBus, join, provide
+from hil.bus.opening import ProvidedBus, join, open_bus, provide
 
-__all__ = ["Bus", "BusCounters", "BusError", "Loss", "ProvidedBus", "join", "provide"]
+__all__ = ["Bus", "BusCounters", "BusError", "Loss", "ProvidedBus", "join", "open_bus", "provide"]

@@ -1,7 +1,7 @@
 """Any python-can interface as a bus: real adapters, at python-can's own cost."""
 
 import select
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import can
 
@@ -19,6 +19,7 @@ class AdapterBus:
     def __init__(self, interface: str, channel: str, accept: Iterable[int] | None) -> None:
         self.counters = BusCounters(lost=None)
         self.losses: list[Loss] = []
+        self.closing: list[Callable[[], None]] = []
         # Filtered here: python-can ends a read without waiting at the first frame its own filter refuses.
         self._accept = None if accept is None else frozenset(accept)
         try:
@@ -80,3 +81,5 @@ class AdapterBus:
     def close(self) -> None:
         """Leave the bus."""
         self._bus.shutdown()
+        for close in self.closing:
+            close()

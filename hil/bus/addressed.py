@@ -3,7 +3,7 @@
 A frame without a sender among the module's nodes is not delivered.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from firmware_py.interface.addresses import DEFAULT, NOT_OURS, Addresses, bus_id, module_id
 from firmware_py.interface.frame import Frame
@@ -31,6 +31,11 @@ class AddressedBus:
     def losses(self) -> list[Loss]:
         """Those of the bus."""
         return self._bus.losses
+
+    @property
+    def closing(self) -> list[Callable[[], None]]:
+        """Those of the bus."""
+        return self._bus.closing
 
     def send(self, frame: Frame) -> None:
         """Queue one frame."""

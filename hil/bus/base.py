@@ -1,6 +1,6 @@
 """The interface of every bus to a node, and the bus's counters."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -59,6 +59,10 @@ class Bus(Protocol):
     @property
     def counters(self) -> BusCounters:
         """The errors counted so far."""
+
+    @property
+    def closing(self) -> list[Callable[[], None]]:
+        """Called when the node leaves, in order."""
 
     @property
     def losses(self) -> list[Loss]:

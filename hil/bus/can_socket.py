@@ -12,7 +12,7 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -190,6 +190,7 @@ class CanSocket:
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()
+        self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._noted_drops = 0
         self._requests = requests
@@ -291,3 +292,5 @@ class CanSocket:
     def close(self) -> None:
         """Leave the bus."""
         self._socket.close()
+        for close in self.closing:
+            close()

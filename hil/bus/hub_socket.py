@@ -3,7 +3,7 @@
 import select
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
@@ -33,6 +33,7 @@ class HubSocket:
 
     def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
         self.counters = BusCounters()
+        self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._lost = 0
         self._requests = requests
@@ -165,3 +166,5 @@ class HubSocket:
     def close(self) -> None:
         """Leave the bus."""
         self._socket.close()
+        for close in self.closing:
+            close()

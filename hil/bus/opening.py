@@ -167,3 +167,16 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
     from hil.bus.adapter import AdapterBus  # noqa: PLC0415  python-can takes 0.1 s to import
 
     return AdapterBus(interface, channel, accept)
+
+
+def open_bus(spec: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
+    """Join the bus `spec` names; where that makes one, it ends when this node leaves."""
+    provided = provide(spec)
+    try:
+        bus = join(provided.address, accept, stamped)
+    except BusError:
+        provided.close()
+        raise
+    if provided.holder is not None:
+        bus.closing.append(provided.close)
+    return bus

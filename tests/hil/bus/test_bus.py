@@ -16,7 +16,7 @@ import can
 import pytest
 
 from firmware_py.interface.frame import Frame
-from hil.bus import Bus, BusError, ProvidedBus, join, provide
+from hil.bus import Bus, BusError, ProvidedBus, join, open_bus, provide
 from hil.bus.can_socket import CanSocket, count_arrivals, has_kernel_can
 from hil.bus.hub_socket import HELLO
 from hil.bus.in_process import InProcessBus
@@ -292,6 +292,12 @@ def test_hub_ends_with_a_killed_parent_and_cleans_up() -> None:
     assert not Path(address.removeprefix("local:")).parent.exists()
 
 
+def test_open_bus_makes_a_bus_that_ends_with_its_node() -> None:
+    node = open_bus("local")
+    node.send(frame(1))
+    node.close()
+
+
 def test_python_can_tools_join(local: ProvidedBus) -> None:
     channel = local.address.removeprefix("local:")
     with joined(local, 1) as (node,), can.Bus(channel, "vibrohil") as tool:
@@ -313,7 +319,7 @@ def test_python_can_tools_join(local: ProvidedBus) -> None:
 
 
 def test_any_python_can_interface_is_a_bus() -> None:
-    first, second = join("virtual:test_any"), join("virtual:test_any", accept=[0x100, 0x102])
+    first, second = open_bus("virtual:test_any"), open_bus("virtual:test_any", accept=[0x100, 0x102])
     try:
         first.send_all([Frame(0x100, b"\x01"), Frame(0x101, b""), Frame(0x102, b"12345678")])
         assert second.receive() == [Frame(0x100, b"\x01"), Frame(0x102, b"12345678")]
@@ -345,7 +351,7 @@ def test_in_process_nodes_receive_from_the_others_only() -> None:
 )
 def test_bus_that_cannot_be_opened_says_what_was_wanted(spec: str, message: str) -> None:
     with pytest.raises(BusError, match=message):
-        join(provide(spec).address)
+        open_bus(spec)
 
 
 @pytest.mark.skipif(has_kernel_can(), reason="the kernel has CAN")
