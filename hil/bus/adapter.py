@@ -1,25 +1,25 @@
 """Any python-can interface as a bus: real adapters, at python-can's own cost."""
 
 import select
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import can
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
 from hil.bus.wire import REMOTE_FLAG
 
 BITRATE = 1_000_000
 """The bench's bus; interfaces that have no bit rate ignore it."""
 
 
-class AdapterBus:
+class AdapterBus(Leaving):
     """A node on `interface:channel` of python-can."""
 
     def __init__(self, interface: str, channel: str, accept: Iterable[int] | None) -> None:
+        super().__init__()
         self.counters = BusCounters(lost=None)
         self.losses: list[Loss] = []
-        self.closing: list[Callable[[], None]] = []
         # Filtered here: python-can ends a read without waiting at the first frame its own filter refuses.
         self._accept = None if accept is None else frozenset(accept)
         try:
@@ -78,8 +78,6 @@ class AdapterBus:
         """The interface's descriptor; -1 where it has none."""
         return self._bus.fileno()
 
-    def close(self) -> None:
+    def leave(self) -> None:
         """Leave the bus."""
         self._bus.shutdown()
-        for close in self.closing:
-            close()

@@ -53,6 +53,23 @@ class NodeBus(Protocol):
         """Return when frames have arrived, or when the time is over."""
 
 
+class Leaving:
+    """The end of a connection: what ends with it, `closing`, is called in order once the node has left."""
+
+    def __init__(self) -> None:
+        self.closing: list[Callable[[], None]] = []
+
+    def leave(self) -> None:
+        """Leave the bus."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Leave the bus, and end what ends with it."""
+        self.leave()
+        for close in self.closing:
+            close()
+
+
 class Bus(Protocol):
     """One node's connection. It never receives its own frames; no call blocks longer than a send may wait."""
 

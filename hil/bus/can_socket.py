@@ -12,12 +12,12 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
+from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
 from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
@@ -183,14 +183,14 @@ def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) ->
     return socket.socket(fileno=descriptors[0])
 
 
-class CanSocket:
+class CanSocket(Leaving):
     """A raw CAN socket, opened and bound, as a node's bus."""
 
     def __init__(self, can_socket: socket.socket, requests: frozenset[int] = frozenset()) -> None:
+        super().__init__()
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()
-        self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._noted_drops = 0
         self._requests = requests
@@ -289,8 +289,6 @@ class CanSocket:
         """The socket's descriptor."""
         return self._descriptor
 
-    def close(self) -> None:
+    def leave(self) -> None:
         """Leave the bus."""
         self._socket.close()
-        for close in self.closing:
-            close()

@@ -3,11 +3,11 @@
 import select
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
 from hil.bus.wire import (
     CAN_FRAME,
     CONTROL_ID,
@@ -28,12 +28,12 @@ HELLO_DEAF = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
 JOIN_TIMEOUT_S = 5.0
 
 
-class HubSocket:
+class HubSocket(Leaving):
     """A node on the bus `local`: a stream socket to the hub."""
 
     def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
+        super().__init__()
         self.counters = BusCounters()
-        self.closing: list[Callable[[], None]] = []
         self.losses: list[Loss] = []
         self._lost = 0
         self._requests = requests
@@ -163,8 +163,6 @@ class HubSocket:
         """The socket's descriptor."""
         return self._socket.fileno()
 
-    def close(self) -> None:
+    def leave(self) -> None:
         """Leave the bus."""
         self._socket.close()
-        for close in self.closing:
-            close()
