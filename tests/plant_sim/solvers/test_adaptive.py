@@ -12,7 +12,7 @@ from scipy.integrate import DOP853
 from plant_sim.result import Phase
 from plant_sim.scene import Scene, load_scene
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.adaptive import dop853_tables
+from plant_sim.solvers.adaptive import dop853
 
 ADAPTIVE = {"solver.method": "adaptive"}
 HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
@@ -205,14 +205,14 @@ def test_samples_do_not_change_the_run() -> None:
 
 
 def test_the_numbers_of_dop853_are_scipys() -> None:
-    assert np.array_equal(dop853_tables.A[:12, :12], DOP853.A)
-    assert np.array_equal(dop853_tables.A[12, :12], DOP853.B)
-    assert np.array_equal(dop853_tables.A[13:], DOP853.A_EXTRA)
-    assert not dop853_tables.A[:13, 12:].any()
-    assert dop853_tables.C.tolist() == [*DOP853.C, 1.0, *DOP853.C_EXTRA]
+    assert np.array_equal(dop853.A[:12, :12], DOP853.A)
+    assert np.array_equal(dop853.A[12, :12], DOP853.B)
+    assert np.array_equal(dop853.A[13:], DOP853.A_EXTRA)
+    assert not dop853.A[:13, 12:].any()
+    assert dop853.C.tolist() == [*DOP853.C, 1.0, *DOP853.C_EXTRA]
     for own, theirs in (
-        (dop853_tables.E3, DOP853.E3),
-        (dop853_tables.E5, DOP853.E5),
-        (dop853_tables.D, DOP853.D),
+        (dop853.E3, DOP853.E3),
+        (dop853.E5, DOP853.E5),
+        (dop853.D, DOP853.D),
     ):
         assert np.array_equal(own, theirs)
