@@ -207,7 +207,6 @@ def small_address_space() -> str:
 def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
-    gc.set_threshold(RARE_COLLECTION)
     if note := small_address_space():
         progress_console.print(f"note: {note}", markup=False)
     try:
@@ -233,6 +232,7 @@ def run(arguments: list[str]) -> int:
 
 def main() -> None:
     """Entry point of the installed program."""
+    gc.set_threshold(RARE_COLLECTION)
     sys.exit(run(sys.argv[1:]))
 
 

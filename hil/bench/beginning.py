@@ -11,8 +11,8 @@ from hil.timing.realtime import is_user_mode_linux
 
 
 def key_of(scenario: Scenario, clock: str, seed: int) -> str:
-    """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages."""
-    return provenance.key(tomli_w.dumps(scenario.document), clock, seed)
+    """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages, kernel."""
+    return provenance.key(tomli_w.dumps(scenario.document), clock, seed, provenance.versions()["kernel"])
 
 
 def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:

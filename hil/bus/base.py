@@ -1,5 +1,6 @@
 """The interface of every bus to a node, and the bus's counters."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -53,15 +54,15 @@ class NodeBus(Protocol):
         """Return when frames have arrived, or when the time is over."""
 
 
-class Leaving:
+class Leaving(ABC):
     """The end of a connection: what ends with it, `closing`, is called in order once the node has left."""
 
     def __init__(self) -> None:
         self.closing: list[Callable[[], None]] = []
 
+    @abstractmethod
     def leave(self) -> None:
         """Leave the bus."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Leave the bus, and end what ends with it."""

@@ -55,12 +55,18 @@ def sources() -> str:
     return digest.hexdigest()
 
 
-def key(*parts: object) -> str:
-    """A digest of what a result was asked for with, and of the code and packages that computed it.
+@cache
+def packages() -> dict[str, str]:
+    """Versions of Python and the packages that every result rests on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
-    Whoever keeps results names them by it, so that an edit never hands an old one out as new.
+
+def key(*parts: object) -> str:
+    """A digest of the inputs `parts` of a result, and of the code and packages that compute it.
+
+    Kept results are named by it, so that after an edit no old result counts as a new one.
     """
-    return hashlib.sha256(repr((parts, sources(), versions())).encode()).hexdigest()
+    return hashlib.sha256(repr((parts, sources(), packages())).encode()).hexdigest()
 
 
 KEYS = ("commit", "edited", "changes", "seed")
@@ -69,6 +75,5 @@ KEYS = ("commit", "edited", "changes", "seed")
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python, the kernel and the packages that a run rests on."""
-    packages = {name: version(name) for name in PACKAGES}
-    return {"python": platform.python_version(), "kernel": platform.release(), **packages}
+    """Versions of Python, the packages and the kernel that a run rests on."""
+    return {**packages(), "kernel": platform.release()}

@@ -25,7 +25,7 @@ METADATA_KEY = b"vibrohil"
 @cache
 def versions() -> dict[str, str]:
     """What computed a result: the packages and the code's state."""
-    return {**provenance.versions(), "sources": provenance.sources()[:16]}
+    return {**provenance.packages(), "sources": provenance.sources()[:16]}
 
 
 def name_of(kind: str, spec: Spec) -> str:
