@@ -29,6 +29,7 @@ from tools.output import (
     print_json,
     progress_console,
 )
+from tools.standard_streams import open_streams
 
 LONGEST_MESSAGE = 4000
 """Characters of a refusal."""
@@ -218,7 +219,8 @@ def run(arguments: list[str]) -> int:
             print_json({"error": str(error) or "interrupted"})
         return EXIT_INTERRUPTED
     except TyperException as error:
-        return refuse(error.format_message(), as_json)
+        message = error.format_message()
+        return refuse(message, as_json) if message else EXIT_BAD_INPUT  # without one, the help was printed
     except MemoryError:
         say_error(
             "error:", f"out of memory; {small_address_space() or 'free some, or run less at once'}", as_json
@@ -233,7 +235,13 @@ def run(arguments: list[str]) -> int:
 def main() -> None:
     """Entry point of the installed program."""
     gc.set_threshold(RARE_COLLECTION)
-    sys.exit(run(sys.argv[1:]))
+    output = open_streams()
+    status = run(sys.argv[1:])
+    sys.stdout.flush()
+    if output.failure is not None and not isinstance(output.failure, BrokenPipeError):
+        say_error("error:", f"standard output cannot be written ({output.failure.strerror})", as_json=False)
+        status = EXIT_BAD_INPUT
+    sys.exit(status)
 
 
 if __name__ == "__main__":

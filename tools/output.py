@@ -23,9 +23,10 @@ PIPED_WIDTH = 240
 """Of what is no terminal: rows of tables keep to one line each, for grep and for files."""
 
 
-def console_on(stream: TextIO) -> Console:
+def console_on(stream: TextIO | None) -> Console:
     """A console on standard output or error; in a terminal, or by $COLUMNS, it is as wide as that."""
-    free = not stream.isatty() and "COLUMNS" not in os.environ
+    in_terminal = stream is not None and stream.isatty()
+    free = not in_terminal and "COLUMNS" not in os.environ
     width = PIPED_WIDTH if free else None
     return Console(stderr=stream is sys.stderr, width=width, highlight=False)
 
