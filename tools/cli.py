@@ -205,6 +205,15 @@ def small_address_space() -> str:
     )
 
 
+def refuse_other_bytes(arguments: list[str]) -> None:
+    """Raise BadInputError for an argument that cannot be written into files and logs, as a path may be."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError as error:
+            raise BadInputError(f"{argument!a} is not valid UTF-8; give paths and values that are") from error
+
+
 def run(arguments: list[str]) -> int:
     """Run one command line and give its exit status."""
     as_json = "--json" in arguments
@@ -212,6 +221,7 @@ def run(arguments: list[str]) -> int:
         progress_console.print(f"note: {note}", markup=False)
     try:
         with ending_signals():
+            refuse_other_bytes(arguments)
             return program()(arguments, standalone_mode=False) or EXIT_PASSED
     except (Interrupted, KeyboardInterrupt, typer.Abort) as error:
         progress_console.print(str(error) or "interrupted")

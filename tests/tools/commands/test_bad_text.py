@@ -134,3 +134,12 @@ def test_a_setting_that_makes_no_sense_is_refused(
     if command == "run":
         what = ["run", "soft-start-multistable", "--clock", "lockstep"]
     refused([*what, "--set", setting], capsys)
+
+
+@pytest.mark.parametrize("arguments", [["run", "soft-start-multistable", "--out"], ["inspect"], ["simulate"]])
+def test_a_path_that_is_not_utf_8_is_refused(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "\udcff"
+    assert "is not valid UTF-8" in refused([*arguments, str(path)], capsys)
+    assert not path.exists()
