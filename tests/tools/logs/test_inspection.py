@@ -84,10 +84,11 @@ def test_bytes_are_hexadecimal_in_csv(run_dir, tmp_path):
     assert csv.read_csv(path)["data"][0].as_py() == first.hex()
 
 
-def test_signals_are_drawn(run_dir, tmp_path):
+def test_signals_are_drawn(run_dir, tmp_path, capsys):
     path = tmp_path / "plot.png"
     signals = ["--signal", "plant.v_m_s", "--signal", "impacts/truth.v_m_s"]
-    assert cli.run(["inspect", str(run_dir), "--plot", str(path), *signals]) == EXIT_PASSED
+    assert cli.run(["inspect", str(run_dir), "--plot", str(path), *signals, "--json"]) == EXIT_PASSED
+    assert said(capsys) == {"plot": str(path), "signals": signals[1::2]}
     picture = np.asarray(Image.open(path).convert("RGB"), int)
     blue = (picture[..., 2] - picture[..., 0]) > 60
     assert np.count_nonzero(blue) > 1000

@@ -1,7 +1,7 @@
 """`vibrohil inspect RUN`: figures, tables and plots from a run's log alone."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Column, Table
@@ -46,18 +46,22 @@ def inspect(
             "--signal is given without --plot; name the file to draw into, e.g. --plot run.svg"
         )
     logged = open_run(run)
+    drawn: dict[str, Any] = {}
     if plot is not None:
-        plot_signals(logged, signal or list(DEFAULT_SIGNALS), plot)
-        progress_console.print(f"drawn: {plot}")
+        drawn = {"plot": str(plot), "signals": signal or list(DEFAULT_SIGNALS)}
+        plot_signals(logged, drawn["signals"], plot)
+        progress_console.print(f"drawn: {plot}", markup=False)
     if table is not None:
         rows = logged.table(table)
         if to is not None:
             write_table(rows, to)
         columns = {field.name: str(field.type) for field in rows.schema}
         written = None if to is None else str(to)
-        payload = {"table": table, "rows": rows.num_rows, "columns": columns, "to": written}
+        payload = {"table": table, "rows": rows.num_rows, "columns": columns, "to": written, **drawn}
         answer(payload, as_json, lambda: show_table(table, rows, to))
-    elif plot is None:
+    elif drawn:
+        answer(drawn, as_json, lambda: None)
+    else:
         answer(logged.verdict, as_json, lambda: show_figures(logged), exit_of(logged.verdict))
 
 
