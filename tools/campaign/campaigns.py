@@ -1,7 +1,4 @@
-"""The campaigns: their conditions, metrics and goals.
-
-Metrics are named by what they are and in which unit they are printed.
-"""
+"""The campaigns: their conditions, metrics and goals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +17,8 @@ WALKS = (("walking", ("steady", "change", "stop", "stumble")), ("table1", ("stea
 class Goal:
     """A limit on a figure: a metric's quantile, a share of counts, or the share of successes.
 
-    `where` names the cells by the beginning of their name; empty: all of them together. `low` or `high`.
+    The goal applies to the cells whose names begin with `where`, taken together; an empty `where` means all
+    cells. The figure must be at least `low` or at most `high`, in the unit in which the figure is printed.
     """
 
     figure: str
@@ -32,9 +30,11 @@ class Goal:
 
 @dataclass(frozen=True)
 class Campaign:
-    """`numbers` may be changed by `--set campaign.KEY=VALUE`; units are those of the metrics.
+    """A Monte Carlo campaign.
 
-    `trials` are enough for the goals; a run of fewer does not judge how many were eligible.
+    `conditions` span the cells. `numbers` may be changed by `--set campaign.KEY=VALUE`. `units` are the units
+    in which the metrics are printed. `trials` is the number of trials that the goals need; with fewer trials
+    the goal on the number of eligible trials is not judged.
     """
 
     name: str
@@ -217,4 +217,4 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
     )
 }
-"""By the name on the command line."""
+"""Campaigns by their name on the command line."""

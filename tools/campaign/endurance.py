@@ -22,7 +22,7 @@ CONDITIONS = ((("viscous",), (1.1,), (0.0,)),)
 COVARIANCE = tuple(
     f"state.estimator.p_{name}" for name in ("xx", "xv", "xb", "xv", "vv", "vb", "xb", "vb", "bb")
 )
-"""Row by row."""
+"""Signals of the nine elements of the estimate's covariance P, shape (3, 3), row by row."""
 SIGNALS = (
     *sorted(set(COVARIANCE)),
     "state.estimator.started",
@@ -40,7 +40,11 @@ def endurance(
     build: Build = "compiled",
     progress: Progress = lambda *_: None,
 ) -> dict[str, Any]:
-    """Run the nominal module for `ticks` ticks; the smallest eigenvalue of P in any of them, and where."""
+    """Run the nominal module for `ticks` ticks and return the smallest eigenvalue of P with its tick.
+
+    The result also has the RMS error of the position in mode RUN, in mm, the last mode, the faults, and the
+    compute time in s. `passed` means that P stayed positive definite.
+    """
     cell = cells_of({"conditions": CONDITIONS}, settings)[0][0]
     commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
     duration_s = ticks * config_from(cell.firmware).tick_s

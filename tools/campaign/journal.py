@@ -1,8 +1,8 @@
 """Outcomes of a running campaign, from which an interrupted campaign continues.
 
-A file beside the runs, named by a digest of all that an outcome depends on: the campaign, its cells, numbers
-and seed, the firmware's build, every source file and the packages' versions. It is gone once the campaign is
-complete.
+The journal is a file beside the runs. Its name contains a digest of everything on which an outcome depends:
+the campaign, its cells, numbers and seed, the firmware's build, every source file and the packages' versions.
+The file is removed once the campaign is complete.
 """
 
 import json
@@ -19,7 +19,7 @@ from tools.campaign.trial.outcome import Outcome
 
 
 class Journal:
-    """Appends outcomes, and gives those of an earlier campaign that was interrupted."""
+    """Appends outcomes to the file; `outcomes` starts with those of an earlier, interrupted campaign."""
 
     def __init__(
         self, campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, firmware: Build
@@ -31,7 +31,7 @@ class Journal:
         self._file = self.path.open("a", encoding="utf-8")
 
     def _read(self) -> list[Outcome]:
-        """The outcomes by whole lines; a kill may have cut the last one short."""
+        """Read the outcomes of complete lines; remove a last line that a kill has cut short."""
         if not self.path.exists():
             return []
         whole, _, cut = self.path.read_bytes().rpartition(b"\n")
@@ -40,7 +40,7 @@ class Journal:
         return [Outcome(**json.loads(line)) for line in whole.splitlines()]
 
     def add(self, outcomes: Sequence[Outcome]) -> None:
-        """Write outcomes that have come."""
+        """Append new outcomes to the file."""
         self.outcomes += outcomes
         self._file.write("".join(f"{json.dumps(asdict(outcome))}\n" for outcome in outcomes))
         self._file.flush()

@@ -15,7 +15,7 @@ BATCHES_A_WORKER = 16
 LARGEST_BATCH = 32
 
 Progress = Callable[[int, int], None]
-"""Called with how many trials are done, of how many."""
+"""Called with the number of finished trials and the number of all trials."""
 
 
 class Batch(NamedTuple):
@@ -30,7 +30,7 @@ class Batch(NamedTuple):
 
 
 def run_batch(batch: Batch) -> list[Outcome]:
-    """Run some trials, in a worker."""
+    """Run the trials of a batch in a worker process."""
     from tools.campaign.trial.judges import run_trial
 
     return [
@@ -41,7 +41,7 @@ def run_batch(batch: Batch) -> list[Outcome]:
 
 @contextmanager
 def environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Variables of the environment for processes that are started within."""
+    """Set environment variables for processes that are started within the context, and restore them."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:
@@ -63,7 +63,10 @@ def batches(
     workers: int,
     firmware: Build = "compiled",
 ) -> list[Batch]:
-    """One trial of each friction law, which has the kernels compiled once, then the rest."""
+    """Divide the trials into batches.
+
+    The first batch has one trial of each friction law, so that each kernel is compiled once.
+    """
     laws: dict[str, int] = {}
     for trial in trials:
         laws.setdefault(cells[trial % len(cells)].law, trial)
@@ -85,7 +88,10 @@ def run_all(
     scheduler: str | None = None,
     firmware: Build = "compiled",
 ) -> list[Outcome]:
-    """All trials, in order of their numbers; those that an interrupted campaign has finished are kept."""
+    """Run all trials and return their outcomes in order of the trials' numbers.
+
+    Outcomes that an interrupted campaign has left in its journal are taken from there.
+    """
     count = workers or os.cpu_count() or 1
     with Journal(campaign, cells, numbers, seed, firmware) as journal:
         known = {outcome.trial: outcome for outcome in journal.outcomes}

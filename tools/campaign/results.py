@@ -28,15 +28,15 @@ SHARES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "in_window": (("strides_hit",), ("strides",)),
     "in_force": (("turns_in_force",), ("turns",)),
 }
-"""Shares of added-up counts: numerator, denominator.
+"""Shares of counts summed over trials: (numerator's counts, denominator's counts).
 
-Where no attractor exists at the speed asked for, `hopeless_settled`: the firmware has said so, by a fault or
-by refusing the ratio as too high, or keeps impacts at another speed.
+`hopeless_settled` applies to trials in which no impact attractor exists at the requested speed: the firmware
+has reported a fault, has refused the ratio as too high, or keeps impacts at another speed.
 """
 
 
 def counts_of(outcomes: Sequence[Outcome]) -> Counter[str]:
-    """All counts added up."""
+    """Sum the counts of the outcomes; add the numbers of eligible and of successful trials."""
     total: Counter[str] = Counter()
     for outcome in outcomes:
         total.update(outcome.counts)
@@ -46,7 +46,7 @@ def counts_of(outcomes: Sequence[Outcome]) -> Counter[str]:
 
 
 def shares_of(counts: Counter[str]) -> dict[str, dict[str, float]]:
-    """Shares with Wilson's bounds, and F1."""
+    """Return the shares with Wilson's bounds, and the F1 score of impact detection."""
     found = {}
     for name, (above, below) in SHARES.items():
         trials = sum(counts[one] for one in below)
@@ -63,7 +63,7 @@ def shares_of(counts: Counter[str]) -> dict[str, dict[str, float]]:
 
 
 def values_of(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
-    """Every metric's values over eligible trials; samples are pooled."""
+    """Return the values of each metric over the eligible trials; the samples of a trial are pooled."""
     values: dict[str, list[float]] = {}
     for outcome in outcomes:
         if outcome.eligible:
@@ -75,7 +75,7 @@ def values_of(outcomes: Sequence[Outcome]) -> dict[str, list[float]]:
 
 
 def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
-    """Every metric's distribution, with a small histogram."""
+    """Return the distribution of each metric, with a histogram of `BINS` bins."""
     found = {}
     for name, values in values_of(outcomes).items():
         array = np.array(values)
@@ -91,7 +91,7 @@ def metrics_of(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dic
 
 
 def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
-    """The value that a goal judges; None if nothing was measured."""
+    """Return the value to which a goal applies; None if nothing was measured."""
     if goal.figure == "success":
         return result["success"] / result["eligible"] if result["eligible"] else None
     if goal.figure == "eligible":
@@ -103,7 +103,7 @@ def figure_of(goal: Goal, result: dict[str, Any]) -> float | None:
 
 
 def judged(goal: Goal, value: float | None) -> bool | None:
-    """Whether a goal is met; None where nothing was measured."""
+    """Return whether a goal is met; None if nothing was measured."""
     if value is None:
         return None
     above = goal.low is None or value >= goal.low
@@ -112,7 +112,7 @@ def judged(goal: Goal, value: float | None) -> bool | None:
 
 
 def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Counts, shares and metrics of some outcomes."""
+    """Return the counts, shares and metrics of the outcomes."""
     counts = counts_of(outcomes)
     return {
         "trials": len(outcomes),
@@ -127,7 +127,7 @@ def summary(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def result_of(
     campaign: Campaign, cells: Sequence[Cell], outcomes: Sequence[Outcome], seed: int, wall_s: float
 ) -> dict[str, Any]:
-    """The campaign's JSON object."""
+    """Return the JSON object of a campaign."""
     by_cell = [[outcome for outcome in outcomes if outcome.cell == number] for number in range(len(cells))]
     goals = []
     for goal in campaign.goals:
@@ -152,7 +152,7 @@ def result_of(
         )
     measured = [goal for goal in goals if goal["passed"] is not None]
     simulated_s = sum(outcome.simulated_s for outcome in outcomes)
-    # The median leaves out those few that had kernels compiled or loaded.
+    # The median is not affected by the few trials that compiled or loaded kernels.
     speeds = [outcome.simulated_s / outcome.compute_s for outcome in outcomes if outcome.compute_s > 0.0]
     return {
         "campaign": campaign.name,

@@ -11,11 +11,14 @@ from plant_sim.arrays import FloatArray
 CONFIDENCE = 0.95
 RESAMPLES = 1000
 MOST_NUMBERS = 5_000_000
-"""Sampled at most, or a hundred resamples: many samples need few."""
+"""Largest number of values that the bootstrap samples in all, unless 100 resamples need more.
+
+The quantiles of many values vary little, so that few resamples suffice.
+"""
 
 
 class Share(NamedTuple):
-    """A share of trials with its bounds."""
+    """A share of trials with its confidence bounds."""
 
     value: float
     low: float
@@ -23,7 +26,7 @@ class Share(NamedTuple):
 
 
 class Distribution(NamedTuple):
-    """Quantiles of a metric over trials, each with its bounds; `worst` is the largest."""
+    """Quantiles of a metric over trials with confidence bounds; `lowest` and `worst` are the extremes."""
 
     n: int
     lowest: float
@@ -37,7 +40,7 @@ class Distribution(NamedTuple):
 
 
 def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share:
-    """Wilson's score interval (J. Am. Stat. Assoc. 22 (1927) 209).
+    """Return a share with Wilson's score interval (J. Am. Stat. Assoc. 22 (1927) 209).
 
     >>> share = wilson(3000, 3000)
     >>> round(share.low, 4), share.high
@@ -56,7 +59,7 @@ def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share
 
 
 def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribution | None:
-    """Quantiles of what is finite, with the percentile bootstrap's bounds; None of nothing."""
+    """Return the quantiles of the finite values with percentile-bootstrap bounds; None if there are none."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
         return None
@@ -65,7 +68,7 @@ def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribu
     p50, p95 = np.quantile(ordered, [0.5, 0.95])
     rng = np.random.default_rng(n)
     tail = 50.0 * (1.0 - confidence)
-    # A resample's quantile is the quantile of sorted random places.
+    # Resample with replacement: random places of the sorted values.
     resampled = np.empty((max(100, min(RESAMPLES, MOST_NUMBERS // n)), 2))
     for row in resampled:
         row[:] = np.quantile(ordered[rng.integers(0, n, n)], [0.5, 0.95])

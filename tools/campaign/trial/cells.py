@@ -1,4 +1,4 @@
-"""The cells of a campaign: a friction law and a ratio each, and the tables that `--set` may change."""
+"""The cells of a campaign: a friction law, a speed ratio and an impulse each, and the tables for `--set`."""
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
@@ -12,18 +12,18 @@ from tools.output import BadInputError
 BASE_SCENE = "table1-motor-soft"
 
 DRY_AMPLITUDE_M = 0.03
-"""Dry friction holds the striker at 20 mm."""
+"""Amplitude of the drive with dry friction, m; at 20 mm dry friction holds the striker."""
 
 
 class Law(NamedTuple):
-    """A friction of the true module, and the amplitude of the drive that moves the striker in it."""
+    """Friction of the true module, and the amplitude of the drive that moves the striker against it."""
 
     friction: Mapping[str, Any]
     amplitude_m: float = DRY_AMPLITUDE_M
 
     @property
     def scene(self) -> dict[str, Any]:
-        """The nominal scene with this friction."""
+        """Base scene with this friction and amplitude."""
         scene = deepcopy(read_scene(BASE_SCENE))
         scene["friction"] = dict(self.friction)
         scene["drive"]["amplitude_m"] = self.amplitude_m
@@ -31,7 +31,7 @@ class Law(NamedTuple):
 
     @property
     def nominal(self) -> dict[str, Any]:
-        """The firmware's parameters, which know a dry law by its μ alone."""
+        """Nominal parameters of the firmware; of a dry friction law they contain μ only."""
         friction = {name: self.friction.get(name, 0.0) for name in ("b_n_s_m", "mu")}
         return {"friction": friction, "drive": {"amplitude_m": self.amplitude_m}}
 
@@ -57,7 +57,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """As tables and goals call it."""
+        """Name of the cell in tables and goals."""
         asked = f" {self.impulse_n_s:g} N s" if self.impulse_n_s > 0.0 else ""
         return f"{self.law} r={self.ratio:g}{asked}"
 
@@ -67,7 +67,10 @@ def _listed(value: Any) -> list[Any]:
 
 
 def numbers_after(document: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """The table `campaign` of the document after the `--set` changes; refuses a number that it lacks."""
+    """Return the table `campaign` of the document after the `--set` changes.
+
+    Raises BadInputError for a key that the table does not have.
+    """
     known = list(document["campaign"])
     changed: dict[str, Any] = apply_settings(document, settings)["campaign"]
     for name in sorted(set(changed) - set(known)):
@@ -85,10 +88,11 @@ def refuse_unlisted(key: str, value: str, known: Collection[str]) -> None:
 
 
 def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
-    """The cells of a campaign's `table` (conditions, each (laws, ratios, impulses)) with `--set` changes.
+    """Return the cells of a campaign and its numbers, both after the `--set` changes.
 
-    `campaign.laws`, `campaign.ratios` and `campaign.impulses` replace the conditions; other keys of the
-    campaign's table are its own numbers and come back as they then are.
+    `table` has the conditions, each (laws, ratios, impulses), and the campaign's numbers. The settings
+    `campaign.laws`, `campaign.ratios` and `campaign.impulses` replace the conditions. Raises BadInputError
+    for an unknown key or friction law.
     """
     known = {"laws": None, "ratios": None, "impulses": None, **table}
     conditions = known.pop("conditions")

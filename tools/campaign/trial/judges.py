@@ -1,4 +1,4 @@
-"""The judges of campaigns: one trial's run against the truth."""
+"""The judges of campaigns: each compares the run of one trial with the truth."""
 
 import math
 import time
@@ -26,28 +26,28 @@ from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Trial, trial_of
 from tools.campaign.trial.walk_judge import judge_walk
 
 TRANSIENT_S = 1.5
-"""After the command: how long impacts are the sampled start's own and not the drive's doing."""
+"""Time after the command during which impacts may result from the sampled initial state, s."""
 SETTLE_S = 5.0
-"""From mode RUN on, before the estimate and the regime are judged."""
+"""Time in mode RUN before the estimate and the regime are judged, s."""
 CAPTURED_S = RUN_S + 8.0
-"""When a nominal capture is over."""
+"""Time by which a nominal capture is complete, s after power-up."""
 KICK_FAULT_S = 1.0
-"""An impact so soon after a kick is the kick's."""
+"""An impulse-limit fault within this time after a kick is attributed to the kick, s."""
 GRAZING_M_S = 0.05
 AFTER_SHOCK_S = 0.1
-"""Until then a false alarm is the shock's."""
+"""A false alarm within this time after the start of a shock is attributed to the shock, s."""
 LATE_IMPACTS = 10
-"""Impacts whose mean is the steady v⁻; the largest of twice as many is the largest steady one."""
+"""Number of last impacts whose mean v⁻ is the steady v⁻; its largest value is taken from twice as many."""
 LATE_TURNS = 10
-"""Turns of the crank whose median is the speed kept."""
+"""Number of last turns of the crank; their median duration gives the speed that is kept."""
 TARGET_SHARE = 0.02
-"""A turn of the crank that takes so nearly as long as the last ones is at speed."""
+"""A turn is at speed if its duration differs from the median of the last turns by at most this share."""
 LEAST_JUDGED_S = 5.0
-"""Of mode RUN, for an estimate to be judged."""
+"""Shortest time in mode RUN for which an estimate is judged, s."""
 
 
 def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
-    """Why the run does not end in mode RUN with impacts that go on; empty where it does."""
+    """Return why the run does not end in mode RUN with lasting impacts; empty if it does."""
     started = [change for change in done.modes if change.t_s >= RUN_S]
     last = done.modes[-1] if done.modes else None
     if not any(change.mode == Mode.SOFT_START for change in started):
@@ -65,29 +65,39 @@ def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
 
 
 def kept_omega(done: Run) -> float:
-    """The crank's speed in its last turns, rad/s: below the one asked for where the fold is too near."""
+    """Return the crank's speed in its last turns, rad/s.
+
+    It is below the requested speed if the firmware keeps a distance from the fold.
+    """
     return float(2.0 * np.pi / np.median(np.diff(done.turns_s[-LATE_TURNS - 1 :])))
 
 
 def steady_speed(done: Run) -> float:
-    """Mean v⁻ of the last impacts, m/s."""
+    """Return the mean v⁻ of the last impacts, m/s."""
     return float(np.mean(done.impacts[-LATE_IMPACTS:, APPROACH])) if len(done.impacts) else float("nan")
 
 
 def energy_j(done: Run, until_s: float) -> float:
-    """What the crank took from the command to run on: ∫ T ω dt where positive, as nothing is stored."""
+    """Return the energy that the crank took after the command to run, J.
+
+    ∫ max(T ω, 0) dt: the motor's negative power is not recovered.
+    """
     power_w = done.true("motor_torque_n_m") * done.true("omega_rad_s")
     taken_w = power_w[round(RUN_S / done.tick_s) : round(until_s / done.tick_s)]
     return float(np.sum(np.maximum(taken_w, 0.0)) * done.tick_s)
 
 
 def largest_steady_speed(done: Run) -> float:
-    """The hardest of the late impacts, m/s: on a moving housing they are not all alike."""
+    """Return the largest v⁻ of the last impacts, m/s; on a moving housing the impacts differ."""
     return float(np.max(done.impacts[-2 * LATE_IMPACTS :, APPROACH], initial=0.0))
 
 
 def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """Into the impact regime; the largest impact on the way beside the steady one or a slow way up's."""
+    """Judge a capture of the impact regime: time, energy and overshoot.
+
+    The overshoot is the largest v⁻ on the way, relative to the largest steady v⁻; at low ratios it is
+    relative to the largest v⁻ of a slow run-up if that is larger.
+    """
     sampled, duration_s, omega_rad_s = trial.sampled, trial.scenario.duration_s, trial.omega_rad_s
     attractor = reference(sampled.scene, omega_rad_s, sampled.more_seed)
     outcome.counts["sampled"] = 1
@@ -115,7 +125,7 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):
         outcome.metrics["steady_v"] = steady_speed(done)
-        # Where the firmware went on to a safer speed, the impacts of the one asked for count as well.
+        # If the firmware moved to a safer speed, the steady impacts at the requested speed count as well.
         steady_m_s = max(largest_steady_speed(done), attractor.hardest_m_s)
         if cell.ratio >= 1.15:
             outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
@@ -124,7 +134,7 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def estimate(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """Errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
+    """Judge the errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
     known = done.firmware
     judged = known["outputs.mode"] == Mode.RUN
     judged[: round((CAPTURED_S + SETTLE_S) / done.tick_s)] = False
@@ -143,12 +153,12 @@ def estimate(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def rms(values: FloatArray) -> float:
-    """Root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def detect(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """Touch-downs against detections, from power-up to the end; the regime of settled periods."""
+    """Match detections with true touch-downs from power-up to the end, and judge the reported regime."""
     duration_s = trial.scenario.duration_s
     until_s = duration_s - detection.LONGEST_LATENCY_S
     true_s, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
@@ -190,7 +200,7 @@ def detect(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
-    """The periods reported after a capture has settled, against the truth of that whole time."""
+    """Compare the regime reported in each period after a settled capture with the true regime."""
     captured = done.first_in(Mode.RUN)
     if captured is None or done.modes[-1].mode != Mode.RUN:
         return
@@ -198,7 +208,7 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     turns = done.turns_s[done.turns_s >= from_s]
     if len(turns) < 10:
         return
-    # Eight points a turn, so that angles between them are known.
+    # Eight points a turn, so that the crank angle can be interpolated between them.
     places = np.arange(0.0, len(turns) - 1.0, 0.125)
     t_s = np.interp(places, np.arange(len(turns)), turns)
     crank_rad = 2.0 * np.pi * (places % 1.0)
@@ -220,7 +230,7 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
 
 
 def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """A minute of impacts; their impulse, phase and the crank's speed."""
+    """Judge a hold: lasting impacts, their impulse and phase, and the crank's speed."""
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     outcome.why = lost_by(done, duration_s, omega_rad_s)
     held = done.impacts[done.impacts[:, IMPACT_TIME] >= SETTLED_S]
@@ -252,7 +262,11 @@ def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """A kick in the hold that, left alone, would have ended without impacts; how long until it is undone."""
+    """Judge the recovery from a kick during the hold.
+
+    Eligible are kicks after which the module at constant crank speed would end without impacts. The metric is
+    the time until the crank keeps its speed and impacts last.
+    """
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     kicked_s = trial.scenario.faults[0].at_s
     times = done.impacts[:, IMPACT_TIME]
@@ -276,9 +290,9 @@ def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
-    """When the crank is at the speed that it then keeps, and impacts go on, for good.
+    """Return the time from which the crank keeps its speed and impacts last, s.
 
-    That speed is not the target's where the firmware keeps away from the fold.
+    The speed that is kept differs from the target if the firmware keeps a distance from the fold.
     """
     target_s = 2.0 * np.pi / omega_rad_s
     times = np.concatenate([[kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > kicked_s, IMPACT_TIME]])
@@ -310,7 +324,7 @@ def run_trial(
     trial: int,
     firmware: Build = "compiled",
 ) -> Outcome:
-    """Sample, run and judge the trial of this number."""
+    """Sample, run and judge the trial with this number."""
     started_s = time.process_time()
     number = trial % len(cells)
     sampled = trial_of(campaign, cells, numbers, seed, trial)

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Outcome:
-    """`why` is empty for a success. An ineligible trial is not counted; its `why` says what is missing.
+    """Outcome of one trial.
 
-    `metrics` are numbers by name, `counts` are added up over trials (matched, missed and the like), `samples`
-    are pooled.
+    `why` is empty for a success. An ineligible trial is not counted; its `why` gives the reason. `metrics`
+    are one value per trial by name, `counts` (of hits, misses, …) are summed over trials, `samples` are
+    pooled.
     """
 
     trial: int

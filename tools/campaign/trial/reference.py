@@ -1,8 +1,8 @@
-"""The module without a controller: its crank has a given speed under any load.
+"""The module without a controller: its crank has a prescribed speed under any load.
 
-That is the plant with a motor that has a huge flywheel and no losses: the same parts, so the same
-kernels. It answers whether an impact attractor exists at a speed, how hard impacts are on the way up to it,
-where an instant start ends, and where a kicked striker would have ended.
+The reference is the plant with a motor that has a very large flywheel and no losses, so that it uses the same
+parts and kernels. It determines whether an impact attractor exists at a speed, the largest v⁻ of a slow
+run-up to this speed, the regime at the end of an instant start, and the regime after a kick.
 """
 
 from dataclasses import replace
@@ -24,25 +24,26 @@ from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
 from tools.output import BadInputError
 
 FLYWHEEL_KG_M2 = 1e4
-"""The module, whose mean load is below 0.1 N m, changes its speed by less than 0.001 rad/s in a minute."""
+"""Flywheel's inertia; a mean load below 0.1 N m changes its speed by less than 0.001 rad/s in a minute."""
 FLYWHEEL_V = 1e9
-"""More than the back-EMF of a motor whose torque constant fits the flywheel."""
+"""Supply voltage, above the back-EMF of a motor whose torque constant suits the flywheel."""
 RAMP_S, HELD_S = 40.0, 20.0
-"""Up to speed so slowly that the striker follows its attractor; then long enough for it to be left."""
+"""Durations, s: of the run-up, so slow that the striker follows its attractor, and of the hold, long enough
+for the striker to leave an attractor that is not stable."""
 SLOWEST = 0.4
-"""Share of the speed at which the slow way up begins: below any impact."""
+"""Initial speed of the slow run-up as a share of the final speed; there are no impacts at this speed."""
 LONGEST_GAP = 2.2
-"""Periods between two impacts of a motion that goes on impacting; some orbits have one every other period."""
+"""Longest time between two impacts of lasting impact motion, in periods; some orbits last two periods."""
 JUDGED_S = 8.0
-"""The end of a run that decides: twelve periods."""
+"""Length of the last part of a run, which decides whether impacts last: twelve periods."""
 KEPT = 2048
-"""Answers, as a tuning runs many candidates on the same truths."""
+"""Number of cached results; a tuning evaluates many candidates on the same truths."""
 TRIES = 12
-"""Starts at speed that are tried where the slow way up has lost the attractor."""
+"""Number of random initial states at full speed that are tried if the slow run-up has lost the attractor."""
 
 
 class Reference(NamedTuple):
-    """Whether impacts go on at the speed, the hardest v⁻ then, and the largest on the slow way up, m/s."""
+    """Whether impacts last at the speed, their largest v⁻, and the largest v⁻ of the slow run-up, m/s."""
 
     exists: bool
     hardest_m_s: float
@@ -50,7 +51,7 @@ class Reference(NamedTuple):
 
 
 def led(parts: Parts) -> Parts:
-    """The same module with a crank that a flywheel leads, and a motor that can accelerate it."""
+    """Return the parts with a flywheel that prescribes the crank's speed and a motor that can turn it."""
     drive = parts.drive
     assert isinstance(drive, MotorDrive)
     return parts._replace(
@@ -65,14 +66,14 @@ def led(parts: Parts) -> Parts:
 
 
 def stop_m_of(scene: Scene) -> float:
-    """The stop's position, m."""
+    """Return the stop's position, m."""
     stop = scene.parts().stop
     assert not isinstance(stop, NoStop)
     return stop.position_m
 
 
 def refuse_other_drives(scene: Scene) -> None:
-    """A led crank is a motor's that takes its torque at once."""
+    """Raise BadInputError unless the drive is a motor whose torque follows its command without delay."""
     if scene.drive.model != "motor":
         raise BadInputError(
             f"scene.drive.model = {scene.drive.model!r}: campaigns lead the crank of a motor that takes its "
@@ -81,7 +82,7 @@ def refuse_other_drives(scene: Scene) -> None:
 
 
 def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s: float = JUDGED_S) -> bool:
-    """Whether impacts go on to the end: no gap in the last `judged_s` lasts over `LONGEST_GAP` periods."""
+    """Return whether impacts last to the end: no gap in the last `judged_s` exceeds `LONGEST_GAP` periods."""
     gap_s = LONGEST_GAP * 2.0 * np.pi / omega_rad_s
     late = impacts_s[impacts_s >= until_s - judged_s]
     edges = np.concatenate([[until_s - judged_s], late, [until_s]])
@@ -91,7 +92,10 @@ def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s:
 def alone(
     scene: Scene, start: MotionState, from_rad_s: float, to_rad_s: float, ramp_s: float, duration_s: float
 ) -> FloatArray:
-    """Impacts of a crank that is led from one speed to another in `ramp_s`, then held, as in a `Run`."""
+    """Return the impacts, with the columns of a `Run`, while the crank's speed ramps up and is then held.
+
+    The speed goes from `from_rad_s` to `to_rad_s` in `ramp_s`; the whole run lasts `duration_s`.
+    """
     plant = Plant(scene, 0, led(scene.parts()), replace(start, omega_rad_s=from_rad_s))
     if ramp_s > 0.0:
         plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)
@@ -100,13 +104,13 @@ def alone(
 
 
 def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
-    """A start of a led crank."""
+    """Return an initial state at t = 0 in flight."""
     return MotionState(0.0, x_m, v_m_s, crank_rad, 0.0, Phase.FLIGHT)
 
 
 @lru_cache(KEPT)
 def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Reference:
-    """What the impact attractor of this truth is at this speed; `seed` is of the starts that are tried."""
+    """Return the reference of this truth at this speed; `seed` generates the tried initial states."""
     more = np.random.default_rng(seed)
     start = at(scene.striker.rest_length_m, 0.0, 0.0)
     until_s = RAMP_S + HELD_S
@@ -133,13 +137,13 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
 
 @lru_cache(KEPT)
 def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
-    """Whether the sampled start ends in impacts where the crank turns at full speed at once."""
+    """Return whether the sampled initial state leads to lasting impacts if the crank starts at full speed."""
     impacts = alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)
     return goes_on(impacts[:, IMPACT_TIME], HELD_S, omega_rad_s)
 
 
 def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
-    """Whether a module in the state of a `PlantRecord` ends without impacts if the crank keeps its speed."""
+    """Return whether the state of a `PlantRecord` leads to motion without impacts at constant crank speed."""
     state = PlantRecord._make(record)
     start = at(state.x_m, state.v_m_s, state.crank_rad)
     impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)

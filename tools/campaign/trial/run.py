@@ -1,4 +1,4 @@
-"""One closed loop from Python: a scenario in; impacts, detections and modes out."""
+"""Run a scenario in closed loop and keep its impacts, detections and modes for the judges."""
 
 import tempfile
 from collections.abc import Sequence
@@ -36,15 +36,15 @@ SIGNALS = (
     "state.estimator.nis",
     "state.gait.phase",
 )
-"""What is kept of the firmware in every tick, for the judges."""
+"""Signals of the firmware that are kept in every tick for the judges."""
 
 
 Kept = tuple[FloatArray, NDArray[np.void], FloatArray]
-"""Of a run: the truth and what is kept of the firmware, a row a tick, and the true impacts."""
+"""The truth and the kept signals of the firmware, a row a tick each, and the true impacts."""
 
 
 class ModeChange(NamedTuple):
-    """When the firmware went into a mode, s, and the fault it reported then."""
+    """Time at which the firmware entered a mode, s, and the fault that it reported in this tick."""
 
     t_s: float
     mode: Mode
@@ -53,7 +53,7 @@ class ModeChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """What happened: a row a tick of the truth and of what was kept of the firmware, and the true impacts.
+    """A finished run: the truth and the firmware's kept signals, a row a tick each, and the true impacts.
 
     Impacts: columns (t_s, v, v after, impulse, peak force, crank angle), shape (n, 6), oldest first.
     """
@@ -65,43 +65,43 @@ class Run:
     impacts: FloatArray
 
     def true(self, name: str) -> FloatArray:
-        """A column of the truth by its name in `PlantRecord`, shape (ticks,)."""
+        """Return a column of the truth by its name in `PlantRecord`, shape (ticks,)."""
         return self.plant[:, PlantRecord._fields.index(name)]
 
     @cached_property
     def modes(self) -> list[ModeChange]:
-        """Every change of mode since power-up."""
+        """All changes of mode since power-up."""
         modes = self.firmware["outputs.mode"]
         changes = np.flatnonzero(np.diff(modes, prepend=Mode.INIT.value))
         faults = self.firmware["outputs.fault"]
         return [ModeChange(float(k) * self.tick_s, Mode(modes[k]), Fault(faults[k])) for k in changes]
 
     def first_in(self, mode: Mode) -> ModeChange | None:
-        """The first change into a mode."""
+        """Return the first change into a mode; None if there is none."""
         return next((change for change in self.modes if change.mode == mode), None)
 
     @cached_property
     def detections(self) -> NDArray[np.void]:
-        """The firmware's records of ticks in which it has detected an impact."""
+        """Records of the ticks in which the firmware has detected an impact."""
         records: NDArray[np.void] = self.firmware[self.firmware["outputs.impact"]]
         return records
 
     @cached_property
     def detected_s(self) -> FloatArray:
-        """When it did."""
+        """Times of these ticks, s: the firmware's tick is half a period after the plant's."""
         ticks: FloatArray = np.flatnonzero(self.firmware["outputs.impact"]).astype(np.float64)
         return (ticks + 0.5) * self.tick_s
 
     @cached_property
     def turns_s(self) -> FloatArray:
-        """When the true crank passed 0."""
+        """Times at which the true crank angle passed 0, s."""
         passed = (np.diff(self.true("crank_rad")) < 0.0) & (self.true("omega_rad_s")[1:] > 0.0)
         ticks: FloatArray = np.flatnonzero(passed).astype(np.float64)
         return (ticks + 1.0) * self.tick_s
 
 
 def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build = "compiled") -> Run:
-    """Run a scenario from power-up on; `more` of the firmware's signals are kept beside `SIGNALS`."""
+    """Run a scenario from power-up on; `more` names signals to keep in addition to `SIGNALS`."""
     kept = in_stretches if firmware in NATIVE else in_a_folder
     plant, known, impacts = kept(scenario, seed, columns_of([*SIGNALS, *more]), firmware)
     return Run(
@@ -114,7 +114,7 @@ def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build
 
 
 def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
-    """What is kept of a run that is compiled as a whole."""
+    """Run the scenario in the compiled closed loop, without a run folder."""
     plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
     known = np.empty(scenario.ticks, columns)
     impacts: list[FloatArray] = []
@@ -128,7 +128,7 @@ def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -
 
 
 def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) -> Kept:
-    """The same, of a run in lockstep, by its traces."""
+    """Run the scenario in lockstep and read its traces."""
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(scenario, Path(folder), seed, lambda *_: None, firmware)
         plant, traced, impacts = (
@@ -136,11 +136,11 @@ def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) ->
         )
     known = np.zeros(len(traced), columns)
     for name in columns.names:
-        if name in (traced.dtype.names or ()):  # a run in which nobody walks records no gait
+        if name in (traced.dtype.names or ()):  # a run without a walker records no gait
             known[name] = traced[name]
     return side_by_side(plant, PlantRecord._fields), known, side_by_side(impacts, Impact._fields)
 
 
 def side_by_side(records: NDArray[np.void], names: Sequence[str]) -> FloatArray:
-    """Members of records as columns, shape (records, names)."""
+    """Return fields of records as columns, shape (records, names)."""
     return np.stack([records[name].astype(np.float64) for name in names], axis=-1)

@@ -1,8 +1,9 @@
-"""The sampled quantities of a trial: truth, nominal parameters, initial state, sensor errors.
+"""The sampled quantities of a trial: true parameters, initial state, sensor errors.
 
-Every trial has a generator of its own, of the campaign's seed and the trial's number, so that a failure is
-run again alone. Seeds below `FIRST_CAMPAIGN_SEED` are for tuning and tests: parameters were chosen on them,
-so a campaign on one of them proves nothing, and says so.
+Every trial has its own random generators, seeded by the campaign's seed and the trial's number, so that a
+failed trial can be repeated alone. Seeds below `FIRST_CAMPAIGN_SEED` are for tuning and tests: parameters
+were chosen with them, so a campaign with such a seed is no independent evidence, and its result is marked
+accordingly.
 """
 
 from collections.abc import Mapping
@@ -17,14 +18,14 @@ from plant_sim.scene import Scene, load_scene
 FIRST_CAMPAIGN_SEED = 10_000
 DEFAULT_SEED = 20_260
 LARGEST_RUN_SEED = 10**9
-"""A scenario takes no larger one."""
+"""Upper bound of a run's seed; a scenario accepts no larger one."""
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Half-widths of uniform distributions; relative where the name has no unit."""
+    """Half-widths of uniform distributions of the parameters; relative if the name has no unit."""
 
     spring: float = 0.02
     damping: float = 0.30
@@ -38,21 +39,21 @@ class Mismatch:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What the housing does: it swings by up to `swing_m_s2`, and is knocked once by ±`shock_g`."""
+    """Motion of the housing: an oscillation of up to `swing_m_s2`, and one shock of ±`shock_g`."""
 
     swing_m_s2: float = 0.0
     shock_g: float = 0.0
 
     SWING_HZ = (0.5, 2.0)
     SHOCK_S = (0.005, 0.02)
-    """Sampled from these ranges: strides, and heels that meet the ground."""
+    """Ranges of the oscillation's frequency (strides) and of the shock's duration (heel strikes)."""
     FIRST_SHOCK_S = 12.0
-    """Not before the start is over."""
+    """Earliest time of the shock, s: after the soft start."""
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """One trial's truth as tables and checked, its run's seed, and a generator for its script."""
+    """The truth of a trial as tables and as a checked scene, the run's seed, and the script's generator."""
 
     tables: Mapping[str, Any]
     scene: Scene
@@ -62,14 +63,14 @@ class Sampled:
 
 
 def mismatch_of(table: Mapping[str, float]) -> Mismatch:
-    """The mismatch with a campaign's own numbers, `mismatch_…` in its table."""
+    """Return the mismatch from the keys `mismatch_…` of a campaign's table."""
     return Mismatch(
         **{key.removeprefix("mismatch_"): value for key, value in table.items() if key[:9] == "mismatch_"}
     )
 
 
 def disturbance_of(table: Mapping[str, Any]) -> Disturbance:
-    """What a campaign's numbers say of the housing."""
+    """Return the housing's motion from a campaign's table."""
     return Disturbance(table.get("swing_m_s2", 0.0), table.get("shock_g", 0.0))
 
 
@@ -102,9 +103,11 @@ def sample(
     until_s: float = 0.0,
     at_rest: bool = False,
 ) -> Sampled:
-    """The truth of a trial; x₀ in −0.1…0.06 m about l₀ but not beyond the stop, v₀ in ±0.8 m/s, any phase.
+    """Sample the truth of a trial.
 
-    A shock comes before `until_s`. `at_rest`: the striker starts as the scene has it.
+    The initial position is −0.1 to 0.06 m from l₀ but not beyond the stop, the initial velocity ±0.8 m/s, the
+    crank's phase arbitrary. With `at_rest` the striker keeps the scene's initial state. A shock starts at
+    least 1 s before `until_s`.
     """
     noise, truth, more = (np.random.default_rng([seed, trial, stream]) for stream in range(3))
 

@@ -1,6 +1,6 @@
 """A trial as a scenario: a sampled module, the operator's commands and the disturbances.
 
-`vibrohil run` repeats it to the same bits, with everything recorded.
+`vibrohil run` repeats the trial bit for bit and records all signals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,27 +13,27 @@ from tools.campaign.trial.sampling import Sampled, disturbance_of, mismatch_of, 
 from tools.campaign.trial.walk_cells import WalkCell, sampled_walk
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
-"""The operator clears what power-up with a swinging striker may have tripped, lets go, and asks for RUN."""
+"""Times of the commands, s: CLEAR_FAULTS, as a moving striker may cause faults at power-up; IDLE; RUN."""
 WALK_RUN_S = 0.5
-"""Somebody who walks starts at rest."""
+"""Time of the command RUN in a walk, s; it can be early because the striker starts at rest."""
 SETTLED_S = RUN_S + 15.0
-"""A hold is judged, and a kick may come, from here on."""
+"""Time from which a hold is judged and a kick may occur, s."""
 
 
 class Trial(NamedTuple):
-    """A sampled module, and the scenario that it goes through."""
+    """A sampled module and its scenario."""
 
     sampled: Sampled
     scenario: Scenario
 
     @property
     def omega_rad_s(self) -> float:
-        """The crank's speed that the operator asks for."""
+        """Crank speed that the operator requests."""
         return self.scenario.commands[-1].target_ratio * self.scenario.config.start.natural_rad_s
 
 
 def script(cell: Cell) -> list[Command]:
-    """What the operator does in a trial."""
+    """Return the operator's commands in a trial."""
     if isinstance(cell, WalkCell):
         return [Command(0.0, Request.IDLE, 0.0), Command(WALK_RUN_S, Request.RUN, cell.ratio)]
     return [
@@ -53,7 +53,7 @@ def scenario_of(
     seed: int,
     faults: Sequence[Mapping[str, Any]] = (),
 ) -> Scenario:
-    """The scenario with this scene, parameters and script."""
+    """Return the checked scenario with this scene, parameters and script."""
     lines = []
     for command in commands:
         line: dict[str, Any] = {"at_s": command.at_s, "request": command.request.value}
@@ -68,7 +68,7 @@ def scenario_of(
 
 
 def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
-    """A kick of the campaign's size at a sampled moment of a settled hold."""
+    """Return a kick fault of sampled size and sign at a sampled time in the settled hold."""
     size = float(sampled.more.uniform(numbers["kick_low_m_s"], numbers["kick_high_m_s"]))
     sign = 1.0 if sampled.more.uniform() < 0.5 else -1.0
     at_s = SETTLED_S + float(sampled.more.uniform(0.0, 1.0))
@@ -78,7 +78,7 @@ def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
 def trial_of(
     campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, trial: int
 ) -> Trial:
-    """The trial of this number: its cell, its sample, its scenario."""
+    """Return the trial with this number: its sample and its scenario."""
     cell = cells[trial % len(cells)]
     if isinstance(cell, WalkCell):
         sampled, course = sampled_walk(cell, numbers, seed, trial)

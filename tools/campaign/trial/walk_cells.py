@@ -17,20 +17,21 @@ COURSES = ("steady", "change", "stop", "stumble")
 
 
 STEADY_S = 20.0
-"""Until a stop, a stumble or a change may come: three strides, the start, and some to settle."""
+"""Earliest time of a stop, a stumble or a change, s: three strides, the soft start, and time to settle."""
 LATER_S = (0.0, 3.0)
 CHANGE_SHARE, CHANGE_STRIDES = 0.2, 5
 BACK_S = 25.0
-"""From the change of cadence to the one back."""
+"""Time between the change of cadence and the change back, s."""
 AFTER_S = 10.0
-"""How long a trial goes on after a stop or a stumble."""
+"""Duration of a trial after a stop or a stumble, s."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A scene, a scenario whose parameters fit it, and the cadences that it serves, strides a second.
+    """A scene, a scenario whose firmware parameters suit it, and the range of cadences that it serves.
 
-    `last_pulse_s`: how long after a stop or a stumble pulses may come.
+    Cadences are in strides a second. `last_pulse_s` is the longest time from a stop or a stumble to the last
+    pulse.
     """
 
     scene: str
@@ -44,7 +45,7 @@ PRESETS = {
     "walking": Preset("walking", "a-fifth-more-strides-keep-the-impacts", 0.5, 1.0, 0.8),
     "table1": Preset("table1-walking", "a-steady-walk-has-a-pulse-in-every-push-off", 0.78, 0.82, 2.0),
 }
-"""Of docs/feasibility.md: `walking` serves all cadences, Table 1's module a narrow band about 0.8."""
+"""Presets from docs/feasibility.md: `walking` serves all cadences, `table1` a narrow band about 0.8 Hz."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,16 @@ class WalkCell(Cell):
 
     @property
     def name(self) -> str:
-        """As tables and goals call it."""
+        """Name of the cell in tables and goals."""
         return f"{self.preset} {self.course}"
 
 
 def walk_cells(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
-    """The cells of `table` (conditions, each a preset and its courses) with `--set` changes, and its numbers.
+    """Return the cells of the campaign and its numbers, both after the `--set` changes.
 
-    `campaign.presets` and `campaign.courses` replace the conditions.
+    `table` has the conditions, each a preset and its courses, and the campaign's numbers. The settings
+    `campaign.presets` and `campaign.courses` replace the conditions. Raises BadInputError for an unknown key,
+    preset or course.
     """
     numbers = {key: value for key, value in table.items() if key != "conditions"}
     known = {"presets": None, "courses": None, **numbers}
@@ -95,7 +98,7 @@ def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:
 
 
 class Course(NamedTuple):
-    """Paces (at_s, stride_hz), stumbles, and how long the trial lasts, s."""
+    """Paces (at_s, stride_hz), times of stumbles, and the trial's duration, s."""
 
     paces: list[tuple[float, float]]
     stumbles: list[float]
@@ -103,7 +106,7 @@ class Course(NamedTuple):
 
 
 def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Generator) -> Course:
-    """The walk of a trial: its cadence, and when what happens."""
+    """Sample the walk of a trial: its cadence, and the times of its events."""
     preset, at_s = PRESETS[cell.preset], STEADY_S + float(dice.uniform(*LATER_S))
     lowest_hz, highest_hz = preset.lowest_hz, preset.highest_hz
     if cell.course == "change":
@@ -131,7 +134,7 @@ def course_of(cell: WalkCell, numbers: Mapping[str, Any], dice: np.random.Genera
 
 
 def sampled_walk(cell: WalkCell, numbers: Mapping[str, Any], seed: int, trial: int) -> tuple[Sampled, Course]:
-    """The truth of a trial, and what the wearer does in it."""
+    """Sample the truth of a trial and the wearer's walk."""
     course = course_of(cell, numbers, np.random.default_rng([seed, trial, 3]))
     scene = deepcopy(dict(cell.scene))
     scene["gait"] = {

@@ -1,8 +1,8 @@
-"""The judge of the campaign `walk`: compares the firmware that follows a walker with the truth.
+"""The judge of the campaign `walk`: compares the firmware's gait phase and the pulses with the truth.
 
 Felt force, pulses and phase are judged from `SETTLED_S` after the capture on, turn by turn and stride by
-stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.following`); those that
-the leg's own motion makes after it are counted separately.
+stride. Pulses after a stop or a stumble count until a pause (`hil.judge.figures.gait.following`); pulses that
+the leg's own motion causes after the pause are counted separately.
 """
 
 import numpy as np
@@ -23,9 +23,9 @@ from tools.campaign.trial.walk_cells import PRESETS, WalkCell
 SETTLED_S = 5.0
 SOFTEST_N, HARDEST_N = 10.0, 40.0
 HARDER = 1.05
-"""The leg's own motion makes impacts uneven: a twentieth."""
+"""Limit of v⁻ after a stop or a stumble, over the steady v⁻; the leg's motion makes impacts uneven."""
 LONGEST_GAP = 2.2
-"""Turns between two impacts of a motion that goes on with impacts."""
+"""Longest time between two impacts of lasting impact motion, in turns of the crank."""
 
 
 def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
@@ -52,7 +52,7 @@ def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
 
 
 def last_word(done: Run) -> str:
-    """In which mode a run ends, since when, and why."""
+    """Return the last mode of a run, since when it lasts, and its fault, as text."""
     if not done.modes:
         return "never ready"
     last = done.modes[-1]
@@ -61,7 +61,7 @@ def last_word(done: Run) -> str:
 
 
 def ended_s(walking: object) -> float:
-    """When the leg first stands after walking, or stumbles; inf where it does neither."""
+    """Return the time at which the leg first stands after walking or stumbles, s; inf if it does neither."""
     assert isinstance(walking, Walking)
     rows = walking.rows
     walks = np.maximum(rows[:, FROM_SIZE], rows[:, TO_SIZE]) > 0.0
@@ -71,12 +71,12 @@ def ended_s(walking: object) -> float:
 
 
 def left_s(done: Run, since_s: float) -> float:
-    """When mode RUN is left after `since_s`; inf where it is not."""
+    """Return the time of the first change of mode after `since_s`, s; inf if there is none."""
     return next((change.t_s for change in done.modes if change.t_s > since_s), float("inf"))
 
 
 def missing(done: Run, hold_s: tuple[float, float]) -> str:
-    """Whether impacts are missing in the hold, and since when."""
+    """Return since when impacts are missing in the hold, as text; empty if none are missing."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
     times = done.impacts[:, IMPACT_TIME]
@@ -86,7 +86,7 @@ def missing(done: Run, hold_s: tuple[float, float]) -> str:
 
 
 def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome: Outcome) -> None:
-    """Felt force from turn to turn, pulses from stride to stride, and the phase's error."""
+    """Judge the felt force of each turn, the pulses of each stride, and the error of the gait phase."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     ticks = np.arange(round(begin_s / done.tick_s), round(end_s / done.tick_s))
     if len(ticks) == 0:
@@ -118,7 +118,7 @@ def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome
 def judge_end(
     done: Run, ends_s: float, hold_s: tuple[float, float], latest_s: float, outcome: Outcome
 ) -> None:
-    """How soon pulses end after a stop or a stumble, and how hard the last ones are."""
+    """Judge the time from a stop or a stumble to the last pulse, and the largest v⁻ after it."""
     pulses = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S]
     times, speeds = pulses[:, IMPACT_TIME], pulses[:, APPROACH]
     follows = following(times, ends_s, float("inf"))
