@@ -1,4 +1,4 @@
-"""Any python-can interface as a bus: real adapters, at python-can's own cost."""
+"""Any python-can interface as a bus, for real adapters; slower than the bench's own sockets."""
 
 import select
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, Bus
 from hil.bus.wire import REMOTE_FLAG
 
 BITRATE = 1_000_000
-"""The bench's bus; interfaces that have no bit rate ignore it."""
+"""Bit rate of the bench's bus; interfaces without a bit rate ignore it."""
 
 
 class AdapterBus(Leaving):
@@ -20,7 +20,7 @@ class AdapterBus(Leaving):
         super().__init__()
         self.counters = BusCounters(lost=None)
         self.losses: list[Loss] = []
-        # Filtered here: python-can ends a read without waiting at the first frame its own filter refuses.
+        # Filtered here: with python-can's own filter a read without waiting ends at the first rejected frame
         self._accept = None if accept is None else frozenset(accept)
         try:
             self._bus = can.Bus(channel, interface, bitrate=BITRATE)
@@ -49,7 +49,7 @@ class AdapterBus(Leaving):
         return [frame for _, frame in self.receive_stamped()]
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """All frames that have arrived, with the time the interface gave each, in ns."""
+        """All frames that have arrived, with the interface's time stamps in ns."""
         frames = []
         for _ in range(MAX_BURST):
             message = self._bus.recv(timeout=0)
@@ -70,7 +70,7 @@ class AdapterBus(Leaving):
         return frames
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over; at once if the interface cannot wait."""
+        """Return when frames have arrived or after `timeout_s`; at once if the interface cannot wait."""
         if self.fileno() >= 0:
             select.select([self], [], [], timeout_s)
 

@@ -11,12 +11,12 @@ from hil.bus.base import Bus, BusCounters, Loss
 
 
 def addressed(bus: Bus, places: Addresses) -> Bus:
-    """The bus as the nodes of the module at `places` see it."""
+    """The bus with the identifiers of the module at `places` translated to those of `vibro.dbc`."""
     return bus if places == DEFAULT else AddressedBus(bus, places)
 
 
 class AddressedBus:
-    """`vibro.dbc`'s identifiers for the node, the module's for the bus."""
+    """A bus that carries the module's identifiers; its node sends and receives those of `vibro.dbc`."""
 
     def __init__(self, bus: Bus, places: Addresses) -> None:
         self._bus = bus
@@ -29,12 +29,12 @@ class AddressedBus:
 
     @property
     def losses(self) -> list[Loss]:
-        """Those of the bus."""
+        """The losses of the bus."""
         return self._bus.losses
 
     @property
     def closing(self) -> list[Callable[[], None]]:
-        """Those of the bus."""
+        """The functions that the bus calls after the node has left."""
         return self._bus.closing
 
     def send(self, frame: Frame) -> None:
@@ -54,7 +54,7 @@ class AddressedBus:
         ]
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """As `receive`, with the wall clock in ns."""
+        """Like `receive`, with each frame's arrival on the wall clock in ns."""
         return [
             (stamp_ns, Frame(can_id, frame.data))
             for stamp_ns, frame in self._bus.receive_stamped()

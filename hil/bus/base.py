@@ -8,15 +8,15 @@ from typing import NamedTuple, Protocol
 from firmware_py.interface.frame import Frame
 
 MAX_BURST = 4096
-"""Frames one `receive` hands out at most: a node flooded with frames still gets to its own work."""
+"""Largest number of frames that one `receive` returns, so that a flood of frames cannot block a node."""
 
 SEND_RETRIES = 4
 SEND_RETRY_S = 100e-6
-"""A full transmit queue is waited for 4 × 0.1 ms, less than half a tick; then frames are dropped."""
+"""A node retries a full transmit queue for 4 × 0.1 ms, less than half a tick; then it drops frames."""
 
 
 class BusError(ValueError):
-    """A bus that cannot be opened as asked, with what was wanted and the remedy."""
+    """A bus cannot be opened as requested; the message states what was expected and the remedy."""
 
 
 @dataclass
@@ -28,7 +28,7 @@ class BusCounters:
     unsent: int = 0
     """Frames dropped because the queue stayed full or the bus was gone."""
     foreign: int = 0
-    """Frames received that are no classic data frame with an 11-bit identifier."""
+    """Received frames other than classic data frames with an 11-bit identifier."""
     lost: int | None = 0
     """Frames that arrived while the receive queue was full; None where the interface does not count them."""
 
@@ -55,7 +55,7 @@ class NodeBus(Protocol):
 
 
 class Leaving(ABC):
-    """The end of a connection: what ends with it, `closing`, is called in order once the node has left."""
+    """Closes a connection: the node leaves the bus, then the functions in `closing` are called in order."""
 
     def __init__(self) -> None:
         self.closing: list[Callable[[], None]] = []
@@ -65,14 +65,14 @@ class Leaving(ABC):
         """Leave the bus."""
 
     def close(self) -> None:
-        """Leave the bus, and end what ends with it."""
+        """Leave the bus, then call the functions in `closing`."""
         self.leave()
         for close in self.closing:
             close()
 
 
 class Bus(Protocol):
-    """One node's connection. It never receives its own frames; no call blocks longer than a send may wait."""
+    """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
 
     @property
     def counters(self) -> BusCounters:
@@ -80,14 +80,14 @@ class Bus(Protocol):
 
     @property
     def closing(self) -> list[Callable[[], None]]:
-        """Called when the node leaves, in order."""
+        """Functions that are called, in order, after the node has left."""
 
     @property
     def losses(self) -> list[Loss]:
-        """Of a bus opened with `stamped`, in order of time; whoever writes them down may empty the list."""
+        """Losses seen by a bus opened with `stamped`, in order of time; the reader may empty the list."""
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame; a full queue is waited for shortly, then the frame is dropped and counted."""
+        """Queue one frame; if the queue stays full during the retries, the frame is dropped and counted."""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in order, in as few system calls as the bus allows."""
@@ -96,7 +96,7 @@ class Bus(Protocol):
         """All frames that have arrived, oldest first, without waiting."""
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """As `receive`, with the wall clock in ns at which each arrived; for a bus opened with `stamped`."""
+        """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""
 
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or when the time is over."""

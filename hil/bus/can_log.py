@@ -17,22 +17,22 @@ class CanLog:
         self._file = path.open("w", buffering=FLUSHED_BYTES, encoding="ascii")
 
     def write(self, t_us: int, frames: Iterable[Frame]) -> None:
-        """Note frames that were on the bus at `t_us`."""
+        """Write frames that were on the bus at `t_us`."""
         seconds, micros = divmod(t_us, 1_000_000)
         stamp = f"({seconds}.{micros:06})"
         lines = [f"{stamp}{FRAME_NAMES[can_id]}{data.hex().upper()}\n" for can_id, data in frames]
         self._file.write("".join(lines))
 
     def append(self, lines: bytes) -> None:
-        """Write lines that are made already."""
+        """Write lines that are already in candump's format."""
         self._file.write(lines.decode("ascii"))
 
     def flush(self) -> None:
-        """Hand what was written to the operating system."""
+        """Pass the buffered lines to the operating system."""
         self._file.flush()
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the buffered lines and close the file."""
         self._file.close()
 
     def __enter__(self) -> "CanLog":

@@ -1,7 +1,8 @@
-"""A node on a kernel CAN interface: frames in batches, no select, no clock.
+"""A node on a kernel CAN interface: frames are sent and received in batches.
 
-One `recvmmsg` takes all that has arrived and one `sendmmsg` gives all of a tick. Python's own socket calls
-move one frame each; under user-mode Linux, where a system call costs 12 µs, that is half of a tick's work.
+One `recvmmsg` receives all frames that have arrived and one `sendmmsg` sends all frames of a tick. Python's
+own socket calls move one frame each; under user-mode Linux, where a system call costs 12 µs, they would take
+half of a tick's work.
 """
 
 import ctypes
@@ -22,19 +23,19 @@ from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
 BATCH = 256
-"""Frames a system call moves at most: a quarter of a second of this bus."""
+"""Largest number of frames per system call: a quarter of a second of traffic on this bus."""
 EXACT_ID_MASK = 0xC0000000 | MAX_STANDARD_ID
-"""A kernel filter's mask: the identifier, and neither the extended nor the remote flag."""
+"""Mask of a kernel filter: compares the identifier and the flags for extended and remote frames."""
 
-# Linux's numbers that Python's socket module lacks.
+# Constants of Linux that Python's socket module lacks.
 SO_RCVBUFFORCE = 33
 SO_TIMESTAMPNS = 35
 SO_RXQ_OVFL = 40
 SO_MEMINFO = 55
 MEMINFO = struct.Struct("=9I")
-"""The numbers of SO_MEMINFO; the last one counts dropped messages."""
+"""Counters that SO_MEMINFO returns; the last one counts dropped messages."""
 CONTROL_HEADER = struct.Struct("=Qii")
-"""A control message's length with this header, its level and its kind."""
+"""Header of a control message: length including this header, level, kind."""
 STAMP = struct.Struct("=qQ")
 """A time: seconds and nanoseconds."""
 DROPS = struct.Struct("=I")
@@ -46,7 +47,7 @@ CONTROL_BYTES = 2 * CONTROL_HEADER.size + STAMP.size + CONTROL_ALIGNMENT
 RECEIVE_BUFFER_BYTES = 4 << 20
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 NOTHING_TO_RECEIVE = (errno.EAGAIN, errno.ENETDOWN, errno.ENODEV)
-"""An empty queue ends a read, and so does an interface that went down; anything else is a defect."""
+"""Errors that mean an empty queue or an interface that went down; any other error is raised."""
 
 
 class IoVector(ctypes.Structure):
@@ -70,20 +71,20 @@ class MessageHeader(ctypes.Structure):
 
 
 class BatchHeader(ctypes.Structure):
-    """`struct mmsghdr`: a message and the length it ended up with."""
+    """`struct mmsghdr`: a message and its transferred length."""
 
     _fields_ = (("message", MessageHeader), ("length", ctypes.c_uint))
 
 
 class Arrival(NamedTuple):
-    """What the kernel reports of a frame: wall clock in ns (0: none) and the drops before it (None: 0)."""
+    """The kernel's report on a frame: wall clock in ns (0: none) and the drops before it (None: 0)."""
 
     stamp_ns: int
     drops: int | None
 
 
 class FrameBatch:
-    """Room for a batch of frames, its headers and, if `stamped`, what the kernel reports of each."""
+    """Buffers for a batch of frames, their headers and, if `stamped`, the kernel's report on each frame."""
 
     def __init__(self, stamped: bool = False) -> None:
         self.buffer = bytearray(BATCH * FRAME_BYTES)
@@ -103,9 +104,9 @@ class FrameBatch:
                 header.message.control_length = CONTROL_BYTES
 
     def take_arrivals(self, count: int) -> list[Arrival]:
-        """What the kernel reports of each of the first `count` frames.
+        """Return the kernel's reports on the first `count` frames and reset the buffers for them.
 
-        The kernel has written the length that it used over the length of the room; the latter is set again.
+        The kernel overwrites a control buffer's length with the length it used, so the length is set again.
         """
         arrivals = []
         for index in range(count):
@@ -129,7 +130,7 @@ class FrameBatch:
 
 
 def has_kernel_can() -> bool:
-    """Whether the kernel knows CAN sockets at all."""
+    """Whether the kernel supports CAN sockets."""
     if not hasattr(socket, "AF_CAN"):
         return False
     try:
@@ -140,13 +141,13 @@ def has_kernel_can() -> bool:
 
 
 def count_arrivals(can_socket: socket.socket) -> None:
-    """Ask the kernel for each frame's time, and for the number of those that it dropped before."""
+    """Request each frame's arrival time and the number of frames dropped before it from the kernel."""
     can_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     can_socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
 
 
 def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
-    """A kernel CAN socket on `interface` that receives the identifiers of `accept`, or all."""
+    """Open a kernel CAN socket on `interface` for the identifiers in `accept`, or for all if it is None."""
     can_socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     if accept is not None:
         filters = b"".join(struct.pack("=II", can_id, EXACT_ID_MASK) for can_id in accept)
@@ -166,7 +167,7 @@ def open_can_socket(interface: str, accept: Iterable[int] | None, stamped: bool)
 
 
 def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) -> socket.socket:
-    """A CAN socket opened in another network, from the process that holds it and listens at `path`."""
+    """Return a CAN socket of another network namespace from the process that listens at `path`."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
         try:
             link.connect(str(path))
@@ -184,7 +185,7 @@ def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) ->
 
 
 class CanSocket(Leaving):
-    """A raw CAN socket, opened and bound, as a node's bus."""
+    """A node's bus over a raw CAN socket that is open and bound."""
 
     def __init__(self, can_socket: socket.socket, requests: frozenset[int] = frozenset()) -> None:
         super().__init__()
@@ -231,7 +232,7 @@ class CanSocket(Leaving):
                 packed = packed[sent * FRAME_BYTES :]
                 continue
             if ctypes.get_errno() not in QUEUE_FULL or attempt == SEND_RETRIES:
-                # Down or unplugged counts as full: the watchdogs at both ends do the rest.
+                # An interface that is down is treated as full: the watchdogs at both ends detect the silence.
                 self._counters.unsent += count
                 return
             attempt += 1
@@ -239,12 +240,12 @@ class CanSocket(Leaving):
             time.sleep(SEND_RETRY_S)
 
     def receive(self) -> list[Frame]:
-        """All frames that have arrived, a batch at most."""
+        """The frames that have arrived, at most one batch."""
         count = self._take(self._incoming)
         return unpack(self._incoming.buffer[: count * FRAME_BYTES], self._counters, self._requests)
 
     def _take(self, batch: FrameBatch) -> int:
-        """Fill the batch with what has arrived; how many frames that is."""
+        """Fill the batch with the frames that have arrived and return their number."""
         count = self._receive_batch(self._descriptor, batch.headers, BATCH, socket.MSG_DONTWAIT, None)
         if count < 0:
             if (number := ctypes.get_errno()) not in NOTHING_TO_RECEIVE:
@@ -253,7 +254,7 @@ class CanSocket(Leaving):
         return int(count)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """All frames that have arrived, a batch at most, with the kernel's wall clock in ns."""
+        """The frames that have arrived, at most one batch, with the kernel's wall clock in ns."""
         batch = self._stamped
         if batch is None:
             batch = self._stamped = FrameBatch(stamped=True)
@@ -275,7 +276,7 @@ class CanSocket(Leaving):
         return int(MEMINFO.unpack(numbers)[-1])
 
     def _note_drops(self, drops: int, until_ns: int) -> None:
-        """Note what was dropped between the last frame and `until_ns`, given the socket's count by then."""
+        """Record the drops between the last frame and `until_ns`; `drops` is the socket's count by then."""
         new = (drops - self._noted_drops) % (1 << 32)
         if 0 < new < 1 << 31:
             self._noted_drops = drops

@@ -1,7 +1,7 @@
-"""The hub of the bus `local`: passes every frame of a node to all other nodes, in the order of arrival.
+"""The hub of the bus `local`: forwards every frame of a node to all other nodes, in the order of arrival.
 
-A process of its own (`python -m hil.bus.hub SOCKET`), started by whoever provides the bus and gone with it:
-it ends when its standard input does. The socket lies in a folder that only its user may enter.
+It is a separate process (`python -m hil.bus.hub SOCKET`), started by the process that provides the bus, and
+ends when its standard input ends. The socket lies in a folder that only its user may enter.
 """
 
 import argparse
@@ -23,14 +23,14 @@ from hil.timing.realtime import HUB, become_realtime
 
 READ_BYTES = 1 << 16
 MAX_QUEUED_BYTES = 1 << 16
-"""For a node: frames of most of a second; older ones are of no use to it."""
+"""Queue for a node: frames of most of a second; a node has no use for older ones."""
 MAX_QUEUED_STAMPED_BYTES = 1 << 19
-"""For a node that records: some six seconds, as a machine may leave it without the CPU."""
+"""Queue for a node that records: about six seconds, since a busy machine may suspend it for long."""
 
 
 @dataclass
 class Client:
-    """One node: what it asked for, what it has not yet sent whole, what it has not yet read."""
+    """One node: its requests, the bytes of a partly received frame, and the frames queued for it."""
 
     link: socket.socket
     joined: bool = False
@@ -40,13 +40,13 @@ class Client:
     queued: bytearray = field(default_factory=bytearray)
     dropped: int = 0
     unreported: int = 0
-    """Dropped frames that have not been reported to the node; the times are of the first and the last."""
+    """Dropped frames that have not been reported to the node; below, the times of the first and the last."""
     first_drop_ns: int = 0
     last_drop_ns: int = 0
 
     @property
     def loss_report(self) -> bytes:
-        """Their report to the node: a time, their number, a time; empty without any."""
+        """The report on unreported drops: first time, their number, last time; empty if there are none."""
         if not self.unreported:
             return b""
         parts = (
@@ -58,12 +58,12 @@ class Client:
 
 
 def control(kind: int, value: int) -> bytes:
-    """A control record of the stream between hub and node."""
+    """Pack a control record of the stream between hub and node."""
     return CAN_FRAME.pack(CONTROL_ID, kind, value.to_bytes(8, "little"))
 
 
 class Hub:
-    """The forwarder; `serve` runs until standard input closes."""
+    """Forwards frames between the nodes that connect to its socket."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -135,7 +135,7 @@ class Hub:
                 self._pass_on(other, chunk)
 
     def _admit(self, client: Client, chunk: bytes) -> bytes:
-        """Take a node in by its greeting; gives the frames after it. A stranger is shown out."""
+        """Admit a node by its greeting and return the frames after it; disconnect an unknown client."""
         greeting, rest = chunk[:FRAME_BYTES], chunk[FRAME_BYTES:]
         if greeting not in (HELLO, HELLO_STAMPED, HELLO_DEAF):
             self._part_with(client)
@@ -162,7 +162,7 @@ class Hub:
         except BlockingIOError:
             sent = 0
         except ConnectionError:
-            return  # its own readable event follows and parts with it
+            return  # the client's readable event follows and disconnects it
         if sent < len(chunk):
             client.queued += chunk[sent:]
             self._selector.modify(client.link, selectors.EVENT_READ | selectors.EVENT_WRITE)
@@ -187,7 +187,7 @@ class Hub:
             self._selector.modify(client.link, selectors.EVENT_READ)
 
     def close(self) -> None:
-        """Show all nodes out; remove the socket, and its folder where that leaves it empty."""
+        """Disconnect all nodes; remove the socket, and its folder if it is then empty."""
         for client in list(self._clients.values()):
             self._part_with(client)
         self._selector.close()
@@ -198,7 +198,7 @@ class Hub:
 
 
 def main() -> None:
-    """Serve until standard input closes, then say what passed."""
+    """Serve until standard input closes, then report the numbers of frames forwarded and dropped."""
     parser = argparse.ArgumentParser(description="The hub of the bus `local`.")
     parser.add_argument("socket", type=Path, help="where to listen; its folder must be the user's own")
     path: Path = parser.parse_args().socket

@@ -1,4 +1,4 @@
-"""A node on the bus `local`: a stream to and from the hub; one call moves all frames of a tick."""
+"""A node on the bus `local`: a stream to and from the hub; one system call moves all frames of a tick."""
 
 import select
 import socket
@@ -21,7 +21,7 @@ from hil.bus.wire import (
 
 HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
 HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
-"""The greeting of a node that wants to know when each frame passed the hub."""
+"""The greeting of a node that requests the time at which each frame passed the hub."""
 HELLO_DEAF = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
 """The greeting of a node that only sends."""
 
@@ -41,7 +41,7 @@ class HubSocket(Leaving):
         self._unfinished = b""
         self._stamp_ns = 0
         self.ended = False
-        """Whether the hub has gone, which a node sees when it next sends or receives."""
+        """Whether the hub has ended; noticed at the next send or receive."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(JOIN_TIMEOUT_S)
         try:
@@ -89,12 +89,12 @@ class HubSocket(Leaving):
                 self._unfinished = b""
                 return
             packed = packed[sent:]
-        # What is left of a frame that went out in part goes first next time: the stream stays in step.
+        # The rest of a partly sent frame is sent first next time, which keeps the stream aligned to frames.
         self._unfinished = packed[: len(packed) % FRAME_BYTES]
         self.counters.unsent += len(packed) // FRAME_BYTES
 
     def _read(self, most: int = MAX_BURST) -> bytes:
-        """Whole frames that have arrived, `most` or fewer."""
+        """The whole frames that have arrived, at most `most`."""
         try:
             chunk = self._socket.recv(most * FRAME_BYTES - len(self._received))
         except BlockingIOError:
@@ -117,11 +117,11 @@ class HubSocket(Leaving):
         return unpack(chunk, self.counters, self._requests)
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
-        """All frames that have arrived, with the hub's wall clock in ns when it passed each on."""
+        """All frames that have arrived, with the hub's wall clock in ns when it forwarded each."""
         return self._stamped(self._read())
 
     def _stamped(self, chunk: bytes) -> list[tuple[int, Frame]]:
-        """The frames of `chunk` with their times. A loss lies between the times around its count."""
+        """The data frames of `chunk` with their times in ns; other messages are counted as foreign."""
         frames = []
         for stamp_ns, can_id, data in self._passed(chunk):
             if can_id <= MAX_STANDARD_ID:
@@ -133,7 +133,7 @@ class HubSocket(Leaving):
     def receive_any(self) -> tuple[int, int, bytes] | None:
         """The next message of any kind: time in ns, identifier with SocketCAN's flags, data.
 
-        No more than it is taken from the socket, whose descriptor stays readable while there are others.
+        Only this message is taken from the socket, so its descriptor stays readable while others wait.
         """
         while chunk := self._read(most=1):
             for message in self._passed(chunk):
@@ -141,7 +141,10 @@ class HubSocket(Leaving):
         return None
 
     def _passed(self, chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
-        """Time, identifier with flags, and data of the messages in `chunk`; control records are acted on."""
+        """Yield time, identifier with flags, and data of `chunk`'s messages; evaluate its control records.
+
+        A loss lies between the two times around its count.
+        """
         for can_id, length, data in CAN_FRAME.iter_unpack(chunk):
             if can_id == CONTROL_ID and length == LOSS_KIND:
                 self._lost = int.from_bytes(data, "little")

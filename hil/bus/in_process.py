@@ -7,13 +7,13 @@ from hil.bus.base import BusCounters
 
 
 class InProcessBus:
-    """Nodes join it and find in `receive` what the others have sent since."""
+    """A bus in memory: `receive` of each node returns the frames that the other nodes have sent."""
 
     def __init__(self) -> None:
         self._nodes: list[InProcessNode] = []
 
     def join(self, listening: bool = True) -> "InProcessNode":
-        """A new node's connection; one that only sends need not read."""
+        """Add a node and return its connection; a node that only sends joins with `listening` False."""
         node = InProcessNode()
         for other in self._nodes:
             if listening:
@@ -26,7 +26,7 @@ class InProcessBus:
 
 
 class InProcessNode:
-    """One node's side; nothing is ever lost or late."""
+    """One node's connection; no frame is lost or late."""
 
     def __init__(self) -> None:
         self.counters = BusCounters()
@@ -45,9 +45,9 @@ class InProcessNode:
             other.pending.extend(frames)
 
     def receive(self) -> list[Frame]:
-        """The frames of the other nodes since the last call."""
+        """The frames that the other nodes have sent since the last call."""
         received, self.pending = self.pending, []
         return received
 
     def wait(self, _: float) -> None:
-        """Nothing arrives while a node of the same process waits."""
+        """Return at once: no frame can arrive while a node of the same process waits."""

@@ -18,15 +18,15 @@ from hil.bus.hub_socket import HELLO_DEAF, HELLO_STAMPED, HubSocket
 from hil.bus.wire import REMOTE_FLAG
 
 EXTENDED_FLAG = 0x80000000
-"""SocketCAN's, in the identifier's top bits."""
+"""SocketCAN's flag in the identifier of an extended frame."""
 IDENTIFIER_MASK = 0x1FFFFFFF
 
 
 class LocalBus(can.BusABC):
-    """python-can's view of the hub at `channel`, the path of its socket.
+    """python-can's interface to the hub at `channel`, the path of its socket.
 
-    `receive_own_messages`: what is sent comes back in its place among the others' messages, marked as sent.
-    A bit rate is taken and means nothing: the hub has none.
+    `receive_own_messages`: messages that this program sends are received in their order on the bus, marked as
+    sent. A bit rate is accepted and ignored: the hub has none.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class LocalBus(can.BusABC):
         path = fspath(channel).removeprefix("local:")
         try:
             self._hub = HubSocket(Path(path), HELLO_STAMPED)
-            # The hub passes nothing back to its sender, but to another node of the same program it does.
+            # The hub returns no frame to its sender, but forwards it to another node of the same program.
             self._sender = HubSocket(Path(path), HELLO_DEAF) if receive_own_messages else self._hub
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
@@ -58,7 +58,7 @@ class LocalBus(can.BusABC):
 
     @property
     def lost(self) -> int | None:
-        """Messages lost because this program did not take them in time."""
+        """Messages lost because this program did not receive them in time."""
         return self._hub.counters.lost
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -70,7 +70,7 @@ class LocalBus(can.BusABC):
         return message, True
 
     def _next_message(self) -> can.Message | None:
-        """The next message that the filters let through, of those that have arrived."""
+        """The next message among those that have arrived that passes the filters; None if there is none."""
         while received := self._hub.receive_any():
             stamp_ns, can_id, data = received
             is_own = bool(self._own) and self._own[0] == (can_id, data)
@@ -92,7 +92,7 @@ class LocalBus(can.BusABC):
         return None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue one message of classic CAN; a queue that stays full raises."""
+        """Queue one message of classic CAN; raises `CanOperationError` if the queue stays full."""
         if msg.is_fd or msg.is_error_frame:
             raise can.CanOperationError(
                 "the bus carries classic data and remote frames: no CAN FD, no errors"
@@ -109,7 +109,7 @@ class LocalBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: {ended}")
 
     def fileno(self) -> int:
-        """The descriptor that is readable while messages wait."""
+        """A descriptor that is readable while messages wait."""
         return self._hub.fileno()
 
     def shutdown(self) -> None:

@@ -1,4 +1,4 @@
-"""Makes and joins the bus that an address names."""
+"""Provides and joins the bus that an address names."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ READY_TIMEOUT_S = 20.0
 
 @dataclass
 class ProvidedBus:
-    """A bus that exists for as long as this object is open; `address` is what its nodes join."""
+    """A bus that exists while this object is open; its nodes join it at `address`."""
 
     name: str
     """The bus's name in a result: local, vcan, socketcan:can0, …"""
@@ -28,15 +28,15 @@ class ProvidedBus:
     kernel_can: bool
     """Whether frames go through the kernel's own CAN."""
     reason: str
-    """Why this one."""
+    """Why this bus was chosen."""
     holder: Child | None = None
     folder: Path | None = None
     said: str = field(default="", init=False)
-    """The holder's report at its end."""
+    """The last output of the holder process, reported when it ended."""
 
     @property
     def processes(self) -> Mapping[str, Child]:
-        """The process that is the bus, if there is one, by its name."""
+        """The process that provides the bus, by its name; empty if there is none."""
         return {} if self.holder is None else {self.holder.name: self.holder}
 
     @property
@@ -51,7 +51,7 @@ class ProvidedBus:
         }
 
     def close(self) -> None:
-        """Take down what was put up."""
+        """Stop the holder process and remove the bus's folder."""
         if self.holder is not None:
             self.said = self.holder.stop()
             self.holder = None
@@ -76,7 +76,7 @@ def private_folder() -> Path:
 
 @contextmanager
 def closed_unless_up(provided: ProvidedBus) -> Iterator[None]:
-    """Take the bus down again where the block ends early, by Ctrl-C too; raises `BusError`."""
+    """Close the bus if the block raises, by Ctrl-C too; a `ChildError` becomes a `BusError`."""
     try:
         yield
     except ChildError as error:
@@ -89,7 +89,7 @@ def closed_unless_up(provided: ProvidedBus) -> Iterator[None]:
 
 
 def provide_local(reason: str) -> ProvidedBus:
-    """A hub of this run's own."""
+    """Start a hub for this run alone."""
     folder = private_folder()
     path = folder / "bus"
     hub = Child("hub", [sys.executable, "-m", "hil.bus.hub", str(path)])
@@ -100,7 +100,7 @@ def provide_local(reason: str) -> ProvidedBus:
 
 
 def provide_vcan(reason: str) -> ProvidedBus:
-    """A vcan interface of this run's own; raises `BusError` where the machine has none."""
+    """Make a vcan interface for this run alone; raises `BusError` if the machine supports none."""
     if not has_kernel_can():
         raise BusError(
             "bus vcan: this kernel has no CAN sockets; wanted one with the modules can, can-raw and vcan, or "
@@ -118,10 +118,10 @@ def provide_vcan(reason: str) -> ProvidedBus:
 
 
 def provide(spec: str) -> ProvidedBus:
-    """Make the bus `spec` asks for, or take the one it names.
+    """Make the bus that `spec` requests, or use the existing bus that it names.
 
-    `auto`: vcan where it works, else local. `vcan`, `local`: new and private. `local:PATH`, `vcan:PATH`: one
-    that another process provides. `socketcan:can0` or any `interface:channel` of python-can: as it is.
+    `auto`: vcan where it works, else local. `vcan`, `local`: a new private bus. `local:PATH`, `vcan:PATH`: a
+    bus of another process. `socketcan:can0` or any `interface:channel` of python-can: used as it is.
     """
     if spec == "auto":
         try:
@@ -142,11 +142,11 @@ def provide(spec: str) -> ProvidedBus:
 
 
 def join(address: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
-    """Join the bus at `address`, which `provide` gave or which others keep up.
+    """Join the bus at `address`, made by `provide` or by another process.
 
-    `accept`: only these identifiers, where the bus can filter; none at all for a node that only sends.
-    An identifier with the flag of a remote frame asks for those, which arrive as empty frames.
-    `stamped`: arrivals carry the wall clock.
+    `accept`: receive only these identifiers, where the bus can filter; empty for a node that only sends. An
+    identifier with the remote flag accepts remote frames, which arrive as empty frames.
+    `stamped`: `receive_stamped` gives each frame's arrival on the wall clock.
     """
     interface, _, channel = address.partition(":")
     requests = requests_in(accept)
@@ -170,7 +170,7 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
 
 
 def open_bus(spec: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:
-    """Join the bus `spec` names; where that makes one, it ends when this node leaves."""
+    """Join the bus that `spec` names; a bus that is made for this call ends when the node leaves."""
     provided = provide(spec)
     try:
         bus = join(provided.address, accept, stamped)

@@ -2,19 +2,19 @@
 
 User-mode Linux is a Linux kernel that runs as an ordinary process. Its root is the machine's own file
 system (hostfs), so a command finds the same files, programs and virtual environment as outside, plus a real
-`vcan0`. Nothing else crosses: the kernel has its own processes, loopback, /dev, /proc, /sys and /dev/shm.
+`vcan0`. Nothing else is shared: the kernel has its own processes, loopback, /dev, /proc, /sys and /dev/shm.
 
 Command and kernel share one temporary folder:
 
-    init, command     the guest's first process, and what it runs: environment, folder, command
+    init, command     the guest's first process, and the script it runs: environment, folder, command
     standard input    of the kernel is the guest's first serial line: a signal's name a line is sent to
                       all guest processes; its end (this process was killed) removes the
                       folder and halts the guest
     stdout, stderr    the command's, written through hostfs at once and copied from here while it runs,
                       so that the kernel's own messages never mix with them
     console           the kernel's messages, shown when it fails
-    booted, failed    what the guest has reached, or why it could not go on
-    status            the command's exit status, since the kernel's own says nothing of it
+    booted, failed    written when the guest has booted; the reason if its set-up failed
+    status            the command's exit status, which the kernel's own exit status does not carry
 """
 
 import os
@@ -35,24 +35,24 @@ from typing import BinaryIO, Final
 from hil.timing.realtime import NODE_PRIORITY
 
 KERNEL: Final = "linux.uml"
-GUEST_MEMORY: Final = "4G"  # half of it may hold traces: those of a quarter of an hour in real time
+GUEST_MEMORY: Final = "4G"  # half of it may hold traces: enough for a quarter of an hour in real time
 REMEDY: Final = "install Debian's packages: apt-get install user-mode-linux busybox"
-BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; a machine busy with other things gets twenty times that
-DELIVERY_PRIORITY: Final = NODE_PRIORITY + 10  # the guest's thread that delivers frames comes before nodes
-PRIORITY: Final = 20  # above what is ordinary, below the machine's own interrupt threads at 50
-GRACE_S: Final = 10.0  # what a signalled command gets to end its children and close its log
-POLL_S: Final = 0.02  # between two looks at the command's output: live for a reader, nothing for the CPU
+BOOT_LIMIT_S: Final = 60.0  # boots in 1 to 3 s; twenty times as long on a busy machine
+DELIVERY_PRIORITY: Final = NODE_PRIORITY + 10  # the guest's thread that delivers frames precedes nodes
+PRIORITY: Final = 20  # above ordinary processes, below the machine's own interrupt threads at 50
+GRACE_S: Final = 10.0  # time for a signalled command to end its children and close its log
+POLL_S: Final = 0.02  # period of copying the command's output: live for a reader, negligible CPU time
 CONSOLE_LINES: Final = 15  # of the kernel's last messages in an error
 
 # Runs as process 1. The command is in the foreground because a shell starts background processes with SIGINT
-# ignored. `kill -1` is every process but this shell and process 1: what Ctrl-C does to a terminal's group.
-# Pages of memory-mapped files reach hostfs when the guest writes them out: within 2 s by the two settings,
-# instead of 30 s; by `sync` at the end. The guest accounts for CPU time by sampling at 100 Hz, and a loop at
-# 1 kHz is always or never running then: a limit on real-time processes would stop one that takes a fifth of
-# the CPU. Frames that the kernel could not deliver at once, after a pause say, are left to ksoftirqd: at its
-# ordinary priority nodes went without any for up to 70 ms. The command has a shell of its own so that
-# "Killed" and the like, which the waiting shell says, go
-# to the console.
+# ignored. `kill -1` signals every process but this shell and process 1, as Ctrl-C signals a terminal's group.
+# Pages of memory-mapped files reach hostfs when the guest writes them out: within 2 s because of the two
+# settings (30 s by default), and by `sync` at the end. The guest accounts for CPU time by sampling at 100 Hz,
+# and at these samples a loop at 1 kHz is either always or never running: a limit on real-time processes would
+# stop a process that takes a fifth of the CPU. Frames that the kernel cannot deliver at once, for example
+# after a host stall, are left to ksoftirqd: at its ordinary priority nodes received no frames for up to
+# 70 ms. The command has a shell of its own, so that messages of the waiting shell such as "Killed" go to the
+# console.
 INIT: Final = """\
 #!@BUSYBOX@ sh
 folder=@FOLDER@
@@ -88,24 +88,24 @@ halt
 
 
 class UmlError(ValueError):
-    """What was asked for cannot start here: a bad argument, or no user-mode Linux; names the remedy."""
+    """The command cannot start: a bad argument, or no user-mode Linux; the message names the remedy."""
 
 
 class UmlDeathError(RuntimeError):
-    """User-mode Linux did not boot, or died under the command; has its last messages and what helps."""
+    """User-mode Linux did not boot, or died under the command; the message has its last output and remedy."""
 
 
 def run_in_kernel(command: Sequence[str], memory: str | None = None, host_cpu: int | None = None) -> int:
     """Run `command` under user-mode Linux and return its exit status, 128 + n after signal n.
 
     Working directory and environment are the caller's, with the programs of this Python environment first.
-    What the command writes appears here on standard output and error while it runs; its standard input is
-    empty. SIGINT and SIGTERM reach every process in the guest; the guest gets `GRACE_S` to end by itself,
-    less if a second one follows.
+    The command's output is copied to standard output and error while it runs; its standard input is empty.
+    SIGINT and SIGTERM reach every process in the guest; the guest has `GRACE_S` to end by itself, less if a
+    second signal follows.
 
-    `memory` is the guest's, such as "8G", or `GUEST_MEMORY`; the machine gives only what is touched. The
-    kernel stays on `host_cpu` (the last one this process may use): it serves all its processes by stopping
-    and continuing them, and moving between CPUs makes each switch tens of times slower.
+    `memory` is the guest's memory, such as "8G" (default `GUEST_MEMORY`); the machine provides only the pages
+    in use. The kernel stays on `host_cpu` (default: the last CPU this process may use): it serves all its
+    processes by stopping and continuing them, and moving between CPUs makes each switch tens of times slower.
     """
     if not command:
         raise UmlError("no command to run under user-mode Linux; give one after --")
@@ -152,7 +152,7 @@ def _program(name: str) -> str:
 
 
 def _write_guest(folder: Path, busybox: str, command: Sequence[str]) -> None:
-    """Write what the guest starts with; the guest removes the file with the environment once it has it."""
+    """Write the guest's start files; the guest removes the file with the environment after reading it."""
     init = folder / "init"
     values = {
         "@BUSYBOX@": shlex.quote(busybox),
@@ -172,14 +172,14 @@ def _write_guest(folder: Path, busybox: str, command: Sequence[str]) -> None:
 
 
 def _search_path() -> str:
-    """Return the caller's PATH, behind the programs of the Python environment that runs this."""
+    """Return the folder of this Python environment's programs followed by the caller's PATH."""
     return os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 
 
 def _environment() -> dict[str, str]:
-    """Return the command's environment: the caller's, and what a terminal would have set in it.
+    """Return the command's environment: the caller's, with colour and width set if the output is a terminal.
 
-    The command writes to files, so it cannot ask whether the reader is a person.
+    The command writes to files, so it cannot detect the terminal itself.
     """
     environment = {
         key: value for key, value in os.environ.items() if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", key)
@@ -192,7 +192,7 @@ def _environment() -> dict[str, str]:
 
 
 def _memory_folder(memory: str) -> str:
-    """Return a folder for the file that is the guest's memory: /dev/shm if it has room and may hold code.
+    """Return a folder for the file that backs the guest's memory: /dev/shm if it has room and may hold code.
 
     Containers often give a /dev/shm of 64 MB or one mounted noexec; the guest would die of a bus error in it.
     """
@@ -207,7 +207,7 @@ def _memory_folder(memory: str) -> str:
 
 @contextmanager
 def _on_cpu(cpu: int) -> Iterator[None]:
-    """Keep this thread, and so every process that it starts meanwhile, on one CPU."""
+    """Keep this thread, and every process that it starts within the block, on one CPU."""
     allowed = os.sched_getaffinity(0)
     if cpu not in allowed:
         raise UmlError(f"host CPU for user-mode Linux: got {cpu}, wanted one of {sorted(allowed)}")
@@ -219,10 +219,10 @@ def _on_cpu(cpu: int) -> Iterator[None]:
 
 
 class _Favour:
-    """Puts the guest first in line on its CPU, where this user may: its kernel, and after it its processes.
+    """Gives the guest real-time priority, where this user may: its kernel, and one level below its processes.
 
-    Each guest process is a host process of its own, a child of the kernel, which must be able to interrupt
-    it: at the kernel's own priority one that computes keeps the CPU for as long as it likes, timers or not.
+    Each guest process is a host process, a child of the kernel. The kernel must be able to interrupt it: at
+    the kernel's own priority a process that computes would keep the CPU regardless of timers.
     """
 
     def __init__(self, kernel_pid: int) -> None:
@@ -234,7 +234,7 @@ class _Favour:
             )
 
     def follow(self) -> None:
-        """Take in the guest processes that are new."""
+        """Set the priority of new guest processes."""
         try:
             children = set(map(int, self._children.read_text().split()))
         except (FileNotFoundError, ProcessLookupError):  # the kernel has halted
@@ -278,7 +278,7 @@ def _copy(source: BinaryIO, sink: BinaryIO) -> None:
 
 
 def _status(folder: Path) -> int:
-    """Return the exit status that the guest left, or raise with the reason why it left none."""
+    """Return the status that the guest wrote; raises `UmlDeathError` with the reason if it wrote none."""
     failed, status = folder / "failed", folder / "status"
     if failed.exists():
         raise UmlDeathError(_death(folder, f"could not be set up: {failed.read_text().strip()}"))
@@ -289,7 +289,7 @@ def _status(folder: Path) -> int:
 
 
 def _death(folder: Path, what: str) -> str:
-    """Return an error text: what happened, the kernel's last messages, and what helps."""
+    """Return an error text: the failure, the kernel's last messages, and the remedy."""
     console = (folder / "console").read_text(errors="replace").splitlines()
     without_call_traces = [line for line in console if "[<" not in line]
     return "\n".join(
@@ -304,7 +304,7 @@ def _death(folder: Path, what: str) -> str:
 
 @contextmanager
 def _signals_passed_on(process: subprocess.Popen[bytes]) -> Iterator[list[tuple[int, float]]]:
-    """Send SIGINT and SIGTERM on to the guest's processes; yields those that came, with their times in s."""
+    """Forward SIGINT and SIGTERM to the guest's processes; yields the signals received, with times in s."""
     passed: list[tuple[int, float]] = []
     control = process.stdin
     assert control is not None
@@ -324,7 +324,7 @@ def _signals_passed_on(process: subprocess.Popen[bytes]) -> Iterator[list[tuple[
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End the kernel with everything in it: its guest processes are host processes of its session."""
-    with suppress(ProcessLookupError):  # it has halted, and nothing of it is left
+    with suppress(ProcessLookupError):  # the kernel has halted with all its processes
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert process.stdin is not None

@@ -1,10 +1,10 @@
 """A private vcan interface for one run; it ends with the process that made it.
 
-`python -m hil.bus.vcan FOLDER` makes it and holds it until its standard input ends. With the right to do so
-it makes the interface in the network everyone sees and prints `ready socketcan:NAME`. Without, it moves into
-a user and network namespace of its own, makes it there, and prints `ready vcan:FOLDER/vcan`: a Unix socket
-at which it hands out CAN sockets opened inside. A socket stays in the network it was opened in, so the nodes
-need not move.
+`python -m hil.bus.vcan FOLDER` makes the interface and keeps it until its standard input ends. If it has the
+permission, it makes the interface in the machine's network namespace and prints `ready socketcan:NAME`.
+Otherwise it enters a new user and network namespace, makes the interface there, and prints `ready
+vcan:FOLDER/vcan`: a Unix socket through which it passes CAN sockets opened in that namespace. A socket stays
+in the namespace in which it was opened, so the nodes need not enter it.
 """
 
 import argparse
@@ -28,7 +28,7 @@ REQUEST_BYTES = 1 << 14
 
 
 class VcanError(RuntimeError):
-    """Why there is no private vcan on this machine."""
+    """The machine cannot provide a private vcan; the message says why."""
 
 
 def make_interface(name: str) -> None:
@@ -84,7 +84,7 @@ def hand_out(listener: socket.socket, interface: str) -> None:
 
 
 def main() -> None:
-    """Make the interface, say where it is, hold it until standard input ends."""
+    """Make the interface, report its address, keep it until standard input ends."""
     parser = argparse.ArgumentParser(description="Holds a private vcan interface.")
     parser.add_argument("folder", type=Path, help="the user's own; for the socket, where one is needed")
     folder: Path = parser.parse_args().folder

@@ -13,12 +13,12 @@ CAN_FRAME = struct.Struct("=IB3x8s")
 FRAME_BYTES = CAN_FRAME.size
 MAX_STANDARD_ID = 0x7FF
 REMOTE_FLAG = 0x40000000
-"""SocketCAN's, in the identifier of a remote frame."""
+"""SocketCAN's flag in the identifier of a remote frame."""
 CONTROL_ID = 0xFFFFFFFF
-"""Marks what passes between the hub and a node beside frames; no CAN frame can carry it."""
+"""Identifier of control records between the hub and a node; no CAN frame can have it."""
 CONTROL_MARK = CONTROL_ID.to_bytes(4, "little")
 STAMP_KIND, LOSS_KIND = 8, 9
-"""Control records, by their length field: the wall clock in ns from here on, and a count of lost frames."""
+"""Length field of a control record: wall clock in ns of the frames after it, or a count of lost frames."""
 
 
 def pack(frames: Iterable[Frame]) -> bytes:
@@ -27,16 +27,16 @@ def pack(frames: Iterable[Frame]) -> bytes:
 
 
 def requests_in(accept: Iterable[int] | None) -> frozenset[int]:
-    """Of the identifiers that a node takes those with the flag of a remote frame, without it."""
+    """The accepted identifiers that carry the remote flag, with the flag removed."""
     return frozenset(can_id ^ REMOTE_FLAG for can_id in accept or () if can_id & REMOTE_FLAG)
 
 
 def unpack(
     chunk: bytes | bytearray, counters: BusCounters, requests: frozenset[int] = frozenset()
 ) -> list[Frame]:
-    """The data frames among the `struct can_frame`s of `chunk`, then the remote ones of `requests`, as empty.
+    """Unpack the data frames in `chunk`, then its remote frames of `requests` as empty frames.
 
-    Others are counted as foreign.
+    All other frames are counted as foreign.
     """
     frames = [
         Frame(can_id, data[:length])

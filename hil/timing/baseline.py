@@ -1,8 +1,8 @@
 """A bare sleep loop beside a run: the timing of an idle loop on this machine.
 
 `python -m hil.timing.baseline --ticks N` waits for the start time on standard input like the nodes, sleeps
-through its ticks with their settings, and prints what it missed. Its deadlines lie a quarter of a tick before
-the plant's, where no node wakes up.
+until each tick with the nodes' scheduling settings, and prints its overruns. Its deadlines lie a quarter of a
+tick before the plant's, where no node wakes up.
 """
 
 import argparse
@@ -26,16 +26,16 @@ class BareLoop:
 
     @property
     def overruns(self) -> int:
-        """Ticks that it slept through."""
+        """Number of skipped ticks."""
         return self._loop.overruns
 
     def run(self, ticks: int) -> None:
-        """Sleep until `ticks` have gone by, or until `stop`."""
+        """Run for `ticks`, or until `stop`."""
         self._loop.run(ticks, lambda *_: None, None)
 
 
 def main() -> None:
-    """Sleep, and say how it went."""
+    """Run the loop and report its overruns."""
     parser = argparse.ArgumentParser(description="A bare sleep loop at 1 kHz.")
     parser.add_argument("--ticks", type=int, required=True)
     ticks: int = parser.parse_args().ticks

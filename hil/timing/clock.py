@@ -10,14 +10,14 @@ TIMER_ABSTIME = 1
 NS_PER_S = 1_000_000_000
 
 ClockName = Literal["real", "patient", "lockstep"]
-"""The wall clock; one that waits for every process (`hil.timing.patient_clock`); none, all in one process."""
+"""Wall clock; a clock that waits for every process (`hil.timing.patient_clock`); all in one process."""
 
 
 class Clock(Protocol):
-    """The clock of a loop; a test's clock has the same two methods."""
+    """Interface of a loop's clock; tests implement the same two methods."""
 
     def now_ns(self) -> int:
-        """The time."""
+        """The time in ns."""
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Return at `deadline_ns` or soon after, or at once if it has passed."""
@@ -32,7 +32,7 @@ class Timespec(ctypes.Structure):
 class MonotonicClock:
     """The machine's monotonic clock, the same for all its processes.
 
-    Where the kernel sleeps until an absolute time, that is one system call and no reading of the clock.
+    Where the kernel can sleep until an absolute time, a sleep is one system call without a clock reading.
     """
 
     def __init__(self) -> None:
@@ -42,11 +42,11 @@ class MonotonicClock:
         self._deadline_pointer = ctypes.byref(self._deadline)
 
     def now_ns(self) -> int:
-        """The time."""
+        """The time in ns."""
         return time.monotonic_ns()
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Sleep until an absolute time; a signal's handler runs at once, then the sleep goes on."""
+        """Sleep until an absolute time; a signal's handler runs at once, then the sleep continues."""
         if self._nanosleep is None:
             while (rest_ns := deadline_ns - self.now_ns()) > 0:
                 time.sleep(rest_ns / NS_PER_S)
@@ -56,4 +56,4 @@ class MonotonicClock:
             pass
 
     def leave(self) -> None:
-        """Nobody waits for anybody on this clock."""
+        """Do nothing: on this clock no process waits for another."""

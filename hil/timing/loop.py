@@ -7,7 +7,7 @@ from hil.timing.clock import Clock
 
 
 class LoopTiming(NamedTuple):
-    """One tick's timing, for the trace.
+    """Timing of one tick, for the trace.
 
     `work_us` runs from waking up to the last frame sent; writing the trace's record, some microseconds,
     comes after it.
@@ -17,7 +17,7 @@ class LoopTiming(NamedTuple):
     wake_latency_us: float
     work_us: float
     overruns: int
-    """Ticks skipped since the start because the next one's deadline had already passed."""
+    """Ticks skipped since the start because the next tick's deadline had already passed."""
 
 
 class FixedRateLoop:
@@ -45,7 +45,7 @@ class FixedRateLoop:
         record: Callable[[int, LoopTiming], None] | None,
         first_tick: int = 0,
     ) -> None:
-        """Run ticks `first_tick` … ticks − 1, or until `stop`; without a `record` nobody times the work."""
+        """Run ticks `first_tick` … ticks − 1, or until `stop`; without `record` the work is not timed."""
         clock, period_ns = self.clock, self.period_ns
         tick, last_tick = first_tick, first_tick - 1
         while not self.stopping and (ticks is None or tick < ticks):

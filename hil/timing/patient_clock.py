@@ -1,13 +1,13 @@
-"""A clock for slow machines: processes on a real bus wait for each other, so that none is late.
+"""A clock for slow machines: the processes on a real bus wait for each other, so that none is late.
 
-Each process says until when it sleeps, in memory that all share, and goes on once nobody else has anything to
-do before then (the conservative order of Chandy and Misra, IEEE Trans. Softw. Eng. 5, 1979). So the events of
-a run come in the order of their times, as in lockstep; a pause of the machine only makes it take longer. A
-process that is dead, stopped, or silent for `MOST_POLLS` polls holds up nobody; back again, it is late.
+Each process writes its wake-up time into memory that all share, and continues once no other process has an
+earlier wake-up time (the conservative order of Chandy and Misra, IEEE Trans. Softw. Eng. 5, 1979). The events
+of a run therefore come in the order of their times, as in lockstep; a host stall only prolongs the run. No
+process waits for one that is dead, stopped, or silent for `MOST_POLLS` polls; if it returns, it is late.
 
-The bus has to deliver at once, as vcan does: a frame is there before its sender says that it sleeps.
+The bus must deliver at once, as vcan does: a frame arrives before its sender writes its next wake-up time.
 
-The plant notes when it woke by the wall clock, by which `RunTimes` dates what the kernel has stamped.
+The plant records its wake-ups on the wall clock; `RunTimes` uses them to convert the kernel's time stamps.
 """
 
 import mmap
@@ -21,18 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 MEMORY = Path("/dev/shm")
-"""Where the shared memory lies, where there is such a place."""
+"""Folder of the shared memory; the temporary folder if it does not exist."""
 POLL_S = 1e-4
 POLLS_A_LOOK = 1_000
-"""After these in vain, a tenth of a second at least, the others are looked at."""
+"""Polls (at least a tenth of a second) after which a waiting process checks whether the others still run."""
 MOST_POLLS = 100_000
 MOST_AHEAD_NS = 2_000_000
-"""The others sleep no longer than this beyond a process that they have waited for: two ticks."""
+"""Largest lead of the others' wake-up times over a process they wait for: two ticks; beyond, it is late."""
 MOST_BEHIND_NS = 1_000_000_000
-"""The recorder's largest lag: a quarter of what its socket holds."""
+"""Largest lag of the recorder: a quarter of the time that its socket can buffer."""
 NEVER_NS = 1 << 62
 NOTES = 1 << 17
-"""Wake-ups of the plant that are kept: two minutes, more than a recorder is ever behind."""
+"""Number of the plant's wake-ups that are kept: two minutes, more than the recorder's largest lag."""
 
 
 class Row(IntEnum):
@@ -47,12 +47,12 @@ class Row(IntEnum):
 
 
 UNTIL, PID, COUNT, RUN_NS, WALL_NS = 0, len(Row), 2 * len(Row), 2 * len(Row) + 1, 2 * len(Row) + 1 + NOTES
-"""Where in it, in words of eight bytes: until when each sleeps, who it is; the plant's notes."""
+"""Offsets in words of eight bytes: each process's wake-up time, its process id; the plant's wake-ups."""
 WORDS = WALL_NS + NOTES
 
 
 def shared_memory() -> int:
-    """Make memory for one run; gives its descriptor. Nothing of it stays once nobody has it open."""
+    """Make the memory for one run and return its descriptor; it is freed when no process has it open."""
     with tempfile.TemporaryFile(dir=MEMORY if MEMORY.is_dir() else None) as file:
         file.truncate(8 * WORDS)
         descriptor = os.dup(file.fileno())
@@ -63,12 +63,12 @@ def shared_memory() -> int:
 
 
 def words_of(descriptor: int) -> memoryview:
-    """The shared memory."""
+    """The shared memory as 64-bit words."""
     return memoryview(mmap.mmap(descriptor, 8 * WORDS)).cast("q")
 
 
 def has_stopped(pid: int) -> bool:
-    """Whether a process is dead or was stopped by a signal, as far as the system says."""
+    """Whether a process is dead or was stopped by a signal; False where the system has no /proc."""
     if not Path("/proc/self/stat").exists() or pid == 0:
         return False
     try:
@@ -86,27 +86,27 @@ class PatientClock:
         self._row = row
         self._others = [UNTIL + other for other in Row if other != row]
         self._absent: dict[int, int] = {}
-        """Who is not waited for: by place, the time at which it was found missing."""
+        """Processes not waited for: by offset, the wake-up time with which each was found missing."""
         self._now_ns = time.monotonic_ns()
         self._asked_ns: int | None = self._now_ns
         self._words[PID + row] = os.getpid()
 
     def now_ns(self) -> int:
-        """The run's time: that of the last wake-up, and what has passed since it was first asked for then."""
+        """Time of the run in ns: the last wake-up time plus the time since the first call after it."""
         asked_ns = time.monotonic_ns()
         self._asked_ns = self._asked_ns or asked_ns
         return self._now_ns + asked_ns - self._asked_ns
 
     def expect(self, row: Row, from_ns: int) -> None:
-        """Wait for another process, too, once `from_ns` has come."""
+        """Also wait for the process `row` from the time `from_ns` on."""
         self._words[UNTIL + row] = from_ns
 
     def leave(self) -> None:
-        """Nobody waits for this process any more."""
+        """Declare that no process has to wait for this one any more."""
         self._words[UNTIL + self._row] = NEVER_NS
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Return when nobody else has anything to do before `deadline_ns`."""
+        """Return when no other process has a wake-up time before `deadline_ns`."""
         words = self._words
         words[UNTIL + self._row] = deadline_ns
         polls = 0
@@ -129,7 +129,7 @@ class PatientClock:
         return min(present, default=NEVER_NS)
 
     def _look(self, is_impatient: bool) -> None:
-        """Note who holds up this process and is gone, or has been silent for too long."""
+        """Mark the processes that delay this one and have ended, stopped, or been silent for too long."""
         words = self._words
         for place in self._others:
             if words[place] < words[UNTIL + self._row] and (is_impatient or has_stopped(words[place + PID])):
@@ -137,7 +137,7 @@ class PatientClock:
 
 
 class RunTimes:
-    """The recorder's side: dates what the kernel has stamped, and holds up the run where it falls behind."""
+    """The recorder's side: converts the kernel's time stamps, and delays the run if the recorder lags."""
 
     def __init__(self, descriptor: int, t0_ns: int) -> None:
         self._words: NDArray[np.int64] = np.frombuffer(words_of(descriptor), np.int64)
@@ -146,13 +146,16 @@ class RunTimes:
         self._words[UNTIL + Row.RECORDER] = t0_ns + MOST_BEHIND_NS
 
     def has_caught_up(self) -> None:
-        """The run may go on for another `MOST_BEHIND_NS`."""
+        """Let the run continue for another `MOST_BEHIND_NS`."""
         newest_ns = int(self._words[UNTIL + Row.PLANT])
         if newest_ns < NEVER_NS:
             self._words[UNTIL + Row.RECORDER] = newest_ns + MOST_BEHIND_NS
 
     def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Times of the run, before its start negative; between two wake-ups of the plant they pass evenly."""
+        """Convert wall-clock times to times of the run in ns, linear between two wake-ups of the plant.
+
+        Times before the start of the run are negative.
+        """
         words = self._words
         count = int(words[COUNT])
         if count == 0:

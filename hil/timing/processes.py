@@ -18,22 +18,21 @@ from hil.timing.patient_clock import PatientClock, Row, has_stopped
 from hil.timing.realtime import end_with_parent
 
 READY = "ready"
-"""The first line a child prints once it is warmed up and on the bus; more words may follow it."""
+"""First word that a child prints once it is warmed up and on the bus; more words may follow in the line."""
 BAD_INPUT_STATUS = 4
-"""The program's exit status where its input is at fault."""
+"""The program's exit status if its input is invalid."""
 
 STOP_TIMEOUT_S = 3.0
 LOOK_S = 1.0
 MOST_LOOKS_STOPPED = 5
-"""One after the other, each `LOOK_S` long, at a child that is not ready and that a signal has stopped."""
+"""Successive checks, `LOOK_S` apart, that find a starting child stopped by a signal before it is given up."""
 SHOWN_LINES = 12
 
 
 def stop_requests() -> socket.socket:
-    """A descriptor that becomes readable on SIGTERM, to sleep on; Ctrl-C is left to the parent.
+    """Return a descriptor that becomes readable on SIGTERM, for `select`; Ctrl-C is left to the parent.
 
-    A second one like it stays open to the end of the process, so that a signal that comes while the program
-    ends is no error.
+    A duplicate stays open to the end of the process, so that a signal during the program's end is no error.
     """
     readable, writable = socket.socketpair()
     readable.dup().detach()
@@ -45,16 +44,16 @@ def stop_requests() -> socket.socket:
 
 
 def report_to_parent(line: str) -> None:
-    """In a child: write a line to standard output; where the parent is gone, nobody misses it."""
+    """In a child: write a line to standard output; ignored if the parent has ended."""
     with suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), f"{line}\n".encode())
 
 
 class Start(NamedTuple):
-    """When all begin, and the first tick of a process that comes later.
+    """The common start time, and the first tick of a process that starts later.
 
-    `shared` is the descriptor of what patient clocks share (`hil.timing.patient_clock`), and `row` this
-    process's place there; on the wall clock -1.
+    `shared` is the descriptor of the patient clocks' shared memory (`hil.timing.patient_clock`), and `row`
+    the process's row in it; both are -1 on the wall clock.
     """
 
     t0_ns: int
@@ -63,12 +62,12 @@ class Start(NamedTuple):
     row: int = -1
 
     def clock(self) -> MonotonicClock | PatientClock:
-        """The clock of the process that received it."""
+        """The clock for the process that received this start."""
         return MonotonicClock() if self.shared < 0 else PatientClock(self.shared, Row(self.row))
 
 
 def read_start() -> Start:
-    """In a child: the start from standard input; the process ends here if the parent has."""
+    """In a child: read the start from standard input; the process exits if the parent has ended."""
     line = sys.stdin.readline()
     if not line:
         sys.exit()
@@ -76,28 +75,28 @@ def read_start() -> Start:
 
 
 class ChildError(RuntimeError):
-    """A child that ended, or stayed silent, when it should have been running."""
+    """A child ended, or stayed silent, when it should have been running."""
 
 
 class ChildRefusalError(ChildError):
-    """A process that ends as its input is at fault, which its last line says."""
+    """A process ended because its input is invalid; its last line says why."""
 
 
 asked_to_end_with_parent = partial(end_with_parent, signal.SIGTERM)
-"""Called in a child before its program begins, so that not even its start outlives the parent."""
+"""Called in a child before its program begins, so that the child ends with the parent from the outset."""
 
 
 class Child:
-    """One process: its standard input and output are ours, its errors go to a file or to our own.
+    """A child process with pipes for standard input and output; its errors go to a file or to our own.
 
-    It leads a process group of its own, so that Ctrl-C reaches the parent alone, which then stops all in
-    order. When the parent is gone, it gets SIGTERM from the kernel, and its standard input ends.
+    The child leads a process group of its own, so that Ctrl-C reaches the parent alone, which then stops all
+    children in order. If the parent ends, the child gets SIGTERM from the kernel and its standard input ends.
     """
 
     def __init__(
         self, name: str, command: Sequence[str], errors: Path | None = None, descriptors: Sequence[int] = ()
     ) -> None:
-        """`descriptors`: those of ours that it has too, under the same numbers."""
+        """`descriptors`: file descriptors of this process that the child inherits under the same numbers."""
         self.name = name
         self.errors = errors
         with ExitStack() as stack:
@@ -112,25 +111,25 @@ class Child:
                 preexec_fn=asked_to_end_with_parent,  # noqa: PLW1509  one system call, no lock
             )
         self.killed_at_stop = False
-        """Whether it had to be killed, since it did not end when asked to."""
+        """Whether the child was killed because it did not end on request."""
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """The process id."""
         return self._process.pid
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended, noticed without waiting."""
+        """Whether the child has ended; does not wait."""
         return self._process.poll() is not None
 
     @property
     def succeeded(self) -> bool:
-        """Whether it has ended of its own accord and in order."""
+        """Whether the child has ended with status 0."""
         return self._process.poll() == 0
 
     def how_it_ended(self) -> str:
-        """The end in words: `firmware was killed by SIGKILL`."""
+        """Describe the child's end, for example `firmware was killed by SIGKILL`."""
         status = self._process.poll()
         if status is None:
             return f"{self.name} is running"
@@ -139,19 +138,19 @@ class Child:
         return f"{self.name} ended with status {status}"
 
     def last_errors(self) -> str:
-        """The last lines it wrote to standard error."""
+        """The last lines that the child wrote to standard error."""
         if self.errors is None:
             return ""
         lines = self.errors.read_text(errors="replace").splitlines()
         return "\n".join(lines[-SHOWN_LINES:])
 
     def why(self) -> str:
-        """The last error of a process that ended by one, to be put behind `how_it_ended`."""
+        """The last error line of a child that ended with an error, to be appended to `how_it_ended`."""
         lines = self.last_errors().splitlines()
         return f": {lines[-1]}" if lines and (self._process.poll() or 0) > 0 else ""
 
     def read_line(self, timeout_s: float) -> str:
-        """The next line of its standard output; raises where it ends, stays silent or stays stopped."""
+        """Return the child's next line; raises `ChildError` if it ends, stays silent or stays stopped."""
         assert self._process.stdout is not None
         descriptor = self._process.stdout.fileno()
         line = b""
@@ -179,7 +178,7 @@ class Child:
         return line.decode().rstrip("\n")
 
     def wait_ready(self, timeout_s: float) -> str:
-        """Wait for the line that starts with `ready`; gives the rest of it."""
+        """Wait for the line that starts with `ready` and return the rest of the line."""
         line = self.read_line(timeout_s)
         word, _, rest = line.partition(" ")
         if word != READY:
@@ -187,7 +186,7 @@ class Child:
         return rest
 
     def start(self, start: Start) -> None:
-        """Send it the time to begin; it waits for that in `read_start`."""
+        """Send the child the start for which it waits in `read_start`."""
         line = " ".join(map(str, start))
         assert self._process.stdin is not None
         try:
@@ -197,12 +196,12 @@ class Child:
             raise ChildError(f"{self.how_it_ended()} before it received {line!r}") from error
 
     def signal(self, number: signal.Signals) -> None:
-        """Send it a signal; one that has ended gets none."""
+        """Send the child a signal, unless it has ended."""
         if not self.ended:
             self._process.send_signal(number)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for its end; False if it has not come in time."""
+        """Wait for the child's end; returns False after `timeout_s`."""
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -210,9 +209,9 @@ class Child:
         return True
 
     def stop(self, at_work_s: float = 0.0) -> str:
-        """Ask it to end, insist after a while, and give what it last said on standard output.
+        """Ask the child to end, kill it if it does not, and return the rest of its standard output.
 
-        `at_work_s`: how much longer it has if it is at work, not stopped by a signal.
+        `at_work_s`: additional time before the kill for a child that is running, not stopped by a signal.
         """
         if not self.ended:
             self._process.terminate()

@@ -15,21 +15,21 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-# Linux's numbers; prctl(2), mlockall(2), sched_setattr(2).
+# Constants of Linux; prctl(2), mlockall(2), sched_setattr(2).
 PR_SET_PDEATHSIG = 1
 PR_SET_TIMERSLACK = 29
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 CAP_IPC_LOCK = 14
 
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274, "riscv64": 274}
-"""The system call's number by machine; C libraries have no name for it."""
+"""Number of the system call by machine; C libraries have no function for it."""
 SCHED_DEADLINE = 6
 RESET_ON_FORK = 1
 SCHEDULING_ATTRIBUTES = struct.Struct("=IIQiIQQQII")
 
 NODE_PRIORITY = 20
 OPERATOR_PRIORITY = NODE_PRIORITY
-"""Its commands are few and short; behind the nodes a machine too slow for them would silence it."""
+"""The operator's work is short; at a lower priority the nodes could block it on a slow machine."""
 
 
 class Reservation(NamedTuple):
@@ -41,11 +41,11 @@ class Reservation(NamedTuple):
 
 
 NODE = Reservation(runtime_ns=600_000, period_ns=1_000_000, priority=NODE_PRIORITY)
-"""A loop at 1 kHz: twice what the firmware takes on a busy machine."""
+"""A loop at 1 kHz: twice the firmware's run time on a busy machine."""
 BASELINE = Reservation(runtime_ns=100_000, period_ns=1_000_000, priority=NODE_PRIORITY)
-"""The bare loop beside them, scheduled as they are, so that the three compare."""
+"""The bare loop, scheduled like the two nodes so that the three can be compared."""
 HUB = Reservation(runtime_ns=100_000, period_ns=250_000, priority=NODE_PRIORITY + 10)
-"""Before the nodes: a frame that waits for its own sender is late for everyone."""
+"""The hub has priority over the nodes: a frame that waits behind its own sender is late for all nodes."""
 
 
 class RealtimeReport(NamedTuple):
@@ -54,9 +54,9 @@ class RealtimeReport(NamedTuple):
     scheduler: str
     """deadline: a reserved share of a CPU; fifo: a fixed priority; ordinary: any busy process delays it."""
     memory_locked: bool
-    """No page that was once used is fetched from disk again; where there is a limit, of the first ones."""
+    """Whether used pages stay in memory; where a limit applies, only the pages that exist so far."""
     timer_slack: bool
-    """The kernel may not round wake-ups (50 µs by default)."""
+    """Whether the kernel's rounding of wake-ups (50 µs by default) is switched off."""
 
 
 @cache
@@ -67,13 +67,13 @@ def libc() -> ctypes.CDLL | None:
 
 @cache
 def is_user_mode_linux() -> bool:
-    """Whether the kernel is user-mode Linux, whose root is the machine's file system and whose CPU is one."""
+    """Whether the kernel is user-mode Linux: one CPU, and the machine's file system as its root."""
     information = Path("/proc/cpuinfo")
     return information.exists() and "User Mode Linux" in information.read_text()
 
 
 def become_realtime(reservation: Reservation) -> RealtimeReport:
-    """Take what the machine allows: a share of a CPU, locked memory, exact timers, a quiet collector."""
+    """Acquire a share of a CPU, locked memory and exact timers as far as permitted; settle the garbage."""
     settle_garbage()
     library = libc()
     if library is None:
@@ -85,9 +85,9 @@ def become_realtime(reservation: Reservation) -> RealtimeReport:
 
 
 def settle_garbage() -> None:
-    """Collect garbage now, and leave what has survived out of later collections.
+    """Collect garbage now, and exclude the surviving objects from later collections.
 
-    One that goes through all that a process has imported takes tens of milliseconds, under user-mode Linux a
+    A collection over all that a process has imported takes tens of milliseconds, under user-mode Linux a
     second.
     """
     gc.collect()
@@ -97,7 +97,7 @@ def settle_garbage() -> None:
 def may_lock_all() -> bool:
     """Whether this process may lock any amount of memory.
 
-    Where it may not, a lock on future pages makes the first mapping beyond the limit fail (EAGAIN).
+    Without this right, a lock on future pages makes the first mapping beyond the limit fail (EAGAIN).
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit == resource.RLIM_INFINITY:
@@ -108,11 +108,11 @@ def may_lock_all() -> bool:
 
 
 def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
-    """Ask for a reservation, then for a fixed priority; ordinary users mostly may have neither.
+    """Request a reservation, otherwise a fixed priority; ordinary users usually have the right to neither.
 
-    A fixed priority alone still lets ordinary processes that have waited for a second run for 50 ms (Linux's
-    fair server); a reservation with a deadline of one tick comes before them. User-mode Linux accounts for
-    reservations at its timer's 100 Hz, and so takes away the CPU for tens of milliseconds.
+    Despite a fixed priority, ordinary processes that have waited for a second run for 50 ms (Linux's fair
+    server); a reservation with a deadline of one tick precedes them. User-mode Linux accounts for
+    reservations at its timer's 100 Hz and would therefore withdraw the CPU for tens of milliseconds.
     """
     number = SCHED_SETATTR.get(platform.machine())
     if number is not None and not is_user_mode_linux():
@@ -127,7 +127,7 @@ def take_scheduler(library: ctypes.CDLL, reservation: Reservation) -> str:
 
 
 def take_fifo(priority: int) -> bool:
-    """Ask for SCHED_FIFO; ordinary users mostly may not have it."""
+    """Request SCHED_FIFO; returns False if this user has no right to it."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
@@ -136,14 +136,14 @@ def take_fifo(priority: int) -> bool:
 
 
 def leave_realtime() -> None:
-    """Go back among the ordinary processes: what comes after a loop may not hold up another's."""
+    """Return to ordinary scheduling, so that the work after a loop does not delay another node's loop."""
     if libc() is not None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextmanager
 def fixed_priority(priority: int) -> Iterator[None]:
-    """SCHED_FIFO for a while, where this process may have it."""
+    """Run the block with SCHED_FIFO, where this process has the right to it."""
     if libc() is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""Signals that end the program: raised once, and noted while the program ends."""
+"""Signals that end the program: the first is raised, later ones are recorded while the program ends."""
 
 import signal
 import threading
@@ -11,23 +11,23 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(BaseException):
-    """A signal has asked the program to end; says which."""
+    """A signal has requested the end of the program; the message names the signal."""
 
 
 def interruption(number: signal.Signals) -> str:
-    """The signal in a sentence of a verdict."""
+    """Describe the signal for a verdict."""
     return f"interrupted by {'Ctrl-C' if number == signal.SIGINT else number.name}"
 
 
 class EndingSignals:
-    """SIGINT, SIGTERM and SIGHUP within a block: raised as `Interrupted` once, later ones are noted."""
+    """SIGINT, SIGTERM and SIGHUP within a block: the first raises `Interrupted`, later ones are recorded."""
 
     def __init__(self) -> None:
         self.raises = True
         self.came: list[str] = []
 
     def handle(self, number: int, _: FrameType | None) -> None:
-        """Raise, or note where that has been done already."""
+        """Raise `Interrupted` at the first signal; record the later ones."""
         reason = interruption(signal.Signals(number))
         if self.raises:
             self.raises = False
@@ -37,7 +37,7 @@ class EndingSignals:
 
 @contextmanager
 def ending_signals() -> Iterator[EndingSignals]:
-    """Catch the signals that ask for an end; what is ignored stays so, as under nohup."""
+    """Handle the signals that request an end; a signal that was ignored stays ignored, as under nohup."""
     signals = EndingSignals()
     before: dict[signal.Signals, Any] = {}
     if threading.current_thread() is threading.main_thread():
