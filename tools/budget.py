@@ -15,11 +15,11 @@ from hil.bench.lockstep import Progress, run_lockstep
 from hil.scenario.scenario import load_scenario
 
 SCENARIOS = ("soft-start-multistable", "a-controller-that-pauses-for-thirty-ticks-goes-on")
-"""An ordinary run, and one whose tick after an overrun is the longest: the most samples have waited."""
+"""An ordinary run, and the run with the longest tick after an overrun: most samples have queued up there."""
 
 
 def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex-m7") -> dict[str, Any]:
-    """Sizes in bytes, and the instructions of ordinary ticks and of those after a pause, with their worst."""
+    """Sizes in bytes, and the instructions per tick: of ordinary ticks, and of ticks after an overrun."""
     measured: list[tuple[str, int, float, int]] = []
 
     class Measured(BoardNode):
@@ -48,7 +48,7 @@ def budget(names: Sequence[str], progress: Progress, target: BoardName = "cortex
 
 
 def spread(ticks: Sequence[tuple[str, int, float, int]]) -> dict[str, Any]:
-    """Percentiles of the ticks' instructions, and where the worst was."""
+    """Percentiles of the instructions per tick, and the scenario of the worst tick."""
     instructions = [one[2] for one in ticks]
     p50, p99 = np.percentile(instructions, [50, 99]).tolist()
     worst = max(ticks, key=lambda one: one[2])
@@ -56,7 +56,7 @@ def spread(ticks: Sequence[tuple[str, int, float, int]]) -> dict[str, Any]:
 
 
 def image_bytes(target: BoardName) -> int:
-    """Flash that the whole image takes: the firmware, the C library's part and the bench's few lines."""
+    """Flash of the whole image, in bytes: the firmware, parts of the C library and the bench's own code."""
     total = 0
     for section in llvm.ObjectFileRef.from_path(str(image(target))).sections():
         total += section.size() if (section.name() or b"") in (b".text", b".ARM.exidx", b".data") else 0

@@ -32,16 +32,16 @@ from tools.output import (
 from tools.standard_streams import open_streams
 
 LONGEST_MESSAGE = 4000
-"""Characters of a refusal."""
+"""Length of the longest error message about an input, in characters."""
 RARE_COLLECTION = 50_000
-"""Objects between two garbage collections: Python's 700 have a start look through every import many times."""
+"""Allocations between two garbage collections; Python's 700 would slow down the start of the program."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
-"""What the largest process of a run maps, most of it without using it."""
+"""Address space that the largest process of a run maps; most of it is never used."""
 
 
 def print_version(wanted: bool) -> None:
-    """Print which version of the code this is, and end."""
+    """Print the version and the commit of the code, and exit."""
     if not wanted:
         return
     from hil.record.provenance import commit, versions
@@ -171,7 +171,7 @@ def say_error(label: str, message: str, as_json: bool) -> None:
 
 def refuse(message: str, as_json: bool) -> int:
     """Print the error in the input in one sentence and, if requested, in JSON."""
-    if len(message) > LONGEST_MESSAGE:  # what was given may be a megabyte
+    if len(message) > LONGEST_MESSAGE:  # the quoted input may have a megabyte
         half = LONGEST_MESSAGE // 2
         message = f"{message[:half]} … {message[-half:]}"
     say_error("error:", message, as_json)
@@ -185,7 +185,7 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
         descriptor, where = tempfile.mkstemp(prefix="vibrohil-", suffix=".traceback")
         with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(text)
-    except OSError:  # a full or read-only disk: then it goes to the terminal
+    except OSError:  # a full or read-only disk: print the traceback on the terminal
         where = "above"
         sys.stderr.write(text)
     summary = " ".join(traceback.format_exception_only(error)[-1].split())
@@ -195,7 +195,7 @@ def report_internal_error(error: Exception, as_json: bool) -> int:
 
 
 def small_address_space() -> str:
-    """A sentence about a limit of the address space that is too small for a run, or nothing."""
+    """A sentence about a limit of the address space that is too small for a run; empty if it suffices."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY or limit >= ADDRESS_SPACE_GIB * GIB:
         return ""
@@ -206,7 +206,7 @@ def small_address_space() -> str:
 
 
 def refuse_other_bytes(arguments: list[str]) -> None:
-    """Raise BadInputError for an argument that cannot be written into files and logs, as a path may be."""
+    """Raise BadInputError for an argument that is not valid UTF-8 (e.g. a path): no log could hold it."""
     for argument in arguments:
         try:
             argument.encode()
@@ -230,7 +230,7 @@ def run(arguments: list[str]) -> int:
         return EXIT_INTERRUPTED
     except TyperException as error:
         message = error.format_message()
-        return refuse(message, as_json) if message else EXIT_BAD_INPUT  # without one, the help was printed
+        return refuse(message, as_json) if message else EXIT_BAD_INPUT  # no message: the help was printed
     except MemoryError:
         say_error(
             "error:", f"out of memory; {small_address_space() or 'free some, or run less at once'}", as_json

@@ -27,18 +27,18 @@ from plant_sim.kernels import KernelCacheError, cache_folder
 OLDEST_PYTHON = (3, 11)
 LOCK = Path(__file__).parents[1] / "requirements.lock"
 IMPORT_NAMES = {"python-can": "can", "rerun-sdk": "rerun"}
-"""Packages that are imported by another name than they are installed by."""
+"""Packages whose import name differs from their distribution's name."""
 PERIOD_NS = 1_000_000
 WAKE_UPS = 2000
 WAKE_LIMIT_US = 500.0
-"""Half a period: a firmware tick that starts later than that has lost the time of the plant's."""
+"""Half a period: a firmware tick that is later than this starts after the plant's next tick."""
 VULKAN_DRIVERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
 
 Answer = TypeVar("Answer")
 
 
 class DoctorCheck(NamedTuple):
-    """One thing that the machine has or lacks."""
+    """One ability of the machine, present or missing."""
 
     name: str
     passed: bool
@@ -49,7 +49,7 @@ class DoctorCheck(NamedTuple):
 
 
 class Conclusion(NamedTuple):
-    """Whether the main job runs here, and a sentence that says what does and what to install for the rest."""
+    """Whether scenarios can run here, and a sentence with the possible runs and the most useful remedy."""
 
     main_job_runs: bool
     sentence: str
@@ -67,7 +67,7 @@ REST = {
 
 
 def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
-    """The runs that this machine allows, and the first step for the rest."""
+    """State the runs that this machine allows, and the remedy for the most useful missing ability."""
     by_name = {check.name: check for check in found}
     for needed in ("Python", "packages"):
         if not by_name[needed].passed:
@@ -90,7 +90,7 @@ def conclude(found: Sequence[DoctorCheck]) -> Conclusion:
 
 
 def checks() -> list[DoctorCheck]:
-    """Look at everything; takes about five seconds."""
+    """Run all checks; they take about five seconds."""
     realtime, wake_us = _in_own_process(_bare_loop)
     return [
         _python(),
@@ -121,7 +121,7 @@ def checks() -> list[DoctorCheck]:
 
 
 def _in_own_process(ask: Callable[[], Answer]) -> Answer:
-    """Return `ask()` of a fresh process: what it changes there, such as its priority, ends with it."""
+    """Return `ask()`, computed in a new process: a change of the process's priority ends with the process."""
     [(_, answer)] = results(_answer, [ask], processes=1)
     return alive(answer)
 
@@ -150,10 +150,10 @@ def _packages() -> DoctorCheck:
 
 
 def version_faults(lock: str) -> list[str]:
-    """Return how the installed packages differ from a lock's text.
+    """Return the differences between the installed packages and the text of a lock file.
 
-    A package may stand in it several times, each with a marker for the machines it is for; one that is not
-    installed is wrong only where it has no marker.
+    The file may list a package several times, each with a marker for certain machines. A missing package is
+    a fault only if it has no marker.
     """
     locked: dict[str, set[str]] = {}
     optional: set[str] = set()
@@ -175,7 +175,7 @@ def version_faults(lock: str) -> list[str]:
 
 
 def _import_faults() -> list[str]:
-    """Return which of the project's own requirements cannot be imported, and why."""
+    """Return the project's requirements that cannot be imported, each with the error."""
     faults = []
     for requirement in requires("vibrohil") or []:
         if "extra ==" in requirement:
@@ -246,7 +246,7 @@ def _board() -> DoctorCheck:
 
 
 def _bare_loop() -> tuple[RealtimeReport, list[float]]:
-    """Sleep from deadline to deadline with no work between; return how late each wake-up was, in µs."""
+    """Sleep from deadline to deadline without work; return the granted privileges and all delays in µs."""
     report = become_realtime(BASELINE)
     clock = MonotonicClock()
     start_ns = clock.now_ns() + PERIOD_NS

@@ -13,7 +13,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 Runner = Callable[[Sequence[Task]], Iterator[tuple[int, Result]]]
-"""Gives each task's place in the sequence, and its result, as they come."""
+"""Yields the index and the result of each task, in the order in which they finish."""
 
 CONNECT_TIMEOUT_S = 10.0
 
@@ -22,10 +22,11 @@ CONNECT_TIMEOUT_S = 10.0
 def running(
     function: Callable[[Task], Result], cores: int, scheduler: str | None = None, threads: bool = False
 ) -> Iterator[Runner[Task, Result]]:
-    """What runs `function` on tasks; the processes stay, with what they have compiled, until the block ends.
+    """Give a runner of `function`; its processes keep their compiled kernels until the block ends.
 
-    The first task in processes runs alone: it compiles what the others load. `threads` is for kernels that
-    hold no interpreter's lock: they are compiled once, and results are handed on without a copy.
+    With processes, the first task runs alone: it compiles the kernels that the other processes load.
+    `threads` is for kernels that release the interpreter's lock: they are compiled once, and results are not
+    copied.
     """
     if scheduler is not None:
         with _client(scheduler) as client:
@@ -68,7 +69,7 @@ def _in_threads(
 def _on_cluster(
     client: Any, function: Callable[[Task], Result], tasks: Sequence[Task]
 ) -> Iterator[tuple[int, Result]]:
-    """A worker that dies only costs the tasks it had not handed back: the scheduler gives them to others."""
+    """Yield a cluster's results; the scheduler repeats a dead worker's unfinished tasks on other workers."""
     from distributed import as_completed as as_done
 
     futures = {client.submit(function, task, pure=False): number for number, task in enumerate(tasks)}

@@ -20,11 +20,11 @@ EXIT_BAD_INPUT = 4
 EXIT_NOTHING_RAN = 5
 
 PIPED_WIDTH = 240
-"""Of what is no terminal: rows of tables keep to one line each, for grep and for files."""
+"""Width in characters where the output is no terminal: each row of a table stays on one line, for grep."""
 
 
 def console_on(stream: TextIO | None) -> Console:
-    """A console on standard output or error; in a terminal, or by $COLUMNS, it is as wide as that."""
+    """A console on standard output or error, as wide as the terminal or $COLUMNS, else PIPED_WIDTH."""
     in_terminal = stream is not None and stream.isatty()
     free = not in_terminal and "COLUMNS" not in os.environ
     width = PIPED_WIDTH if free else None
@@ -36,18 +36,18 @@ progress_console = console_on(sys.stderr)
 
 
 class BadInputError(ValueError):
-    """What the user gave cannot be used; the sentence says what was given, what is wanted and what to do."""
+    """An unusable input of the user; the message states the input, the wanted input and the remedy."""
 
 
 def exit_of(verdict: Mapping[str, Any]) -> int:
-    """The exit status of a verdict; as pytest's where nothing was checked."""
+    """The exit status of a verdict; EXIT_NOTHING_RAN if nothing was checked."""
     if verdict["passed"] is None:
         return EXIT_NOTHING_RAN
     return EXIT_PASSED if verdict["passed"] else EXIT_CHECK_FAILED
 
 
 def plain(value: Any) -> Any:
-    """`value` in JSON's own types: arrays become lists, what is not finite becomes null."""
+    """`value` in JSON's own types: arrays become lists, NaN and infinities become null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -80,7 +80,7 @@ def answer(
 
 
 def figure(value: Any, unit: str = "") -> str:
-    """A figure as people read it: four significant digits, its unit, an em dash where there is none."""
+    """A figure as text: four significant digits and the unit; an em dash if there is no value."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "—"
     if isinstance(value, bool):

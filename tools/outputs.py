@@ -15,17 +15,17 @@ TABLES = (".parquet", ".csv", ".arrow")
 
 
 def file_option(description: str, endings: tuple[str, ...] = ()) -> Any:
-    """A Typer option for a file to write; with `endings`, one that ends in one of them."""
+    """A Typer option for a file to write; its name must end in one of `endings`, if any are given."""
     return _option(description, lambda option, path: refuse_file(option, path, endings))
 
 
 def folder_option(description: str) -> Any:
-    """A Typer option for a folder to write to; it is made where it is missing."""
+    """A Typer option for a folder to write to; a missing folder is created."""
     return _option(description, refuse_folder)
 
 
 def new_option(description: str, endings: tuple[str, ...] = ()) -> Any:
-    """A Typer option for a file or folder to make, where nothing is yet; `endings` as in `file_option`."""
+    """A Typer option for a file or folder that does not exist yet; `endings` as in `file_option`."""
     return _option(description, lambda option, path: refuse_existing(option, path, endings))
 
 
@@ -39,7 +39,7 @@ def _option(description: str, refuse: Callable[[str, Path], None]) -> Any:
 
 
 def refuse_existing(option: str, path: Path, endings: tuple[str, ...] = ()) -> None:
-    """Raise BadInputError unless something new can be made at `path`."""
+    """Raise BadInputError unless a new file can be made at `path`."""
     try:
         if path.exists():
             raise BadInputError(f"{option} is {path}: that is there already; remove it, or name another")
@@ -79,7 +79,7 @@ def refuse_folder(option: str, path: Path) -> None:
 
 
 def refuse_unwritable(option: str, path: Path, nearest: Path) -> None:
-    """Raise BadInputError where a trial at `nearest` shows that nothing can be written; it leaves nothing."""
+    """Raise BadInputError if `nearest` cannot be written, as found by a test that leaves no file."""
     try:
         with TemporaryFile(dir=nearest) if nearest.is_dir() else nearest.open("ab"):
             pass

@@ -8,7 +8,7 @@ from plant_sim.result import SimulationResult
 from plant_sim.scene import Scene
 
 PLOT_WINDOW_S = 5.0
-"""How much of the end of a long run the time history shows: some ten periods at the module's frequencies."""
+"""Longest time history, up to the end of the run: some ten periods at the module's frequencies."""
 
 
 def plot_motion(result: SimulationResult, scene: Scene, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, otherwise a line now and then."""
+"""Progress of long work: a bar on a terminal, otherwise a line every ten seconds."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -11,23 +11,23 @@ from tools.output import progress_console
 
 SHOWN_EVERY_S = 0.2
 SAID_EVERY_S = 10.0
-"""A line in a log file or a pipe."""
+"""Interval between two lines in a log file or a pipe."""
 
 Progress = Callable[[float | None, str], None]
-"""Called with the fraction that is done, None where nobody knows how much is left, and what is being done."""
+"""Called with the finished fraction of the work (None if unknown) and the name of the current step."""
 
 
 def counting(progress: Progress, doing: str) -> Callable[[int, int], None]:
-    """`progress` for work that says how much of how much is done."""
+    """`progress` for work that reports its finished steps and its number of steps."""
     return lambda done, total: progress(done / total, doing)
 
 
 @contextmanager
 def shown_progress() -> Iterator[Progress]:
-    """Gives `progress(fraction, doing)`.
+    """Give `progress(fraction, doing)`, which shows the progress on standard error.
 
-    It is shown by the thread that calls it, and seldom: rich's own thread would hold its lock, and Python's,
-    for hundreds of milliseconds of a run in real time on a slow machine.
+    The calling thread updates the bar, at long intervals: rich's own thread would hold its lock and Python's
+    for hundreds of milliseconds during a run in real time on a slow machine.
     """
     on_terminal = progress_console.is_terminal
     every_s = SHOWN_EVERY_S if on_terminal else SAID_EVERY_S
@@ -61,6 +61,6 @@ def shown_progress() -> Iterator[Progress]:
 
 @contextmanager
 def counted_progress(doing: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Gives `progress(done)` for work that is counted."""
+    """Give `progress(done)` for work of `total` steps."""
     with shown_progress() as progress:
         yield lambda done: progress(done / max(total, 1), f"{doing} {done}/{total}")

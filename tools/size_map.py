@@ -1,9 +1,9 @@
 """Sizes of the firmware: code by module, RAM by block.
 
 LLVM inlines most functions into the tick. So the assembly is compiled once more with a line number on each
-instruction, which changes none of them; the object file's table of lines then says which module each address
-comes from, whatever was inlined where. What LLVM has merged of several instructions, or moved, has lost its
-place.
+instruction; line numbers do not change the machine code. The line table of the object file then states the
+source module of each address, for inlined functions too. Instructions that LLVM has merged from several, or
+moved, have no source module any more.
 """
 
 import hashlib
@@ -37,7 +37,7 @@ SizeMap = dict[str, dict[str, int]]
 _FUNCTION = re.compile(r'^define .*?@("[^"]+"|[^\s("]+)\(.*\{$')
 _METADATA = re.compile(r"^!(\d+) = ", re.MULTILINE)
 _GOES_ON = ("[", "(", ",")
-"""How a line ends whose instruction goes on in the next one."""
+"""Last characters of a line whose instruction continues on the next line."""
 _HEAD = """!llvm.dbg.cu = !{{!{unit}}}
 !llvm.module.flags = !{{!{version}, !{dwarf}}}
 !{version} = !{{i32 2, !"Debug Info Version", i32 3}}
@@ -66,14 +66,14 @@ def size_map(target: TargetName) -> SizeMap:
 
 
 def blocks(kind: Any) -> dict[str, int]:
-    """Bytes of a record's members, each with the gap behind it."""
+    """Bytes of a record's members, each including the padding after it."""
     begins = [place for _, place in kind.fields.values()]
     sizes = (end - begin for begin, end in zip(begins, [*begins[1:], kind.itemsize], strict=True))
     return dict(zip(kind.fields, sizes, strict=True))
 
 
 def code_by_module(target: TargetName) -> dict[str, int]:
-    """Bytes of machine code that come from each module; empty where object files are no ELF."""
+    """Bytes of machine code from each module; empty if the object files of this platform are not ELF."""
     digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
     path = kept(f"{target}-{digest}.json")
     if not path.exists():
@@ -89,7 +89,7 @@ def code_by_module(target: TargetName) -> dict[str, int]:
 
 
 def with_lines(assembly: str) -> str:
-    """LLVM assembly in which each instruction has a place in a file named by its function's module."""
+    """LLVM assembly in which each instruction has a location in a file named after its function's module."""
     number = max((int(found) for found in _METADATA.findall(assembly)), default=-1) + 1
     named = dict(zip(_NAMES, range(number, number + len(_NAMES)), strict=True))
     number += len(_NAMES)
@@ -113,14 +113,14 @@ def with_lines(assembly: str) -> str:
             continue
         if line == "}":
             place = None
-        is_case = line.startswith("    ") and not line.endswith(")")  # of a switch
+        is_case = line.startswith("    ") and not line.endswith(")")  # a case of a switch
         is_instruction = line.startswith("  ") and not is_case and not line.endswith(_GOES_ON)
         lines.append(f"{line}, !dbg !{place}" if place is not None and is_instruction else line)
     return "\n".join([*lines, *metadata, ""])
 
 
 def module_of(symbol: str) -> str:
-    """The module of a function of the firmware, out of numba's name for it; otherwise its package or itself.
+    """The module of a firmware function, from numba's name for it; for another symbol its package, or itself.
 
     >>> module_of("_ZN11firmware_py4core10elementary11_sine_aheadB3v18B42c8tJTIeFIjxB2dd")
     'core.elementary'
@@ -140,7 +140,7 @@ def module_of(symbol: str) -> str:
 
 
 def line_table(code: bytes) -> bytes:
-    """The table of lines of an object file; empty where it has none by this name."""
+    """The line table of an object file (ELF section .debug_line); empty if there is none."""
     for section in llvm.ObjectFileRef.from_data(code).sections():
         if section.name() == b".debug_line":
             return bytes(section.data())
@@ -148,18 +148,18 @@ def line_table(code: bytes) -> bytes:
 
 
 class _Bytes:
-    """Numbers read one after the other."""
+    """A reader of the numbers and texts of a byte string, one after the other."""
 
     def __init__(self, content: bytes) -> None:
         self._content, self.place = content, 0
 
     def number(self, size: int) -> int:
-        """Of a fixed size, little-endian."""
+        """Read an unsigned, little-endian number of `size` bytes."""
         self.place += size
         return int.from_bytes(self._content[self.place - size : self.place], "little")
 
     def leb128(self, signed: bool = False) -> int:
-        """Of seven bits a byte."""
+        """Read a LEB128 number: seven bits per byte, the least significant first."""
         value = shift = 0
         while True:
             byte = self.number(1)
@@ -169,14 +169,14 @@ class _Bytes:
                 return value - (1 << shift) if signed and byte & 0x40 else value
 
     def text(self) -> str:
-        """Up to a byte of 0."""
+        """Read a text that ends at a byte of 0."""
         end = self._content.index(0, self.place)
         begin, self.place = self.place, end + 1
         return self._content[begin:end].decode()
 
 
 def bytes_by_file(table: bytes) -> dict[str, int]:
-    """Bytes of code that come from each file, out of a table of lines (DWARF 4, section 6.2)."""
+    """Bytes of code that come from each file, according to a line table (DWARF 4, section 6.2)."""
     found: Counter[str] = Counter()
     reader = _Bytes(table)
     while reader.place < len(table):
@@ -186,7 +186,7 @@ def bytes_by_file(table: bytes) -> dict[str, int]:
 
 
 class _Head(NamedTuple):
-    """What begins a unit of the table: how its line number program is to be read."""
+    """Header of one unit of the line table: the parameters of its line number program."""
 
     end: int
     step: int
@@ -196,7 +196,7 @@ class _Head(NamedTuple):
     files: list[str]
 
     def advance(self, opcode: int) -> tuple[int, int]:
-        """By how many bytes and lines a special opcode goes on."""
+        """Return the advance of the address, in bytes, and of the line by a special opcode."""
         steps, lines = divmod(opcode - len(self.operands) - 1, self.line_range)
         return self.step * steps, self.line_base + lines
 
@@ -210,11 +210,11 @@ def _head(reader: _Bytes) -> _Head:
     reader.number(4)
     step = reader.number(1)
     reader.number(2)
-    line_base = reader.number(1) - 256  # of eight bits, and negative
+    line_base = reader.number(1) - 256  # a signed byte, negative in practice
     line_range, opcode_base = reader.number(1), reader.number(1)
     operands = [reader.number(1) for _ in range(opcode_base - 1)]
     while reader.text():
-        """A folder."""
+        """Skip the name of a folder."""
     files = [""]
     while name := reader.text():
         files.append(name)
@@ -224,10 +224,10 @@ def _head(reader: _Bytes) -> _Head:
 
 
 def _spans(reader: _Bytes) -> Iterator[tuple[str, int]]:
-    """The file of each stretch of addresses, and the stretch's bytes: one unit's line number program."""
+    """Yield file and size in bytes of each range of addresses, by running one unit's line number program."""
     head = _head(reader)
     file = line = 1
-    name, size = PLACELESS, 0  # of the newest row, and what has gone by since
+    name, size = PLACELESS, 0  # the newest row's file, and the bytes since that row
     while reader.place < head.end:
         opcode = reader.number(1)
         ends_a_row = opcode > len(head.operands) or opcode == _COPY

@@ -41,6 +41,6 @@ def open_streams() -> Sink:
 
 
 def text_on(sink: Sink, before: TextIO | None, by_line: bool) -> TextIO:
-    """A text stream in the encoding of the stream before it; other characters become '?'."""
+    """A text stream in the encoding of the replaced stream; characters outside the encoding become '?'."""
     encoding = "utf-8" if before is None else before.encoding
     return io.TextIOWrapper(io.BufferedWriter(sink), encoding, "replace", line_buffering=by_line)

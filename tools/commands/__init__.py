@@ -1,1 +1,1 @@
-"""One file a command of `vibrohil`; `tools.cli.program` asks each to register itself."""
+"""The commands of `vibrohil`, one file each; `tools.cli.program` calls the `register` of each file."""

@@ -40,9 +40,10 @@ def setting(description: str) -> Any:
 
 
 def unfolded(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the fields of its records as options, in the record's place and with its values.
+    """Replace each record among a command's parameters by one option per field, in the record's place.
 
-    A record is a frozen dataclass of options, given as a parameter's default; Typer knows single options.
+    A record is a frozen dataclass of options, given as a parameter's default; its values are the options'
+    defaults. Typer itself supports single options only.
     """
     parameters: list[inspect.Parameter] = []
     records: dict[str, Any] = {}

@@ -59,7 +59,7 @@ def schedule(
 
 
 def places_of(text: str) -> "Addresses":
-    """The addresses that `DRIVE,OWN` gives."""
+    """The addresses of a module with the node numbers `DRIVE,OWN`; BadInputError for any other text."""
     from firmware_py.interface.addresses import AddressError, addresses
 
     drive_node, _, own_node = text.partition(",")
@@ -139,7 +139,7 @@ def say(bitrate: int, load: float, late: str) -> None:
 
 
 def milliseconds(time_s: float, digits: int = 3) -> str:
-    """A time in ms; unbounded ones as an infinity."""
+    """A time as text in ms; an unbounded time as the sign of infinity."""
     if time_s in (float("inf"), float("-inf")):
         return "∞" if time_s > 0 else "−∞"
     return f"{1000 * time_s:.{digits}f}"

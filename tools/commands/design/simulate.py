@@ -15,7 +15,7 @@ from tools.outputs import PICTURES, file_option
 
 LONGEST_S = 86_400.0
 LONGEST_PLOT_S = 3600.0
-"""Interval of the plot's samples: 1 ms."""
+"""Longest simulation with a plot; the plot's samples are 1 ms apart."""
 
 
 def register(app: typer.Typer) -> None:
@@ -47,7 +47,7 @@ def simulate(
             f"--until is {until}: wanted above 0 and at most {longest_s:g} simulated seconds, e.g. --until 10"
         )
     loaded = load_scene(apply_settings({"scene": read_scene(scene)}, change or [])["scene"])
-    from plant_sim.simulation import SimulationError  # brings numba, which a refusal need not wait for
+    from plant_sim.simulation import SimulationError  # imports numba, so after the checks of the input
     from plant_sim.simulation import simulate as simulate_plant
 
     started = time.perf_counter()
@@ -95,7 +95,7 @@ def simulate(
 
 
 def electrical_rows(electrical: dict[str, float] | None) -> list[tuple[str, float, str]]:
-    """Electrical work of a motor with windings, and the copper's share of it."""
+    """Electrical work and copper loss of a motor with windings; no rows without windings."""
     if electrical is None:
         return []
     return [

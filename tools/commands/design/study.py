@@ -47,7 +47,7 @@ Ratio = Annotated[float, typer.Option(help="Speed ratio r = Ω/ω.")]
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """Of every study."""
+    """Options that all studies share."""
 
     out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
         Path("studies")

@@ -24,7 +24,7 @@ class Stopwatch:
         self.wall_s, self.cpu_s = time.perf_counter(), sum(os.times()[:4])
 
     def read(self) -> dict[str, float]:
-        """Keys of the commands' JSON."""
+        """Times so far in s, by their keys in the commands' JSON."""
         return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
 
 
@@ -47,13 +47,13 @@ class StudyJob:
 
     @contextmanager
     def computing(self) -> Iterator[None]:
-        """The time within the context counts as computing."""
+        """Measure the time within the context as the study's computing time."""
         clock = Stopwatch()
         yield
         self._cost = clock.read()
 
     def answer(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
-        """Print the result with its cost: one JSON object, or what `show` prints and a table."""
+        """Print the result and its cost: one JSON object, or the output of `show` and a table."""
         where = self.where
         payload = {
             **result,
@@ -83,7 +83,7 @@ def without_nan(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def caption_of(found: "Basin") -> str:
-    """The summary of a map of starts, in a line."""
+    """The summary of a map of starts in one line."""
     numbers = found.statistics
     share, bounds = numbers["impact_fraction"], numbers["impact_fraction_wilson"]
     if found.start == "soft":
@@ -100,7 +100,7 @@ def caption_of(found: "Basin") -> str:
 
 
 def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
-    """The module that the options name."""
+    """The module that the options describe; BadInputError if a value is unusable."""
     from dataclasses import replace
 
     from tools.study import cases
@@ -113,14 +113,14 @@ def chosen_case(preset: str, law: str, value: float | None, amplitude: float | N
 
 
 def figure_of(value: Any) -> Any:
-    """Bounds as one text, counts by name as another."""
+    """A statistic for a table: bounds and counts by name become text, other values stay."""
     if isinstance(value, dict):
         return ", ".join(f"{name}: {count}" for name, count in value.items()) or "none"
     return " to ".join(figure(one) for one in value) if isinstance(value, list | tuple) else value
 
 
 def positive(option: str, given: float) -> float:
-    """A finite number above 0."""
+    """Return `given`; BadInputError unless it is finite and above 0."""
     if not 0.0 < given < float("inf"):
         raise BadInputError(f"{option} is {given}: wanted a positive number")
     return given
@@ -152,19 +152,19 @@ def show_sweep(found: "list[Diagram]") -> None:
 
 
 def intervals(union: list[tuple[float, float]]) -> str:
-    """For people."""
+    """Intervals of Ω/ω as text."""
     return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
 
 
 def one_of(option: str, given: str, known: tuple[str, ...]) -> str:
-    """A known word."""
+    """Return `given`; BadInputError unless it is one of the known words."""
     if given not in known:
         raise BadInputError(f"{option} is {given!r}: wanted one of {', '.join(known)}")
     return given
 
 
 def amplitude_m(given: float) -> float:
-    """A usable drive amplitude."""
+    """Return a drive amplitude in m; BadInputError unless it is finite and 0 or more."""
     if not 0.0 <= given < float("inf"):
         raise BadInputError(f"--amplitude is {given}: wanted metres, 0 or more, e.g. 0.02")
     return given

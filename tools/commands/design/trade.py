@@ -76,7 +76,7 @@ def trade(
 
 
 def write_extremes(page: Path, as_json: bool) -> None:
-    """The page of every extreme, and its plot."""
+    """Write the page of the extreme cases and its plot, and print a summary."""
     from tools.trade import extremes
 
     with shown_progress() as progress:
@@ -86,7 +86,7 @@ def write_extremes(page: Path, as_json: bool) -> None:
 
 
 def measure_parts(quick: bool, repeats: int, as_json: bool) -> None:
-    """The costs of a scene's parts."""
+    """Measure the costs of a scene's parts and print them."""
     from tools.trade import parts
 
     with shown_progress() as progress:
@@ -146,7 +146,7 @@ def show(payload: Mapping[str, Any]) -> None:
 
 
 def solver_table(case: str, rows: Sequence[Mapping[str, Any]], best: Iterable[str]) -> Table:
-    """Errors and cost of every method on one case; ● the cheapest for its error."""
+    """Errors and cost of every method on one case; ● marks a method that no cheaper one beats in error."""
     wanted = f"{rows[0]['impacts_wanted']} impacts, {rows[0]['regime_wanted']}"
     table = _table(
         f"{case}: {wanted}", ("method", "x [m]", "t [s]", "v [m/s]", "impulse", "impacts", "µs/s", "×")

@@ -30,7 +30,7 @@ tune = typer.Typer(
 
 @dataclass(frozen=True)
 class Sampling:
-    """The trials on sampled modules."""
+    """Options for the trials on sampled modules."""
 
     seed: Annotated[
         int | None, typer.Option(help="Seed of the trials for the choice, below 10000.", min=0)
@@ -43,7 +43,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Outputs:
-    """The files of a command's result, and how it is printed."""
+    """Options for the files of a command's result and for its printed form."""
 
     out: Annotated[Path, file_option("The parameter file.")]
     plot: Annotated[Path | None, file_option("Draw a picture of the result into this file.", PICTURES)] = None
@@ -316,7 +316,7 @@ def start(
     sampling: Sampling = Sampling(),
     outputs: Outputs = Outputs(Path("start.toml")),
 ) -> None:
-    """Tune start-up and hold loop: fewest failures, then hardest impacts, then time, then energy."""
+    """Tune start-up and hold loop for the fewest failures, then least overshoot, then time, then energy."""
     from tools.tuning.figures import views
     from tools.tuning.figures.start import draw_start
     from tools.tuning.start import tune_start

@@ -10,7 +10,7 @@ from tools.output import console, figure, figure_table
 
 
 def columns(*titles: str) -> Table:
-    """An empty table without lines: numbers to the right, text, marked by a leading <, to the left."""
+    """An empty table without lines; a title with a leading < heads a column of text, aligned to the left."""
     table = Table(box=None, pad_edge=False)
     for title in titles:
         table.add_column(title.removeprefix("<"), justify="left" if title.startswith("<") else "right")
@@ -18,7 +18,7 @@ def columns(*titles: str) -> Table:
 
 
 def show(payload: Mapping[str, Any]) -> None:
-    """Parameters, figures of merit, warnings and verdicts of the safety scenarios."""
+    """Print parameters, figures of merit, warnings and the verdicts of the safety scenarios."""
     from firmware_py.shell.parameters import DEFAULTS
 
     console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}")
@@ -43,14 +43,14 @@ def show(payload: Mapping[str, Any]) -> None:
 
 
 def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
-    """One line per judgement."""
+    """Print one line per safety scenario."""
     for result in safety:
         mark = "[green]passed[/]" if result["passed"] else f"[bold red]failed[/]: {result['why']}"
         console.print(f"safety, {result['scenario']}: {mark}")
 
 
 def show_trials(payload: Mapping[str, Any]) -> None:
-    """Rates with bounds, then errors with limits, then the wrong identifications."""
+    """Print rates with bounds, then errors with limits, then the wrong identifications."""
     table = columns("<", "right", "95 % bounds", "limit", "median", "95 %", "worst", "truth in bounds")
 
     def row(name: str, share: Mapping[str, Any], *errors: str) -> None:
@@ -73,7 +73,7 @@ def show_trials(payload: Mapping[str, Any]) -> None:
 
 
 def show_check(payload: Mapping[str, Any]) -> None:
-    """Defaults beside tuned values, defaults beside naive values, and the warnings."""
+    """Print defaults beside tuned values, defaults beside naive values, and the warnings."""
     table = columns("<parameter", "<tune", "default", "tuned", "<unit", "<tolerance", "<")
     for row in payload["parameters"]:
         mark = "[green]agrees[/]" if row["passed"] else "[bold red]differs[/]"
@@ -93,7 +93,7 @@ def show_check(payload: Mapping[str, Any]) -> None:
 
 
 def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
-    """Parameters, figures of merit, verdicts and figures of the scenarios."""
+    """Print differing parameters and figures of merit, then verdicts and figures of the scenarios."""
     table = columns("<parameter", a.name, b.name, "change", "<unit")
     for change in payload["changed"]:
         relative = "—" if change["relative"] is None else f"{100.0 * change['relative']:+.3g} %"

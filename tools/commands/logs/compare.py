@@ -20,7 +20,7 @@ from tools.output import (
 from tools.outputs import RECORDINGS, new_option
 
 MOST_CHANGES = 10
-"""Figures that a comparison shows, so that it fits one screen; --json has all."""
+"""Largest number of figures shown, so that they fit one screen; --json has all."""
 
 
 def register(app: typer.Typer) -> None:
@@ -64,7 +64,7 @@ def compare(
 
 
 def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None:
-    """Show which verdicts differ; exits with 5 where the two have no scenario in common."""
+    """Show the verdicts that differ; exit with status 5 if the suites have no scenario in common."""
     from hil.bench.changes import changes
     from hil.bench.compare_suites import SuiteError, compare, read_suite
 
@@ -78,7 +78,7 @@ def compare_suites(a: Path, b: Path, must_be_equal: bool, as_json: bool) -> None
 
 
 def show_verdicts(result: dict[str, Any]) -> None:
-    """Print what changed, the verdicts that differ, then how many do not."""
+    """Print the changed figures, the differing verdicts, then the number of equal verdicts."""
     show_changes(result["changes"])
     words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
     for one in result["differences"]:
@@ -98,7 +98,7 @@ def show_verdicts(result: dict[str, Any]) -> None:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print both verdicts, the largest changes, where the signals first differ, and what the machine took."""
+    """Print both verdicts, the largest changes, the machine's timing and the signals' first difference."""
     from tools.logs.comparison import is_timing
 
     figures, changes = result["figures"], result["largest_changes"]

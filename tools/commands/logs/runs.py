@@ -65,7 +65,7 @@ def runs(
 
 
 def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
-    """One run as JSON holds it."""
+    """One run as a JSON object."""
     return {
         "folder": str(run.folder),
         "scenario": run.figure("scenario"),

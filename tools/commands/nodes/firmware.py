@@ -57,7 +57,7 @@ def build(
     change: Change = None,
     as_json: Json = False,
 ) -> None:
-    """Make an object file of the firmware, its C header and a header with its config, without C compiler.
+    """Make an object file of the firmware, its C header and a header with its config, without a C compiler.
 
     The command prints the bytes of the code by module and of config and state by block. The first call
     after a change of the firmware takes a minute.

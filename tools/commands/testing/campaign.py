@@ -72,7 +72,7 @@ def campaign(
 
 
 def run_endurance(ticks: int, changes: list[str], firmware: "Build") -> dict[str, Any]:
-    """One long run."""
+    """Run the closed loop for many ticks in one run; BadInputError for an emulated board."""
     from firmware_py.shell.builds import NATIVE
     from tools.campaign.endurance import endurance
 
@@ -92,7 +92,7 @@ def run_campaign(
     keep: str | None,
     firmware: "Build",
 ) -> dict[str, Any]:
-    """All trials, with a progress bar."""
+    """Run all trials with a progress bar, and write the requested ones as scenarios."""
     from hil.bench.bench import prepare
     from hil.record.run_folder import RUNS
     from plant_sim.scene import load_scene
@@ -145,7 +145,7 @@ def keep_trial(folder: Path, trial: "Trial") -> Path:
 
 
 def histogram(counts: list[int]) -> str:
-    """Counts, as a row of bars."""
+    """Counts as a row of bars."""
     highest = max(counts, default=0)
     if highest == 0:
         return ""
@@ -153,7 +153,7 @@ def histogram(counts: list[int]) -> str:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print a campaign for people: trials by condition, distributions, shares, failures, goals."""
+    """Print a campaign's result: trials by condition, distributions, shares, failures, goals."""
     console.print(f"[bold]{result['campaign']}[/]: {result['title']}, seed {result['seed']}")
     table = Table(box=None, pad_edge=False, title="trials by condition", title_justify="left")
     for name in ("condition", "trials", "eligible", "success", "95 % bounds"):

@@ -72,7 +72,7 @@ def suite(
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print each scenario's verdict with its failures, that of the suite, and the changes to a baseline."""
+    """Print each scenario's verdict and failures, the suite's verdict, and the changes to a baseline."""
     many = len(result["seeds"]) > 1
     table = Table(*(Column(overflow="fold") for _ in range(2)), box=None, pad_edge=False, show_header=False)
     for one in result["scenarios"]:
