@@ -8,6 +8,7 @@ import pytest
 
 from tools import cli
 from tools.logs import catalogue as runs
+from tools.logs import view
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
 
 VERDICTS = {
@@ -98,3 +99,14 @@ def test_scenarios_scenes_and_parameters_are_listed_with_their_titles(capsys):
 def test_the_version_names_the_commit(capsys):
     assert cli.run(["--version"]) == EXIT_PASSED
     assert capsys.readouterr().out.startswith("vibrohil 0.1.0")
+
+
+def test_the_listed_runs_that_have_a_log_are_viewed_together(folder, monkeypatch, capsys):
+    viewed = []
+    monkeypatch.setattr(view, "view_together", viewed.extend)
+    assert cli.run(["runs", str(folder), "--view"]) == EXIT_BAD_INPUT
+    assert "none of these runs has a log" in " ".join(capsys.readouterr().err.split())
+    for name in ("good", "suite/soft"):
+        (folder / name / "run.rrd").touch()
+    assert cli.run(["runs", str(folder), "--view", "--where", "passed=true"]) == EXIT_PASSED
+    assert viewed == [folder / "good"]

@@ -210,6 +210,11 @@ def test_a_difference_says_what_it_does_on_the_suite(tmp_path: Path, monkeypatch
     said = capsys.readouterr().out
     assert "no parameter differs" in said
     assert "no figure differs" in said
+    assert (
+        cli.run(["tune", "diff", "mine.toml", "mine.toml", "--no-suite", "--suite", *command[4:]])
+        == EXIT_PASSED
+    )
+    assert "no figure differs" in capsys.readouterr().out
 
 
 def test_a_difference_names_figures_as_its_json_does(tmp_path: Path, capsys) -> None:

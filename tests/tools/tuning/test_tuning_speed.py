@@ -1,5 +1,6 @@
 """The speed loop's design: its gains are the firmware's, its margins are those of the loop run in time."""
 
+import json
 import math
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 from firmware_py.core.estimation.crank import critically_damped_gains
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
-from tools.output import BadInputError
+from tools import cli
+from tools.output import EXIT_PASSED, BadInputError
+from tools.tuning import safety
 from tools.tuning.figures.speed import draw_speed
 from tools.tuning.figures.views import of_speed
 from tools.tuning.speed import (
@@ -171,6 +174,22 @@ def test_what_cannot_be_had_is_refused() -> None:
 def test_the_defaults_are_the_commands_output() -> None:
     values = tune_speed()[0].values
     assert values == {name: DEFAULTS[name] for name in values}
+
+
+def test_the_command_takes_the_motor_and_the_tracker_that_are_named(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr(safety, "SCENARIOS", ())
+    command = ["tune", "speed", "--no-measure", "--json", "--out", str(tmp_path / "mine.toml")]
+    found = []
+    for options in ([], ["--tracker-rad-s", "500"], ["--inertia-kg-m2", "1e-3"]):
+        assert cli.run([*command, *options]) == EXIT_PASSED
+        parameters = json.loads(capsys.readouterr().out)["parameters"]
+        found.append({name: one["value"] for name, one in parameters.items()})
+    default, quick, heavy = found
+    assert (default["crank.bandwidth_rad_s"], quick["crank.bandwidth_rad_s"]) == (TRACKER, 500.0)
+    assert quick["speed.gain_i_n_m"] > default["speed.gain_i_n_m"]
+    assert heavy["speed.gain_p_n_m_s"] == pytest.approx(2.0 * default["speed.gain_p_n_m_s"], rel=0.1)
 
 
 def test_the_disk_margin_is_controls(design: SpeedDesign) -> None:

@@ -1,6 +1,7 @@
 """The soft start's ramp: what counts first, and the command on a few trials."""
 
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -150,3 +151,13 @@ def test_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
     assert asked[0] == 1
     for before, after in zip(payload["tried"], again["tried"], strict=False):
         assert {**before, "on_front": None} == {**after, "on_front": None}
+
+
+def test_a_journal_may_have_a_name_of_its_own(tmp_path: Path, monkeypatch) -> None:
+    named: list[Path] = []
+    monkeypatch.setattr(start, "tune_start", lambda journal, **_: named.append(journal) or sys.exit(0))
+    journal, out = tmp_path / "search", tmp_path / "mine.toml"
+    for options in ([], ["--journal", str(journal)]):
+        with pytest.raises(SystemExit):
+            cli.run(["tune", "start", "--out", str(out), *options])
+    assert named == [tmp_path / "mine.journal", journal]

@@ -4,6 +4,10 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from hil.record import provenance
+from tools import cli
+from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.tuning import trials
 from tools.tuning.trials import GOAL, Trial, known_trials, module_of, run_trials, summary
 
 
@@ -60,3 +64,14 @@ def test_a_trial_is_recorded_identified_and_judged(tmp_path: Path) -> None:
     written = path.read_bytes()
     assert run_trials(1, path, seed=41, seconds=20.0, workers=1) == found
     assert path.read_bytes() == written
+
+
+def test_the_command_goes_on_with_the_outcomes_of_the_named_file(tmp_path: Path, monkeypatch, capsys) -> None:
+    path = tmp_path / "mine.jsonl"
+    line = {"key": provenance.key(trials.SEED, trials.SECONDS), **asdict(trial(0))}
+    path.write_text(json.dumps(line) + "\n", encoding="utf-8")
+    monkeypatch.setattr(trials, "running", None)  # which computes those that are missing
+    command = ["tune", "identify", "--trials", "1", "--trials-out", str(path), "--json"]
+    assert cli.run(command) in (EXIT_PASSED, EXIT_CHECK_FAILED)
+    said = json.loads(capsys.readouterr().out)
+    assert (said["out"], said["named_right"]["hits"]) == (str(path), 1)
