@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import inspect
+import math
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
@@ -8,6 +9,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+
+
+def number(description: str, low: float | None = None, high: float | None = None) -> Any:
+    """A Typer option for a number within bounds, which refuses nan and inf."""
+    return typer.Option(help=description, callback=finite, min=low, max=high)
+
+
+def finite(value: float | None) -> float | None:
+    """The number of an option; typer.BadParameter if it is not finite, which bounds do not exclude."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a finite number")
+    return value
+
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Logged = Annotated[Path | None, typer.Argument(help="A run folder or .rrd file; by default the newest run.")]
@@ -31,7 +45,7 @@ Sync = Annotated[
 Again = Annotated[
     bool, typer.Option("--again", help="With --sync: join when requested, and continue the trace.")
 ]
-Until = Annotated[float | None, typer.Option(help="Stop after this time in s; by default on Ctrl-C.")]
+Until = Annotated[float | None, number("Stop after this time in s; by default on Ctrl-C.")]
 
 
 def setting(description: str) -> Any:

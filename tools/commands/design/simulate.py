@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Column, Table
 
-from tools.commands.options import Json, setting
+from tools.commands.options import Json, number, setting
 from tools.output import BadInputError, answer, console, figure_table
 from tools.outputs import PICTURES, file_option
 
@@ -25,10 +25,8 @@ def register(app: typer.Typer) -> None:
 
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene's name or its TOML file.")],
-    until: Annotated[float, typer.Option(help="Simulated time in s.")] = 10.0,
-    torque: Annotated[
-        float, typer.Option(help="Constant motor torque in N m, in a scene with a motor.")
-    ] = 0.0,
+    until: Annotated[float, number("Simulated time in s.")] = 10.0,
+    torque: Annotated[float, number("Constant motor torque in N m, in a scene with a motor.")] = 0.0,
     change: Annotated[
         list[str] | None, setting("Change one value of the scene, e.g. scene.drive.ratio=1.1")
     ] = None,

@@ -20,7 +20,7 @@ from tools.commands.design.study_output import (
     show_sweep,
     without_nan,
 )
-from tools.commands.options import Json, unfolded
+from tools.commands.options import Json, number, unfolded
 from tools.output import BadInputError, console, figure_table
 from tools.outputs import RECORDINGS, file_option, folder_option
 
@@ -40,9 +40,9 @@ Rrd = Annotated[
 ]
 Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
 Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
-Value = Annotated[float | None, typer.Option(help="b in N s/m, or μ; by default the preset's.")]
-Amplitude = Annotated[float | None, typer.Option(help="Drive amplitude A in m; by default the preset's.")]
-Ratio = Annotated[float, typer.Option(help="Speed ratio r = Ω/ω.")]
+Value = Annotated[float | None, number("b in N s/m, or μ; by default the preset's.")]
+Amplitude = Annotated[float | None, number("Drive amplitude A in m; by default the preset's.")]
+Ratio = Annotated[float, number("Speed ratio r = Ω/ω.")]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,9 @@ class StudyOptions:
     out: Annotated[Path, folder_option("Folder of figures and results; a killed study continues there.")] = (
         Path("studies")
     )
-    cores: Annotated[int | None, typer.Option(help="Number of cores of this machine; by default all.")] = None
+    cores: Annotated[
+        int | None, typer.Option(help="Number of cores of this machine; by default all.", min=1)
+    ] = None
     scheduler: Annotated[
         str | None,
         typer.Option(help="Address of a Dask scheduler whose workers compute, e.g. tcp://host:8786."),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from tools.commands.design.tune_tables import show, show_check, show_difference, show_trials
-from tools.commands.options import Json, Workers, unfolded
+from tools.commands.options import Json, Workers, number, unfolded
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED, BadInputError, answer, exit_of
 from tools.outputs import PICTURES, RECORDINGS, file_option, folder_option
 from tools.progress import Progress, counted_progress, counting, shown_progress
@@ -118,18 +118,14 @@ def conclude(
 def speed(
     bandwidth_hz: Annotated[
         float | None,
-        typer.Option(help="Bandwidth from target to speed, −3 dB; by default the firmware's.", min=0.1),
+        number("Bandwidth from target to speed, −3 dB; by default the firmware's.", low=0.1),
     ] = None,
     phase_margin_deg: Annotated[
         float | None,
-        typer.Option(help="Phase margin; a surplus increases the integral gain.", min=1.0, max=120.0),
+        number("Phase margin; a surplus increases the integral gain.", low=1.0, high=120.0),
     ] = None,
-    inertia_kg_m2: Annotated[
-        float | None, typer.Option(help="Inertia of rotor and flywheel.", min=1e-7)
-    ] = None,
-    tracker_rad_s: Annotated[
-        float | None, typer.Option(help="Poles of the encoder tracker.", min=1.0)
-    ] = None,
+    inertia_kg_m2: Annotated[float | None, number("Inertia of rotor and flywheel.", low=1e-7)] = None,
+    tracker_rad_s: Annotated[float | None, number("Poles of the encoder tracker.", low=1.0)] = None,
     measure: Annotated[
         bool, typer.Option(help="Measure the loop in lockstep, with sines added to the torque.")
     ] = True,
@@ -239,8 +235,8 @@ def judge_identification(trials: int, path: Path, workers: int | None, as_json: 
 @tune.command()
 @unfolded
 def detector(
-    cost_miss: Annotated[float, typer.Option(help="Cost of a missed impact.")] = 1.0,
-    cost_false_alarm: Annotated[float, typer.Option(help="Cost of a false alarm.")] = 1.0,
+    cost_miss: Annotated[float, number("Cost of a missed impact.")] = 1.0,
+    cost_false_alarm: Annotated[float, number("Cost of a false alarm.")] = 1.0,
     trials: Annotated[int | None, typer.Option(help="Trials for each floor.", min=11)] = None,
     sampling: Sampling = Sampling(),
     outputs: Outputs = Outputs(Path("detector.toml")),
