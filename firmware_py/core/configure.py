@@ -1,4 +1,4 @@
-"""The core's Config, made of the parameters: everything that is worked out once, before the first tick."""
+"""The core's Config, computed from the parameters once, before the first tick."""
 
 import math
 
@@ -34,7 +34,7 @@ def _square(value: float) -> float:
 def config_of(parameters: Parameters, damaged: bool) -> Config:
     """The core's configuration for parameters that are within their bounds.
 
-    `damaged`: these stand in for values that could not be read, and the firmware must not arm.
+    `damaged`: the parameters replace values that could not be read, and the firmware must not arm.
     """
     p = parameters
     tick_s = p.control_tick_s

@@ -1,10 +1,10 @@
 """sin, cos, atan2, exp and cube root, so that every build of the firmware computes the same bits.
 
-A C library's functions differ from another's in the last bit. These are written in additions,
-multiplications, divisions and comparisons alone, which IEEE 754 defines to the bit; sqrt serves for exact
-powers of two. Polynomials and reductions: fdlibm (Sun Microsystems, 1993; public), its bit operations left
-out. sin, cos, exp and the cube root are within 1 unit in the last place of the true value, atan2 within 1.5,
-as tests hold. NaN gives NaN, and no argument raises.
+The functions of two C libraries differ in the last bit. The functions here use only additions,
+multiplications, divisions and comparisons, which IEEE 754 defines to the bit; sqrt is used only to compute
+exact powers of two. Polynomials and reductions: fdlibm (Sun Microsystems, 1993; public), without its bit
+operations. sin, cos, exp and the cube root are within 1 unit in the last place of the true value, atan2
+within 1.5; tests check these bounds. NaN gives NaN, and no argument raises.
 """
 
 import math
@@ -12,12 +12,12 @@ import math
 from firmware_py.core.numbers import wrap_pi
 
 LARGEST_EXACT_RAD = 100.0
-"""Beyond it an angle goes through `wrap_pi` first, to within |angle| · 2⁻⁵² and, beyond 10⁹ rad, to 0."""
+"""Larger angles are wrapped by `wrap_pi` first, with an error of |angle| · 2⁻⁵²; to 0 beyond 10⁹ rad."""
 
 _TO_INTEGER = 6755399441055744.0
-"""1.5 · 2⁵²: a number added to it has lost its fraction, rounded to the nearest integer."""
+"""1.5 · 2⁵²: adding and then subtracting this constant rounds a number to the nearest integer."""
 _QUARTER_TURNS_A_RAD = 6.36619772367581382433e-01
-# π/2 in pieces of 33 bits, whose products with up to 64 quarter turns are exact, and what is left.
+# π/2: two pieces of 33 bits, whose products with up to 64 quarter turns are exact, and the remainder.
 _QUARTER_1, _QUARTER_2, _QUARTER_REST = (
     1.57079632673412561417e00,
     6.07710050630396597660e-11,
@@ -41,7 +41,7 @@ _LOWEST_EXPONENT, _HIGHEST_EXPONENT = -708.0, 709.0
 _LARGEST_STEP = 1.157920892373162e77
 """2²⁵⁶."""
 _HALF = 134217729.0
-"""2²⁷ + 1: splits a number into halves (Veltkamp)."""
+"""2²⁷ + 1: factor that splits a number into two halves of its bits (Veltkamp)."""
 
 
 def _sine(x: float, tail: float) -> float:
@@ -69,7 +69,7 @@ def _sine_ahead(angle_rad: float, quarters: float) -> float:
         if math.isnan(angle):
             return angle
         angle = wrap_pi(angle)
-    # What the angle is beyond whole quarter turns, within ±π/4, as near + tail.
+    # The angle minus whole quarter turns, within ±π/4, is near + tail.
     turns = (angle * _QUARTER_TURNS_A_RAD + _TO_INTEGER) - _TO_INTEGER
     first = angle - turns * _QUARTER_1
     step = turns * _QUARTER_2
@@ -89,17 +89,17 @@ def _sine_ahead(angle_rad: float, quarters: float) -> float:
 
 
 def sin(angle_rad: float) -> float:
-    """Sine; beyond `LARGEST_EXACT_RAD` of the wrapped angle, so 0 beyond 10⁹ rad and of an infinity."""
+    """Sine; an angle beyond `LARGEST_EXACT_RAD` is wrapped first. 0 beyond 10⁹ rad and for infinities."""
     return _sine_ahead(angle_rad, 0.0)
 
 
 def cos(angle_rad: float) -> float:
-    """Cosine; beyond `LARGEST_EXACT_RAD` of the wrapped angle, so 1 beyond 10⁹ rad and of an infinity."""
+    """Cosine; an angle beyond `LARGEST_EXACT_RAD` is wrapped first. 1 beyond 10⁹ rad and for infinities."""
     return _sine_ahead(angle_rad, 1.0)
 
 
 def _arctangent(ratio: float) -> float:
-    """Of a ratio that is not negative: atan(a) + atan((ratio − a)/(1 + a ratio)) with a near the ratio."""
+    """Arctangent of a ratio ≥ 0: atan(a) + atan((ratio − a)/(1 + a ratio)) with a near the ratio."""
     high, low = 0.0, 0.0
     x = ratio
     if ratio >= 2.4375:
@@ -126,7 +126,7 @@ def _arctangent(ratio: float) -> float:
 
 
 def atan2(y: float, x: float) -> float:
-    """The angle of (x, y) in [−π, π]; a zero's sign counts for nothing, and (0, 0) is at 0."""
+    """The angle of (x, y) in [−π, π]; the sign of a zero is ignored, and (0, 0) gives 0."""
     if math.isnan(x) or math.isnan(y):
         return math.nan
     across, along = abs(y), abs(x)
@@ -134,7 +134,7 @@ def atan2(y: float, x: float) -> float:
         angle = 0.0
     elif along == 0.0:
         angle = 0.5 * math.pi
-    else:  # two infinities are as long as one another
+    else:  # two infinities count as equal
         angle = _arctangent(1.0 if across == along else across / along)
     if x < 0.0:
         angle = math.pi - (angle - _PI_REST)
@@ -142,7 +142,7 @@ def atan2(y: float, x: float) -> float:
 
 
 def exp(x: float) -> float:
-    """eˣ; 0 below −708 and infinite above 709, where a double nearly ends."""
+    """eˣ; 0 below −708 and infinite above 709, near the ends of the range of a double."""
     if not _LOWEST_EXPONENT <= x <= _HIGHEST_EXPONENT:
         if math.isnan(x):
             return x
@@ -163,12 +163,12 @@ def exp(x: float) -> float:
 
 
 def cube_root(x: float) -> float:
-    """The real cube root; an infinity's is itself."""
+    """The real cube root; the cube root of an infinity is that infinity."""
     if not 0.0 < abs(x) < math.inf:
         return x
     near, scale, step = abs(x), 1.0, _LARGEST_STEP
     is_large = near >= 1.0
-    for _ in range(9):  # near into [1, 8): step is 2²⁵⁶, 2¹²⁸, … 2
+    for _ in range(9):  # scale near into [1, 8): step is 2²⁵⁶, 2¹²⁸, … 2
         cube = step * step * step
         if is_large and near >= cube:
             near /= cube

@@ -1,4 +1,4 @@
-"""What the core sees of the world: the newest reading of each source with its age in ticks.
+"""The inputs of the core: the newest reading of each source with its age in ticks.
 
 An age of 0 means that the reading arrived in this tick. A source that was never received has `NEVER_TICKS`.
 """
@@ -10,7 +10,10 @@ from firmware_py.interface.enums import AxisState, OperatorRequest
 
 
 class AccelerometerInput(NamedTuple):
-    """Striker in its low and high range, and housing, along the striker's axis; gravity and bias included."""
+    """Acceleration of the striker (low and high range) and of the housing, along the striker's axis.
+
+    Readings include gravity and bias.
+    """
 
     low_m_s2: float
     high_m_s2: float
@@ -19,7 +22,7 @@ class AccelerometerInput(NamedTuple):
 
 
 class EncoderInput(NamedTuple):
-    """The drive's crank position, circular or running on, and its own estimate of the speed."""
+    """The drive's crank position, circular or counting on, and the drive's estimate of the speed."""
 
     position_rev: float
     velocity_rev_s: float
@@ -27,9 +30,10 @@ class EncoderInput(NamedTuple):
 
 
 class DriveInput(NamedTuple):
-    """The drive's state. `age_ticks` is that of its heartbeat.
+    """The drive's state. `age_ticks` is the age of its heartbeat.
 
-    `disarm_reason` is of an error that still stands, else 0: the drive keeps the reason of a cleared one.
+    `disarm_reason` belongs to an error that is still active, else it is 0: the drive itself keeps the reason
+    of an error that has been cleared.
     """
 
     axis_state: AxisState
@@ -39,7 +43,7 @@ class DriveInput(NamedTuple):
 
 
 class PowerInput(NamedTuple):
-    """What the drive measures of current, supply and temperature; `age_ticks` of the oldest of the three."""
+    """The drive's current, supply voltage and temperatures; `age_ticks` is the age of the oldest reading."""
 
     current_a: float
     voltage_v: float
@@ -49,9 +53,9 @@ class PowerInput(NamedTuple):
 
 
 class OperatorInput(NamedTuple):
-    """What the operator wants. `target_ratio` is Ω over the nominal natural frequency.
+    """The operator's command. `target_ratio` is Ω over the nominal natural frequency.
 
-    `target_impulse_n_s` is what an impact is to give; 0: the ratio alone counts.
+    `target_impulse_n_s` is the requested impulse of an impact; 0: no impulse is requested.
     """
 
     request: OperatorRequest
@@ -61,9 +65,9 @@ class OperatorInput(NamedTuple):
 
 
 class GaitInput(NamedTuple):
-    """The wearer's shank and foot, where sensors for them are fitted: never received otherwise.
+    """The sensors of the wearer's shank and foot; never received if they are not fitted.
 
-    The shank's rate is positive where its top goes forward; both switches are closed on the ground.
+    The shank's rate is positive if its top goes forward; both switches are closed on the ground.
     """
 
     shank_rate_rad_s: float
@@ -74,7 +78,7 @@ class GaitInput(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Everything a tick reads. `elapsed_ticks` ≥ 1 counts from the last tick: more after an overrun."""
+    """All inputs of a tick. `elapsed_ticks`: ticks since the previous one, 1 or, after an overrun, more."""
 
     elapsed_ticks: int
     accelerometer: AccelerometerInput

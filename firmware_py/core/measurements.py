@@ -1,7 +1,8 @@
-"""Sensors of the striker that the estimator corrects itself by: what each measures, and how well.
+"""Additional sensors that correct the estimate: the row of H and the noise of each.
 
-Such a sensor measures z = H (x, v, bias) + noise, in a frame of its own. Another one is named here, three
-times, and has its frame in `vibro.dbc` and the standard deviation of its noise among the parameters.
+Each sensor measures z = H (x, v, bias) + noise and sends a frame of its own. To add a sensor, add it to the
+two records and two functions below, its frame to `vibro.dbc`, and the deviation of its noise to the
+parameters.
 """
 
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from firmware_py.interface.generated.received import INITIAL, Received
 
 
 class Measurement(NamedTuple):
-    """What a sensor reads, in its own unit, and how long ago; never received where it is not fitted."""
+    """A sensor's newest value, in the sensor's unit, and its age; never received if it is not fitted."""
 
     value: float
     age_ticks: int
@@ -25,7 +26,7 @@ class Measurements(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """A row of H and the variance of the noise."""
+    """A sensor's row of H and the variance of its noise."""
 
     x: float
     v: float
@@ -34,18 +35,18 @@ class Measured(NamedTuple):
 
 
 class AllMeasured(NamedTuple):
-    """The same of each sensor."""
+    """The row of H and the variance of each sensor."""
 
     coarse_position_m: Measured
 
 
 def measurement(value: float, arrival: Arrival, tick: int) -> Measurement:
-    """One reading, as of tick number `tick`."""
+    """One reading, with its age at tick number `tick`."""
     return Measurement(value, age(tick, arrival))
 
 
 def measurements(received: Received, tick: int) -> Measurements:
-    """The newest readings, as of tick number `tick`."""
+    """The newest readings, with their ages at tick number `tick`."""
     coarse = received.coarse_position
     return Measurements(
         measurement(coarse.striker_position_m, received.coarse_position_arrival, tick),
@@ -53,11 +54,11 @@ def measurements(received: Received, tick: int) -> Measurements:
 
 
 NOTHING_MEASURED = measurements(INITIAL, 0)
-"""Before any of their frames has come."""
+"""The readings before the first frame is received."""
 
 
 def measured(parameters: Parameters) -> AllMeasured:
-    """What the sensors measure."""
+    """The row of H and the variance of each sensor, from the parameters."""
     coarse_m = parameters.estimator_coarse_std_m
     return AllMeasured(
         Measured(1.0, 0.0, 0.0, coarse_m * coarse_m),

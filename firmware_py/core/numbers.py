@@ -1,7 +1,8 @@
-"""Scalar arithmetic with a stated result for every float: what is no number never passes a limit.
+"""Scalar arithmetic with a defined result for every float: NaN never passes a limit.
 
-Python's own min, max and comparisons let NaN through, math.floor raises on it, and compiled the floor of NaN
-or of a number beyond ±2⁶³ is undefined. Each helper gives the same bits interpreted and compiled.
+Python's own min, max and comparisons let NaN through, and math.floor raises on it; in compiled code the floor
+of NaN or of a number beyond ±2⁶³ is undefined. Each function here gives the same bits interpreted and
+compiled.
 """
 
 import math
@@ -9,7 +10,7 @@ import math
 TAU = 2.0 * math.pi
 
 LARGEST_TO_WRAP = 1e9
-"""In rad or turns: a double resolves 1e-7 there. Nothing that turns comes near it."""
+"""Limit of the wrapped angles, in rad or turns: a double resolves 1e-7 there. No real crank reaches it."""
 
 
 def clamp(value: float, limit: float) -> float:
@@ -31,7 +32,7 @@ def at_least(value: float, floor: float) -> float:
 
 
 def fraction(turns: float) -> float:
-    """`turns` without its whole turns, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
+    """The fractional part of `turns`, in [0, 1); 0 for NaN and beyond ±`LARGEST_TO_WRAP`."""
     if not -LARGEST_TO_WRAP <= turns <= LARGEST_TO_WRAP:
         return 0.0
     rest = turns - math.floor(turns)
@@ -43,7 +44,7 @@ def wrap_pi(angle_rad: float) -> float:
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
     angle = angle_rad - TAU * math.floor((angle_rad + math.pi) / TAU)
-    return angle if -math.pi < angle <= math.pi else math.pi  # beyond by rounding: the seam
+    return angle if -math.pi < angle <= math.pi else math.pi  # outside by rounding only
 
 
 def wrap_two_pi(angle_rad: float) -> float:
@@ -51,4 +52,4 @@ def wrap_two_pi(angle_rad: float) -> float:
     if not -LARGEST_TO_WRAP <= angle_rad <= LARGEST_TO_WRAP:
         return 0.0
     angle = angle_rad - TAU * math.floor(angle_rad / TAU)
-    return angle if 0.0 <= angle < TAU else 0.0  # beyond by rounding: the seam
+    return angle if 0.0 <= angle < TAU else 0.0  # outside by rounding only

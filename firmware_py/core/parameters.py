@@ -4,10 +4,9 @@
     write_parameter(parameters, index, value) -> (parameters, status)
 
 `Parameters` (parameter_values.py) is a NamedTuple of floats in the order of the bus's indices,
-with `DEFAULTS` beside it; `configure.config_of(parameters, damaged)` makes the core's Config of it. A write
-that is refused hands back the parameters as they were. Whether the firmware may be written to at all
-(nothing moves) is the caller's to decide. Names, units, files and error messages are the shell's
-(shell/parameters.py).
+with `DEFAULTS` beside it; `configure.config_of(parameters, damaged)` makes the core's Config of it. A refused
+write returns the parameters unchanged. The caller decides whether a write is allowed at all: only if nothing
+moves. Names, units, files and error messages are handled by the shell (shell/parameters.py).
 """
 
 import math
@@ -24,14 +23,14 @@ NOT_WRITABLE = ParameterStatus.NOT_WRITABLE
 
 
 def within_bounds(index: int, value: float) -> bool:
-    """Whether the parameter at `index` may have this value, whatever the others have; NaN may not."""
+    """Whether `value` is within the parameter's own bounds, and whole if it is a count; NaN is not."""
     if not LOW[index] <= value <= HIGH[index]:
         return False
     return WHOLE[index] == 0 or value == math.floor(value)
 
 
 def conflict(parameters: Parameters) -> int:
-    """The place in `ORDERED` of the first pair whose first parameter exceeds its second; −1: none does."""
+    """Index in `ORDERED` of the first pair whose first parameter exceeds its second; −1 if there is none."""
     for place, (lower, upper) in enumerate(ORDERED):
         if parameters[lower] > parameters[upper]:
             return place
@@ -39,19 +38,19 @@ def conflict(parameters: Parameters) -> int:
 
 
 def read_parameter(parameters: Parameters, index: int) -> tuple[float, int, ParameterStatus]:
-    """The value, its `ParameterTier` and whether there is such a parameter: else 0, MODULE, UNKNOWN_INDEX."""
+    """The value, its `ParameterTier` and OK; 0, MODULE and UNKNOWN_INDEX if there is no such parameter."""
     if not 0 <= index < COUNT:
         return 0.0, MODULE, UNKNOWN_INDEX
     return parameters[index], TIERS[index], OK
 
 
 def with_value(parameters: Parameters, index: int, value: float) -> Parameters:
-    """`parameters`, with `value` in the place of `index`."""
+    """`parameters` with `value` at `index`."""
     return Parameters(*(value if place == index else one for place, one in enumerate(parameters)))
 
 
 def write_parameter(parameters: Parameters, index: int, value: float) -> tuple[Parameters, ParameterStatus]:
-    """The parameters with `value` at `index`, or as they were with the reason for which it is refused."""
+    """The parameters with `value` at `index` and OK; or the parameters unchanged and the reason."""
     if not 0 <= index < COUNT:
         return parameters, UNKNOWN_INDEX
     if TIERS[index] == BUILD:

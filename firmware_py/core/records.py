@@ -1,4 +1,4 @@
-"""The state records' values at power-up."""
+"""Values of the state records at power-up."""
 
 from typing import Any, TypeVar
 
@@ -8,10 +8,10 @@ ZEROS = {int: 0, float: 0.0, bool: False}
 
 
 def zeroed(record: type[Record], **others: object) -> Record:
-    """The record, a NamedTuple, with every number 0, every truth value False, and `others` as given.
+    """A NamedTuple of type `record` with every number 0, every truth value False, and `others` as given.
 
-    A record within it is zeroed too. A field of another type, such as an enum, has no zero: KeyError unless
-    it is among `others`. This runs when a module is imported, never in a tick.
+    Records within the record are zeroed too. A field of another type, such as an enum, has no zero and must
+    be among `others`; otherwise KeyError is raised. Called when a module is imported, never in a tick.
 
     >>> from typing import NamedTuple
     >>> class Level(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the core is made of: the config of its blocks, their states from one tick to the next, its outputs."""
+"""The core's config, state and outputs, composed of the records of its blocks."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from firmware_py.interface.enums import (
 
 
 class Config(NamedTuple):
-    """Everything that is settled before the first tick."""
+    """The core's configuration; it does not change while the firmware runs."""
 
     tick_s: float
     drive_link: drive_link.DriveLinkConfig
@@ -38,7 +38,7 @@ class Config(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that a tick hands to the next one."""
+    """The core's state, from one tick to the next."""
 
     crank: crank.CrankState
     estimator: estimator_state.EstimatorState
@@ -58,12 +58,12 @@ class State(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """What leaves the core.
+    """The core's outputs.
 
-    `impact` marks the tick in which a touch-down was found, `impact_age_s` before the sensors' time, at
-    `impact_speed_m_s`; `impact_impulse_n_s` is then the expected impulse. `separation` marks the tick in
-    which the striker left the stop: from then on the impulse is the measured one, and the age has run on with
-    the contact.
+    `impact` marks the tick in which a touch-down is detected. The touch-down lies `impact_age_s` before the
+    sensors' time, at the speed `impact_speed_m_s`; `impact_impulse_n_s` is the expected impulse until
+    `separation`, the tick in which the striker leaves the stop, and the measured impulse from then on. The
+    age grows until the separation.
     """
 
     mode: Mode

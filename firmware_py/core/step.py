@@ -1,9 +1,10 @@
-"""One tick of the firmware: crank, estimate, impacts, regime, limits, mode, speed to follow, torque.
+"""One tick of the firmware: crank, estimate, impacts, regime, limits, mode, target speed, torque.
 
     step(config, state, inputs) -> (state, outputs)
 
-Sensors are sampled at t_k, this runs before t_{k+1}, and its torque acts from there for one tick. After an
-overrun `sense` runs once for each sample that has waited, at its own time, before `act` runs on the newest.
+Sensors are sampled at t_k, the step runs before t_{k+1}, and its torque acts from t_{k+1} for one tick. After
+an overrun `sense` runs once for each waiting sample, at the time of that sample; then `act` runs once, on the
+newest sample.
 """
 
 import math
@@ -33,11 +34,11 @@ from firmware_py.interface.enums import (
 
 
 class Sensed(NamedTuple):
-    """What the samples since the last command have shown: one sample, or more after an overrun.
+    """The result of all samples since the last command: one sample, or more after an overrun.
 
-    `ticks` is their time since that command; `contact` is the newest sample's. `separation_ticks` is how long
-    before the newest sample the striker left the stop, if it did; impulse and peak are the hardest impact's
-    of those that it left.
+    `ticks` counts from the last command to the newest sample; `contact` is the detector's result for the
+    newest sample. `separation_ticks` counts from the separation to the newest sample. If several impacts
+    ended, `impulse_n_s` and `peak_m_s2` are the largest values.
     """
 
     ticks: int
@@ -57,7 +58,7 @@ class Sensed(NamedTuple):
 def refused(
     valid_ratio: bool, waits_for_crank: bool, by_gait: Refusal, by_hold: Refusal, by_stride_harmonic: Refusal
 ) -> Refusal:
-    """Why a RUN is not followed, the first reason of all."""
+    """The first reason why a RUN request is not followed; NO_REFUSAL if it is."""
     if not valid_ratio:
         return Refusal.RATIO_OUT_OF_RANGE
     if waits_for_crank:
@@ -68,7 +69,7 @@ def refused(
 
 
 def unsensed(state: State) -> Sensed:
-    """Before the first sample."""
+    """The `Sensed` of a tick before its first sample."""
     return Sensed(
         0,
         state.crank,
@@ -86,7 +87,7 @@ def unsensed(state: State) -> Sensed:
 
 
 def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: Inputs) -> Sensed:
-    """One sample: crank, estimate, impacts, regime and gait, after what earlier ones have shown."""
+    """Process one sample: update crank, estimate, impacts, regime and gait from `sensed`."""
     n = inputs.elapsed_ticks - sensed.ticks
     waited = sensed.ticks > 0
     acting_n_m = commanded.torque_n_m if waited else commanded.acting_n_m
@@ -132,7 +133,7 @@ def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: I
         gait_now = gait.step(config.gait, sensed.gait, inputs.gait, n)
     separation_ticks = sensed.separation_ticks + n if sensed.separation else 0
     impulse_n_s, peak_m_s2 = sensed.impulse_n_s, sensed.peak_m_s2
-    if contact.separation:  # what is no number counts as the hardest
+    if contact.separation:  # NaN counts as the largest
         separation_ticks = 0
         impulse_n_s = impulse_n_s if detector_now.impulse_n_s <= impulse_n_s else detector_now.impulse_n_s
         peak_m_s2 = peak_m_s2 if detector_now.peak_m_s2 <= peak_m_s2 else detector_now.peak_m_s2
@@ -153,14 +154,14 @@ def sense(config: Config, commanded: speed.SpeedState, sensed: Sensed, inputs: I
 
 
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Outputs]:
-    """The whole controller, once a tick, on one sample."""
+    """One tick of the whole controller, on one sample."""
     return act(config, state, sense(config, state.speed, unsensed(state), inputs), inputs)
 
 
 def act(  # noqa: PLR0915 - one tick, read top to bottom
     config: Config, state: State, sensed: Sensed, inputs: Inputs
 ) -> tuple[State, Outputs]:
-    """Limits, mode, speed to follow and torque, on what has been sensed up to the newest sample."""
+    """Limits, mode, target speed and torque, from the samples sensed so far."""
     n = inputs.elapsed_ticks
     crank_now, estimate, detector_now = sensed.crank, sensed.estimator, sensed.detector
     regime_now, gait_now = sensed.regime, sensed.gait
@@ -290,7 +291,7 @@ def act(  # noqa: PLR0915 - one tick, read top to bottom
         acting_limit = ActingLimit.RETREAT
     refusal = NO_REFUSAL
     if inputs.operator.request == ASKS_RUN and not findings.operator_lost:
-        lost_again = retreated and start_now.attempts > 1  # a step below, too, or no impact in the dip
+        lost_again = retreated and start_now.attempts > 1  # after a retreat, or no impact in the dip
         refusal = refused(
             valid_ratio,
             mode == READY and findings.freewheel_overspeed,

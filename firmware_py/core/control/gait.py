@@ -1,18 +1,18 @@
 """The phase of the gait cycle, from heel strike to heel strike, and the confidence in it.
 
-The phase is the time since the last heel strike over the stride that is expected. Three more events of a
-stride (toe down, heel off, toe off) come at phases that are learnt from the strides gone by; each pulls the
-expected stride, and the phase with it, towards what it says, as far as its own spread deserves it: a scalar
-Kalman gain
+The phase is the time since the last heel strike, divided by the expected duration T of the stride. Three more
+events of a stride (toe down, heel off, toe off) occur at phases φ_k that are learnt from earlier strides.
+Each event, at the time t_k, corrects T, and the phase with it, by a scalar Kalman gain:
 
     g = P / (P + (σ_k² + σ_t²)/φ_k²)      T ← T + g (t_k/φ_k − T)      P ← (1 − g) P
 
-with P the variance of a stride about the one expected. A heel strike that does not come was missed by its
-switch: the cycle goes on without it, and what was learnt with it. The shank's rate says what switches cannot:
-whether the leg has swung since its last heel strike, and whether it is at rest.
+with P the variance of a stride about its expectation, and σ_k² and σ_t² the variances of the event's phase
+and of its timing. If a heel strike does not come, its switch has missed it: the cycle continues without it,
+and the learnt values stay. The shank's rate shows two conditions that the switches cannot show: whether the
+leg has swung since its last heel strike, and whether it is at rest.
 
-The other candidate was an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng. Comput. 49,
-2011), which lags where the cadence changes.
+The alternative was an adaptive oscillator on the shank's rate (Ronsse et al., Med. Biol. Eng. Comput. 49,
+2011), which lags if the cadence changes.
 """
 
 import math
@@ -48,13 +48,14 @@ LARGEST_SPREAD = 0.15
 STRIDES_TO_TRUST = 3
 """Strides before the confidence rises above 0."""
 STRIKE_PHASE = 0.012
-"""Where in the cycle the heel's switch closes: at a tenth of the load."""
+"""Phase at which the heel's switch closes: at a tenth of the load."""
 
 
 class GaitConfig(NamedTuple):
-    """`edge_age_s`: half a period of the sensors, which have seen an edge that much after it was.
+    """`edge_age_s`: mean age of a switch's edge when its frame is sampled, half a period of the sensors.
 
-    `overdue`: by how much of the cycle a heel strike may be late. `still_s`: time until a leg is at rest.
+    `overdue`: largest lateness of a heel strike, as a share of the cycle. `still_s`: time until a leg counts
+    as at rest.
     """
 
     tick_s: float
@@ -69,7 +70,7 @@ class GaitConfig(NamedTuple):
 
 
 class Event(NamedTuple):
-    """An event of the stride: its phase and that one's variance, and when this stride had it, s (0: not)."""
+    """An event of the stride: its phase, the phase's variance, and its time in this stride, s (0: none)."""
 
     phase: float
     variance: float
@@ -77,11 +78,11 @@ class Event(NamedTuple):
 
 
 class Stride(NamedTuple):
-    """`mean_s` is that of late strides, `expected_s` is this one, `variance` says how surely.
+    """`mean_s`: mean of recent strides. `expected_s`: estimate of this stride; `variance`: its variance.
 
-    `since_s` counts from the phase's heel strike, `since_seen_s` from the last one seen;
-    `missed` are those in between. `spread` is that of strides about what was expected, as a share. `early` is
-    by how many deviations this stride's heel strike came early.
+    `since_s` counts from the heel strike at which the phase began, `since_seen_s` from the last heel strike
+    that was detected; `missed` ones lie in between. `spread` is the relative deviation of strides from their
+    expectation. `early` is the earliness of this stride's heel strike, in standard deviations.
     """
 
     mean_s: float
@@ -128,7 +129,7 @@ FIRST_SPREAD = 0.03
 _FIRST_VARIANCE = 0.0004
 MOST_MISSED = 3
 PACE = 1.15
-"""A heel strike alone may be early at a new pace: it must exceed the confirming threshold by this margin."""
+"""Factor on the deviation for a heel strike alone, which may be early because of a new pace."""
 
 INITIAL = CycleState(
     phase=0.0,
@@ -155,7 +156,7 @@ INITIAL = CycleState(
 
 
 def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Event:
-    """The event with what a whole stride shows of it, ready for the next one (Welford's mean, variance)."""
+    """The event, its phase and variance updated by a complete stride (Welford's mean and variance)."""
     if event.at_s <= 0.0:
         return event
     if known == 1:
@@ -167,7 +168,7 @@ def _learnt(config: GaitConfig, event: Event, stride_s: float, known: int) -> Ev
 
 
 def _unseen(events: Events) -> Events:
-    """Ready for the next stride."""
+    """The events, with no times yet in the next stride."""
     return Events(
         events.toe_down._replace(at_s=0.0),
         events.heel_off._replace(at_s=0.0),
@@ -183,10 +184,11 @@ def _whole_strides(stride: Stride, took_s: float) -> int:
 
 
 def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> bool:
-    """Whether an event comes further from its time than that varies; both in shares of the cycle.
+    """Whether an event's deviation `off` exceeds the limit for its `spread`; both are shares of the cycle.
 
-    Who trips puts the foot down early; `early` is the heel strike's part of that, as innovations are
-    independent. A late one may still come: only after the latest possible heel strike there is none.
+    A stumbling wearer puts the foot down early. `early` is the earliness of the heel strike, in standard
+    deviations; the squares add up because innovations are independent. A late event is surprising only beyond
+    the latest possible heel strike.
     """
     far = off < -config.surprise or off > config.overdue
     if off > 0.0:
@@ -196,7 +198,7 @@ def _surprising(config: GaitConfig, off: float, spread: float, early: float) -> 
 
 
 def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
-    """The stride after a heel strike, which ends one stride or several."""
+    """The stride after a detected heel strike, which may end several strides if some were missed."""
     took_s = stride.since_seen_s - config.edge_age_s
     whole = _whole_strides(stride, took_s)
     one_s = took_s / whole
@@ -211,7 +213,7 @@ def _heel_struck(config: GaitConfig, stride: Stride) -> Stride:
     if stumbled or not SHORTEST_STRIDE_S < one_s < LONGEST_STRIDE_S or whole > MOST_MISSED:
         known = 0
     elif known == 0 or abs(off) > IRREGULAR * mean_s:
-        # The first, or no walking that can be followed: begin from this stride.
+        # The first stride, or too irregular to follow: begin anew from this stride.
         mean_s, spread, known = one_s, FIRST_SPREAD, 1
     else:
         mean_s += GAIN_STRIDE * off
@@ -245,7 +247,7 @@ def _corrected(config: GaitConfig, stride: Stride, event: Event) -> Stride:
 
 
 def _due(stride: Stride, event: Event, at_s: float) -> bool:
-    """Whether an edge may be this event: the first in this stride, and near its phase."""
+    """Whether an edge at `at_s` may be this event: the first one in this stride, and near its phase."""
     usual_s = event.phase * stride.expected_s
     return event.at_s <= 0.0 and 0.4 * usual_s < at_s < 2.5 * usual_s
 

@@ -2,15 +2,16 @@
 
     r = n f_stride 2π/ω,  n such that r lies nearest to the centre of the impact region
 
-and the crank's angle is led to where an impact falls on the middle p_c of the window,
+The crank's angle is controlled so that an impact falls on the middle p_c of the window:
 
     θ* = 2π n (p − p_c) + θ_b,   ω_crank = n ω_stride + g (θ* − θ)
 
-with θ_b the angle at which impacts come, filtered from the regime's reports: a phase-locked loop (Gardner,
-Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of the n impacts may be in the
-window: the error is taken on the circle. Another n makes θ* leap by 2π (p − p_c): it is taken where that
-is what the change of speed costs. All of it is a slow change of the ratio in the hold, limited in size and
-rate, so that the striker's motion follows from the impact before to the next.
+with p the phase of the gait and θ_b the crank angle at impact, filtered from the regime's reports: a
+phase-locked loop (Gardner, Phaselock Techniques, ch. 2, first order with its frequency fed forward). Any of
+the n impacts may be in the window, so the error is wrapped to one turn. If n changes by one, θ* jumps by
+2π (p − p_c); n changes at the phase where this jump equals the angle that the crank gains or loses while its
+speed changes. The lock only trims the ratio in the hold, with limits on size and rate, so that the striker
+stays in the impact regime.
 """
 
 import math
@@ -28,17 +29,17 @@ MOST_TURNS = 15
 COUNTS = 65536
 
 AIM_HYSTERESIS = 0.01
-"""The hysteresis with a requested impulse: the uncertainty of the mean impact of some strides."""
+"""Hysteresis of r with a requested impulse: the uncertainty of the mean impact over some strides."""
 
 LARGEST_SHARE = 0.45
-"""Largest share: n then changes after the heel strike, which determines the stride."""
+"""Largest `turning_share`: n then changes after the heel strike, which determines the stride."""
 
 
 class LockConfig(NamedTuple):
-    """`hysteresis`: by how much of r another n has to lie nearer to the centre.
+    """`hysteresis`: advantage in r that another n must have over the present one.
 
-    The crank may leave the region by `margin`, and an n that is taken already by twice that: strides vary.
-    Ratios refer to the nominal ω.
+    Strides vary, so the ratio may leave the region by `margin`, and the present n is kept up to twice
+    `margin` outside of it. Ratios refer to the nominal ω.
     """
 
     follow: bool
@@ -58,9 +59,10 @@ class LockConfig(NamedTuple):
 
 
 class LockState(NamedTuple):
-    """`base_ratio` is the ratio at a start's end, `trim` the present difference from it.
+    """`base_ratio` is the ratio at the end of a start, `trim` the present difference from it.
 
-    `phase` is that of the cycle, `error_rad` is θ* − θ, `impact_rad` is θ_b. Counts of pulses wrap at COUNTS.
+    `phase` is the phase of the gait, `error_rad` is θ* − θ, `impact_rad` is θ_b. `in_window` and `outside`
+    count pulses, modulo COUNTS.
     """
 
     harmonic: int
@@ -109,8 +111,9 @@ def refused(config: LockConfig, gait: CycleState, harmonic: int) -> Refusal:
 def turning_share(config: LockConfig, stride_s: float) -> float:
     """The share of the cycle before p_c at which n changes.
 
-    The ratio goes over by Δr, a turn a stride, at its rate ρ: meanwhile the crank gains ω Δr²/2ρ on the new
-    θ*, or loses it. That is what θ* leaps by where the change comes ω Δr²/4πρ of a cycle before p_c.
+    One turn more or less per stride changes the ratio by Δr, at its rate ρ. Meanwhile the crank's angle
+    changes by ω Δr²/2ρ relative to the new θ*. The jump of θ* cancels this angle if n changes ω Δr²/4πρ of a
+    cycle before p_c.
     """
     turn = TAU / (stride_s * config.natural_rad_s)
     share = config.natural_rad_s * turn * turn / (2.0 * TAU * config.rate_1_s)

@@ -1,15 +1,16 @@
-"""The hold after capture: a distance to the fold, a slow approach to the requested ratio or impulse.
+"""The hold after capture: a slow approach to the requested ratio or impulse, at a distance from the fold.
 
-On the branch with one impact a period both the crank angle at impact and the impulse rise with the speed, and
-at the fold, 85° to 91° past the forward dead centre, the branch ends. So once a period, on a period with
-exactly one impact, an integral law moves the ratio r = Ω/ω by the smaller of two steps
+On the branch with one impact per period, the crank angle φ at impact and the impulse J both rise with the
+speed. The branch ends at the fold, φ = 85° to 91° past the forward dead centre. After each period with
+exactly one impact, an integral law therefore changes the ratio r = Ω/ω by the smaller of two steps
 
-    Δ_want  = g_J (J* − J)/J'         an impulse asked for, else towards the ratio asked for
+    Δ_want  = g_J (J* − J)/J'         towards the requested impulse, or else towards the requested ratio
     Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 64.5°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r;
                                       g_φ is 0.15 below φ* and 0.5 beyond
 
-(an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). Below the first few degrees φ no longer
-shows r, but there Δ_guard is the larger one and has no say. Without exactly one impact nothing moves.
+(an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). At a few degrees and less, φ hardly
+depends on r, but there Δ_guard is the larger step and is not used. The ratio stays if a period does not have
+exactly one impact.
 """
 
 from typing import NamedTuple
@@ -22,10 +23,10 @@ from firmware_py.interface.enums import NO_REFUSAL, Refusal
 PHASE_SLOPE_RAD = 1.4
 """φ' at 0°, per unit of r: 0.8° per 0.01."""
 PHASE_SLOPE_GROWTH = 1.6
-"""Of φ' with each rad of φ: 2.3° per 0.01 at 65° and more."""
+"""Relative growth of φ' per rad of φ: 2.3° per 0.01 at 65°."""
 GAIN_RETREAT = 0.5
-"""Of the error a period, where φ exceeds φ*: the fold comes closer while a housing that swings at nearly the
-crank's frequency takes from its amplitude, and 0.3 is too slow for that."""
+"""Share of the error corrected in a period if φ exceeds φ*. A housing that swings at nearly the crank's
+frequency reduces the amplitude, which brings the fold closer; 0.3 is too slow for that."""
 GAIN_IMPULSE = 0.2
 """Share of the error corrected in a period; an impact settles in two periods."""
 IMPULSE_TOLERANCE = 0.03
@@ -76,7 +77,7 @@ def phase_step(config: HoldConfig, phase_rad: float) -> float:
 def wanted_step(
     config: HoldConfig, ratio: float, target_ratio: float, target_impulse_n_s: float, impulse_n_s: float
 ) -> float:
-    """Δ_want, bounded."""
+    """Δ_want, bounded by the largest step."""
     if target_impulse_n_s > 0.0:
         step = GAIN_IMPULSE * (target_impulse_n_s - impulse_n_s) / config.impulse_slope_n_s
     else:
@@ -99,7 +100,7 @@ def _bound(
     target_impulse_n_s: float,
     impulse_n_s: float,
 ) -> Refusal:
-    """The end of the impact region that limits the requested impulse or ratio."""
+    """The refusal if an end of the impact region limits the requested impulse or ratio, or NONE."""
     if target_impulse_n_s <= 0.0:
         short = guarded and target_ratio - ratio > config.largest_step
         return Refusal.RATIO_TOO_HIGH if short else NO_REFUSAL

@@ -3,8 +3,8 @@
     T = J α* + B ω + T_dry sign ω* + T_crank + K_p e + K_i ∫e dt,   T_crank = c (A sin θ + l0 − x) A cos θ
 
 Positive torque turns the crank forward. The command acts one to two ticks after the sensors were read, so the
-load is taken for the middle of that time. The integral stops where a limit acts on the torque (conditional
-integration). What is no number becomes 0 N m, never a limit's worth.
+load is predicted for the middle of that time. The integral stops while a limit acts on the torque
+(conditional integration). NaN gives 0 N m, never the torque limit.
 """
 
 import math
@@ -19,7 +19,7 @@ from firmware_py.interface.enums import NO_LIMIT, ActingLimit
 
 
 class NominalLoad(NamedTuple):
-    """What turns with the crank, and its spring, which no striker stretches beyond the longest stretch."""
+    """Nominal load of the motor: inertia, losses and the striker's spring with its longest stretch."""
 
     inertia_kg_m2: float
     viscous_n_m_s: float
@@ -31,7 +31,7 @@ class NominalLoad(NamedTuple):
 
 
 class SpeedConfig(NamedTuple):
-    """Gains by tools.tuning.speed; `lead_s` from the sensors' time to the middle of the torque's."""
+    """Gains by tools.tuning.speed. `lead_s`: from the sensors' time to the middle of the torque's tick."""
 
     tick_s: float
     gain_p_n_m_s: float
@@ -45,7 +45,7 @@ class SpeedConfig(NamedTuple):
 
 
 class SpeedState(NamedTuple):
-    """`acting_n_m` is the torque that acts until the next sensor sample: the command of the tick before."""
+    """`acting_n_m` is the torque that acts until the next sensor sample: the previous tick's command."""
 
     integral_n_m: float
     error_rad_s: float
@@ -59,7 +59,7 @@ INITIAL = zeroed(SpeedState, acting_limit=ActingLimit.SAFE_STATE)
 
 
 def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
-    """The spring's stretch `ahead_s` from the estimate, m; NaN beyond the longest: the estimate is lost."""
+    """The spring's stretch `ahead_s` after the estimate, m; NaN beyond the longest: the estimate is lost."""
     angle_rad = crank.angle_rad + crank.omega_rad_s * ahead_s
     x_m = estimate.x_m + estimate.v_m_s * ahead_s
     stretch_m = load.amplitude_m * sin(angle_rad) + load.rest_length_m - x_m
@@ -67,7 +67,7 @@ def stretch_at(load: NominalLoad, crank: CrankState, estimate: EstimatorState, a
 
 
 def crank_load(load: NominalLoad, crank: CrankState, estimate: EstimatorState, ahead_s: float) -> float:
-    """The torque by which the spring opposes the crank `ahead_s` from the estimate, N m."""
+    """The torque by which the spring opposes the crank `ahead_s` after the estimate, N m."""
     stretch_m = stretch_at(load, crank, estimate, ahead_s)
     if math.isnan(stretch_m):
         return 0.0  # the estimate is lost
@@ -80,7 +80,7 @@ def known_acceleration(
 ) -> float:
     """The known part of the crank's acceleration over the tick that ended with the newest sample, rad/s².
 
-    `acting_n_m` is the torque that acted in it.
+    `acting_n_m` is the torque that acted during that tick.
     """
     load = config.load
     losses_n_m = load.viscous_n_m_s * crank.omega_rad_s
@@ -96,7 +96,7 @@ def known_acceleration(
 
 
 def safe(state: SpeedState) -> SpeedState:
-    """Torque zero at once, with the integral emptied."""
+    """The state with zero torque, and the integral reset."""
     return INITIAL._replace(acting_n_m=state.torque_n_m)
 
 
@@ -109,7 +109,7 @@ def step(
     target_acceleration_rad_s2: float,
     elapsed_ticks: int,
 ) -> SpeedState:
-    """One tick of the loop; the torque it gives is finite and within all limits whatever comes in."""
+    """One tick of the loop; the torque is finite and within all limits for any input."""
     load = config.load
     dry_n_m = load.dry_n_m * clamp(target_omega_rad_s, 0.5) / 0.5
     feedforward_n_m = clamp(

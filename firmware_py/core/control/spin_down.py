@@ -1,17 +1,18 @@
-"""A stop that first removes the striker's energy and then rests the crank where the gap is widest.
+"""A stop that first removes the striker's energy and then parks the crank where the gap is widest.
 
-A striker with little damping keeps meeting the stop after the crank has stopped. The piston's pull takes
-the power −c x_A v from it, most of it where x_A goes against v. With the striker's free motion as a phasor,
+A striker with little damping continues to hit the stop after the crank has stopped. The displacement x_A of
+the crank changes the striker's energy by the power P = c x_A v. With the striker's free motion as a phasor,
 
     x − l₀ = R cos ψ,  v = −R ω sin ψ,  x_A = A sin θ        P = −c A R ω sin θ sin ψ
 
-that is a crank at θ = ψ: it turns on at the striker's own frequency, in step with it,
+P removes most energy if θ = ψ. The crank therefore continues to turn at the striker's own frequency, in phase
+with the striker,
 
     ω_crank = ω + g ω (ψ − θ)
 
 (a phase-locked loop, as in `gait_lock`), until the swing no longer reaches the stop. Then it turns to its
-backward dead centre, θ = −90°, where the gap is wider by A and the spring has no lever on a motor without
-torque. It lasts no longer than `longest_s`: a stop ends in a crank at rest.
+backward dead centre, θ = −90°, where the gap is wider by A and the spring exerts no torque on the crank. The
+braking lasts at most `longest_s`, so that a stop always ends with the crank at rest.
 """
 
 import math
@@ -40,9 +41,9 @@ class SpinDownStage(IntEnum):
 
 
 class SpinDownConfig(NamedTuple):
-    """`longest_s`: longest braking (0: the S-curve alone). `share`: a swing's share of the way to the stop.
+    """`longest_s`: longest braking (0: the S-curve alone). `gain` is g.
 
-    `gain` is g.
+    `share`: the swing at which braking ends, as a share of the way to the stop.
     """
 
     tick_s: float
@@ -57,9 +58,9 @@ class SpinDownConfig(NamedTuple):
 
 
 class SpinDownState(NamedTuple):
-    """`swing_m` is the striker's amplitude about where it will rest.
+    """`swing_m` is the striker's amplitude about its rest position with the crank parked.
 
-    `highest_rad_s` is the crank's speed when the stop began, which no target of the stop exceeds.
+    `highest_rad_s` is the crank's speed when the stop began; no target of the stop exceeds it.
     """
 
     stage: SpinDownStage
@@ -88,7 +89,7 @@ def step(
     swing_m = math.sqrt((away_m + config.amplitude_m) * (away_m + config.amplitude_m) + lag_m * lag_m)
     since_s = state.since_s + elapsed_ticks * config.tick_s
     reach_m = config.stop_m - config.rest_length_m + config.amplitude_m
-    swings = swing_m > config.share * reach_m and since_s < config.longest_s  # what is no number does not
+    swings = swing_m > config.share * reach_m and since_s < config.longest_s  # NaN: False
     stage = SpinDownStage.BRAKE if swings and state.stage != SpinDownStage.PARK else SpinDownStage.PARK
     if stage == SpinDownStage.BRAKE:
         error_rad = wrap_pi(atan2(-lag_m, away_m) - crank.angle_rad + WAITS_RAD) - WAITS_RAD

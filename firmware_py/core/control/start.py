@@ -1,15 +1,15 @@
 """The start: S-curves of the crank's speed into the impact regime, and back to rest.
 
-Near the fold the impact regime cannot be entered by switching on: from rest an instant start ends in
-non-impact motion for every crank phase. Followed from below it can, so the speed rises on an S-curve
+Near the fold, a sudden start from rest ends in non-impact motion for every crank phase. The impact regime is
+reached only by raising the speed slowly from below, so the speed follows an S-curve
 
     ω(s) = ω₀ + (ω₁ − ω₀) (3 s² − 2 s³),  s = t / T
 
-with no jump in acceleration's integral anywhere and zero acceleration at both ends. A first one leads quickly
-to below resonance, where there are no impacts yet; the second is slow, so that what the striker
-still swings of its own does not add to what resonance gives it. Impacts in consecutive periods confirm the
-capture. Where it fails, or is lost later, the speed dips to where the impact regime alone exists and rises
-again; a bounded number of attempts, then it is said to have failed.
+with a continuous speed and zero acceleration at both ends. A first S-curve leads quickly to a speed below
+resonance, where there are no impacts yet. The second is slow, so that the striker's own transient does not
+add to the oscillation at resonance. Impacts in consecutive periods confirm the capture. If the capture fails,
+or the impacts are lost later, the speed dips to a ratio at which only the impact regime exists, and rises
+again. After a bounded number of attempts the start has failed.
 """
 
 from enum import IntEnum
@@ -21,7 +21,7 @@ from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import RUN, SOFT_START, STOPPING, Mode
 
 DIP_S = 1.0
-"""Duration of the way down to the dip."""
+"""Duration of the S-curve down to the dip."""
 SHORTEST_CHANGE_S = 0.5
 """Shortest duration of a change of the target."""
 
@@ -68,8 +68,8 @@ class StartConfig(NamedTuple):
 class StartState(NamedTuple):
     """The S-curve runs from `from_rad_s` to `to_rad_s`; `s` is its progress.
 
-    `ceiling_ratio` is the highest at which a curve may end since one was lost. `searching_s` is how long the
-    impacts that are wanted have not been there.
+    `ceiling_ratio` is the highest ratio at which a curve may end since impacts were lost. `searching_s` is
+    the time for which the impacts have been missing.
     """
 
     stage: Stage
@@ -89,13 +89,13 @@ class StartState(NamedTuple):
 
 
 LONGEST_SEARCH_S = 29.0
-"""Of a start, and of a recovery in RUN: with the second that the drive may take to close its axis, 30 s."""
+"""Longest start, and longest recovery in RUN: 30 s with the second in which the drive closes its axis."""
 
 SMALL_CHANGE = 1e-3
-"""Of the natural frequency: a target that changes by less begins no new curve; the hold takes it over."""
+"""Smallest change of the target that begins a new curve, as a share of ω; the hold follows smaller ones."""
 
 NO_CEILING = 10.0
-"""Beyond every ratio that can be asked for."""
+"""A `ceiling_ratio` above every valid ratio: no ceiling."""
 
 
 INITIAL = zeroed(StartState, stage=REST, duration_s=1.0, s=1.0, ceiling_ratio=NO_CEILING)
@@ -111,14 +111,14 @@ def s_curve(s: float) -> tuple[float, float]:
 
 
 def valid_ratio(config: StartConfig, ratio: float) -> bool:
-    """Whether the operator's ratio can be run; NaN cannot."""
+    """Whether the operator's ratio is within the valid range; NaN is not."""
     return config.lowest_ratio <= ratio <= config.highest_ratio
 
 
 def _curve(
     state: StartState, stage: Stage, from_rad_s: float, to_rad_s: float, duration_s: float, attempts: int
 ) -> StartState:
-    """A new S-curve."""
+    """The state at the beginning of a new S-curve."""
     return state._replace(
         stage=stage,
         from_rad_s=from_rad_s,
@@ -134,7 +134,7 @@ def _curve(
 
 
 def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> StartState:
-    """Further along the curve; in the hold, which has moved on from its end, the target stays."""
+    """The state advanced along the curve; in the hold, which sets its own target, unchanged."""
     if state.stage == HOLD:
         return state
     s = state.s + elapsed_ticks * config.tick_s / state.duration_s
@@ -148,10 +148,10 @@ def _advanced(config: StartConfig, state: StartState, elapsed_ticks: int) -> Sta
 
 
 def _counted(state: StartState, regime: RegimeState) -> StartState:
-    """Count periods with an impact since the last two without one in a row, and periods without."""
+    """Count periods with an impact (from 0 after two in a row without one), and periods without."""
     if not regime.ended:
         return state
-    # One period without an impact is an odd one, or half of an orbit that repeats after two.
+    # A single period without an impact may be an outlier, or half of an orbit of period two.
     hit = regime.last.impacts > 0
     odd = not hit and state.misses == 0
     hits = state.hits + 1 if hit else state.hits
@@ -159,21 +159,21 @@ def _counted(state: StartState, regime: RegimeState) -> StartState:
 
 
 def _at(state: StartState, stage: Stage, hits: int, captured: bool, failed: bool) -> StartState:
-    """The same, at another stage, counting from `hits` impacts and no misses."""
+    """The state at another stage, with the count of impacts at `hits` and no misses."""
     return state._replace(stage=stage, hits=hits, misses=0, captured=captured, failed=failed)
 
 
 def _again(config: StartConfig, state: StartState, held_periods: int) -> StartState:
-    """Dip and try again, to end a step below the ratio at which it was lost; or say that it failed.
+    """Dip for another attempt, which ends a step below the ratio at which the impacts were lost; or fail.
 
-    Each step is longer than the one before: where the fold lies far below, three have to reach it.
+    Each step is longer than the previous one, so that three steps reach a fold that lies far below.
     """
     if state.attempts >= config.attempts:
         return _at(state, state.stage, 0, captured=False, failed=True)
     lost_ratio = min(state.target_omega_rad_s / at_least(config.natural_rad_s, 1e-3), config.free_ratio)
     if state.attempts > 0:
         lost_ratio = min(lost_ratio, state.ceiling_ratio)
-    # What has held for long was not lost by its speed, the first time.
+    # The first time, if the impacts had lasted long, the speed was not the cause of the loss.
     has_held = held_periods >= 2 * config.confirm_periods and state.attempts == 0
     step_ratio = 0.0 if has_held else config.retreat_ratio * (1 + state.attempts)
     dip_rad_s = config.dip_ratio * config.natural_rad_s
@@ -183,7 +183,7 @@ def _again(config: StartConfig, state: StartState, held_periods: int) -> StartSt
 
 
 def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bool:
-    """Whether the speed is below the one asked for as that was lost there."""
+    """Whether the speed is below the requested one because the impacts were lost at higher speed."""
     highest_ratio = min(target_ratio, config.free_ratio)
     return (
         state.ceiling_ratio < highest_ratio
@@ -192,7 +192,7 @@ def retreated(config: StartConfig, state: StartState, target_ratio: float) -> bo
 
 
 def _begin(config: StartConfig, omega_rad_s: float, goal_rad_s: float) -> StartState:
-    """The first S-curve, from a crank that may still turn; a rise quicker than the approach needs none."""
+    """The first S-curve, from the present speed; without the approach if the rise is shorter than that."""
     approach_rad_s = config.approach_ratio * config.natural_rad_s
     if approach_rad_s < goal_rad_s and config.approach_s < config.rise_s:
         return _curve(INITIAL, APPROACH, omega_rad_s, approach_rad_s, config.approach_s, 0)
@@ -209,8 +209,8 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
     trim_rate_1_s: float,
     elapsed_ticks: int,
 ) -> StartState:
-    """One tick of a start or of the hold that follows it."""
-    held_periods = state.hits  # before the misses that may end them
+    """One tick of a start or of the hold after it."""
+    held_periods = state.hits  # before a miss resets the count
     state = _advanced(config, _counted(state, regime), elapsed_ticks)
     arrived, target_rad_s = state.s >= 1.0, state.target_omega_rad_s
     if state.stage == APPROACH:
@@ -219,17 +219,17 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
         return _at(state, DWELL, 0, captured=False, failed=False) if arrived else state
     if state.stage == DWELL:
         settled = state.hits >= config.dwell_periods or state.misses >= config.missing_periods
-        # Without an impact in the dip either there may be none to be had: that counts as two.
+        # If the dip has no impacts either, there may be none at any speed: the attempt counts twice.
         attempts = state.attempts + (0 if state.hits >= config.dwell_periods else 1)
         return _curve(state, RISE, target_rad_s, goal_rad_s, config.again_s, attempts) if settled else state
     if abs(goal_rad_s - state.to_rad_s) > SMALL_CHANGE * config.natural_rad_s:
         share = abs(goal_rad_s - target_rad_s) / at_least(config.natural_rad_s, 1e-3)
         duration_s = at_least(config.rise_s * share, SHORTEST_CHANGE_S)
-        # The impacts on the way go on counting, and so do the misses.
+        # The counts of impacts and misses continue.
         curve = _curve(state, RISE, target_rad_s, goal_rad_s, duration_s, state.attempts)
         return curve._replace(hits=state.hits, misses=state.misses)
     if state.stage == RISE:
-        # Impacts on the way count, but for the last two: those have to come at the target.
+        # Impacts during the rise count, but the last two of the required ones must occur at the target.
         hits = min(state.hits, max(config.confirm_periods - 2, 0))
         return _at(state, CONFIRM, hits, captured=state.captured, failed=False) if arrived else state
     if state.stage == CONFIRM:
@@ -251,7 +251,7 @@ def _moved(  # noqa: PLR0911 - stages, read top to bottom
 def _bounded(
     config: StartConfig, state: StartState, mode: Mode, needs_impacts: bool, elapsed_ticks: int
 ) -> StartState:
-    """Failed, if the impacts have not been found for too long, whatever happened meanwhile."""
+    """The state, failed if the impacts have been missing for longer than `LONGEST_SEARCH_S`."""
     found = state.stage == HOLD or state.hits >= config.confirm_periods or not needs_impacts
     searching_s = state.searching_s + elapsed_ticks * config.tick_s
     if mode == RUN and found:
@@ -275,14 +275,14 @@ def step(
     may_retreat: bool,
     elapsed_ticks: int,
 ) -> StartState:
-    """One tick: the speed to follow now, and whether the wanted regime is captured or has failed.
+    """One tick: the target speed, and whether the requested regime is captured or the start has failed.
 
-    The S-curve ends at the ratio asked for, but no nearer to the fold than can be entered unseen or, if it
-    `may_retreat`, than it was lost at; in the hold `trim` moves the ratio on from there.
+    The S-curve ends at the requested ratio, but not above `free_ratio`, the highest ratio that needs no guard
+    on the impact phase, nor, if `may_retreat`, above `ceiling_ratio`; in the hold `trim` is added.
     """
     if mode == STOPPING:
         if state.stage != STOP:
-            # From the crank's speed where it lags behind its target: a stop makes no crank faster.
+            # If the crank is slower than its target, begin at its speed: a stop must not accelerate it.
             from_rad_s = min(at_least(omega_rad_s, 0.0), state.target_omega_rad_s)
             state = _curve(state, STOP, from_rad_s, 0.0, config.stop_s, 0)
         return _advanced(config, state, elapsed_ticks)

@@ -1,10 +1,11 @@
 """A requested impulse with a gait: the number of turns per stride whose impacts are nearest to it.
 
-The cadence leaves a few ratios r = n f_stride 2π/ω, and impacts grow with r. From their mean J̄ at the mean r̄,
+The cadence allows only a few ratios r = n f_stride 2π/ω, and the impulse J grows with r. From the mean J̄ at
+the mean ratio r̄,
 
     r* = r̄ + (J* − J̄)/J'
 
-is the ratio of the requested impacts, and the n nearest to it is chosen instead of the region's centre. The
+is the ratio of the requested impulse J*, and the n whose ratio is nearest to r* is chosen. The
 slope J' starts as a parameter. After two values of n have been tried, the secant through them replaces it, so
 that both values rank the candidates alike and the search does not oscillate. Whole turns seldom meet a
 request; the remainder is reported.
@@ -20,7 +21,7 @@ SETTLING, MEAN, REPORTING = 1, 4, 6
 """Strides before impacts count, strides in their mean, and strides before a miss is reported."""
 
 LARGEST_ERROR = 2.0
-"""Largest error of the parameter J', as a factor; a secant beyond it comes from a changed walk."""
+"""Largest error of the parameter J', as a factor; a secant outside results from a change of the walk."""
 
 
 class StrideHarmonicConfig(NamedTuple):
@@ -33,7 +34,7 @@ class StrideHarmonicConfig(NamedTuple):
 
 
 class StrideHarmonicState(NamedTuple):
-    """`turns` of the crank with the present `harmonic`, and their means; `left_…`: means of the last one."""
+    """`turns` of the crank with the present `harmonic`, their means, and the previous means (`left_…`)."""
 
     harmonic: int
     turns: int
@@ -46,7 +47,7 @@ class StrideHarmonicState(NamedTuple):
 
 
 INITIAL = zeroed(StrideHarmonicState, refusal=NO_REFUSAL)
-"""An `aim_ratio` of 0 means the region's centre."""
+"""State without a request; an `aim_ratio` of 0 stands for the region's centre."""
 
 
 def known(state: StrideHarmonicState) -> bool:
@@ -55,7 +56,7 @@ def known(state: StrideHarmonicState) -> bool:
 
 
 def slope_n_s(config: StrideHarmonicConfig, state: StrideHarmonicState) -> float:
-    """J': the secant of two n, within the bounds of the parameter's error."""
+    """J': the secant through two values of n, within `LARGEST_ERROR` of the parameter, N s per unit of r."""
     nominal_n_s = config.impulse_slope_n_s
     change = state.ratio - state.left_ratio
     if state.left_ratio == 0.0 or change == 0.0:

@@ -1,1 +1,1 @@
-"""What the firmware knows: crank, striker, impacts, regime, and the module's identified laws."""
+"""Estimation: crank, striker, impacts, regime, and identification of spring and friction."""

@@ -14,7 +14,10 @@ FEWEST_HOUSING = 1000
 
 
 class NominalSensors(NamedTuple):
-    """The accelerometers: full scales, delay of the low-pass, how fast the high one's offset is learnt."""
+    """The accelerometers: full scales, delay of the low-pass, weight of the housing.
+
+    `high_offset_rate` and `housing_rate` are the shares of a difference that a reading adds to an offset.
+    """
 
     low_full_scale_m_s2: float
     high_full_scale_m_s2: float
@@ -25,9 +28,9 @@ class NominalSensors(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """The reading in use: low range, or the high one (its offset taken off) where the low one clips.
+    """The reading in use: the low range, or the high range minus its offset where the low range clips.
 
-    `before_m_s2` and `second_m_s2` are the readings before it. `housing_m_s2` is without its offset.
+    `before_m_s2` and `second_m_s2` are the two previous readings. `housing_m_s2` is without its offset.
     """
 
     acceleration_m_s2: float
@@ -44,9 +47,9 @@ class SensorState(NamedTuple):
 def sense(
     config: NominalSensors, state: SensorState, new: AccelerometerInput, elapsed_ticks: int
 ) -> SensorState:
-    """Choose the range and learn the high one's offset from the low one where both can be read.
+    """Choose the range, and learn the high range's offset from the low range at small readings.
 
-    A housing at its rail, as one that is no number, leaves no reading of the striker either.
+    If the housing's reading is clipped or not finite, the striker's reading is not used either.
     """
     housing_used = config.housing_weight > 0.0
     if not (
@@ -61,13 +64,13 @@ def sense(
     if abs(new.low_m_s2) < 0.95 * config.low_full_scale_m_s2:
         acceleration_m_s2 = new.low_m_s2
         clipped = False
-        # Near zero only: there neither range is on the flank of an impact.
+        # Only at small readings: the ranges differ on the flanks of an impact.
         if abs(new.low_m_s2) < 0.2 * config.low_full_scale_m_s2:
             offset_m_s2 += config.high_offset_rate * (new.high_m_s2 - new.low_m_s2 - offset_m_s2)
     else:
         acceleration_m_s2 = new.high_m_s2 - offset_m_s2
         clipped = abs(new.high_m_s2) > CLIPPED_SHARE * config.high_full_scale_m_s2
-    # The mean of all readings at first, of the last ones later.
+    # At first the mean of all readings, later an exponential average.
     rate = at_least(1.0 / (state.housing_readings + FEWEST_HOUSING), config.housing_rate)
     housing_offset_m_s2 = state.housing_offset_m_s2 + rate * (new.housing_m_s2 - state.housing_offset_m_s2)
     return SensorState(

@@ -1,9 +1,9 @@
-"""Where the crank is and how fast it turns: a critically damped g-h-k tracker on the encoder.
+"""Angle and speed of the crank: a critically damped g-h-k tracker on the encoder.
 
 Source: Zarchan & Musoff, Fundamentals of Kalman Filtering, ch. 1 (fading-memory filter of third order). The
-estimated torque of the motor and the crank's load enters as a known acceleration, so that the
-tracker lags only behind what is not known; that remainder is the third state. Angles are compared on the
-circle, so neither a circular nor a running encoder count can make it jump.
+commanded torque and the estimated load of the crank enter as a known acceleration, so that the tracker lags
+only behind the unknown part of the acceleration, which is the third state. Differences of angles are wrapped,
+so the encoder may count on or start again after each turn.
 """
 
 import math
@@ -19,11 +19,11 @@ FASTEST_RAD_S = 1000.0
 """Larger speeds are implausible: 25 times what the motor can do."""
 
 LATEST_TICKS = 10
-"""A reading that lags by more is wrong, not late: samples that stay away for longer are a fault."""
+"""Largest age of a late reading; a reading that lags by more is wrong, and a longer gap is a fault."""
 
 
 class CrankConfig(NamedTuple):
-    """`gain_…` are g, h and k of the tracker at one tick, `bandwidth_rad_s` is what they were made of."""
+    """`gain_…` are g, h and k of the tracker for one tick, computed from `bandwidth_rad_s`."""
 
     tick_s: float
     zero_rad: float
@@ -35,9 +35,9 @@ class CrankConfig(NamedTuple):
 
 
 class CrankState(NamedTuple):
-    """At the time of the newest sensor sample. θ in [0, 2π): the piston stands at A sin θ.
+    """The crank at the time of the newest sensor sample. θ in [0, 2π): the piston's position is A sin θ.
 
-    `late_ticks`: how old the newest reading was when it came.
+    `late_ticks`: estimated age of the newest reading when it arrived.
     """
 
     angle_rad: float
@@ -59,8 +59,10 @@ def critically_damped_gains(bandwidth_rad_s: float, tick_s: float) -> tuple[floa
 
 
 def lateness(state: CrankState, elapsed_ticks: int, way_rad: float, innovation_rad: float) -> int:
-    """How many ticks old a reading is, which the encoder's frame does not say: as many as explain best how
-    far it lies behind, at `way_rad` a tick. None can be older than the ticks without one leave time for.
+    """Estimated age of a reading, in ticks; the encoder's frame carries no time.
+
+    It is the age that best explains how far the reading lags, if the crank turns by `way_rad` per tick. It
+    is bounded by the age of the previous reading plus the ticks since then.
     """
     oldest = min(state.late_ticks + state.missed_ticks + elapsed_ticks - 1, LATEST_TICKS)
     behind_rad = -innovation_rad if way_rad >= 0.0 else innovation_rad
@@ -76,7 +78,7 @@ def step(
     elapsed_ticks: int,
     known_acceleration_rad_s2: float,
 ) -> CrankState:
-    """One tick: predict over the elapsed time, then correct by the encoder where it has a fresh reading."""
+    """One tick: predict over the elapsed time, then correct by a fresh reading of the encoder, if any."""
     usable = (
         encoder.age_ticks == 0
         and math.isfinite(encoder.position_rev)
@@ -112,9 +114,9 @@ def step(
     measured_rad += late_ticks * omega_rad_s * T
     innovation_rad = wrap_pi(measured_rad - angle_rad)
     if elapsed_ticks > 1:
-        # How long a pause was is known to a tick or two only: the encoder says where the crank is, its drive
-        # how fast it turns; the way made in between says neither the speed nor the disturbance, in which
-        # misjudged pauses would add up.
+        # The duration of an overrun is known to a tick or two only. So the angle is taken from the encoder
+        # and the speed from the drive. The angle turned meanwhile corrects neither the speed nor the
+        # disturbance: the errors of several durations would add up there.
         return CrankState(
             angle_rad=wrap_two_pi(measured_rad),
             omega_rad_s=clamp(TAU * encoder.velocity_rev_s, FASTEST_RAD_S),
@@ -125,8 +127,9 @@ def step(
         )
     g, h, k = config.gain_angle, config.gain_speed, config.gain_acceleration
     if state.missed_ticks > 0 or late_ticks > 0:
-        # A reading after missed ones speaks for the whole time since: the same bandwidth at a longer T.
-        # Late ones, brought up to now by the estimated speed, feed that speed's error back: a slower tracker.
+        # A reading after missed ones covers the whole time since then: the same bandwidth with a longer T.
+        # Late readings are extrapolated by the estimated speed, which feeds the error of that speed back: the
+        # bandwidth must be lower.
         late_s = late_ticks * T
         T = (state.missed_ticks + 1) * T
         g, h, k = critically_damped_gains(config.bandwidth_rad_s / (1.0 + config.bandwidth_rad_s * late_s), T)

@@ -35,7 +35,7 @@ LONGEST_CONTACT_S = 0.08
 
 
 class DetectorConfig(NamedTuple):
-    """`growth` is the Hertz contact's a = growth · (x'⁻ t)^1.5, in m/s² by m^1.5."""
+    """`growth` is the factor of the Hertz contact, a = growth · (x'⁻ t)^1.5, in m/s² per m^1.5."""
 
     tick_s: float
     floor_m_s2: float
@@ -51,7 +51,7 @@ class DetectorConfig(NamedTuple):
 
 
 class DetectorState(NamedTuple):
-    """`excess` is how much the acceleration lies below the model's; impulse and speed are the last impact's.
+    """`excess_m_s2` is the model's acceleration minus the measured one; impulse and speed: last impact.
 
     `area_m_s` is ∫excess dt over the contact so far. `since_touch_down_s` is the time from the last
     touch-down to the sensors' time; it stops at the separation.
@@ -73,11 +73,11 @@ class DetectorState(NamedTuple):
 INITIAL = zeroed(DetectorState, phase=FREE, measurable=True)
 
 REFERENCE_M_S = 0.9
-"""The touch-down speed at which the contact time is given."""
+"""Touch-down speed to which the contact time refers."""
 
 FLYING = Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=True)
 SWINGING_OUT = FLYING._replace(settled=False)
-"""In the refractory time after a contact."""
+"""Result during the refractory time after a contact."""
 
 
 def _excess_of_dissipation(d: float, k: float) -> float:
@@ -100,7 +100,7 @@ def hertz_dissipation(restitution: float) -> float:
 
 
 def contact_growth(mass_kg: float, contact_s: float, restitution: float) -> float:
-    """`growth` of a(t) = growth · (x'⁻ t)^1.5 at the start of a contact, m/s² by m^1.5.
+    """`growth` of a(t) = growth · (x'⁻ t)^1.5 at the start of a contact, m/s² per m^1.5.
 
     Hertz: the elastic contact lasts 2.9432 δ_max/x'⁻ with δ_max = (5 m x'⁻²/(4 K))^(2/5).
     """
@@ -112,7 +112,7 @@ def contact_growth(mass_kg: float, contact_s: float, restitution: float) -> floa
 def step(
     config: DetectorConfig, state: DetectorState, predicted: Prediction, elapsed_ticks: int
 ) -> tuple[DetectorState, Contact]:
-    """One tick on the prediction, which nothing has corrected yet."""
+    """One tick, on the prediction before any correction."""
     fresh = predicted.sensor.missed_ticks == 0 and predicted.started
     excess_m_s2 = -predicted.innovation_m_s2 if fresh else 0.0
     if state.phase == FREE:
@@ -128,7 +128,7 @@ def _may_touch(
     limit_m_s2: float,
     coming_m_s: float,
 ) -> bool:
-    """Whether the striker may be at the stop, or is pushed back so hard that only the stop can be it."""
+    """Whether the striker may be at the stop, or the excess is so large that only the stop can cause it."""
     sure_m_s2 = SURE_FACTOR * limit_m_s2
     if excess_m_s2 > sure_m_s2 and state.excess_m_s2 > limit_m_s2:
         return True
@@ -146,14 +146,15 @@ def _free(
     fresh: bool,
     elapsed_ticks: int,
 ) -> tuple[DetectorState, Contact]:
-    # Without what the excess took in this tick (trapezoid, and τ times its change) it would still be coming;
-    # after a gap the model has brought it here, which knows of no stop.
+    # The approach speed is the estimate plus the speed that the excess has removed in this tick (trapezoid,
+    # and τ times its change). After a gap the model, which contains no stop, has carried the estimate: no
+    # addition.
     coming_m_s = predicted.estimate.v_m_s
     if predicted.carried:
         dt_s = elapsed_ticks * config.tick_s
         coming_m_s += excess_m_s2 * (0.5 * dt_s + config.delay_s)
         coming_m_s += state.excess_m_s2 * (0.5 * dt_s - config.delay_s)
-    # Where a dry guide reverses, the model is off by up to twice the friction.
+    # If the velocity reverses on a dry guide, the error of the model is up to twice the friction.
     dry_m_s2 = (0.3 if coming_m_s > 0.04 else 2.0) * config.dry_m_s2
     limit_m_s2 = config.floor_m_s2 + dry_m_s2 + SIGMAS * predicted.spread_m_s2
     blind_ticks = max(state.blind_ticks - elapsed_ticks, 0)
@@ -181,7 +182,7 @@ def _free(
         excess_m_s2=excess_m_s2,
         peak_m_s2=excess_m_s2,
         approach_speed_m_s=speed_m_s,
-        impulse_n_s=(1.0 + config.restitution) * config.mass_kg * speed_m_s,  # expected, until it is measured
+        impulse_n_s=(1.0 + config.restitution) * config.mass_kg * speed_m_s,  # expected, until the separation
         area_m_s=excess_m_s2 * config.tick_s,
         since_touch_down_s=age_s,
         measurable=predicted.carried and not predicted.sensor.clipped,
@@ -201,9 +202,9 @@ def _contact(
     contact_ticks = state.contact_ticks + elapsed_ticks
     since_touch_down_s = state.since_touch_down_s + elapsed_ticks * config.tick_s
     peak_m_s2 = at_least(excess_m_s2, state.peak_m_s2)
-    # The stop's force is what lies below the model: J = m ∫excess dt, spring and friction taken off.
+    # The excess contains neither spring nor friction, so the stop's impulse is J = m ∫excess dt.
     area_m_s = state.area_m_s + excess_m_s2 * elapsed_ticks * config.tick_s
-    # Ticks without a sample are a hole in that integral.
+    # The integral is incomplete if a tick has no sample.
     measurable = state.measurable and fresh and elapsed_ticks == 1 and not predicted.sensor.clipped
     ended = fresh and excess_m_s2 < at_least(END_FRACTION * peak_m_s2, END_M_S2)
     unseen = not fresh and contact_ticks >= config.newton_contact_ticks
@@ -221,13 +222,13 @@ def _contact(
         )
 
     before_m_s = state.approach_speed_m_s
-    # A stop gives back at most what it got.
+    # A stop returns at most the kinetic energy of the touch-down.
     plausible = -1.2 * before_m_s - 0.05 < predicted.estimate.v_m_s < 0.2 * before_m_s + 0.05
     measured = measurable and plausible
     expected_m_s = (1.0 + config.restitution) * before_m_s
     change_m_s = area_m_s if measured else expected_m_s
     if measurable and not plausible:
-        # Estimate and readings contradict each other: the limit on an impact counts the worse of the two.
+        # Estimate and readings contradict each other: the larger impulse is used, for the limit on impacts.
         change_m_s = at_least(area_m_s, expected_m_s)
     freed = state._replace(
         phase=FREE,

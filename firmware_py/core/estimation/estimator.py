@@ -2,29 +2,29 @@
 
     m x'' + c (x − l0 − A sin θ) + b x' + μ m g sign x' = F_stop
 
-The measured acceleration moves the state (strapdown), so that nothing has to be known about the stop's force
-or the wearer's; in free flight the same reading, compared with the acceleration that spring, crank and
-friction would give, corrects it. Both use the one reading: what the model does not know enters z and x''
-alike, which is the correlated case (Simon, Optimal State Estimation, 7.1) in its limit of a noiseless sensor.
-What the model does not know changes over a period, not from tick to tick: its size σ² is learnt from the
-innovations themselves (covariance matching, Mehra 1970), the innovation is held against that, and the
-correction counts N readings, as many as such an error lasts, as one: R = N σ².
+Prediction: the measured acceleration z is integrated (strapdown), so that the forces of the stop and of the
+wearer need not be known. Correction, in free flight: the same reading is compared with the acceleration due
+to spring, crank and friction. Both steps use one reading, so an unmodelled force enters z and x'' alike: the
+case of correlated noise (Simon, Optimal State Estimation, 7.1) in the limit of a noiseless sensor. The error
+of the model changes over a period, not from tick to tick. Its variance σ² is learnt from the innovations
+(covariance matching, Mehra 1970) and normalises them; because the error lasts for N readings, the correction
+counts N readings as one: R = N σ².
 
-Where dry friction holds the striker, the model says no more than |x − l0 − x_A| ≤ μ m g/c. Then the
-correction stops once the estimate is narrower than that, and v = 0 is the measurement.
+If dry friction holds the striker, the model only gives |x − l0 − x_A| ≤ μ m g/c. The correction then stops
+once the deviation of x is smaller than this bound, and v = 0 is used as a measurement (zero-velocity update).
 
-In contact the model says nothing about the stop's force, so the state is only carried on, and the stop
-itself is the measurement: x = x_stop at touch-down and at separation. Where the reading is missing or
-clipped in a contact, Newton's law x'⁺ = −k x'⁻ carries mean and, by its saltation matrix (Kong, Payne,
-Council & Johnson, The Salted Kalman Filter, Automatica 131:109752), covariance across it, inflated by what k
-is not known.
+In contact the model does not give the stop's force, so the state is only predicted, and the stop itself is
+the measurement: x = x_stop at touch-down and at separation. If a reading is missing or clipped in a contact,
+Newton's law x'⁺ = −k x'⁻ maps the mean across the impact, and its saltation matrix (Kong, Payne, Council &
+Johnson, The Salted Kalman Filter, Automatica 131:109752) the covariance, to which the uncertainty of k is
+added.
 
-A moving housing is taken off the striker's reading where that is integrated, x'' = z − a_b; the model's
-acceleration is what the accelerometer reads either way. The housing's own offset is its mean: since power-up
-at first, then over `housing_rate`.
+The acceleration of a moving housing is subtracted from the striker's reading before the integration,
+x'' = z − a_b; the correction needs no subtraction, as the accelerometer reads the spring and friction forces
+alone. The housing's own offset is its mean: since power-up at first, then over `housing_rate`.
 
-A low-pass of group delay τ delays the readings: its input is a = z + τ z', and ∫a over a tick
-is the trapezoid of z plus τ times its change.
+A low-pass with the group delay τ delays the readings: its input is a = z + τ z', and ∫a over a tick is the
+trapezoid of z plus τ times its change.
 """
 
 import math
@@ -53,18 +53,18 @@ from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import CONTACT, FREE, ContactPhase
 
 LONGEST_GAP_TICKS = 100
-"""A gap in the readings is bridged tick by tick by the model, but by no more than this many in one step.
+"""Most ticks without a reading that the model predicts in one step, one after the other.
 
-The filter's written-out form does that: as many of filterpy's calls would take a tick of their own.
+The written-out algebra is used for them: this many calls of filterpy would take longer than a tick.
 """
 
 LONGEST_TRAPEZOID_TICKS = 5
 """A longer gap can hide half of a soft impact from the readings before and after it."""
 
 STILL_M_S = 0.05
-"""Speed below which the striker may be stuck; or 2 σ of the velocity, if that is larger."""
+"""Speed below which the striker may be stuck; 2 σ of the velocity replace it if they are larger."""
 LONGEST_SLIDE = 5
-"""Factor of the waiting time if 2 σ is larger: with a slow crank a sliding striker is not pulled either."""
+"""Factor on the waiting time in that case: with a slow crank, a sliding striker reads almost 0 as well."""
 
 STILL_VARIANCE = 1e-4
 """Variance of the zero-velocity update: (10 mm/s)², because successive readings are correlated."""
@@ -73,23 +73,23 @@ LONGEST_FLIGHT_TICKS = 5000
 """A longer flight without an impact begins anew."""
 
 DOUBT_VARIANCE = 1e-4
-"""(10 mm)²: a touch-down leaves the position known far better, unless the estimate has excluded it."""
+"""(10 mm)²: after a touch-down the variance of x is far smaller, unless the estimate excluded it."""
 DOUBT_SIGMAS = 10.0
-"""An estimate this far from the stop, and 20 mm, excludes a touch-down."""
+"""An estimate further from the stop than this many deviations and 20 mm excludes a touch-down."""
 
 LARGEST = 1e3
-"""An estimate beyond, in SI units, has diverged and starts anew."""
+"""Largest magnitude of a state, in SI units; an estimate beyond it has diverged and starts anew."""
 
 
 def strapdown(dt_s: float) -> Transition:
-    """F of a tick that the accelerometer carries: its bias is what it reads too much."""
+    """F of a tick that integrates the accelerometer; the bias is subtracted from the reading."""
     return Transition(1.0, dt_s, -0.5 * dt_s * dt_s, 0.0, 1.0, -dt_s)
 
 
 def _strapdown_noise(
     config: EstimatorConfig, sensor: SensorState, phase: ContactPhase, dt_s: float
 ) -> ProcessNoise:
-    """Q of a tick; in a contact with the trapezoid's error, which the second difference of z measures."""
+    """Q of a tick; in contact with the trapezoid's error, estimated from the second difference of z."""
     if phase == FREE:
         return config.strapdown_noise
     bend_m_s2 = sensor.acceleration_m_s2 - 2.0 * sensor.before_m_s2 + sensor.second_m_s2
@@ -100,9 +100,9 @@ def _strapdown_noise(
 def _by_model(
     config: EstimatorConfig, estimate: StateEstimate, angle_rad: float, omega_rad_s: float, ticks: int
 ) -> tuple[StateEstimate, float]:
-    """Carry the estimate over `ticks` without a reading; the crank turned to `angle_rad` meanwhile.
+    """Predict the estimate over `ticks` without a reading, up to the crank angle `angle_rad`, by the model.
 
-    With the speed of the last impact that this has taken for granted, 0 without one.
+    Also returns the approach speed of the last impact that the model predicts in a long gap, 0 without one.
     """
     bounded = min(ticks, LONGEST_GAP_TICKS)
     approach_m_s = 0.0
@@ -116,7 +116,7 @@ def _by_model(
             Push(x_m=(1.0 - config.model.x_x) * fixed_m, v_m_s=-config.model.v_x * fixed_m),
             config.model_noise,
         )
-        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact longer than a gap is not over within it
+        unseen = bounded > LONGEST_TRAPEZOID_TICKS  # an impact does not end within a shorter gap
         if unseen and estimate.x_m > config.striker.stop_m and estimate.v_m_s > 0.0:
             approach_m_s = estimate.v_m_s
             estimate = thrown_back(config, estimate)
@@ -132,9 +132,9 @@ def propagate(
     omega_rad_s: float,
     elapsed_ticks: int,
 ) -> Prediction:
-    """Carry the estimate to the newest reading and compare that with the model; nothing is corrected yet.
+    """Predict the estimate to the time of the newest reading, and compute the innovation; no correction yet.
 
-    `angle_rad` and `omega_rad_s` are the crank's at the same time.
+    `angle_rad` and `omega_rad_s` describe the crank at the same time.
     """
     sensor = sense(config.sensor, state.sensor, accelerometer, elapsed_ticks)
     fresh = sensor.missed_ticks == 0
@@ -166,12 +166,12 @@ def propagate(
     else:
         estimate = estimate_of(state)
         if phase == CONTACT and elapsed_ticks > LONGEST_TRAPEZOID_TICKS:
-            # The impact that the gap began in is over by now, and nobody saw how it ended.
+            # The impact during which the gap began has ended; the separation was not measured.
             since_rad = omega_rad_s * elapsed_ticks * config.tick_s
             estimate = newton(config, estimate.bias_m_s2, state.touch_down, angle_rad - since_rad, 0.0)
         estimate, approach_m_s = _by_model(config, estimate, angle_rad, omega_rad_s, elapsed_ticks)
         if fresh and approach_m_s > 0.0 and is_of_the_stop(config.striker, sensor.acceleration_m_s2):
-            # The impact of the gap is not over yet.
+            # The impact that began in the gap has not ended yet.
             estimate = StateEstimate(config.striker.stop_m, approach_m_s, estimate.bias_m_s2, estimate.p)
 
     innovation = of_state_m_s2 = 0.0
@@ -218,9 +218,9 @@ def correct(
     omega_rad_s: float,
     elapsed_ticks: int,
 ) -> EstimatorState:
-    """Correct what `propagate` made of `state`: by the model in free flight, by the stop at its touch.
+    """Correct the prediction: by the model in free flight, by the stop at touch-down and separation.
 
-    A measurement of the striker corrects it whenever one has come.
+    `measurements` correct it in the tick in which they are received.
     """
     estimate = predicted.estimate
     touch_down = state.touch_down
@@ -231,7 +231,7 @@ def correct(
     gated_ticks = _gated_ticks(config, state.gated_ticks, predicted, elapsed_ticks)
     sure = estimate.p.xx < DOUBT_VARIANCE
     if contact.touch_down or (contact.separation and contact.measured and sure):
-        # Since then it has moved on by about v · age.
+        # Since the touch-down or separation the striker has moved by about v · age.
         v_m_s, jitter_s = estimate.v_m_s, config.separation_jitter_s
         if contact.touch_down:
             v_m_s, jitter_s = contact.approach_speed_m_s, config.touch_down_jitter_s
@@ -243,7 +243,7 @@ def correct(
         if contact.touch_down:
             touch_down = StateEstimate(striker.stop_m, v_m_s, estimate.bias_m_s2, estimate.p)
         else:
-            # Newton's law beside the measured jump: it counts where the impact was too short to sample.
+            # Newton's law in addition to the measured change of speed, for impacts too short to sample.
             before_m_s = contact.approach_speed_m_s
             estimate = kalman.update(
                 estimate,
@@ -252,7 +252,7 @@ def correct(
                 before_m_s * before_m_s * config.restitution_variance,
             )
     elif contact.separation:
-        # In a gap the first step was Newton's.
+        # After a longer gap `propagate` has applied Newton's law already.
         if sure and not contact.measured and elapsed_ticks <= LONGEST_TRAPEZOID_TICKS:
             estimate = newton(config, estimate.bias_m_s2, touch_down, angle_rad, contact.age_s)
     elif by_model and not 0 < gated_ticks <= config.noise.gate_ticks:
@@ -309,9 +309,9 @@ def correct(
 
 
 def _doubt(away_m: float, variance: float) -> float:
-    """The variance that a touch-down adds where the estimate has excluded one, m²; 0 where it has not.
+    """The variance to be added at a touch-down that the estimate excludes, m²; 0 if it does not exclude it.
 
-    Then either the estimate is wrong or something else has pushed: both places are as likely.
+    Either the estimate is wrong or another force has acted: both positions are equally likely.
     """
     if away_m * away_m <= 4.0 * DOUBT_VARIANCE + DOUBT_SIGMAS * DOUBT_SIGMAS * variance:
         return 0.0
@@ -319,7 +319,7 @@ def _doubt(away_m: float, variance: float) -> float:
 
 
 def _doubted(config: EstimatorConfig, estimate: StateEstimate, doubt: float) -> StateEstimate:
-    """An estimate whose position has this variance more, and whose velocity that of power-up where it has."""
+    """The estimate with the variance `doubt` added to x and, if it is not 0, that of power-up added to v."""
     p = estimate.p
     faster = config.spread.initial_vv if doubt > 0.0 else 0.0
     return estimate._replace(p=p._replace(xx=p.xx + doubt, vv=p.vv + faster))
@@ -328,7 +328,7 @@ def _doubted(config: EstimatorConfig, estimate: StateEstimate, doubt: float) -> 
 def _flight(
     config: EstimatorConfig, state: EstimatorState, predicted: Prediction, elapsed_ticks: int
 ) -> Flight:
-    """The flight a tick on; a gap in the readings ends it, and another begins."""
+    """The flight one tick later; after a gap in the readings a new flight begins."""
     flight = state.flight
     if not (0 <= flight.ticks < LONGEST_FLIGHT_TICKS and predicted.carried):
         return Flight(predicted.estimate.x_m, predicted.estimate.v_m_s, 0)
@@ -364,7 +364,7 @@ def _known(
     elif estimate.v_m_s < 0.0:
         known += striker.dry_m_s2
     if state.spring_share != 0.0 or state.friction_share != 0.0:
-        # What was identified is added at the estimate; the row of H stays the nominal one.
+        # The identified corrections are evaluated at the estimate; H stays nominal.
         pull = striker.stiffness_1_s2 * (estimate.x_m - striker.rest_length_m - crank_m)
         friction = -model_acceleration(striker, angle_rad, estimate.x_m, estimate.v_m_s) - pull
         known -= state.spring_share * pull + state.friction_share * friction
@@ -377,7 +377,7 @@ def two_sigma_m_s(estimate: StateEstimate) -> float:
 
 
 def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
-    """What the model's acceleration is not known to where dry friction may hold or turn: all of that."""
+    """Variance of the model's acceleration where dry friction may hold or reverse, (m/s²)²; else 0."""
     dry = config.striker.dry_m_s2
     if dry <= 0.0 or abs(estimate.v_m_s) >= 0.02 + two_sigma_m_s(estimate):
         return 0.0
@@ -387,14 +387,14 @@ def _dry_variance(config: EstimatorConfig, estimate: StateEstimate) -> float:
 def _learnt(
     noise: AdaptiveNoise, variance: float, innovation_m_s2: float, own_variance: float, elapsed_ticks: int
 ) -> float:
-    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; what lies beyond 3 σ is an impact badly seen."""
+    """σ² += rate (y² − H P Hᵀ − σ²), within its bounds; y² counts up to 9 σ²: more is due to an impact."""
     seen = min(innovation_m_s2 * innovation_m_s2 - own_variance, 9.0 * variance)
     rate = min(elapsed_ticks * noise.learning_rate, 1.0)
     return min(at_least(variance + rate * (seen - variance), noise.floor), noise.ceiling)
 
 
 def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
-    """For how long a striker on a dry guide has neither moved nor been pulled: it sticks."""
+    """Ticks for which a striker on a dry guide has been at rest, with an acceleration near 0."""
     if config.striker.dry_m_s2 <= 0.0:
         return 0
     estimate, sensor = predicted.estimate, predicted.sensor
@@ -405,13 +405,13 @@ def _still_ticks(config: EstimatorConfig, still_ticks: int, predicted: Predictio
 
 
 def _gated_ticks(config: EstimatorConfig, gated_ticks: int, predicted: Prediction, elapsed_ticks: int) -> int:
-    """For how long the innovation has been beyond what the model may be off by.
+    """Ticks for which the innovation has been beyond the gate.
 
-    Something pushes at the striker: the accelerometer carries the estimate, and the model has no say. It has
-    again where that lasts, as the estimate is lost then.
+    An unmodelled force acts on the striker, so the accelerometer alone moves the estimate. If the innovation
+    stays beyond the gate for too long, the estimate is lost, and the model corrects it again.
     """
     if abs(predicted.innovation_m_s2) <= config.noise.gate_sigmas * predicted.innovation_std_m_s2:
         return 0
-    if elapsed_ticks > 1:  # in what was skipped an impact may be missing: lost at once, unless it still lasts
+    if elapsed_ticks > 1:  # skipped ticks may hide an impact: the estimate is lost, unless the impact lasts
         return 1 if is_of_the_stop(config.striker, predicted.sensor.acceleration_m_s2) else NEVER_TICKS
     return min(gated_ticks + 1, NEVER_TICKS)

@@ -1,4 +1,4 @@
-"""The estimator's configuration, its state, and what it hands on within a tick."""
+"""The estimator's configuration, its state, and its intermediate results within a tick."""
 
 from typing import NamedTuple
 
@@ -11,29 +11,29 @@ from firmware_py.interface.arrivals import NEVER_TICKS
 from firmware_py.interface.enums import ContactPhase
 
 INITIAL_POSITION_STD_M = 0.03
-"""A striker left anywhere in its travel."""
+"""The striker may rest anywhere in its travel."""
 INITIAL_VELOCITY_STD_M_S = 0.3
-"""May still swing at power-up."""
+"""The striker may still swing at power-up."""
 INITIAL_BIAS_STD_M_S2 = 0.3
-"""50 mg at most, taken as 1.6 sigma."""
+"""The largest bias, 50 mg, is taken as 1.6 sigma."""
 POSITION_FLOOR_M = 5e-05
-"""The stop itself is not known better."""
+"""The position of the stop itself is not known better."""
 VELOCITY_FLOOR_M_S = 0.0005
-"""One count of the high range over a tick."""
+"""One count of the high range, integrated over a tick."""
 BIAS_FLOOR_M_S2 = 0.001
-"""Keeps the bias alive as it drifts."""
+"""Floor that lets the estimate follow a drifting bias."""
 BIAS_NOISE_M_S2 = 0.0001
-"""By tick: 0.2 g of drift an hour and more."""
+"""Per tick: allows a drift of 0.2 g per hour and more."""
 CONTACT_NOISE_M_S = 0.001
-"""By tick in contact: counts of 49 mg, aliasing."""
+"""Per tick in contact: counts of 49 mg, aliasing."""
 BEND_SHARE = 0.05
-"""Of a reading's second difference: the trapezoid's error."""
+"""The trapezoid's error, as a share of the second difference of the readings."""
 GAP_NOISE_M_S = 0.003
-"""By tick without a reading: an impact may be missed."""
+"""Per tick without a reading: an impact may be missed."""
 SEPARATION_JITTER_S = 0.001
-"""A contact ends more softly than it starts."""
+"""Larger than at touch-down: a contact ends more softly than it starts."""
 STILL_M_S2 = 0.25
-"""A dry guide holds: noise, bias not yet known."""
+"""Largest reading of a striker that a dry guide holds: noise, and a bias not yet known."""
 
 
 class Spread(NamedTuple):
@@ -48,9 +48,9 @@ class Spread(NamedTuple):
 
 
 class AdaptiveNoise(NamedTuple):
-    """Variances of a single innovation by the model: floor, start and ceiling of what is learnt.
+    """Variance σ² of a single innovation by the model: floor, initial value and ceiling of the learnt value.
 
-    `readings_as_one` is N; `learning_rate` is by tick.
+    `readings_as_one` is N; `learning_rate` is per tick.
     """
 
     floor: float
@@ -65,7 +65,7 @@ class AdaptiveNoise(NamedTuple):
 
 
 class EstimatorConfig(NamedTuple):
-    """F and Q by tick, the variance of the model, and how well the stop and Newton's law are known."""
+    """F and Q per tick, the variance of the model, and the variances of the stop and of Newton's law."""
 
     tick_s: float
     striker: NominalStriker
@@ -88,9 +88,9 @@ class EstimatorConfig(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """What the readings alone make of the striker since it last flew free, from the estimate of then on.
+    """The striker's motion in free flight, integrated from the readings alone since the flight began.
 
-    `ticks` is how long ago that was; −1: it does not fly.
+    It begins with the estimate at that time. `ticks` counts from then on; −1: no free flight.
     """
 
     x_m: float
@@ -101,11 +101,11 @@ class Flight(NamedTuple):
 class EstimatorState(NamedTuple):
     """Mean, upper triangle of P, the last innovation, and the estimate kept from touch-down.
 
-    `innovation_std_m_s2` is what the innovation may be, `spread_m_s2` the estimate's own part of it. `nis` is
-    the normalised innovation squared of a correction by the model, 0 without one. `model_variance` is the σ²
-    of the model's acceleration as learnt, `still_ticks` for how long nothing has pulled at the striker,
-    `gated_ticks` for how long the innovation has been none that the model can have. `spring_share` and
-    `friction_share` are by how much the model's exceed their nominal values (`identify`).
+    `innovation_std_m_s2` is the standard deviation of the innovation, `spread_m_s2` the part of it due to P.
+    `nis` is the normalised innovation squared of a correction by the model, 0 without a correction.
+    `model_variance` is the learnt σ² of the model's acceleration. `still_ticks` is the time for which the
+    striker has been at rest, `gated_ticks` the time for which the innovation has been gated. `spring_share`
+    and `friction_share` are the relative corrections of the model's spring and friction (`identify`).
     """
 
     x_m: float
@@ -133,11 +133,11 @@ class EstimatorState(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """The estimate carried to the newest reading and compared with the model there; nothing is corrected.
+    """The estimate predicted to the time of the newest reading, and its innovation, before any correction.
 
-    The numbers of the innovation are those of `EstimatorState`. `carried`: readings at both ends of the tick
-    carried it, with `mean_m_s2` between them. `of_state_m_s2`: the reading less
-    what does not depend on the state.
+    The innovation's fields are those of `EstimatorState`. `carried`: the readings at both ends of the tick
+    moved the estimate, with the mean acceleration `mean_m_s2`. `of_state_m_s2`: the reading minus the part of
+    the model that does not depend on the state.
     """
 
     estimate: StateEstimate
@@ -154,7 +154,7 @@ class Prediction(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """What the detector found in this tick. `settled`: the model may correct the estimate again."""
+    """The detector's result in this tick. `settled`: the model may correct the estimate again."""
 
     phase: ContactPhase
     touch_down: bool

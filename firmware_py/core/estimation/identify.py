@@ -1,14 +1,16 @@
-"""What spring and friction really are, from the flights between impacts.
+"""Identification of spring and friction from the free flights between impacts.
 
     z = −(1 + p) (c/m) (x − l0 − x_A) − (1 + f) R(x') + b,   R = (b/m) x' + μ g sign x'
 
-The accelerometer's own integrals give x over a flight but for x and x' at its start and the sensor's bias: a
-parabola in time, and so does an error of l0. So a parabola is taken out of all that is compared, by least
-squares, and what is left knows only p and f (partial regression: Frisch & Waugh, Econometrica 1:387, 1933).
-Nothing of it depends on what the estimator makes of x, so feeding p and f to that closes no loop.
+p and f are the relative errors of the nominal spring and friction. The integrals of the accelerometer give x
+over a flight, except for x and x' at its start and the sensor's bias. Their effect is a parabola in time, and
+so is the effect of an error of l0. Therefore a parabola is eliminated from all terms by least squares, and
+the remainder depends only on p and f (partial regression: Frisch & Waugh, Econometrica 1:387, 1933). The
+estimator's x is not used, so feeding p and f to the estimator closes no loop.
 
-Flights add up and are forgotten over `memory` of them. Each new one first judges the values before it:
-only where that explains it better than the parameters do, p and f are handed on, slowly and within bounds.
+Flights are summed with exponential forgetting over `memory` flights. Each new flight first tests the previous
+p and f: only if they have explained new flights better than the parameters do, they are fed to the estimator,
+in small steps and within bounds.
 """
 
 from typing import NamedTuple
@@ -20,33 +22,33 @@ from firmware_py.core.numbers import clamp
 from firmware_py.core.records import zeroed
 
 SAMPLE_TICKS = 10
-"""One reading in this number counts; the integrals use them all."""
+"""One reading in this many is a sample of the regression; the integrals use all readings."""
 
 FEWEST_SAMPLES = 15
 
 SLOWEST_M_S = 0.05
-"""Slower on a dry guide, the sign of x' is not sure."""
+"""Speed below which the sign of x' is uncertain on a dry guide."""
 
 FEWEST_FLIGHTS = 5
-"""Before anything is fed: each is good to 1 %."""
+"""Flights before p and f are fed to the estimator; a single flight gives p to 1 %."""
 LARGEST_SPRING = 0.1
-"""Of c: 5 % of the natural frequency."""
+"""Largest p: 10 % of c, 5 % of the natural frequency."""
 LARGEST_FRICTION = 0.5
-"""Of b or mu, known to +-30 % and +-10 %."""
+"""Largest f; b is known to +-30 %, mu to +-10 %."""
 NOISE_M_S2 = 0.03
-"""Of a sample: the sensor's and its integral's."""
+"""Noise of a sample, of the sensor and of its integral."""
 SPRING_STD = 0.03
-"""What is known of c beforehand."""
+"""Standard deviation of p before the first flight."""
 FRICTION_STD = 0.3
-"""What is known of b or mu beforehand."""
+"""Standard deviation of f before the first flight."""
 LARGEST_RESIDUAL_M_S2 = 0.5
-"""A flight with a push is left out."""
+"""Largest RMS residual; a flight beyond it, with another force, is left out."""
 
 
 class IdentifyConfig(NamedTuple):
-    """`prior_…` are what is known of p and f beforehand, relative to the noise.
+    """`prior_…`: information on p and f before the first flight, relative to the noise.
 
-    `feeds`: p and f go to the estimator's model, else they are only reported.
+    `feeds`: p and f are fed to the estimator's model; else they are only reported.
     """
 
     enabled: bool
@@ -61,7 +63,7 @@ class IdentifyConfig(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One reading: −(c/m) (x − l0 − x_A), −R, and what z is off the model, all m/s², `t_s` in the flight."""
+    """One reading at `t_s` in the flight: −(c/m) (x − l0 − x_A), −R, and z minus the model, all in m/s²."""
 
     t_s: float
     spring: float
@@ -70,7 +72,7 @@ class Sample(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Over a flight's samples: powers of t, and the products of spring a, friction f and off y."""
+    """Sums over a flight's samples: powers of t, and products of spring a, friction f and off y (q = t²)."""
 
     n: float
     t: float
@@ -95,7 +97,7 @@ class Sums(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """The normal equations of p and f, a parabola taken out; of one flight or of many."""
+    """The normal equations of p and f without a parabola, of one flight or of many."""
 
     aa: float
     af: float
@@ -105,7 +107,7 @@ class Normal(NamedTuple):
 
 
 class IdentifyState(NamedTuple):
-    """`spring` and `friction` are p and f, `gain` by how much they have explained flights better, (m/s²)²."""
+    """`spring` and `friction` are p and f; `gain` is their reduction of Σ y² in new flights, (m/s²)²."""
 
     pending: Sample
     has_pending: bool
@@ -151,7 +153,7 @@ def _added(s: Sums, sample: Sample) -> Sums:
 
 
 def without_parabola(s: Sums) -> tuple[Normal, float]:
-    """The normal equations with 1, t and t² eliminated one after another, and what then is left of Σ y²."""
+    """The normal equations with 1, t and t² eliminated one after another, and the remainder of Σ y²."""
     # 1
     tt, tq, qq = s.t2 - s.t * s.t / s.n, s.t3 - s.t * s.t2 / s.n, s.t4 - s.t2 * s.t2 / s.n
     ta, tf, ty = s.ta - s.t * s.a / s.n, s.tf - s.t * s.f / s.n, s.ty - s.t * s.y / s.n
@@ -171,7 +173,7 @@ def without_parabola(s: Sums) -> tuple[Normal, float]:
 
 
 def solved(config: IdentifyConfig, normal: Normal) -> tuple[float, float]:
-    """p and f, bounded; where the flights say little, what is known beforehand keeps them near 0."""
+    """p and f, bounded; while the flights contain little information, the prior keeps them near 0."""
     aa, ff = normal.aa + config.prior_spring, normal.ff + config.prior_friction
     determinant = aa * ff - normal.af * normal.af
     if not determinant > 0.0:
@@ -188,7 +190,7 @@ def sample_of(
     angle_rad: float,
     omega_rad_s: float,
 ) -> Sample:
-    """The newest reading against the nominal model at the flight's own x; both late by the low-pass."""
+    """The newest reading and the nominal model at the flight's own x, both with the delay of the low-pass."""
     flight = estimate.flight
     crank_m = striker.amplitude_m * sin(angle_rad - omega_rad_s * config.delay_s)
     late_m = flight.x_m - flight.v_m_s * config.delay_s
@@ -204,7 +206,7 @@ def sample_of(
 
 
 def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -> IdentifyState:
-    """The pending sample counts now that no impact has come after it, and the new one waits."""
+    """Add the pending sample to the sums, as no impact has followed it, and keep the new one pending."""
     sums = _NO_SUMS if begins else state.sums
     if state.has_pending and not begins:
         sums = _added(sums, state.pending)
@@ -212,7 +214,7 @@ def _sampled(state: IdentifyState, sample: Sample, usable: bool, begins: bool) -
 
 
 def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
-    """At a touch-down: what the flight says, if it was one."""
+    """Update p and f at a touch-down, if the flight had enough samples and a small residual."""
     normal, flights, gain = state.normal, state.flights, state.gain
     spring, friction = state.spring, state.friction
     if state.sums.n >= FEWEST_SAMPLES:
@@ -238,7 +240,7 @@ def _flown(config: IdentifyConfig, state: IdentifyState) -> IdentifyState:
 def towards(
     config: IdentifyConfig, state: IdentifyState, holding: bool, estimate: EstimatorState
 ) -> EstimatorState:
-    """The estimate with its model a step nearer to what was identified; else to the nominal one."""
+    """The estimate with its model a step nearer to p and f; to the nominal model if they are not trusted."""
     aims = holding and trusted(config, state)
     to_spring, to_friction = (state.spring, state.friction) if aims else (0.0, 0.0)
     spring = estimate.spring_share + clamp(to_spring - estimate.spring_share, config.spring_step)
@@ -261,7 +263,7 @@ def step(
     angle_rad: float,
     omega_rad_s: float,
 ) -> IdentifyState:
-    """One tick of those in which a sample is due or a contact begins."""
+    """One tick; called only in ticks in which a sample is due or a contact begins."""
     if contact.touch_down:
         return _flown(config, state)
     ticks = estimate.flight.ticks

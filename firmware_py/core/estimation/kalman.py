@@ -1,7 +1,7 @@
-"""The Kalman algebra of the estimator: filterpy's interpreted, the same lines written out in other builds.
+"""The Kalman algebra of the estimator: filterpy's in the interpreted build, written out in the others.
 
-State x = (position, velocity, accelerometer bias). `builds.numba_subset` puts `predict_written_out` and
-`update_written_out` in the place of `predict` and `update`.
+State x = (position, velocity, accelerometer bias). `builds.numba_subset` replaces `predict` and `update` by
+`predict_written_out` and `update_written_out`.
 """
 
 from functools import cache, lru_cache
@@ -43,7 +43,7 @@ class Transition(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What the known input adds to the state: u."""
+    """The increment of the state by the known input: u."""
 
     x_m: float
     v_m_s: float
@@ -172,12 +172,12 @@ def _row(row: Row) -> Array:
 
 @cache
 def filterpy_filter() -> Any:
-    """filterpy's filter, made anew for every call of `predict` and `update`: no state is left between calls.
+    """Class of filterpy's filter; each call of `predict` or `update` makes an instance, so no state remains.
 
-    Its own `__init__` takes longer than the whole tick; what it would set is the same in every call and
-    stands at the class. filterpy's functions of the same names would do, but take 25 µs a tick longer.
-    To import filterpy takes a second: a node calls this function before its first tick, and builds with the
-    algebra written out never do.
+    filterpy's own `__init__` takes longer than the whole tick; the attributes that it would set are the same
+    in every call and are set on the class. filterpy's functions of the same names take 25 µs per tick longer.
+    Importing filterpy takes a second, so a node calls this function before its first tick; builds with the
+    written-out algebra never call it.
     """
     import filterpy.kalman  # noqa: PLC0415 - see above
 

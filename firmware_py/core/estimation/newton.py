@@ -1,4 +1,4 @@
-"""Newton's law of impact for an estimate: mean and covariance thrown back by x'⁺ = −k x'⁻."""
+"""Newton's law of impact, x'⁺ = −k x'⁻, applied to the mean and covariance of an estimate."""
 
 from firmware_py.core.estimation import kalman
 from firmware_py.core.estimation.estimator_state import EstimatorConfig
@@ -8,7 +8,7 @@ from firmware_py.core.numbers import at_least
 
 
 def thrown_back(config: EstimatorConfig, estimate: StateEstimate) -> StateEstimate:
-    """Newton's law for an impact that nobody saw; when it was is known to a contact's length only."""
+    """The estimate after an impact without readings; its time is known to the contact's duration only."""
     k = config.striker.restitution
     jitter_m = (1.0 + k) * estimate.v_m_s * config.separation_jitter_s
     return kalman.predict_written_out(
@@ -26,7 +26,7 @@ def thrown_back(config: EstimatorConfig, estimate: StateEstimate) -> StateEstima
 def newton(
     config: EstimatorConfig, bias_m_s2: float, touch_down: StateEstimate, angle_rad: float, age_s: float
 ) -> StateEstimate:
-    """The estimate after an impact that was seen: reset by x'⁺ = −k x'⁻, `age_s` after the separation.
+    """The estimate `age_s` after the separation of a detected impact, by x'⁺ = −k x'⁻.
 
     Ξ = [[−k, 0], [(a⁺ + k a⁻)/x'⁻, −k]]   (saltation matrix at x = x_stop)
     """

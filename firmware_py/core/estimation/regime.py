@@ -1,10 +1,11 @@
-"""What the striker is doing, decided once a drive period.
+"""The regime of the striker's motion, decided once per drive period.
 
 A period is one turn of the crank from θ = 0, a quarter turn before its forward dead centre: the impacts of a
-steady motion lie 0° to 91° past that centre, far from the cut. Impacts in the period, their mean approach
-speed, the crank angle of the last one and the peak acceleration describe it; four periods are remembered. A
-new regime is reported once two periods in a row agree on it, so that one odd period does not make the report
-flap. A crank that stands ends no period: below its slowest speed there is no regime, and all starts anew.
+steady motion lie 0° to 91° past that centre, far from the limit between two periods. A period is described by
+its number of impacts, their mean approach speed, the crank angle of the last impact and the peak
+acceleration; the last four periods are kept. A new regime is reported once two successive periods agree on
+it, so that a single outlier does not change the report. Below its slowest speed the crank ends no period:
+there is no regime, and the decision starts anew.
 """
 
 import math
@@ -18,20 +19,20 @@ NO_PHASE_RAD = 0.0
 EQUAL_SPEED = 0.15
 """Relative difference of approach speeds up to which two periods count as alike; a rise changes 5 %."""
 GRAZING_M_S = 0.05
-"""Slower impacts decide nothing."""
+"""Mean approach speed below which the regime of periods with impacts is uncertain."""
 CHATTERING_IMPACTS = 4
-"""In a period."""
+"""Smallest number of impacts in a period of chattering."""
 STILL_M_S2 = 0.6
-"""Peak of a striker that sticks: bias and noise."""
+"""Largest acceleration of a stuck striker: bias and noise."""
 LONGEST_PERIOD_S = 6.0
 SLOWEST_RAD_S = 2.0 * math.pi / LONGEST_PERIOD_S
-"""A crank that turns forward more slowly than this 1 rad/s, or backward, stands: there is no regime."""
+"""Slowest crank speed with a regime, 1 rad/s; a slower or backward crank counts as standing."""
 AGREEING_PERIODS = 2
-"""Before a new regime is reported."""
+"""Successive periods that must agree before a new regime is reported."""
 
 
 class Period(NamedTuple):
-    """One drive period in short. `speed_m_s` is the mean approach speed, 0 without an impact."""
+    """Summary of one drive period. `speed_m_s` is the mean approach speed, 0 without an impact."""
 
     impacts: int
     speed_m_s: float
@@ -81,7 +82,7 @@ def alike(one: Period, other: Period) -> bool:
 def decide(  # noqa: PLR0911 - a table, read top to bottom
     last: Period, second: Period, third: Period, fourth: Period
 ) -> Regime:
-    """The regime that the last four periods, newest first, speak for."""
+    """The regime according to the last four periods, newest first."""
     impacts = last.impacts + second.impacts + third.impacts + fourth.impacts
     if last.impacts + second.impacts == 0 and (third.impacts + fourth.impacts == 0 or impacts == 0):
         still = last.peak_m_s2 < STILL_M_S2 and second.peak_m_s2 < STILL_M_S2
@@ -93,7 +94,7 @@ def decide(  # noqa: PLR0911 - a table, read top to bottom
     if last.impacts > 0 and alike(last, second):
         return Regime.IMPACT
     if last.impacts == 1 and second.impacts == 1 and third.impacts == 1:
-        # One impact a period whose strength alternates repeats after two.
+        # One impact per period with an alternating speed is an orbit of period two.
         alternating = alike(last, third) and alike(second, fourth)
         return Regime.PERIOD_N if alternating else Regime.IMPACT
     if alike(last, third) or alike(last, fourth):
@@ -125,12 +126,12 @@ def step(
     acceleration_m_s2: float,
     ended: bool,
 ) -> RegimeState:
-    """One sample. `age_s` is the time from touch-down to the crank angle given.
+    """One sample. `age_s` is the time from touch-down to the given crank angle.
 
-    `ended`: a period ended with a sample that has waited with this one.
+    `ended`: a period ended with an earlier sample of the same tick.
     """
     if not omega_rad_s >= SLOWEST_RAD_S:
-        return INITIAL._replace(angle_rad=angle_rad)  # nothing is known of a crank that stands
+        return INITIAL._replace(angle_rad=angle_rad)  # no regime while the crank stands
     turned = state.angle_rad > 1.5 * math.pi and angle_rad < 0.5 * math.pi
     phase_rad = wrap_pi(angle_rad - omega_rad_s * age_s - 0.5 * math.pi)
     running = state.running

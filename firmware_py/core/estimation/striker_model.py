@@ -7,11 +7,11 @@ from firmware_py.core.elementary import sin
 from firmware_py.core.estimation.kalman import Transition
 
 PULL_FACTOR = 1.5
-"""A reading beyond this many times the nominal spring's hardest pull is not the spring's."""
+"""A reading beyond this many times the nominal spring's largest acceleration is due to the stop."""
 
 
 class NominalStriker(NamedTuple):
-    """The firmware's nominal striker, by unit of mass; the plant's truth may differ."""
+    """The firmware's nominal striker, forces per unit of mass; the plant's true values may differ."""
 
     stiffness_1_s2: float
     damping_1_s: float
@@ -34,13 +34,13 @@ def model_acceleration(config: NominalStriker, angle_rad: float, x_m: float, v_m
 
 
 def is_of_the_stop(striker: NominalStriker, reading_m_s2: float) -> bool:
-    """Whether only the stop can push so hard: nowhere before it does the spring pull as much."""
+    """Whether only the stop can cause this reading: it exceeds the spring's pull anywhere in the travel."""
     travel_m = striker.stop_m - striker.rest_length_m + striker.amplitude_m
     return reading_m_s2 < -PULL_FACTOR * (striker.stiffness_1_s2 * travel_m + striker.dry_m_s2)
 
 
 def free_flight(stiffness_1_s2: float, damping_1_s: float, dt_s: float) -> Transition:
-    """exp(F dt) of x'' = −(c/m) x − (b/m) x', in closed form for weak, critical and strong damping."""
+    """exp(F dt) of x'' = −(c/m) x − (b/m) x', in closed form for under-, critical and overdamping."""
     sigma = 0.5 * damping_1_s
     square = stiffness_1_s2 - sigma * sigma
     decay = math.exp(-sigma * dt_s)

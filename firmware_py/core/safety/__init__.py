@@ -1,1 +1,1 @@
-"""What may never depend on the control law: monitors, supervisor, the drive's axis."""
+"""Safety functions, independent of the control law: monitors, supervisor, the drive's axis."""

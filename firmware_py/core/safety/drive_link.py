@@ -1,14 +1,14 @@
-"""The drive's axis: what is requested of it, what was sent, and what a fresh heartbeat has confirmed.
+"""The drive's axis: the state requested, the frames sent, and the confirmation by a fresh heartbeat.
 
     step(config, state, mode, drive, encoder, asks_clear, elapsed_ticks) -> (state, frame)
 
 The mode alone decides the request: only SOFT_START closes the axis, E_STOP stops the drive, RUN and STOPPING
-leave the axis as it is, every other mode opens it. A new request drops the frames of the one before, so no
-arming frame outlives SOFT_START. The frames of a request are repeated until a heartbeat that was received at
-least `answer_ticks` after the request agrees with it, and again as soon as that heartbeat is stale: a
-heartbeat that was on its way when the request left says nothing about it.
+leave the axis as it is, every other mode opens it. A new request drops the frames of the previous request, so
+no arming frame is sent after SOFT_START. The frames of a request are repeated until a heartbeat that was
+received at least `answer_ticks` after the request agrees with it, and again as soon as that heartbeat is
+stale. An earlier heartbeat may have been sent before the drive received the request.
 
-A tick sends the torque and at most one other frame; the frame chosen here comes before everything that waits.
+A tick sends the torque and at most one other frame; the frame chosen here precedes all waiting frames.
 """
 
 from enum import IntEnum
@@ -31,20 +31,20 @@ from firmware_py.interface.enums import (
 )
 
 REPEAT_S = 0.020
-"""Period of IDLE and E-stop while they are unconfirmed, and the shortest time to a heartbeat that answers."""
+"""Period of IDLE and E-stop until they are confirmed; also the shortest time to a confirming heartbeat."""
 
 ARM_S = 0.050
 """Period of the arming frames, and of Clear_Errors."""
 
 RE_ZERO_S = 1.0
 RE_ZERO_REV = 64.0
-"""A position beyond is brought back at rest: a float32 resolves 0.003° here, 0.36° after an hour at 4 Hz."""
+"""At rest, a position beyond this is reset: a float32 resolves 0.003° here, 0.36° after an hour at 4 Hz."""
 
 STILL_REV_S = 0.02
 
 
 class DriveFrame(IntEnum):
-    """The frame that leaves for the drive besides the torque."""
+    """The frame that is sent to the drive in addition to the torque."""
 
     NOTHING = 0
     ESTOP = 1
@@ -57,9 +57,9 @@ class DriveFrame(IntEnum):
 
 
 class AxisRequest(IntEnum):
-    """What is requested of the axis. KEEP: no frame, the axis stays as it is.
+    """The state requested of the axis. KEEP: no frame, the axis stays as it is.
 
-    OPEN at rest, DISARM on a fault: each begins with IDLE, and each asks for an answer of its own.
+    OPEN at rest and DISARM on a fault both send IDLE; each needs its own confirmation.
     """
 
     OPEN = 0
@@ -70,7 +70,7 @@ class AxisRequest(IntEnum):
 
 
 class DriveLinkConfig(NamedTuple):
-    """Limits that the drive is given before it closes its loop, and times in ticks.
+    """Limits sent to the drive before it closes its loop, and times in ticks.
 
     A heartbeat older than `fresh_ticks` confirms nothing.
     """
@@ -85,10 +85,10 @@ class DriveLinkConfig(NamedTuple):
 
 
 class DriveLinkState(NamedTuple):
-    """`place` counts the frames of this round that have left.
+    """The axis request and its progress. `place` counts the frames of this round that have been sent.
 
-    `request_ticks`, `round_ticks`, `service_ticks`: since the request began, since its first frame last left,
-    and since the last Clear_Errors or Set_Absolute_Position.
+    `request_ticks`, `round_ticks`, `service_ticks`: time since the request began, since its first frame was
+    last sent, and since the last Clear_Errors or Set_Absolute_Position.
     """
 
     request: AxisRequest
@@ -103,7 +103,7 @@ INITIAL = zeroed(DriveLinkState, request=AxisRequest.OPEN, service_ticks=NEVER_T
 
 
 def requested(mode: Mode) -> AxisRequest:
-    """What `mode` requests of the axis."""
+    """The axis request of `mode`."""
     if mode == E_STOP:
         return AxisRequest.STOP
     if mode == SOFT_START:
@@ -116,7 +116,7 @@ def requested(mode: Mode) -> AxisRequest:
 
 
 def frame_at(request: AxisRequest, place: int) -> DriveFrame:
-    """The frame at a place of a round of `request`; NOTHING beyond its last."""
+    """The frame at position `place` in a round of `request`; NOTHING after the last frame."""
     if request in (AxisRequest.OPEN, AxisRequest.DISARM) and place == 0:
         return DriveFrame.IDLE
     if request == AxisRequest.STOP and place <= 1:
@@ -142,7 +142,7 @@ def step(
     asks_clear: bool,
     elapsed_ticks: int,
 ) -> tuple[DriveLinkState, DriveFrame]:
-    """One tick; `mode` is the one after this tick's transition, `asks_clear` a fresh CLEAR_FAULTS."""
+    """One tick. `mode`: after this tick's transition. `asks_clear`: the operator requests CLEAR_FAULTS."""
     request = requested(mode)
     begins = request != state.request
     request_ticks = 0 if begins else min(state.request_ticks + elapsed_ticks, NEVER_TICKS)

@@ -1,7 +1,7 @@
-"""What can be wrong: a watchdog for each input, plausibility of the drive's data, limits on measured values.
+"""Fault detection: a watchdog for each input, plausibility of the drive's data, limits on measured values.
 
-Every limit is written so that a NaN counts as beyond it. A condition that may pass for a moment has to hold
-for its time; the first fault found, in order of the list, is reported.
+Every limit is written so that NaN violates it. A condition that may occur briefly without a fault must last
+for its own duration; if several faults are found, the first in the order of the code is reported.
 """
 
 import math
@@ -15,31 +15,31 @@ from firmware_py.core.records import zeroed
 from firmware_py.interface.enums import CLOSED_LOOP, MOVING, NO_FAULT, STOPPING, Fault, Mode
 
 LONGEST_GAP_S = 0.010
-"""Gaps in the samples up to this are ridden through, however many come; beyond, the speed loop swings."""
+"""Longest gap in the samples that is tolerated any number of times; longer ones make the speed loop swing."""
 GAPS = 3
-"""Longer ones in a row, with no `LONGEST_GAP_S` of samples between them: samples come in bundles."""
+"""Number of longer gaps, with less than `LONGEST_GAP_S` of samples between them, that is a fault."""
 
 TURNING_RAD_S = 5.0
-"""From here on the striker's acceleration changes by more than a count from one sample to the next."""
+"""Crank speed above which two successive accelerometer samples differ by more than one count."""
 
 
 RUNAWAY_RAD_S = 5.0
-"""Faster than its target by half the natural frequency; a lagging encoder costs 4 rad/s."""
+"""Speed above the target that is a runaway: half the natural frequency; a lagging encoder causes 4 rad/s."""
 RUNAWAY_S = 0.1
 
 IMPLAUSIBLE_SHARE = 0.25
-"""Of the greatest torque: 300 rad/s² with the default motor. A lagging encoder shows as much for 8 ms."""
+"""Share of the torque limit: 300 rad/s² with the default motor. A lagging encoder causes that for 8 ms."""
 IMPLAUSIBLE_S = 0.02
 
 MOVES_AGAIN = 1.5
-"""Over the limit of a standstill: noise, of which one count of the encoder makes a tenth, does not end it."""
+"""Factor on the limit above which a standstill ends: noise, a tenth of it for an encoder count, does not."""
 
 STOP_MARGIN_S = 1.0
-"""Beyond the time that a stop takes, for its standstill to be seen."""
+"""Time after the longest stop in which the standstill must be detected."""
 
 
 class Watchdogs(NamedTuple):
-    """The longest silence of each source, in ticks; of the gait's sensors 0 where nothing follows them."""
+    """Longest silence of each source, in ticks. `gait_ticks` is 0 if the crank does not follow the gait."""
 
     sensor_ticks: int
     encoder_ticks: int
@@ -51,7 +51,7 @@ class Watchdogs(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Two-sided where both sides can fail."""
+    """Limits on measured and estimated quantities; two-sided where both sides can fail."""
 
     overspeed_rad_s: float
     current_a: float
@@ -68,9 +68,9 @@ class Limits(NamedTuple):
 
 
 class MonitorConfig(NamedTuple):
-    """`…_ticks`: how long a condition has to hold. `parameters_damaged`: these are none to move by.
+    """`…_ticks`: duration before a condition counts. `parameters_damaged`: the firmware must not arm.
 
-    `takeover_rad_s`: no crank that has been faster within the last `takeover_ticks` is taken over.
+    `takeover_rad_s`: a start waits until the crank has been slower than this for `takeover_ticks`.
     """
 
     watchdogs: Watchdogs
@@ -91,9 +91,10 @@ class MonitorConfig(NamedTuple):
 
 
 class MonitorState(NamedTuple):
-    """For how long each condition has held, in ticks; `freewheel_ticks`: until the crank may be taken over.
+    """Duration of each condition, in ticks. `freewheel_ticks`: time until a start may take over the crank.
 
-    `silent_ticks`: since the last sample; `gaps`: long ones, which count for another `unsteady_ticks`.
+    `silent_ticks`: time since the last sample. `gaps`: number of long gaps; it returns to 0 after
+    `unsteady_ticks` of samples.
     """
 
     frozen_ticks: int
@@ -117,9 +118,9 @@ class MonitorState(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What the supervisor decides on. `watchdog` and `limit` hold the first fault of their kind, or NONE.
+    """The supervisor's inputs. `watchdog`, `limit` and `drive`: the first fault of each kind, or NONE.
 
-    `freewheel_overspeed`: the crank turns, or has just turned, too fast to be taken over.
+    `freewheel_overspeed`: the crank is, or was a moment ago, too fast for a start to take it over.
     """
 
     watchdog: Fault
@@ -138,7 +139,7 @@ INITIAL = zeroed(MonitorState)
 def watchdog_fault(
     config: Watchdogs, state: MonitorState, inputs: Inputs, crank: CrankState, estimate: EstimatorState
 ) -> Fault:
-    """The first source that has been silent, sent no numbers, or but one again and again, for too long."""
+    """The fault of the first source that is stale, not finite or repeating for too long, or NONE."""
     if (
         inputs.accelerometer.age_ticks > config.sensor_ticks
         or estimate.sensor.missed_ticks > config.sensor_ticks
@@ -157,7 +158,7 @@ def watchdog_fault(
 
 
 def is_overspeed(limits: Limits, inputs: Inputs, crank: CrankState) -> bool:
-    """Whether the crank turns too fast, or the drive says so by far."""
+    """Whether the estimated speed exceeds its limit, or the drive's own exceeds 1.5 times the limit."""
     return not (
         abs(crank.omega_rad_s) <= limits.overspeed_rad_s
         and abs(TAU * inputs.encoder.velocity_rev_s) <= 1.5 * limits.overspeed_rad_s
@@ -171,7 +172,7 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
     impulse_n_s: float,
     peak_m_s2: float,
 ) -> Fault:
-    """The first measured quantity beyond its limit."""
+    """The fault of the first quantity beyond its limit, or NONE."""
     limits = config.limits
     power = inputs.power
     if state.frozen_ticks > config.watchdogs.frozen_ticks:
@@ -203,7 +204,7 @@ def limit_fault(  # noqa: PLR0911 - a table, read top to bottom
 
 
 def drive_fault(config: Watchdogs, state: MonitorState, inputs: Inputs) -> Fault:
-    """Whether the drive reports an error, neither closes nor opens its axis, or has disarmed itself."""
+    """DRIVE_ERROR if the drive reports an error, does not close or open its axis, or has disarmed itself."""
     if inputs.drive.axis_error != 0:
         return Fault.DRIVE_ERROR
     if state.enabled and inputs.drive.axis_state != CLOSED_LOOP:
@@ -225,10 +226,10 @@ def step(
     target_omega_rad_s: float,
     load_known: bool,
 ) -> tuple[MonitorState, Findings]:
-    """One tick; `mode` and `target_omega_rad_s` are those of the tick before.
+    """One tick. `mode` and `target_omega_rad_s` are those of the previous tick.
 
-    `impulse_n_s` and `peak_m_s2` are of the impact that has just ended, 0 if none has.
-    `load_known`: the estimate gives the spring a stretch that a striker can give it.
+    `impulse_n_s` and `peak_m_s2` belong to an impact that has ended in this tick; 0 if there is none.
+    `load_known`: the estimated stretch of the spring is within its limit.
     """
     n = inputs.elapsed_ticks
     limits = config.limits
@@ -236,12 +237,12 @@ def step(
     encoder = inputs.encoder
     moving = mode in MOVING
     closed = inputs.drive.axis_state == CLOSED_LOOP
-    # Frozen: the drive goes on reporting a speed, but the position does not move with it.
+    # Frozen: the drive reports a speed, but its position does not change.
     frozen = encoder.position_rev == state.position_rev and abs(TAU * encoder.velocity_rev_s) > 0.5
     frozen_ticks = state.frozen_ticks
     if encoder.age_ticks == 0:
         frozen_ticks = frozen_ticks + n if frozen else 0
-    # Stuck: no accelerometer reads the same to the last count while the crank shakes the striker.
+    # Stuck: while the crank shakes the striker, no working accelerometer repeats a reading to the last count.
     low_m_s2 = inputs.accelerometer.low_m_s2
     stuck = low_m_s2 == state.low_m_s2 and abs(crank.omega_rad_s) > TURNING_RAD_S
     stuck_ticks = state.stuck_ticks

@@ -1,10 +1,10 @@
-"""Which mode the firmware is in, and why: one pure transition function.
+"""The firmware's mode and its reason: one pure transition function.
 
-Nothing moves at power-up: INIT waits until every input is fresh and the drive is well, READY until the
-operator has been seen asking for IDLE, the drive has confirmed that its axis is idle and the crank is slow
-enough to be taken over, and only then does RUN start. A fault stays latched with its first reason, and so
-does an E-stop; both end only by a CLEAR_FAULTS that was given after them and whose cause is gone, and end in
-INIT, from where the whole path to motion is gone again. Clearing never arms.
+Nothing moves at power-up. INIT waits until every input is fresh and the drive has no error. READY waits until
+the operator has requested IDLE, the drive has confirmed that its axis is idle, and the crank is slow enough
+to be taken over; only then does a RUN request start the motor. A fault is latched with its first reason, and
+so is an E-stop. Both are cleared only by a CLEAR_FAULTS that the operator sends afterwards, once the cause
+has gone, and lead to INIT, so that all conditions of a start are checked again. Clearing never arms.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from firmware_py.interface.enums import (
 
 
 class Conditions(NamedTuple):
-    """All that a transition depends on. `fault` is the one that counts in this mode, or NONE."""
+    """All inputs of a transition. `fault` is the fault that counts in this mode, or NONE."""
 
     estop: bool
     fault: Fault
@@ -50,7 +50,10 @@ class Conditions(NamedTuple):
 
 
 class SupervisorState(NamedTuple):
-    """`idle_seen` in READY, `clear_armed` in FAULT and E_STOP: the operator has let go since."""
+    """Mode and latched reason. `idle_seen`: IDLE was requested in READY.
+
+    `clear_armed`: since the latch, the operator has sent a request other than CLEAR_FAULTS.
+    """
 
     mode: Mode
     fault: Fault
@@ -95,12 +98,12 @@ def transition(mode: Mode, conditions: Conditions) -> Mode:  # noqa: PLR0911 - a
 
 
 def counting_fault(mode: Mode, findings: Findings, start_failed: bool) -> Fault:  # noqa: PLR0911 - a table
-    """Which of the findings is a fault in `mode`.
+    """The finding that is a fault in `mode`, or NONE.
 
-    Damaged parameters are one from power-up on, which only a start with good ones ends. Silence is one only
-    where something moves; before, it keeps the firmware out of READY. So is overspeed: a free crank that the
-    swinging striker drives too fast is no fault. In FAULT and E_STOP the answer says
-    what still stands against clearing; a drive's error does not, as clearing is its cure.
+    Damaged parameters are a fault from power-up on; only a power-up with valid parameters ends it. A stale
+    input is a fault only in motion; before, it keeps the firmware out of READY. Overspeed is a fault only in
+    motion, too: the swinging striker may drive a free crank faster. In FAULT and E_STOP the result is the
+    reason against clearing; a drive's error is none, because clearing resets it.
     """
     moving = mode in MOVING
     latched = mode in LATCHED
@@ -137,9 +140,9 @@ def step(
     start_failed: bool,
     elapsed_ticks: int,
 ) -> SupervisorState:
-    """One tick: the new mode, the reason that stays latched, and what the operator has let go of.
+    """One tick: the new mode, the latched reason, and the requests seen since the mode began.
 
-    `disarm_reason` is that of an error that still stands, else 0.
+    `disarm_reason` belongs to an error that is still active, else it is 0.
     """
     mode = state.mode
     operator_fresh = not findings.operator_lost
@@ -171,7 +174,7 @@ def step(
         reason = NO_FAULT
         reason_of_drive = 0
     if reason == Fault.DRIVE_ERROR and reason_of_drive == 0:
-        # The drive says that it is in error before it says why.
+        # The drive reports an error before it reports the reason.
         reason_of_drive = disarm_reason
     stays = new_mode == mode
     idle = operator_fresh and request == ASKS_IDLE
