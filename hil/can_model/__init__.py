@@ -1,4 +1,4 @@
-"""A CAN bus in integer bit times: arbitration, exact lengths, errors and what they do to the nodes."""
+"""A CAN bus in integer bit times: arbitration, exact frame lengths, errors and fault confinement."""
 
 from hil.can_model.fault_confinement import ErrorCounters, ErrorState
 from hil.can_model.in_process import ModelledInProcessBus, ModelledNode

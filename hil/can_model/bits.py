@@ -5,9 +5,9 @@ inserts one of the other value, and an inserted bit counts towards the next five
 acknowledgement, end of frame and intermission follow unstuffed (Bosch, "CAN Specification 2.0", 1991,
 part A, sections 3.1 and 5; ISO 11898-1). 0 is the dominant level, 1 the recessive one.
 
-The usual bound on a frame's length, 55 + 10·n bits for n data bytes, is never reached: RTR, IDE and r0 are
-dominant, the length code is what it is, and the checksum belongs to the rest. A complete search over all
-identifiers and data gives 53, 62, 72, 83, 93, 102, 113, 124 and 133 bits for n = 0 … 8.
+The usual bound on a frame's length, 55 + 10·n bits for n data bytes, is never reached: RTR, IDE, r0 and the
+length code are fixed, and the checksum depends on the other bits. A complete search over all identifiers
+and data gives 53, 62, 72, 83, 93, 102, 113, 124 and 133 bits for n = 0 … 8.
 """
 
 from functools import cache
@@ -21,7 +21,7 @@ CRC_BITS = 15
 CRC_MASK = 0x7FFF
 
 STUFF_RUN = 5
-"""Equal bits after which one of the other value is inserted."""
+"""Number of equal bits after which a bit of the opposite value is inserted."""
 
 DELIMITERS_AND_ACK_BITS = 3
 """Checksum delimiter, acknowledgement slot, acknowledgement delimiter."""
@@ -33,13 +33,13 @@ TAIL_BITS = DELIMITERS_AND_ACK_BITS + END_OF_FRAME_BITS
 BITS_BEFORE_DATA = 19
 """Start bit to length code."""
 ARBITRATION_BITS = 13
-"""Start bit, identifier and RTR, before stuffing: where several nodes may still be sending."""
+"""Start bit, identifier and RTR, before stuffing: the part in which several nodes may send."""
 
 NS_PER_S = 1_000_000_000
 
 
 class BitRateError(ValueError):
-    """A bit rate that CAN or integer nanoseconds cannot do."""
+    """A bit rate outside CAN's range, or with a bit time that is not a whole number of nanoseconds."""
 
 
 def bit_ns_of(bitrate: int) -> int:
@@ -57,7 +57,7 @@ def bit_ns_of(bitrate: int) -> int:
 
 
 def crc15(bits: tuple[int, ...], register: int = 0) -> int:
-    """Return the frame's checksum over unstuffed `bits`; `register` continues from bits that went before.
+    """Return the checksum over unstuffed `bits`; `register` continues from preceding bits.
 
     >>> check = tuple(byte >> shift & 1 for byte in b"123456789" for shift in range(7, -1, -1))
     >>> hex(crc15(check))
@@ -72,7 +72,7 @@ def crc15(bits: tuple[int, ...], register: int = 0) -> int:
 
 
 def stuffed(bits: tuple[int, ...]) -> tuple[int, ...]:
-    """Return `bits` with the stuff bits inserted, the one after a last run of five included.
+    """Return `bits` with the stuff bits inserted, including the one after a final run of five.
 
     >>> stuffed((1, 1, 1, 1, 1, 0, 0, 0, 0))
     (1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1)
@@ -118,12 +118,12 @@ def wire_bits(frame: Frame) -> tuple[int, ...]:
 
 
 def arbitration_length(frame: Frame) -> int:
-    """Return the wire bits up to and with RTR, stuff bits among them included."""
+    """Return the number of wire bits up to and including RTR, with stuff bits."""
     return len(stuffed(unstuffed_bits(frame)[:ARBITRATION_BITS]))
 
 
-# What follows computes the same lengths from tables, for models that send millions of frames. The state of
-# the stuffing rule is the value of the last wire bit and how many of its kind stand in a row: 2 · run + bit.
+# The functions below compute the same lengths from tables, for models that send millions of frames. The state
+# of the stuffing rule is 2 · run + bit: the last wire bit and the number of equal bits in a row up to it.
 
 _STATES = 2 * STUFF_RUN
 _STATE_BITS = 4
@@ -131,7 +131,7 @@ _STATE_MASK = (1 << _STATE_BITS) - 1
 
 
 class _Tables(NamedTuple):
-    """By what has gone before and the next bits: new state, and above its 4 bits the stuff bits inserted."""
+    """Tables by state and next bits. A stuffing entry: the new state, and above its 4 bits the stuff bits."""
 
     crc: tuple[int, ...]  # checksum register's change, by its upper 8 bits xor the next byte
     byte: tuple[int, ...]  # by state << 8 | byte

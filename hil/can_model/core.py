@@ -1,12 +1,12 @@
-"""The bus as a pure function of its state: queue a frame, let time pass. All times are whole bit times.
+"""The bus model as pure functions of its state: queue a frame, advance the time in whole bit times.
 
-A frame starts once the bus is idle, the lowest identifier among the nodes' first frames wins, and what has
-started is not interrupted: `advance` decides every start before the time it is given, `queue` adds frames at
-that time. Nodes are numbered.
+A frame starts when the bus is idle, the lowest identifier among the nodes' first frames wins, and a started
+frame is not interrupted. `advance` computes all frames that start before a given time, and `queue` adds
+frames at that time. Nodes have numbers.
 
 Simplifications: all nodes share one bit grid; there are no overload and no remote frames; a node that is
-switched off while its frame is on the wire finishes it; an error-passive node is done with an error when
-the others are, where a real one may need up to 6 bits more of silence.
+switched off while its frame is on the wire completes the frame; an error-passive node completes its error
+signalling with the others, where a real node may need up to 6 more recessive bits.
 """
 
 from bisect import bisect
@@ -22,7 +22,7 @@ ABOVE_ALL_IDS = 0x800
 
 
 def queue(state: BusState, node: int, frame: Frame, depth: int) -> BusState:
-    """Return the state with `frame` queued at `node` now; a node keeps `depth` frames at most."""
+    """Return the state with `frame` queued at `node` now; a node's queue holds at most `depth` frames."""
     sender = state.nodes[node]
     if sender.sequences_left or len(sender.queue) >= depth:
         return with_node(state, node, sender._replace(lost=sender.lost + 1))
@@ -34,9 +34,9 @@ def queue(state: BusState, node: int, frame: Frame, depth: int) -> BusState:
 
 
 def advance(state: BusState, until_bit: int) -> tuple[BusState, list[Arrival]]:
-    """Let time pass until `until_bit`; give the frames that started before it, even if they end later."""
+    """Advance to `until_bit`; return the frames that start before it, even if they end later."""
     arrivals: list[Arrival] = []
-    if until_bit == state.now_bit:  # all that starts before it is decided
+    if until_bit == state.now_bit:  # all frames that start before it are computed
         return state, arrivals
     while True:
         start_bit = _next_start(state)
@@ -51,7 +51,7 @@ def advance(state: BusState, until_bit: int) -> tuple[BusState, list[Arrival]]:
 
 
 def switch_off(state: BusState, node: int) -> BusState:
-    """Return the state with `node` bus-off from now on; it recovers as after errors of its own."""
+    """Return the state with `node` bus-off from now on; it recovers as from bus-off by its own errors."""
     return with_node(state, node, switched_off(state.nodes[node], state.now_bit))
 
 
@@ -59,7 +59,7 @@ def switch_off(state: BusState, node: int) -> BusState:
 
 
 def _next_start(state: BusState) -> int | None:
-    """Start of the next frame if no further frame is queued."""
+    """Start bit of the next frame if no further frame is queued; None if all queues are empty."""
     earliest: int | None = None
     for node in state.nodes:
         if node.queue and (earliest is None or node.silent_until_bit < earliest):
@@ -70,7 +70,7 @@ def _next_start(state: BusState) -> int | None:
 
 
 def _recovered(state: BusState, at_bit: int) -> tuple[NodeState, ...]:
-    """Nodes after the run of recessive bits up to `at_bit`; those that are off count its parts of 11."""
+    """The nodes after the recessive bits up to `at_bit`; bus-off nodes recover if these are sufficient."""
     nodes = list(state.nodes)
     for number, node in enumerate(nodes):
         if not node.sequences_left:
@@ -84,7 +84,7 @@ def _recovered(state: BusState, at_bit: int) -> tuple[NodeState, ...]:
 
 
 def _counted(state: BusState, start_bit: int) -> tuple[NodeState, ...]:
-    """Nodes at the start bit that ends a run of recessive bits."""
+    """The nodes at a start bit, with the runs of 11 recessive bits before it counted for bus-off nodes."""
     nodes = list(_recovered(state, start_bit))
     for number, node in enumerate(nodes):
         if node.sequences_left:
@@ -95,7 +95,7 @@ def _counted(state: BusState, start_bit: int) -> tuple[NodeState, ...]:
 
 
 def _transmit(state: BusState, start_bit: int) -> tuple[BusState, Arrival | None]:
-    """Return the state behind the frame that starts at `start_bit`, and the frame if anyone received it."""
+    """Return the state after the frame that starts at `start_bit`, and the frame if a node received it."""
     nodes = state.nodes
     can_id = ABOVE_ALL_IDS
     senders: list[int] = []

@@ -6,7 +6,7 @@ from hil.can_model.fault_confinement import ErrorCounters, ErrorState
 
 
 class NodeErrors(NamedTuple):
-    """One node's error counters, and what they allow it."""
+    """One node's error counters and error state."""
 
     transmit: int = 0
     receive: int = 0
@@ -14,7 +14,7 @@ class NodeErrors(NamedTuple):
 
 
 class BusErrorRecord(NamedTuple):
-    """At `t_s`: transmissions destroyed so far, which their senders repeat, and the nodes' counters."""
+    """Transmissions destroyed up to `t_s`, which their senders repeat, and the nodes' error counters."""
 
     t_s: float
     destroyed: int

@@ -1,7 +1,8 @@
 """Fault confinement of a CAN node: transmit and receive error counters, and its error state.
 
-Bosch, "CAN Specification 2.0", 1991, part A, section 7 (Fault Confinement); ISO 11898-1. Where the standard
-leaves room: a receive counter above 127 rises no further, and falls to 119 with the next frame received.
+Bosch, "CAN Specification 2.0", 1991, part A, section 7 (Fault Confinement); ISO 11898-1. Two values that the
+standard leaves open: a receive counter above 127 rises no further, and the next received frame sets it to
+119.
 """
 
 from enum import IntEnum
@@ -13,22 +14,22 @@ RECEIVE_COUNTER_AFTER_PASSIVE = 119
 
 RECOVERY_SEQUENCES = 128
 RECOVERY_RUN_BITS = 11
-"""A node that is off comes back after 128 runs of 11 recessive bits."""
+"""A bus-off node recovers after 128 runs of 11 recessive bits."""
 
 
 class ErrorState(IntEnum):
     """The error state of a node (ISO 11898-1)."""
 
     ERROR_ACTIVE = 0
-    """Everything; its error flags are dominant."""
+    """The node sends and receives; its error flags are dominant."""
     ERROR_PASSIVE = 1
-    """Send and receive; its error flags are recessive, and after sending it waits for 8 bits more."""
+    """The node sends and receives; its error flags are recessive, and after sending it waits 8 more bits."""
     BUS_OFF = 2
-    """Nothing."""
+    """The node neither sends nor receives."""
 
 
 class ErrorCounters(NamedTuple):
-    """One node's two counters."""
+    """A node's transmit and receive error counters."""
 
     transmit: int = 0
     receive: int = 0
@@ -44,7 +45,7 @@ class ErrorCounters(NamedTuple):
 
 
 def after_transmitting(counters: ErrorCounters) -> ErrorCounters:
-    """Return the counters of a node whose frame went through."""
+    """Return the counters of a node that has sent a frame without error."""
     return ErrorCounters(max(counters.transmit - 1, 0), counters.receive)
 
 
@@ -54,10 +55,10 @@ def after_transmit_error(counters: ErrorCounters) -> ErrorCounters:
 
 
 def after_missing_acknowledgement(counters: ErrorCounters, flag_met_dominant: bool) -> ErrorCounters:
-    """Return the counters of a sender that nobody has acknowledged.
+    """Return the counters of a sender whose frame no node has acknowledged.
 
-    An error-passive one whose flag nobody answered is not punished, so a node that is alone on the bus never
-    goes off.
+    The counters of an error-passive sender do not change if no node answered its flag, so a node that is
+    alone on the bus never goes bus-off.
     """
     if counters.error_state is ErrorState.ERROR_PASSIVE and not flag_met_dominant:
         return counters
@@ -74,8 +75,8 @@ def after_receiving(counters: ErrorCounters) -> ErrorCounters:
 def after_receive_error(counters: ErrorCounters, first_to_signal: bool) -> ErrorCounters:
     """Return the counters of a receiver that has seen an error.
 
-    The first to signal it sees the others' flags follow its own and is punished harder: the error is
-    probably its own.
+    The receiver that signals first sees the others' flags follow its own. Its counter rises by more, since
+    the error is probably its own.
     """
     if counters.receive >= PASSIVE_FROM:
         return counters

@@ -1,7 +1,7 @@
-"""The modelled bus for nodes that run in one process: each sends and receives as on any other bus.
+"""The modelled bus for nodes in one process, with the same interface to a node as any other bus.
 
-Time is handed in: `move_to` before the nodes' turn, then what they send is queued at that time, and what they
-receive has arrived by then.
+The caller sets the time by `move_to` before the nodes' steps: frames that they send are queued at that time,
+and frames that they receive have arrived by then.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from hil.can_model.modelled_bus import Delivery, ModelledBus
 
 
 class ModelledInProcessBus:
-    """A bus of named nodes; `model` takes the faults."""
+    """A modelled bus of named nodes; faults are set on `model`."""
 
     def __init__(self, names: Sequence[str], bitrate: int = 1_000_000) -> None:
         self.model = ModelledBus(names, bitrate)
@@ -24,7 +24,7 @@ class ModelledInProcessBus:
         return self._nodes[name]
 
     def move_to(self, t_ns: int) -> list[Delivery]:
-        """Let time pass until `t_ns`; hand out what has arrived, and return it with its times."""
+        """Advance to `t_ns`; deliver the frames that have arrived, and return them with their times."""
         self.t_ns = t_ns
         deliveries = self.model.deliver(t_ns)
         for delivery in deliveries:
@@ -34,7 +34,7 @@ class ModelledInProcessBus:
 
 
 class ModelledNode:
-    """One node's side. A node that never reads keeps what it has received."""
+    """One node's connection; received frames stay queued until the node reads them."""
 
     def __init__(self, bus: ModelledInProcessBus, name: str) -> None:
         self._bus = bus
@@ -43,7 +43,7 @@ class ModelledNode:
 
     @property
     def counters(self) -> BusCounters:
-        """Frames that the node could not queue, or that it threw away when it went off."""
+        """Number of frames that the node could not queue, or discarded when it went bus-off."""
         return BusCounters(unsent=self._bus.model.lost(self._name))
 
     def send(self, frame: Frame) -> None:
@@ -51,7 +51,7 @@ class ModelledNode:
         self._bus.model.submit(self._name, frame, self._bus.t_ns)
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """Queue frames now; the lowest identifier leaves first, whatever their order."""
+        """Queue frames now; they leave in the order of their identifiers, the lowest first."""
         for frame in frames:
             self._bus.model.submit(self._name, frame, self._bus.t_ns)
 
@@ -61,4 +61,4 @@ class ModelledNode:
         return received
 
     def wait(self, _: float) -> None:
-        """Nothing arrives while a node of the same process waits."""
+        """Return at once: no frame can arrive while a node of the same process waits."""

@@ -1,9 +1,9 @@
 """The bus's frames as streams for the response-time analysis, from `vibro.dbc` and the senders' limits.
 
 Period: `GenMsgCycleTime`, or for a frame sent on an event its smallest gap, `GenMsgDelayTime`. Deadline: the
-period, as a frame must be through before its successor is queued. Length: the bound of Davis et al. 2007,
-stuff bits and intermission included. A frame that two nodes send is two streams; one that no node of the
-bench sends is none.
+period, since a frame's transmission must end before its successor is queued. Length: the bound of Davis et
+al. 2007, including stuff bits and intermission. A frame with two senders is two streams; a frame that no node
+of the bench sends is none.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -30,22 +30,22 @@ TICK_NS = NS_PER_MS
 """The nodes' tick on CAN; a frame with this period is sent in every tick."""
 
 QUEUING_JITTER_NS = 100_000
-"""How late a node queues its frames. Loops under real-time scheduling wake 20 to 70 µs late in 99.9 % of
-their ticks, microcontrollers far less; later ones are counted as late, and such a run is not real-time."""
+"""Largest delay with which a node queues its frames. Loops under real-time scheduling wake 20 to 70 µs late
+in 99.9 % of their ticks, microcontrollers far less; a run with later wake-ups is marked as not real-time."""
 
 ALL_SENDERS = frozenset({"Drive", "Sensors", "Firmware", "Operator"})
 PACED_SENDERS = ALL_SENDERS
-"""Nodes that queue at most one frame a tick beside those of every tick."""
+"""Nodes that queue at most one frame per tick in addition to those of every tick."""
 
 ONE_ERROR = ErrorModel(burst=1, gap_ns=10 * NS_PER_MS)
-"""A disturbed line: one transmission destroyed at any time, then one every 10 ms."""
+"""A disturbed bus: one transmission destroyed at any time, then one every 10 ms."""
 
 NO_NODE = "Vector__XXX"
-"""The DBC's name for a sender that is no node of the bus."""
+"""Name in the DBC of a sender that is not a node of the bus."""
 
 
 class MessageSetError(ValueError):
-    """The DBC does not say what the analysis needs."""
+    """The DBC lacks an attribute that the analysis needs."""
 
 
 class Schedule(NamedTuple):
@@ -53,7 +53,7 @@ class Schedule(NamedTuple):
 
     bitrate: int
     load: float
-    """Part of the bus's time, with every event as often as it may come."""
+    """Share of the bus's time, with every event at its highest rate."""
     responses: list[Response]
 
     @property
@@ -63,7 +63,7 @@ class Schedule(NamedTuple):
 
     @property
     def schedulable(self) -> bool:
-        """Whether every frame is always through before its deadline."""
+        """Whether every frame's transmission always ends before its deadline."""
         return not self.late
 
 

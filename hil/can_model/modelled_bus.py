@@ -1,4 +1,4 @@
-"""The bus model for named nodes and times in nanoseconds: submit frames, ask for received frames."""
+"""The bus model for named nodes and times in nanoseconds: submit frames, collect delivered frames."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from hil.can_model.fault_confinement import ErrorCounters
 from hil.can_model.state import Arrival, BusState, Corruption, NodeState
 
 QUEUE_FRAMES = 64
-"""Largest number of frames in a node's driver and controller; beyond it the newest is lost."""
+"""Largest number of frames queued in a node's driver and controller; a further frame is lost."""
 
 
 class Delivery(NamedTuple):
-    """A frame at its end. `queued_ns` is when its sender queued it, in whole bits.
+    """A frame that has ended. `queued_ns`: the time at which its sender queued it, in whole bit times.
 
-    Another node that sent the very same bits at the same time is no receiver.
+    A second node that sent the same bits at the same time is not among the receivers.
     """
 
     t_ns: int
@@ -30,17 +30,17 @@ class BusFigures(NamedTuple):
     """Counts since the start."""
 
     frames: int
-    """Transmissions that went through."""
+    """Transmissions without error."""
     errors: int
-    """Transmissions that did not, or not for all."""
+    """Transmissions that failed for at least one node."""
     busy_ns: int
-    """Time taken by both, intermission included."""
+    """Bus time of all transmissions, including intermissions."""
     lost: int
-    """Frames that their node refused or threw away."""
+    """Frames that their node refused or discarded."""
 
 
 class Babbler(NamedTuple):
-    """A frame queued again and again."""
+    """A frame that a node queues periodically."""
 
     node: int
     frame: Frame
@@ -50,9 +50,9 @@ class Babbler(NamedTuple):
 
 
 class ModelledBus:
-    """A CAN bus of named nodes. The same calls give the same frames at the same times.
+    """A deterministic CAN bus of named nodes.
 
-    Time only moves forward: what was submitted at a time takes part in every arbitration from then on.
+    Time only moves forward: a frame takes part in every arbitration from its submission on.
     """
 
     def __init__(self, nodes: Sequence[str], bitrate: int = 1_000_000) -> None:
@@ -67,13 +67,13 @@ class ModelledBus:
         self._receivers: dict[tuple[int, ...], tuple[str, ...]] = {}
 
     def submit(self, node: str, frame: Frame, t_ns: int) -> None:
-        """Queue `frame` at `node`. A node that is off or full loses it."""
+        """Queue `frame` at `node`; it is lost if the node is bus-off or its queue full."""
         number = self._number(node)
         self._advance(t_ns)
         self._state = core.queue(self._state, number, frame, QUEUE_FRAMES)
 
     def deliver(self, until_ns: int) -> list[Delivery]:
-        """Return what has arrived since the last call, up to and with `until_ns`, in order."""
+        """Return the frames that have arrived since the last call and not after `until_ns`, in order."""
         self._advance(until_ns)
         arrived = self._under_way
         self._under_way = []
@@ -91,7 +91,7 @@ class ModelledBus:
         bit: int = 0,
         seen_by: str | None = None,
     ) -> None:
-        """Destroy transmissions, as `Corruption` says."""
+        """Destroy transmissions as described in `Corruption`."""
         deaf = None if seen_by is None else self._number(seen_by)
         corruption = Corruption(can_id, skip, hits, bit, deaf)
         if skip < 0 or hits < 1 or bit < 0:
@@ -99,15 +99,15 @@ class ModelledBus:
         self._state = self._state._replace(corruptions=(*self._state.corruptions, corruption))
 
     def end_corruption(self) -> None:
-        """Let all frames pass again."""
+        """End all disturbances."""
         self._state = self._state._replace(corruptions=())
 
     def switch_off(self, node: str) -> None:
-        """Make `node` go bus-off; it comes back by itself after 128 runs of 11 recessive bits."""
+        """Make `node` go bus-off; it recovers after 128 runs of 11 recessive bits."""
         self._state = core.switch_off(self._state, self._number(node))
 
     def babble(self, node: str, frame: Frame, period_ns: int, from_ns: int, until_ns: int) -> None:
-        """Let `node` queue `frame` every `period_ns`, from `from_ns` on and before `until_ns`."""
+        """Let `node` queue `frame` every `period_ns` from `from_ns` until before `until_ns`."""
         if period_ns < 1 or from_ns < self._state.now_bit * self._bit_ns:
             raise ValueError(
                 f"babbling every {period_ns} ns from {from_ns} ns; wanted a period of 1 ns or more and a "
@@ -115,14 +115,14 @@ class ModelledBus:
             )
         self._babblers.append(Babbler(self._number(node), frame, period_ns, from_ns, until_ns))
 
-    # --- looking ---------------------------------------------------------------------------------------
+    # --- figures ---------------------------------------------------------------------------------------
 
     def counters(self, node: str) -> ErrorCounters:
-        """The node's error counters, and with them its error state."""
+        """The node's error counters, which determine its error state."""
         return self._state.nodes[self._number(node)].counters
 
     def lost(self, node: str) -> int:
-        """Frames that the node has refused or thrown away."""
+        """Number of frames that the node has refused or discarded."""
         return self._state.nodes[self._number(node)].lost
 
     @property
@@ -157,7 +157,7 @@ class ModelledBus:
             self._under_way.append(self._delivery(arrival))
 
     def _let_babble(self, until_ns: int) -> None:
-        """Queue what babblers queue before `until_ns`, in the order of time."""
+        """Queue the babblers' frames that are due before `until_ns`, in order of time."""
         while self._babblers:
             index = min(range(len(self._babblers)), key=lambda i: self._babblers[i].next_ns)
             babbler = self._babblers[index]

@@ -2,13 +2,13 @@
 
 Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
 revised", Real-Time Systems 35:239–272, 2007: fixed priorities by identifier, transmission without preemption,
-and every instance within the busy period looked at, not the first alone as in the analysis of 1994 that the
-paper refutes. A response time runs from the instant that would have queued the frame, had its sender not been
-late, to the end of the frame and of the intermission behind it.
+and an analysis of every instance within the busy period, not only of the first as in the analysis of 1994
+that the paper refutes. A response time runs from the instant at which a punctual sender would have queued the
+frame to the end of the intermission after the frame.
 
-Beyond the paper, a sender may pace its frames: of those that share one `Pacing` it queues at most one within
-each slot. That bounds what they can do to others; the busy-period argument only asks for an upper bound on
-the frames queued within a window.
+In extension of the paper, a sender may pace its frames: of the streams that share one `Pacing` it queues at
+most one frame within each slot. This bounds their interference; the busy-period argument requires only an
+upper bound on the frames queued within a window.
 
 All times are integer nanoseconds, so that every ceiling is exact.
 """
@@ -20,28 +20,28 @@ from itertools import groupby
 from typing import NamedTuple
 
 ERROR_BITS = 31
-"""What an error costs at most beside the frame's repetition: two error flags of 6 bits one after the other,
-delimiter 8, intermission 3, and 8 more for which an error-passive sender keeps silent."""
+"""Largest cost of an error in bits, without the frame's repetition: two consecutive error flags of 6 bits,
+delimiter 8, intermission 3, and 8 bits for which an error-passive sender suspends transmission."""
 
 MAX_ITERATIONS = 100_000
 
 
 class SchedulabilityError(RuntimeError):
-    """The analysis did not come to an end."""
+    """The analysis did not converge."""
 
 
 class Pacing(NamedTuple):
-    """Frames with equal pacing share one place in every `slot_ns`."""
+    """A limit on streams: `sender` queues at most one of their frames in every `slot_ns`."""
 
     sender: str
     slot_ns: int
 
 
 class Stream(NamedTuple):
-    """Frames of one identifier and `length` data bytes from one sender; a lower identifier goes first.
+    """Frames of one identifier and `length` data bytes from one sender; a lower identifier has priority.
 
-    `period_ns` is the time between two frames, at least; `jitter_ns` how late the sender may queue one. It
-    queues them in their order.
+    `period_ns`: smallest time between two frames. `jitter_ns`: largest delay with which the sender queues a
+    frame. The sender queues its frames in order.
     """
 
     can_id: int
@@ -56,7 +56,7 @@ class Stream(NamedTuple):
 
 
 class ErrorModel(NamedTuple):
-    """Transmissions destroyed: `burst` of them at any time, and one more each `gap_ns`."""
+    """Destroyed transmissions: at most `burst` at any time, and one more in every `gap_ns`."""
 
     burst: int
     gap_ns: int
@@ -72,27 +72,27 @@ class Response(NamedTuple):
 
     @property
     def in_time(self) -> bool:
-        """Whether every frame is through before its deadline."""
+        """Whether every frame's transmission ends before its deadline."""
         return self.response_ns is not None and self.response_ns <= self.stream.deadline_ns
 
 
 def response_times(
     streams: Sequence[Stream], bit_ns: int, errors: ErrorModel | None = None
 ) -> list[Response]:
-    """Return every stream's worst case, in order of priority; no errors unless some are stated."""
+    """Return every stream's worst case, in order of priority; without `errors` no transmission fails."""
     order = sorted(streams, key=lambda stream: stream.can_id)
     return [_response(stream, order, bit_ns, errors) for stream in order]
 
 
 def load(streams: Sequence[Stream]) -> Fraction:
-    """Return the part of the bus's time that `streams` take in the long run."""
+    """Return the share of the bus's time that `streams` take in the long run."""
     total = Fraction(0)
     for pacing, members in _groups(streams):
         if pacing is None:
             total += sum(Fraction(member.transmission_ns, member.period_ns) for member in members)
             continue
         slots = Fraction(1, pacing.slot_ns)
-        for member in members:  # the longest take their places first
+        for member in members:  # the longest frames take the slots first
             taken = min(slots, Fraction(1, member.period_ns))
             total += taken * member.transmission_ns
             slots -= taken
@@ -111,7 +111,7 @@ def _groups(streams: Sequence[Stream]) -> list[tuple[Pacing | None, list[Stream]
 
 
 def _most_queued(period_ns: int, jitter_ns: int, window_ns: int) -> int:
-    """Return how often an event comes at most within `window_ns`, its first instant included."""
+    """Return the largest number of events within `window_ns`, including its first instant."""
     return -(-(window_ns + jitter_ns) // period_ns)
 
 
@@ -134,9 +134,9 @@ def _interference(groups: Sequence[tuple[Pacing | None, Sequence[Stream]]], wind
 
 
 def _response(stream: Stream, order: Sequence[Stream], bit_ns: int, errors: ErrorModel | None) -> Response:
-    # Two senders of one identifier wait for one another as for a higher priority.
+    # Two streams with the same identifier wait for each other as for a higher priority.
     higher = [other for other in order if other.can_id <= stream.can_id and other is not stream]
-    # One frame of lower priority may have just begun.
+    # A frame of lower priority may have just started.
     blocking_ns = max((other.transmission_ns for other in order if other.can_id > stream.can_id), default=0)
     unbounded = Response(stream, blocking_ns, 0, None)
     longest_ns = max(other.transmission_ns for other in (stream, *higher))
@@ -155,7 +155,7 @@ def _response(stream: Stream, order: Sequence[Stream], bit_ns: int, errors: Erro
     hp_groups = _groups(higher)
     hep_groups = _groups([*higher, stream])
 
-    # t = E(t) + B + Σ_{hep} ⌈(t + J)/T⌉ C   (the busy period)
+    # t = E(t) + B + Σ_{hep} ⌈(t + J)/T⌉ C   (busy period)
     busy_ns = stream.transmission_ns
     for _ in range(MAX_ITERATIONS):
         next_ns = lost_ns(busy_ns) + blocking_ns + _interference(hep_groups, busy_ns)
@@ -169,7 +169,7 @@ def _response(stream: Stream, order: Sequence[Stream], bit_ns: int, errors: Erro
     worst_ns = 0
     wait_ns = blocking_ns
     for instance in range(instances):
-        # w = E(w + C) + B + q C + Σ_{hp} ⌈(w + J + τ)/T⌉ C   (a wait never shrinks with q)
+        # w = E(w + C) + B + q C + Σ_{hp} ⌈(w + J + τ)/T⌉ C   (w never decreases with q)
         for _ in range(MAX_ITERATIONS):
             next_ns = (
                 lost_ns(wait_ns + stream.transmission_ns)
@@ -196,5 +196,5 @@ def _endless(stream: Stream) -> SchedulabilityError:
 
 
 def seconds(time_ns: int | None) -> float:
-    """Return nanoseconds in seconds; what nothing bounds is infinite."""
+    """Convert nanoseconds to seconds; None (unbounded) becomes infinity."""
     return math.inf if time_ns is None else time_ns * 1e-9

@@ -9,7 +9,7 @@ UNTOUCHED = ErrorCounters()
 
 
 class Pending(NamedTuple):
-    """A frame that waits; sorts by identifier, then by age."""
+    """A queued frame; frames sort by identifier, then by age."""
 
     can_id: int
     number: int
@@ -19,12 +19,12 @@ class Pending(NamedTuple):
 
 
 class Corruption(NamedTuple):
-    """Transmissions that a disturbance destroys, repetitions counted too.
+    """A disturbance that destroys transmissions; a repetition counts as a further transmission.
 
-    Of the transmissions with `can_id`, or of all, `skip` pass and the next `hits` are hit: `bit` bits after
-    their arbitration, or at the last bit of the frame if it is shorter. Hit in that last bit, a frame counts
-    for its receivers but not for its sender, and comes twice. Only the node `seen_by` sees it, where one is
-    named: it finds the checksum wrong, whatever the bit.
+    Of the transmissions with `can_id` (None: of all), `skip` pass and the next `hits` are disturbed, `bit`
+    bits after their arbitration or, in a shorter frame, at its last bit. A frame that is disturbed in its
+    last bit is valid for its receivers but not for its sender, so it arrives twice. If `seen_by` is a node,
+    only this node detects an error: it finds the checksum wrong, whatever `bit` is.
     """
 
     can_id: int | None = None
@@ -41,14 +41,14 @@ class NodeState(NamedTuple):
     counters: ErrorCounters = UNTOUCHED
     silent_until_bit: int = 0
     sequences_left: int = 0
-    """Runs of recessive bits that a node which is off still has to see; 0: it is on the bus."""
+    """Runs of 11 recessive bits that a bus-off node still has to see; 0: the node is on the bus."""
     counting_from_bit: int = 0
     lost: int = 0
-    """Frames refused or thrown away: queue full or node off."""
+    """Frames lost because the queue was full or the node bus-off."""
 
 
 class BusState(NamedTuple):
-    """The bus: everything that starts before `now_bit` is decided."""
+    """The state of the bus; all frames that start before `now_bit` are computed."""
 
     nodes: tuple[NodeState, ...]
     now_bit: int = 0
@@ -58,22 +58,21 @@ class BusState(NamedTuple):
     corruptions: tuple[Corruption, ...] = ()
     queued: int = 0
     frames: int = 0
-    """Transmissions that went through."""
+    """Transmissions without error."""
     errors: int = 0
-    """Transmissions that did not, or not for all."""
+    """Transmissions that failed for at least one node."""
     busy_bits: int = 0
 
 
 class Arrival(NamedTuple):
-    """A frame at its end: which nodes have sent it (more than one: the same bits at the same time), and which
-    have received it."""
+    """A frame that has ended, its senders (several if they sent equal frames at once) and its receivers."""
 
     bit: int
     senders: tuple[int, ...]
     receivers: tuple[int, ...]
     pending: Pending
     complete: bool = True
-    """Whether the senders know; if not, they repeat it."""
+    """Whether the senders have seen no error; otherwise they repeat the frame."""
 
 
 def with_node(state: BusState, number: int, node: NodeState) -> BusState:
@@ -82,7 +81,7 @@ def with_node(state: BusState, number: int, node: NodeState) -> BusState:
 
 
 def switched_off(node: NodeState, counting_from_bit: int) -> NodeState:
-    """Return the node bus-off: its queue is thrown away, and it counts recessive bits from then on."""
+    """Return the node bus-off, with an empty queue; it counts recessive bits from `counting_from_bit` on."""
     counters = ErrorCounters(max(node.counters.transmit, OFF_FROM), node.counters.receive)
     return node._replace(
         queue=(),

@@ -1,7 +1,7 @@
 """One transmission in full: several senders, disturbances, missing acknowledgement, and error counters.
 
-ISO 11898-1. A sender that meets another one with the same identifier is overruled in the first bit in which
-their frames differ, where it sends recessive: that is an error, as arbitration is over. Equal frames merge.
+ISO 11898-1. If two nodes send frames with the same identifier, the node that sends recessive is overruled in
+the first bit in which the frames differ. This is a bit error, since arbitration is over. Equal frames merge.
 """
 
 from collections.abc import Sequence
@@ -63,12 +63,12 @@ class Parts(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """An error: the frame's bit in which it is first seen, and the bits of all flags behind it."""
+    """An error: the bit of the frame in which it is detected first, and the length of all flags after it."""
 
     bit: int
     flag_bits: int
     dominant: bool = True
-    """Whether any flag shows on the wire."""
+    """Whether at least one of the flags is dominant."""
 
 
 class Outcome(NamedTuple):
@@ -81,7 +81,7 @@ class Outcome(NamedTuple):
 
 
 def transmit(state: BusState, start_bit: int, senders: Sequence[int]) -> tuple[BusState, Arrival | None]:
-    """Return the state behind the frame that `senders` start at `start_bit`; the frame, if it arrived."""
+    """Return the state after the frame that `senders` start at `start_bit`, and the frame if it arrived."""
     everyone = Parts(
         state.nodes,
         tuple(senders),
@@ -100,9 +100,10 @@ def transmit(state: BusState, start_bit: int, senders: Sequence[int]) -> tuple[B
 
 
 def _who_sends(everyone: Parts) -> tuple[Outcome | None, Parts]:
-    """Let senders of one identifier meet: the outcome if that destroys the frame, else those who go on.
+    """Resolve a collision of senders with the same identifier; return its outcome and the remaining senders.
 
-    An error-passive sender that is overruled cannot destroy the frame of the other.
+    The outcome is None if the frame is not destroyed: an overruled sender that is error-passive cannot
+    destroy the frame of the other.
     """
     parts = everyone
     while len({parts.pending(number).frame for number in parts.senders}) > 1:
@@ -125,7 +126,7 @@ def _who_sends(everyone: Parts) -> tuple[Outcome | None, Parts]:
 def _next_corruption(
     corruptions: Sequence[Corruption], can_id: int
 ) -> tuple[Corruption | None, tuple[Corruption, ...]]:
-    """Return the disturbance that hits a frame of `can_id`, if any, and what is left for later ones."""
+    """Return the disturbance of a frame with `can_id`, if any, and the disturbances left for later frames."""
     hit: Corruption | None = None
     left: list[Corruption] = []
     for corruption in corruptions:
@@ -141,7 +142,7 @@ def _next_corruption(
 
 
 def _outcome(parts: Parts, hit: Corruption | None) -> Outcome:
-    """Decide on a frame whose senders agree."""
+    """Return the outcome of a frame whose senders all send the same bits."""
     if hit is not None and hit.seen_by is None:
         return _disturbed(parts, hit.bit)
     deaf = hit.seen_by if hit is not None and hit.seen_by in parts.receivers else None
@@ -150,14 +151,14 @@ def _outcome(parts: Parts, hit: Corruption | None) -> Outcome:
         return _unacknowledged(parts, deaf)
     if deaf is not None and parts.any_active([deaf]):
         return _refused(parts, deaf)
-    counters = parts.receive_errors()  # all but the deaf one's are overwritten
+    counters = parts.receive_errors()  # all but those of the deaf node are overwritten
     counters |= {number: after_receiving(parts.nodes[number].counters) for number in acknowledging}
     counters |= {number: after_transmitting(parts.nodes[number].counters) for number in parts.senders}
     return Outcome(None, counters, acknowledging)
 
 
 def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
-    """A bit is inverted for all: the sender sees at once that it is not its own."""
+    """A bit is inverted for all nodes: its sender detects the bit error at once."""
     frame = parts.pending(parts.senders[0]).frame
     bit = disturbed_bit(frame, bits_after_arbitration)
     seen = seen_when_disturbed(frame, bit)
@@ -173,7 +174,7 @@ def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
 
 
 def _unacknowledged(parts: Parts, deaf: int | None) -> Outcome:
-    """Nobody has found the frame right: none is there, or the only one has not understood it."""
+    """No receiver acknowledges the frame: there is none, or the only one has received it with an error."""
     bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_SLOT
     answered = deaf is not None and parts.any_active([deaf])
     dominant = answered or parts.any_active(parts.senders)
@@ -186,7 +187,7 @@ def _unacknowledged(parts: Parts, deaf: int | None) -> Outcome:
 
 
 def _refused(parts: Parts, deaf: int) -> Outcome:
-    """One receiver finds the checksum wrong, and says so after the others' acknowledgement."""
+    """One receiver finds the checksum wrong, and signals the error after the others' acknowledgement."""
     bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_DELIMITER
     others = [number for number in (*parts.senders, *parts.receivers) if number != deaf]
     answered = parts.any_active(others)
@@ -197,7 +198,7 @@ def _refused(parts: Parts, deaf: int) -> Outcome:
 def _settled(
     state: BusState, start_bit: int, everyone: Parts, parts: Parts, outcome: Outcome
 ) -> tuple[BusState, Arrival | None]:
-    """Return the state once the bus is idle again, and the frame for those who have it."""
+    """Return the state when the bus is idle again, and the frame if a node has received it."""
     pending = parts.pending(parts.senders[0])
     failure = outcome.failure
     if failure is None:
@@ -235,7 +236,7 @@ def _settled(
 
 
 def _rested(node: NodeState, idle_from_bit: int) -> NodeState:
-    """A node that has sent, by its new counters: off, silent for a while, or ready."""
+    """Return a sender after its frame: by its new counters bus-off, suspended for a while, or ready."""
     error_state = node.counters.error_state
     if error_state is ErrorState.BUS_OFF:
         return switched_off(node, counting_from_bit=0)

@@ -1,1 +1,1 @@
-"""The simulated drive of the motor: its axis, its commands, its reports; pure steps."""
+"""The simulated motor drive as pure steps: its axis, commands and reports."""

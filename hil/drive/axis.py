@@ -1,9 +1,9 @@
 """The motor drive: an ODrive axis, as pure steps that run interpreted and compiled.
 
-Positive torque and position turn the crank forward. Only what an ODrive does with its commands is modelled:
+Positive torque and position turn the crank forward. The model covers an ODrive's reaction to its commands:
 torque mode and velocity mode with their limits, calibration, errors that disarm, and the command watchdog.
-What is not modelled ends in the protocol's own error. The plant turns torque into current. Frames become
-these calls in `hil.drive.node`.
+Commands that are not modelled end in the protocol's own error. The plant converts torque to current.
+`hil.drive.node` translates frames into these calls.
 
 Velocity mode is ODrive's controller: a proportional and an integrating term on the speed's error, beside the
 feed-forward; it runs once a tick, where an ODrive runs it 8,000 times a second.
@@ -22,7 +22,7 @@ PASSTHROUGH, VELOCITY_RAMP = 1, 2
 SUCCESS, BUSY, CANCELLED, DISARMED, ENCODER_MISMATCH, NO_END_STOP, INVALID_STATE = 0, 1, 2, 3, 5, 12, 13
 """ODrive's ProcedureResult; ENCODER_MISMATCH is its POLE_PAIR_CPR_MISMATCH."""
 UNDEFINED, VOLTAGE_CONTROL, INACTIVE = 0, 0, 0
-"""ODrive's AxisState, ControlMode and InputMode that stand for one it has no number for."""
+"""AxisState, ControlMode and InputMode that replace a requested number that ODrive does not define."""
 FULL_CALIBRATION = AxisState.FULL_CALIBRATION_SEQUENCE
 MOTOR_CALIBRATION = AxisState.MOTOR_CALIBRATION
 ENCODER_CALIBRATION = AxisState.ENCODER_OFFSET_CALIBRATION
@@ -32,7 +32,7 @@ TIME_RESOLUTION_S = 1e-9
 LARGEST_POSITION_REV = 1.0 - 2.0**-24
 """The largest float32 below 1."""
 INVERTER_SHARE = 0.25
-"""The inverter, on its heat sink, warms a quarter as much as the winding."""
+"""Temperature rise of the inverter, on its heat sink, as a share of the winding's temperature rise."""
 
 NO_ERROR = AxisError.NONE.value
 ESTOP_REQUESTED = AxisError.ESTOP_REQUESTED.value
@@ -46,7 +46,7 @@ _CALIBRATION_FAILED = AxisError.CALIBRATION_ERROR.value
 
 
 class DriveConfig(NamedTuple):
-    """The drive's configuration. Frames change nothing of it except, by `SetLimits`, the two limits."""
+    """The drive's configuration. The limits are initial values: the frame `SetLimits` changes them."""
 
     torque_constant_n_m_a: float
     resistance_ohm: float
@@ -54,30 +54,30 @@ class DriveConfig(NamedTuple):
     current_limit_a: float
     velocity_limit_rad_s: float
     watchdog_s: float = 0.05
-    """Without a command for this long the axis disarms: half of the 100 ms to a safe state."""
+    """Longest time without a command before the axis disarms: half of the 100 ms to a safe state."""
     velocity_tolerance: float = 1.2
-    """ODrive's vel_limit_tolerance: beyond limit × tolerance the axis disarms."""
+    """ODrive's vel_limit_tolerance: the axis disarms above limit × tolerance."""
     velocity_gain_n_m_s: float = 0.167 / TURN_RAD
-    """ODrive's vel_gain, 0.167 N m/(rev/s); also how steeply torque mode gives way at the velocity limit."""
+    """ODrive's vel_gain, 0.167 N m/(rev/s); also the slope of torque mode's limit near the velocity limit."""
     integrator_gain_n_m: float = 0.333 / TURN_RAD
-    """ODrive's vel_integrator_gain, 0.333 N m/rev: a torque for each radian that velocity mode is behind."""
+    """ODrive's vel_integrator_gain, 0.333 N m/rev: torque per radian of integrated speed error."""
     integrator_leak_s: float = 0.0125
-    """At the current's limit the integral decays, as ODrive's: by 1 % in each of 8,000 steps a second."""
+    """Decay time of the integral at the current limit: ODrive's decays by 1 % in 1/8,000 s."""
     ramp_rad_s2: float = TURN_RAD
     """ODrive's vel_ramp_rate, 1 rev/s²."""
     control_mode: int = TORQUE_CONTROL
-    """ODrive's control_mode as the supply comes on."""
+    """ODrive's control_mode at power-up."""
     motor_calibration_s: float = 4.0
-    """About what an ODrive takes to measure resistance and inductance, with the rotor at rest."""
+    """Approximate time in which an ODrive measures resistance and inductance, with the rotor at rest."""
     scan_s: float = 4.0
-    """What an ODrive's encoder calibration takes one way: eight electrical turns at two a second."""
+    """Duration of an ODrive's encoder calibration in one direction: eight electrical turns, two a second."""
     scan_rad_s: float = 2.0 * TURN_RAD / 7.0
     """Two electrical turns a second with seven pole pairs."""
     idle_current_a: float = 0.05
-    """What the electronics draw."""
+    """Supply current of the electronics."""
     ambient_degc: float = 25.0
     thermal_resistance_k_w: float = 3.0
-    """Winding to air, a gimbal motor of 80 mm: 10 A (40 W) end 120 K above ambient."""
+    """Winding to air, for a gimbal motor of 80 mm: at 10 A (40 W) the winding settles 120 K above ambient."""
     thermal_time_s: float = 200.0
     over_temperature_degc: float = 100.0
     """ODrive's upper limit of the motor's thermistor."""
@@ -86,7 +86,7 @@ class DriveConfig(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """What the axis does, its errors (any combination of `AxisError`), and why it last disarmed."""
+    """State of the axis, its errors (any combination of `AxisError`), and its last reason for disarming."""
 
     state: AxisState
     errors: int
@@ -95,7 +95,7 @@ class Axis(NamedTuple):
 
 
 class Setpoint(NamedTuple):
-    """What the axis is to do. `age_s`: time since the last command.
+    """Commanded mode, torque and velocity. `age_s`: time since the last command.
 
     In velocity mode `torque_n_m` is the feed-forward. Torque mode ignores `velocity_rad_s`.
     """
@@ -108,17 +108,17 @@ class Setpoint(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The limits that a client has set."""
+    """The limits set by a client."""
 
     velocity_rad_s: float
     current_a: float
 
 
 class VelocityLoop(NamedTuple):
-    """The state of velocity mode and of the calibration, which turns the crank by the same loop.
+    """State of the velocity loop, which velocity mode and calibration use.
 
-    `target_rad_s`: the speed it holds. `elapsed_s`, `turned_rad`: of a calibration, since it began, and how
-    far the crank has turned meanwhile.
+    `target_rad_s`: commanded speed. `elapsed_s`, `turned_rad`: time and crank angle since the beginning of a
+    calibration.
     """
 
     target_rad_s: float
@@ -128,7 +128,7 @@ class VelocityLoop(NamedTuple):
 
 
 class DriveState(NamedTuple):
-    """One axis. `position_offset_rev`: what is added to the encoder's position on the bus."""
+    """State of the drive. `position_offset_rev` is added to the encoder's position on the bus."""
 
     axis: Axis
     setpoint: Setpoint
@@ -139,7 +139,7 @@ class DriveState(NamedTuple):
 
 
 class Telemetry(NamedTuple):
-    """What the drive measures at one instant."""
+    """The drive's measurements at one instant."""
 
     current_a: float
     torque_n_m: float
@@ -148,7 +148,7 @@ class Telemetry(NamedTuple):
 
 @shared
 def power_up(config: DriveConfig) -> DriveState:
-    """The axis as its supply comes on: idle, cold, with the limits of its configuration."""
+    """The drive at power-up: idle, cold, with the limits of its configuration."""
     return DriveState(
         Axis(AXIS_IDLE, NO_ERROR, NO_ERROR, SUCCESS),
         Setpoint(config.control_mode, PASSTHROUGH, 0.0, 0.0, 0.0),
@@ -164,13 +164,13 @@ def power_up(config: DriveConfig) -> DriveState:
 
 @shared
 def set_torque(drive: DriveState, torque_n_m: float) -> DriveState:
-    """A torque command, which feeds the watchdog; in velocity mode it is the feed-forward."""
+    """Apply a torque command and reset the watchdog; in velocity mode the torque is the feed-forward."""
     return drive._replace(setpoint=drive.setpoint._replace(torque_n_m=torque_n_m, age_s=0.0))
 
 
 @shared
 def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) -> DriveState:
-    """A velocity command with its feed-forward, which alone acts in torque mode; it feeds the watchdog."""
+    """Apply a velocity command and reset the watchdog; in torque mode only its feed-forward torque acts."""
     velocity_rad_s = velocity_rev_s * TURN_RAD
     setpoint = drive.setpoint._replace(torque_n_m=torque_n_m, velocity_rad_s=velocity_rad_s, age_s=0.0)
     return drive._replace(setpoint=setpoint)
@@ -178,7 +178,7 @@ def set_velocity(drive: DriveState, velocity_rev_s: float, torque_n_m: float) ->
 
 @shared
 def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveState:
-    """What the axis controls and how its input acts; an armed axis disarms in a mode that is not modelled."""
+    """Set control mode and input mode; an armed axis disarms if the mode is not modelled."""
     setpoint, loop = drive.setpoint, drive.loop
     if setpoint.control_mode != control_mode:
         loop = loop._replace(target_rad_s=setpoint.velocity_rad_s, integral_n_m=0.0)
@@ -191,7 +191,7 @@ def set_mode(drive: DriveState, control_mode: int, input_mode: int) -> DriveStat
 
 @shared
 def is_modelled(setpoint: Setpoint) -> bool:
-    """Whether the drive can do what its mode says: torque passed through, velocity also by a ramp."""
+    """Whether the mode is modelled: torque with passthrough, velocity with passthrough or ramp."""
     if setpoint.input_mode == PASSTHROUGH:
         return setpoint.control_mode in (TORQUE_CONTROL, VELOCITY_CONTROL)
     return setpoint.input_mode == VELOCITY_RAMP and setpoint.control_mode == VELOCITY_CONTROL
@@ -199,23 +199,23 @@ def is_modelled(setpoint: Setpoint) -> bool:
 
 @shared
 def set_limits(config: DriveConfig, drive: DriveState, velocity_rev_s: float, current_a: float) -> DriveState:
-    """New limits: at least 0, and no more current than the configuration allows."""
+    """Set the limits: not negative, and the current limit at most the configuration's."""
     current_a = min(max(0.0, current_a), config.current_limit_a)
     return drive._replace(limits=Limits(max(0.0, velocity_rev_s) * TURN_RAD, current_a))
 
 
 @shared
 def set_position(drive: DriveState, position_rev: float, encoder_position_rev: float) -> DriveState:
-    """Call the encoder's present position `position_rev`."""
+    """Set the offset so that the encoder's present position is reported as `position_rev`."""
     return drive._replace(position_offset_rev=position_rev - encoder_position_rev)
 
 
 @shared
 def request_state(drive: DriveState, requested: int) -> DriveState:
-    """Arm, calibrate, or let go. An axis that cannot says why in its procedure's result.
+    """Arm, calibrate, or disarm the axis; a refusal appears in its procedure result.
 
-    An axis with errors or in a mode that is not modelled does not arm. Homing finds no end stop. Other states
-    are not modelled: the procedure ends with INVALID_STATE.
+    An axis with errors or in a mode that is not modelled does not arm. Homing ends with NO_END_STOP. Other
+    states are not modelled: the procedure ends with INVALID_STATE.
     """
     axis, setpoint, loop = drive.axis, drive.setpoint, drive.loop
     if requested == AXIS_IDLE:
@@ -239,13 +239,13 @@ def request_state(drive: DriveState, requested: int) -> DriveState:
 
 @shared
 def is_calibration(state: int) -> bool:
-    """Whether `state` is one of the calibrations that are modelled."""
+    """Whether `state` is a modelled calibration."""
     return state in (FULL_CALIBRATION, MOTOR_CALIBRATION, ENCODER_CALIBRATION)
 
 
 @shared
 def armed_state(requested: int) -> AxisState:
-    """The state that a number asks for: one of the calibrations, or closed loop."""
+    """The armed state with the requested number: a calibration, or closed loop."""
     if requested == FULL_CALIBRATION:
         return FULL_CALIBRATION
     if requested == MOTOR_CALIBRATION:
@@ -255,13 +255,13 @@ def armed_state(requested: int) -> AxisState:
 
 @shared
 def clear_errors(drive: DriveState) -> DriveState:
-    """Forget the errors, so that the axis may arm again."""
+    """Clear the errors, so that the axis may arm again."""
     return drive._replace(axis=drive.axis._replace(errors=NO_ERROR))
 
 
 @shared
 def disarm(drive: DriveState, error: int) -> DriveState:
-    """Let go of the motor and say why; the error (one of `AxisError`) stays until it is cleared."""
+    """Disarm the axis with an error (one of `AxisError`), which stays until it is cleared."""
     axis = drive.axis._replace(state=AXIS_IDLE, errors=drive.axis.errors | error)
     if is_armed(drive):
         axis = axis._replace(disarm_reason=error, procedure_result=DISARMED)
@@ -273,19 +273,19 @@ def disarm(drive: DriveState, error: int) -> DriveState:
 
 @shared
 def is_armed(drive: DriveState) -> bool:
-    """Whether the motor carries current at all."""
+    """Whether the axis is armed, so that the motor can carry current."""
     return drive.axis.state != AXIS_IDLE
 
 
 @shared
 def watchdog_left_s(config: DriveConfig, drive: DriveState) -> float:
-    """Time until the watchdog disarms; infinite where no commands are wanted."""
+    """Time until the watchdog disarms the axis; infinite in states that expect no commands."""
     return config.watchdog_s - drive.setpoint.age_s if drive.axis.state == CLOSED_LOOP else math.inf
 
 
 @shared
 def torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
-    """The torque asked of the motor, within the limits of current and velocity."""
+    """Torque requested of the motor, within the limits of current and velocity."""
     if not is_armed(drive):
         return 0.0
     limits = drive.limits
@@ -301,7 +301,7 @@ def torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> fl
 def elapse(  # noqa: PLR0911 - one cause to disarm after the other
     config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float, current_a: float
 ) -> DriveState:
-    """Let `dt_s` pass: watchdog, temperature and overspeed, then velocity mode or a calibration."""
+    """Advance by `dt_s`: watchdog, temperature, overspeed and supply, then velocity mode or a calibration."""
     axis, limits, motor_degc = drive.axis, drive.limits, drive.motor_degc
     age_s = drive.setpoint.age_s + dt_s
     heating_k = config.thermal_resistance_k_w * config.resistance_ohm * current_a * current_a
@@ -329,13 +329,13 @@ def elapse(  # noqa: PLR0911 - one cause to disarm after the other
 
 @shared
 def holds_velocity(drive: DriveState) -> bool:
-    """Whether an armed axis holds a speed rather than a torque."""
+    """Whether an armed axis controls speed, not torque."""
     return drive.axis.state != CLOSED_LOOP or drive.setpoint.control_mode == VELOCITY_CONTROL
 
 
 @shared
 def velocity_torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: float) -> float:
-    """The torque that velocity mode asks for before the current limits it."""
+    """Torque of the velocity loop before the current limit."""
     error_rad_s = target_rad_s(config, drive, 0.0) - omega_rad_s
     torque_n_m = config.velocity_gain_n_m_s * error_rad_s + drive.loop.integral_n_m
     if drive.axis.state == CLOSED_LOOP and drive.setpoint.input_mode == PASSTHROUGH:
@@ -345,7 +345,7 @@ def velocity_torque_n_m(config: DriveConfig, drive: DriveState, omega_rad_s: flo
 
 @shared
 def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
-    """The speed to hold `dt_s` from now, within the velocity limit: the command, on its ramp, or the scan."""
+    """Target speed `dt_s` from now, within the velocity limit: command, ramp, or calibration scan."""
     _, setpoint, limits, _, _, loop = drive
     wanted_rad_s = setpoint.velocity_rad_s
     if drive.axis.state != CLOSED_LOOP:
@@ -358,7 +358,7 @@ def target_rad_s(config: DriveConfig, drive: DriveState, dt_s: float) -> float:
 
 @shared
 def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
-    """Let `dt_s` pass for the velocity loop: the ramp goes on, the integral grows, or decays at the limit."""
+    """Advance the velocity loop by `dt_s`: its ramp and its integral, which decays at the current limit."""
     integral_n_m = drive.loop.integral_n_m
     limit_n_m = drive.limits.current_a * config.torque_constant_n_m_a
     reached_rad_s = target_rad_s(config, drive, dt_s)
@@ -374,13 +374,13 @@ def regulate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: f
 
 @shared
 def scan_begins_s(config: DriveConfig, state: AxisState) -> float:
-    """When a calibration begins to turn the crank, since it began itself."""
+    """Time from the beginning of a calibration until it turns the crank."""
     return 0.0 if state == ENCODER_CALIBRATION else config.motor_calibration_s
 
 
 @shared
 def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
-    """The speed of a calibration: at rest for the motor's, forward and back for the encoder's."""
+    """Crank speed in a calibration: 0 for the motor's, forward and then back for the encoder's."""
     state, elapsed_s = drive.axis.state, drive.loop.elapsed_s - scan_begins_s(config, drive.axis.state)
     if state == MOTOR_CALIBRATION or elapsed_s < 0.0:
         return 0.0
@@ -389,7 +389,7 @@ def scan_rad_s(config: DriveConfig, drive: DriveState) -> float:
 
 @shared
 def calibrate(config: DriveConfig, drive: DriveState, dt_s: float, omega_rad_s: float) -> DriveState:
-    """Let `dt_s` of a calibration pass. A crank that does not follow the scan ends it with an error."""
+    """Advance a calibration by `dt_s`; a crank that does not follow the scan ends it with an error."""
     axis, before_s = drive.axis, drive.loop.elapsed_s
     elapsed_s, turned_rad = before_s + dt_s, drive.loop.turned_rad + omega_rad_s * dt_s
     drive = drive._replace(loop=drive.loop._replace(elapsed_s=elapsed_s, turned_rad=turned_rad))

@@ -1,8 +1,8 @@
-"""The drive as its bus sees it, CANSimple 0.6, node 0: frames to commands, reports to frames.
+"""The drive's interface to the bus, CANSimple 0.6, node 0: frames to commands, reports to frames.
 
-Pure steps that run interpreted and compiled; what the commands do is in `hil.drive.axis`. CANSimple has no
-frame that refuses a command: one that is not modelled disarms the axis with BAD_CONFIG, and an axis state
-that is not modelled ends with the result INVALID_STATE. Both stand in the heartbeat.
+Pure steps that run interpreted and compiled; `hil.drive.axis` executes the commands. CANSimple has no frame
+that refuses a command: a command that is not modelled disarms the axis with BAD_CONFIG, and an axis state
+that is not modelled ends with the result INVALID_STATE. The heartbeat reports both.
 """
 
 import struct
@@ -37,9 +37,9 @@ COMMAND_IDS = (
 )
 """The identifiers of the drive's commands that are modelled."""
 NOT_MODELLED_IDS = (0x004, 0x00C, 0x011, 0x012, 0x013, 0x016, 0x01A, 0x01B, 0x01F)
-"""Those of the others: RxSdo, position and its trajectories, reboot, gains, Enter_DFU_Mode."""
+"""Identifiers of the other commands: RxSdo, position and trajectories, reboot, gains, Enter_DFU_Mode."""
 NOT_MODELLED = sum(1 << can_id for can_id in NOT_MODELLED_IDS)
-"""A bit an identifier."""
+"""Bit mask with one bit per identifier."""
 HALF, WHOLE = 4, 8
 
 VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID = 0x000, 0x006, 0x7E6
@@ -55,15 +55,15 @@ REQUEST_IDS = (
     *REPORT_OF_REQUEST,
     *(kinds.ENCODER_ESTIMATES.can_id, VERSION_ID, ADDRESS_ID, BROADCAST_ADDRESS_ID, TORQUES_ID, POWERS_ID),
 )
-"""What a client may ask for, by a remote frame or an empty one."""
+"""Identifiers that a client may request by a remote frame or an empty frame."""
 VERSION = Frame(VERSION_ID, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
 """Get_Version: CANSimple 2 (0.6), hardware 4.4-58 (ODrive Pro), firmware 0.6.10, released."""
 SERIAL_NUMBER = 0x5649_4252_4F31
-"""Of the simulated drive: the letters VIBRO1."""
+"""Serial number of the simulated drive: the letters VIBRO1."""
 
 
 def address(node_id: int) -> Frame:
-    """Address: which node has which serial number; a drive of 0.6.10 has no connections."""
+    """The frame Address: node number and serial number; with firmware 0.6.10 the connection number is 0."""
     return Frame(ADDRESS_ID, bytes((node_id,)) + SERIAL_NUMBER.to_bytes(6, "little") + b"\0")
 
 
@@ -74,7 +74,7 @@ def is_new_address(node_id: int, frame: Frame) -> bool:
 
 
 def torques(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Frame:
-    """Get_Torques: what the axis is to give, and what its current says that it gives, in N m."""
+    """Get_Torques: the target torque and the estimate from the measured current, in N m."""
     target_n_m = axis.torque_n_m(config, drive, telemetry.omega_rad_s)
     estimate_n_m = config.torque_constant_n_m_a * telemetry.current_a
     return Frame(TORQUES_ID, struct.pack("<ff", target_n_m, estimate_n_m))
@@ -89,7 +89,7 @@ def powers(config: DriveConfig, drive: DriveState, telemetry: Telemetry) -> Fram
 
 @shared
 def meant_length(length: int) -> int:
-    """The length of a command whose second half means nothing: CANSimple's clients may leave it out."""
+    """Length of a command with an unused second half, which CANSimple's clients may omit."""
     return WHOLE if length == HALF else length
 
 
@@ -97,10 +97,10 @@ def meant_length(length: int) -> int:
 def obey(  # noqa: PLR0912 - one command after the other
     config: DriveConfig, drive: DriveState, frame: WordFrame, encoder_position_rev: float
 ) -> tuple[DriveState, bool]:
-    """The drive after a frame, and whether a command could be read; other frames change nothing.
+    """Return the drive after a frame, and whether its command could be read; other frames change nothing.
 
-    Data of E-stop and of clear-errors mean nothing to this drive: clients send none, or any. Of an axis state
-    they send as many bytes as they like; the others are 0.
+    The data of E-stop and clear-errors are ignored, so clients may send any length. An axis state may also
+    have any length; missing bytes are 0.
     """
     can_id, length, word = frame
     reason = FrameErrorReason.NONE
@@ -143,7 +143,7 @@ def obey(  # noqa: PLR0912 - one command after the other
 
 @shared
 def report_frame(config: DriveConfig, drive: DriveState, telemetry: Telemetry, report: int) -> WordFrame:
-    """The frame of one of the reports of `hil.drive.reports`."""
+    """The frame of a report (a digit of `hil.drive.reports`)."""
     if report == CURRENT:
         return packing.pack_drive_current(messages.current(config, drive, telemetry), 0)[0]
     if report == HEARTBEAT:

@@ -1,7 +1,7 @@
-"""When the drive reports: each report on its period in `vibro.dbc`, at most one a tick beside the encoder's.
+"""Schedule of the drive's reports: each on its period in `vibro.dbc`, one per tick beside the encoder's.
 
-Pure steps that run interpreted and compiled. A report that is due while others wait takes the next place in
-the queue, which is one integer: a digit a report, the next to leave at the low end.
+Pure steps that run interpreted and compiled. A report that is due while others wait is appended to a queue.
+The queue is one integer with a digit per report; the lowest digit leaves next.
 """
 
 from typing import Any, NamedTuple
@@ -22,14 +22,14 @@ CODECS = (
 NOTHING = 0
 DIGIT_BITS, DIGIT = 3, 7
 FULL = 1 << 60
-"""A queue of twenty digits; a further report finds no place."""
+"""A queue from this number on has twenty digits and accepts no further report."""
 
 Ticks = tuple[int, int, int, int, int]
 """The reports' periods in ticks."""
 
 
 class Reports(NamedTuple):
-    """Reports that wait, the tick that last looked for due ones, and the first tick that has more."""
+    """The queue of waiting reports, the tick of the last check for due reports, and of the next check."""
 
     waiting: int
     looked_tick: int
@@ -43,7 +43,7 @@ def ticks_of(its_codec: codec.FrameCodec[Any], period_s: float) -> int:
 
 
 def report_ticks(period_s: float, heartbeat_s: float | None) -> Ticks:
-    """The reports' periods in ticks of `period_s`; the heartbeat's is given, or `vibro.dbc`'s."""
+    """The reports' periods in ticks of `period_s`; `heartbeat_s` replaces the period in `vibro.dbc`."""
     current, heartbeat, errors, temperature, supply = (ticks_of(its_codec, period_s) for its_codec in CODECS)
     if heartbeat_s is not None:
         heartbeat = max(1, round(heartbeat_s / period_s))
@@ -51,13 +51,13 @@ def report_ticks(period_s: float, heartbeat_s: float | None) -> Ticks:
 
 
 def first_reports(tick: int) -> Reports:
-    """Nothing waits when the drive powers up; in `tick` it looks at the clock for the first time."""
+    """Initial state for a drive that powers up: an empty queue, first checked in `tick`."""
     return Reports(NOTHING, tick - 1, tick)
 
 
 @shared
 def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
-    """Queue the reports whose period has begun since the last look."""
+    """Queue the reports whose period has begun since the last check."""
     if tick < reports.next_tick:
         return reports
     waiting, next_tick = reports.waiting, tick + ticks[0]
@@ -71,7 +71,7 @@ def look(ticks: Ticks, reports: Reports, tick: int) -> Reports:
 
 @shared
 def _queued(waiting: int, report: int) -> int:
-    """The queue with one more report at its end."""
+    """Return the queue with a report appended."""
     end = 1
     while waiting >= end:
         end <<= DIGIT_BITS
@@ -80,6 +80,6 @@ def _queued(waiting: int, report: int) -> int:
 
 @shared
 def take(reports: Reports) -> tuple[Reports, int]:
-    """The report that leaves in this tick, `NOTHING` where none waits, and those that still wait."""
+    """Return the remaining reports and the report that leaves in this tick, `NOTHING` if none waits."""
     left = Reports(reports.waiting >> DIGIT_BITS, reports.looked_tick, reports.next_tick)
     return left, reports.waiting & DIGIT

@@ -1,8 +1,8 @@
-"""Clock faults: the time that a process reads, and how late its clock wakes it.
+"""Clock faults: wrong time readings and late wake-ups of a process.
 
-A clock that leaps ahead makes a loop skip the ticks in between, once; one that falls back lets it sleep until
-its time has come again. Jitter wakes it late. In real time that is a clock around the machine's own; in
-lockstep, `Turns` gives a node its steps as the same loop would on such a clock.
+If the clock jumps forwards, the loop skips the ticks in between once; if it jumps backwards, the loop sleeps
+until its next deadline comes again. Jitter wakes the loop late. In real time `FaultyClock` wraps the
+machine's clock; in lockstep `Turns` calls a node's steps as the same loop would on the faulty clock.
 """
 
 import math
@@ -21,7 +21,7 @@ SEED_OF_CLOCKS = 2000
 
 
 class ClockFaults:
-    """A scenario's faults of one process's clock. Times are true ones from the start."""
+    """A scenario's faults of one process's clock. Times `t_s` are true times from the start."""
 
     def __init__(self, faults: Sequence[Fault], process: str, seed: int) -> None:
         jumps = [fault for fault in faults if isinstance(fault, ClockJumped) and process == FIRMWARE]
@@ -33,7 +33,7 @@ class ClockFaults:
 
     @property
     def any(self) -> bool:
-        """Whether there is something wrong with it at all."""
+        """Whether the clock has any fault."""
         return bool(self._jumps or self._jitters)
 
     def offset_s(self, t_s: float) -> float:
@@ -49,7 +49,7 @@ class ClockFaults:
         return t_s
 
     def lateness_s(self, t_s: float) -> float:
-        """The delay of the next wake-up; sampled at each call."""
+        """The delay of the next wake-up, sampled anew at each call."""
         largest_s = sum(jitter.largest_s for jitter in self._jitters if jitter.acts(t_s))
         return float(self._noise.uniform(0.0, largest_s)) if largest_s else 0.0
 
@@ -63,12 +63,12 @@ class FaultyClock:
         self._t0_ns = t0_ns
 
     def now_ns(self) -> int:
-        """The time it shows."""
+        """The faulty clock's time in ns."""
         true_ns = self._clock.now_ns()
         return true_ns + round(self._faults.offset_s((true_ns - self._t0_ns) / NS_PER_S) * NS_PER_S)
 
     def sleep_until(self, deadline_ns: int) -> None:
-        """Return when it shows `deadline_ns`, or as much later as it jitters."""
+        """Return when the faulty clock shows `deadline_ns`, plus the jitter."""
         true_s = self._faults.true_s((deadline_ns - self._t0_ns) / NS_PER_S)
         true_s += self._faults.lateness_s(true_s)
         self._clock.sleep_until(self._t0_ns + round(true_s * NS_PER_S))
@@ -84,17 +84,17 @@ class Runner(Protocol):
         """Append the tick's record."""
 
     def restart(self, tick: int) -> None:
-        """Throw the node away and make it anew, for `tick` to be its first one."""
+        """Replace the node by a new one whose first tick is `tick`."""
 
     def close(self) -> None:
         """Close the traces."""
 
 
 class Turns:
-    """A runner's turns in lockstep, one a slot of the bench, when its clock or its process is at fault.
+    """Calls a runner in lockstep, once per slot of the bench, when its clock or its process has a fault.
 
-    Slot k lasts from the node's own instant in tick k to the other node's next one, half a period later.
-    What wakes up after that has its turn in a later slot, before that one's own.
+    Slot k lasts from the node's instant in tick k to the other node's next instant, half a period later. A
+    step that is due after its slot runs in a later slot, before that slot's own step.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Turns:
         self._unrecorded: int | None = None
 
     def step(self, slot: int, _: int) -> None:
-        """The turns that are due in this slot of the bench."""
+        """Run the steps that are due in this slot of the bench."""
         t_s = slot * self._period_s
         own_tick = slot + round(self._clock.offset_s(t_s) / self._period_s)
         if self._starts_s and t_s >= self._starts_s[0] - 1e-9:
@@ -128,7 +128,7 @@ class Turns:
             if woken_ticks >= own_tick + 0.5:
                 return
             self._late_ticks = None
-            # What passed at one go, by a leap or while the process stood still, is skipped.
+            # Ticks that passed during a clock jump or a pause of the process are skipped.
             woken_ticks = woken_ticks if woken_ticks >= own_tick - 0.5 else own_tick
             self._turn(self._next_tick + int(woken_ticks - self._next_tick))
             self._last_slot = slot
@@ -141,16 +141,16 @@ class Turns:
         self._next_tick = tick + 1
 
     def is_in_step(self, slot: int) -> bool:
-        """Whether its last turn was in the slot before, and its next is its tick of this one, not late."""
+        """Whether the last step ran in the previous slot, and the next is due in this slot, without delay."""
         return self._last_slot == slot - 1 and self._next_tick == slot and not self._late_ticks
 
     def resume(self, tick: int) -> None:
-        """Go on from `tick`, to which compiled code has brought the node."""
+        """Continue from `tick`, to which compiled code has advanced the node."""
         self._next_tick, self._last_tick, self._late_ticks = tick, tick - 1, None
         self._last_slot = tick - 1
 
     def record(self, _: int, timing: LoopTiming) -> None:
-        """Append the record of this slot's last turn, if it had one."""
+        """Append the record of this slot's last step, if there was one."""
         if self._unrecorded is not None:
             self._runner.record(self._unrecorded, timing)
             self._unrecorded = None
@@ -163,7 +163,7 @@ class Turns:
 def in_turns(
     runner: Runner, process: str, faults: Sequence[Fault], period_s: float, seed: int
 ) -> Runner | Turns:
-    """The object that lockstep calls for a runner: without a clock or process fault the runner itself."""
+    """The object that lockstep calls for a runner: the runner itself without a clock or restart fault."""
     restarted = any(isinstance(fault, Restarted) and fault.process == process for fault in faults)
     if restarted or ClockFaults(faults, process, seed).any:
         return Turns(runner, process, faults, period_s, seed)

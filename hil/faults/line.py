@@ -1,7 +1,7 @@
-"""Bus faults where frames leave and reach a node: a bus around the node's own, alike under both clocks.
+"""Bus faults at a node's connection, in real time and in lockstep: a wrapper around the node's bus.
 
-Frames are broken where they leave their sender. What a stranger sends goes out beside the plant's frames, and
-the plant receives it too.
+Faults alter frames where they leave their sender. Frames of a foreign node are sent through the plant's
+connection, and the plant receives them too.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,19 +34,19 @@ Held = tuple["Late", ...]
 
 
 class Late(NamedTuple):
-    """A frame that waits."""
+    """A frame that is held back until `due_s`."""
 
     due_s: float
     frame: Frame
 
 
 def is_of_the_line(fault: Fault) -> TypeGuard[LineFault]:
-    """Whether a fault acts here."""
+    """Whether a fault acts at a node's connection to the bus."""
     return isinstance(fault, get_args(LineFault))
 
 
 def broken(frame: Frame, noise: np.random.Generator) -> Frame:
-    """The frame with some bits of one byte turned over; one without data stays as it is."""
+    """The frame with some bits of one byte inverted; a frame without data is unchanged."""
     if not frame.data:
         return frame
     place, pattern = int(noise.integers(len(frame.data))), int(noise.integers(1, 256))
@@ -56,7 +56,7 @@ def broken(frame: Frame, noise: np.random.Generator) -> Frame:
 
 
 def swapped(frames: Sequence[Frame], can_ids: frozenset[int], held: Held) -> tuple[list[Frame], Held]:
-    """Frames of `can_ids` in pairs, the later one first; one of each identifier waits for its partner."""
+    """Swap frames of the same identifier in pairs; an unpaired frame is held until the next one comes."""
     waiting = {late.frame.can_id: late.frame for late in held}
     passed: list[Frame] = []
     for frame in frames:
@@ -70,7 +70,7 @@ def swapped(frames: Sequence[Frame], can_ids: frozenset[int], held: Held) -> tup
 
 
 def periods_begun(at_s: float, period_s: float, t_s: float, since_s: float) -> int:
-    """Number of periods from `at_s` on that begin after `since_s` and until `t_s`."""
+    """Number of periods, counted from `at_s`, that begin after `since_s` and not after `t_s`."""
     begun = int((t_s - at_s) / period_s + TIME_RESOLUTION_S) + 1
     before = int((since_s - at_s) / period_s + TIME_RESOLUTION_S) + 1 if since_s >= at_s else 0
     return begun - before
@@ -84,9 +84,9 @@ def outgoing(  # noqa: PLR0911 - one case a fault
     held: Held,
     noise: np.random.Generator,
 ) -> tuple[list[Frame], Held]:
-    """What becomes of a node's frames of `t_s` under one fault, and what it holds back until later.
+    """Return the frames that leave a node at `t_s` under one fault, and the frames that are held back.
 
-    `since_s`: the time of the node's turn before.
+    `since_s`: the time of the node's previous step.
     """
     if not fault.acts(t_s):
         return [*(late.frame for late in held), *frames], ()
@@ -119,7 +119,7 @@ def outgoing(  # noqa: PLR0911 - one case a fault
 
 
 def foreign_frames(fault: LineFault, t_s: float, since_s: float, noise: np.random.Generator) -> list[Frame]:
-    """The frames of a foreign node after `since_s` and until `t_s`."""
+    """The frames of a foreign node after `since_s` and not after `t_s`."""
     if not fault.acts(t_s):
         return []
     match fault:
@@ -135,7 +135,7 @@ def foreign_frames(fault: LineFault, t_s: float, since_s: float, noise: np.rando
 
 
 class FaultyBus:
-    """One node's connection with faults on it; `move_to` says what time it is."""
+    """One node's connection with faults; `move_to` sets the time."""
 
     def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int) -> None:
         self._bus = bus
@@ -147,7 +147,7 @@ class FaultyBus:
         self._foreign: list[Frame] = []
 
     def move_to(self, t_s: float) -> None:
-        """The node's turn at `t_s`; frames of foreign nodes are sent before it."""
+        """Begin the node's step at `t_s`; frames of foreign nodes are sent first."""
         self._since_s, self._t_s = self._t_s, t_s
         if self._node != PLANT:
             return
@@ -158,7 +158,7 @@ class FaultyBus:
                 self._foreign += frames
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """Send what the faults let through."""
+        """Send the frames that the faults let through."""
         passed = list(frames)
         for number, (fault, noise) in enumerate(zip(self._faults, self._noise, strict=True)):
             passed, self._held[number] = outgoing(
@@ -168,7 +168,7 @@ class FaultyBus:
             self._bus.send_all(passed)
 
     def receive(self) -> list[Frame]:
-        """The received frames, and those of foreign nodes."""
+        """The frames of foreign nodes, then the received frames."""
         received = [*self._foreign, *self._bus.receive()]
         self._foreign = []
         return [] if self._is_unplugged else received
@@ -188,7 +188,7 @@ class FaultyBus:
 def with_faults(
     bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
 ) -> tuple[NodeBus, Callable[[float], None]]:
-    """A node's bus, and where to set the time of its turns: the bus itself where nothing on it breaks."""
+    """Return a node's bus with faults, and the function that sets its time; `bus` itself without faults."""
     if not any(is_of_the_line(fault) for fault in faults):
         return bus, lambda _: None
     faulty = FaultyBus(bus, node, faults, seed)

@@ -15,7 +15,7 @@ VALUE = re.compile(r"= (-?[0-9.e+-]+)$", re.MULTILINE)
 
 
 def with_another_digit(text: str, noise: np.random.Generator) -> str:
-    """A parameter file with one digit of one of its values changed to another one."""
+    """The parameter file with one digit of one value changed."""
     digits = [
         place
         for match in VALUE.finditer(text)
@@ -28,7 +28,7 @@ def with_another_digit(text: str, noise: np.random.Generator) -> str:
 
 
 class ParameterMemory:
-    """The parameter file that a firmware finds when it starts."""
+    """The parameter file that the firmware reads when it starts."""
 
     def __init__(self, parameters: Mapping[str, Any], faults: Sequence[Fault], seed: int) -> None:
         self._text = written(with_overrides(parameters))
@@ -36,7 +36,7 @@ class ParameterMemory:
         self._noise = np.random.default_rng([seed, SEED_OF_MEMORY])
 
     def read(self, t_s: float) -> str:
-        """Its content for a firmware that starts at `t_s`."""
+        """The file's content for a firmware that starts at `t_s`."""
         text = self._text
         for damage in self._damages:
             if damage.acts(t_s):

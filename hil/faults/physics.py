@@ -1,4 +1,4 @@
-"""Faults of the drive and the module: what they make of parts, drive configuration and torque."""
+"""Faults of the drive and the module: changed parts, drive configuration and torque."""
 
 import math
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop
 
 JAM_N_M = 10.0
-"""More than ten times the motor's torque, which brings the crank to rest within a tick."""
+"""Dry friction of a jammed crank, more than ten times the motor's torque: stops the crank within a tick."""
 
 
 def is_physical(fault: Fault) -> TypeGuard[PhysicalFault]:
-    """Whether a fault acts here."""
+    """Whether a fault acts on the drive or the module."""
     return isinstance(fault, get_args(PhysicalFault))
 
 
@@ -60,11 +60,11 @@ def broken_config(config: DriveConfig, faults: Sequence[PhysicalFault]) -> Drive
 
 
 def torque_share(faults: Sequence[PhysicalFault], pole_pairs: int, crank_rad: float) -> float:
-    """The share of the torque asked for that the motor gives.
+    """Share of the requested torque that the motor produces.
 
-    With one wire off, current flows along one axis u of the windings alone. Of a current asked for along q,
-    at right angles to the rotor's flux, only its projection (q·u) u flows, and of that only (q·u)² makes
-    torque: sin²(p θ).
+    With one wire disconnected, current flows along one axis u of the windings only. Of a current requested
+    along q, perpendicular to the rotor's flux, only the projection (q·u) u flows, and its component along q
+    produces torque: the share is (q·u)² = sin²(p θ).
     """
     if any(isinstance(fault, PhaseLoss) for fault in faults):
         return math.sin(pole_pairs * crank_rad) ** 2

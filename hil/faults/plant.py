@@ -1,4 +1,4 @@
-"""The plant's faults on its node, tick by tick: parts and drive as the acting faults have them."""
+"""The plant's faults in its node, tick by tick: the acting faults change parts, drive and readings."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.s
 
 
 class TurnCounter:
-    """A position that counts on from `count_rev`, and goes over to its negative at `wraps_at_rev`."""
+    """A position that counts revolutions from `count_rev` on, and wraps to its negative at `wraps_at_rev`."""
 
     def __init__(self, count_rev: int, wraps_at_rev: int) -> None:
         self._turns_rev = count_rev
@@ -35,7 +35,7 @@ class TurnCounter:
         self._last_rev: float | None = None
 
     def counted_rev(self, circular_rev: float) -> float:
-        """The count at a position of 0 … 1; it has moved by less than half a turn since the last one."""
+        """The count at a position of 0 … 1, which has moved by less than half a turn since the last call."""
         if self._last_rev is not None:
             self._turns_rev -= round(circular_rev - self._last_rev)
         self._last_rev = circular_rev
@@ -44,7 +44,7 @@ class TurnCounter:
 
 
 class PlantFaults:
-    """A scenario's sensor, drive and module faults, on one plant and its drive's configuration."""
+    """A scenario's sensor, drive and module faults, for one plant and its drive."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
         self._sensors = SensorFaults(faults, seed)
@@ -58,7 +58,7 @@ class PlantFaults:
         self._counter: TurnCounter | None = None
 
     def act(self, t_s: float, drive: DriveState) -> tuple[DriveConfig, DriveState]:
-        """Begin and end what is due by `t_s`; the drive then, as at power-up where it has lost its supply."""
+        """Begin and end the faults due at `t_s`; return the drive, as at power-up while it has no supply."""
         acting = [fault for fault in self._faults if fault.acts(t_s)]
         if acting != self._acting:
             began = [fault for fault in acting if fault not in self._acting]
@@ -98,11 +98,11 @@ class PlantFaults:
         return any(isinstance(fault, BrownOut) for fault in self._acting)
 
     def sent(self, frames: list[Frame]) -> list[Frame]:
-        """The frames that leave the plant's node."""
+        """The frames that leave the plant's node: none of the drive's while it has no supply."""
         return [frame for frame in frames if frame.can_id not in DRIVE_IDS] if self.is_dead else frames
 
     def received(self, frames: Sequence[Frame]) -> Sequence[Frame]:
-        """The frames that reach the drive."""
+        """The frames that reach the drive under the acting faults."""
         if self.is_dead:
             return ()
         for fault in self._acting:
@@ -112,5 +112,5 @@ class PlantFaults:
         return frames
 
     def given_n_m(self, torque_n_m: float, crank_rad: float) -> float:
-        """The torque the motor gives of what the drive asks of it."""
+        """The motor's torque for the torque that the drive requests."""
         return torque_n_m * torque_share(self._acting, self._pole_pairs, crank_rad)

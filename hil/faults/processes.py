@@ -11,12 +11,12 @@ PLANT, FIRMWARE = "plant", "firmware"
 
 
 def is_of_a_process(fault: Fault) -> TypeGuard[ProcessFault]:
-    """Whether a fault acts here."""
+    """Whether a fault acts on a process."""
     return isinstance(fault, get_args(ProcessFault))
 
 
 class Signal(NamedTuple):
-    """A signal that a process gets."""
+    """A signal sent to a process."""
 
     at_s: float
     process: str
@@ -24,7 +24,7 @@ class Signal(NamedTuple):
 
 
 class Restart(NamedTuple):
-    """A process that takes the place of one that has ended at `at_s`, and begins at `start_s`."""
+    """A process killed at `at_s` and replaced by a new process that starts at `start_s`."""
 
     at_s: float
     process: str
@@ -38,7 +38,7 @@ class ProcessFaults:
         self._faults = [fault for fault in faults if is_of_a_process(fault)]
 
     def runs(self, process: str, t_s: float) -> bool:
-        """Whether `process` is there at `t_s` and goes on; the dead stay so."""
+        """Whether `process` runs at `t_s`; a killed process does not run again."""
         return not self._faults or not any(
             fault.process == process
             and (t_s >= fault.at_s - 1e-9 if isinstance(fault, Killed) else fault.acts(t_s))
@@ -46,14 +46,14 @@ class ProcessFaults:
         )
 
     def kills(self, process: str, by_s: float = math.inf) -> bool:
-        """Whether the scenario itself has ended `process` by then."""
+        """Whether the scenario itself kills `process` at or before `by_s`."""
         return any(
             isinstance(fault, Killed | Restarted) and fault.process == process and fault.at_s <= by_s
             for fault in self._faults
         )
 
     def signals(self) -> list[Signal]:
-        """The signals that do the same to real processes, in order of time."""
+        """The signals that produce these faults in real processes, in order of time."""
         signals = []
         for fault in self._faults:
             match fault:
@@ -71,7 +71,7 @@ class ProcessFaults:
         ]
 
     def restarts(self) -> list[Restart]:
-        """Which processes start again, in order of time."""
+        """The restarts of processes, in order of time."""
         return sorted(
             Restart(fault.at_s, fault.process, fault.end_s)
             for fault in self._faults

@@ -32,7 +32,7 @@ POSITION = "encoder_position_rev"
 
 
 def is_of_a_sensor(fault: Fault) -> TypeGuard[ReadingFault]:
-    """Whether a fault acts here."""
+    """Whether a fault acts on a sensor's readings."""
     return isinstance(fault, get_args(ReadingFault))
 
 
@@ -44,7 +44,7 @@ def shifted(reading: SensorReading, sensor: str, by: float) -> SensorReading:
 
 
 def lagging(reading: SensorReading, given: SensorReading, sensor: str, share: float) -> SensorReading:
-    """The reading given before, moved by `share` of the way to the new one; the angle goes the short way."""
+    """The previous output moved towards the new reading by `share`; the angle takes the shorter way."""
 
     def moved(name: str) -> float:
         before, by = getattr(given, name), getattr(reading, name) - getattr(given, name)
@@ -65,7 +65,7 @@ def disturbed(  # noqa: PLR0911 - one case a fault
 ) -> SensorReading:
     """The reading under one fault.
 
-    `before` is the last one before it began, `given` what was made of the last one, `elapsed_s` ago.
+    `before` is the last reading before the fault began; `given` is this fault's last output, `elapsed_s` ago.
     """
     match fault:
         case EncoderSlip(slip_rev=slip_rev):
@@ -96,7 +96,7 @@ def disturbed(  # noqa: PLR0911 - one case a fault
 
 
 class SensorFaults:
-    """All sensor faults of a scenario; `published` once a reading."""
+    """All sensor faults of a scenario; call `published` once per reading."""
 
     def __init__(self, faults: Sequence[Fault], seed: int) -> None:
         self._faults = [fault for fault in faults if is_of_a_sensor(fault)]

@@ -38,7 +38,7 @@ class FaultTable(Table):
         return math.inf if self.duration_s is None else self.at_s + self.duration_s
 
     def acts(self, t_s: float) -> bool:
-        """Whether the fault acts at `t_s`, apart from the rounding of times."""
+        """Whether the fault acts at `t_s`, with a tolerance for rounded times."""
         return self.at_s - 1e-9 <= t_s < self.end_s - 1e-9
 
 
@@ -219,7 +219,7 @@ class EncoderSlip(FaultTable):
 
 
 class EncoderWrap(FaultTable):
-    """The drive counts revolutions without end, as a float32, instead of one turn, and wraps at a limit."""
+    """The drive's position is a count of revolutions, as a float32, not circular, and wraps at a limit."""
 
     kind: Literal["encoder-wrap"]
     count_rev: int = Field(ge=0, lt=2**24, description="the count at the fault's beginning, in revolutions")
@@ -255,27 +255,27 @@ class OverTemperature(FaultTable):
 
 
 class SupplySag(FaultTable):
-    """The supply has another voltage."""
+    """The supply has a different voltage."""
 
     kind: Literal["supply-sag"]
     supply_v: float = Field(gt=0.0, le=60.0, description="the supply's voltage, in V")
 
 
 class BrownOut(FaultTable):
-    """The drive's electronics lose their supply, and start anew at the fault's end."""
+    """The drive's electronics lose their supply, and restart at the fault's end."""
 
     kind: Literal["brown-out"]
 
 
 class StiffnessChanged(FaultTable):
-    """The coupling spring has another stiffness."""
+    """The coupling spring has a different stiffness."""
 
     kind: Literal["stiffness-changed"]
     factor: float = Field(gt=0.0, le=10.0, description="the new stiffness divided by the old one")
 
 
 class FrictionChanged(FaultTable):
-    """The guide has other friction."""
+    """The guide has different friction."""
 
     kind: Literal["friction-changed"]
     factor: float = Field(ge=0.0, le=1000.0, description="the new coefficients divided by the old ones")
@@ -322,7 +322,7 @@ class Restarted(FaultTable):
 
 
 class ClockJumped(FaultTable):
-    """The controller's clock is set, once, while it runs."""
+    """The controller's clock jumps once while the controller runs."""
 
     kind: Literal["clock-jumped"]
     by_s: float = Field(ge=-10.0, le=10.0, description="the change in s, positive forwards")

@@ -1,6 +1,6 @@
-"""The operator: sends a script's commands at 10 Hz, and an E-stop at once.
+"""The operator's node: sends a script's commands at 10 Hz, and an E-stop at once.
 
-One frame a period: an E-stop's command follows it in the next.
+It sends one frame per period: the command that belongs to an E-stop follows in the next period.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Request(StrEnum):
     CLEAR_FAULTS = "clear-faults"
     E_STOP = "e-stop"
     SILENT = "silent"
-    """The operator's node is gone: no frames at all."""
+    """The operator's node is absent: it sends no frames."""
 
 
 ON_THE_BUS = {
@@ -41,7 +41,7 @@ ON_THE_BUS = {
 
 
 class Command(NamedTuple):
-    """From `at_s` on, ask for `request`; the ratio is Ω over the nominal ω, an impulse 0 is none."""
+    """The request from `at_s` on; the ratio is Ω over the nominal ω, and an impulse of 0 means none."""
 
     at_s: float
     request: Request
@@ -61,7 +61,7 @@ class OperatorRecord(NamedTuple):
 
 
 class OperatorNode:
-    """Plays a script: `publish` at each multiple of `OPERATOR_PERIOD_S` gives the frames to send."""
+    """Executes a script: `publish` at each multiple of `OPERATOR_PERIOD_S` returns the frames to send."""
 
     def __init__(self, commands: Sequence[Command], bench_period_s: float) -> None:
         self._commands = sorted(commands, key=lambda command: command.at_s)
@@ -74,7 +74,7 @@ class OperatorNode:
         self.record: OperatorRecord
 
     def publish(self, period: int) -> list[Frame]:
-        """The frames of period number `period`: the command every 100 ms and at each change of it."""
+        """The frames of period number `period`: the command every 100 ms and whenever it changes."""
         t_s = period * OPERATOR_PERIOD_S
         changed = False
         while self._next < len(self._commands) and self._commands[self._next].at_s <= t_s + 1e-9:

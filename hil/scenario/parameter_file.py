@@ -1,7 +1,7 @@
-"""A tuned parameter file: some of the firmware's parameters, each with its unit, and where they come from.
+"""A tuned parameter file: some of the firmware's parameters, each with its unit, and their origin.
 
     format = 1
-    [tuning]                              # which command, of what, whether the safety scenarios let it pass
+    [tuning]                              # the command, its subject, and whether the safety scenarios passed
     [parameters."speed.gain_p_n_m_s"]     # value, unit, low, high
     [figures_of_merit.phase_margin]       # value, unit
     [[safety]]                            # scenario, seed, passed, why
@@ -20,7 +20,7 @@ FORMAT = 1
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """The file's tables; raises TextInputError or ParameterError where it is none of this format."""
+    """Return the file's tables; raises TextInputError or ParameterError if it has another format."""
     document = read_toml(path, "parameter file", "give one that `vibrohil tune` has written")
     if document.get("format") != FORMAT or not isinstance(document.get("parameters"), dict):
         raise ParameterError(
@@ -45,7 +45,7 @@ def values_of(document: Mapping[str, Any], path: Path) -> dict[str, float]:
 
 
 def nested(values: Mapping[str, float]) -> dict[str, Any]:
-    """Dotted names as a scenario's table `[firmware]` has them.
+    """Convert dotted names to the nested tables of a scenario's `[firmware]`.
 
     >>> nested({"stop.restitution": 0.4, "stop.position_m": 0.18})
     {'stop': {'restitution': 0.4, 'position_m': 0.18}}
@@ -58,12 +58,12 @@ def nested(values: Mapping[str, float]) -> dict[str, Any]:
 
 
 def read_parameters(path: Path) -> dict[str, Any]:
-    """The file as a scenario's table `[firmware]`."""
+    """Read the file as a scenario's table `[firmware]`."""
     return nested(values_of(read_document(path), path))
 
 
 def merged(firmware: Mapping[str, Any], paths: Sequence[Path]) -> dict[str, Any]:
-    """A scenario's table `[firmware]` with what parameter files say put over it, the last one on top."""
+    """A scenario's table `[firmware]` updated by parameter files in order; the last file takes precedence."""
     tables = {block: dict(table) if isinstance(table, dict) else table for block, table in firmware.items()}
     for path in paths:
         for block, table in read_parameters(path).items():

@@ -1,8 +1,8 @@
 """A scenario: a plant, the firmware's parameters, a script of commands, and the checks that judge the run.
 
-Files lie in hil/scenarios, in folders by what breaks, named as sentences. `read_scenario` gives the raw
-tables with a scene's name replaced by its tables, so that every value can be changed; `load_scenario` checks
-them.
+The files lie in hil/scenarios, in folders by the kind of fault, and are named as sentences. `read_scenario`
+returns the raw tables with a scene's name replaced by its tables, so that every value can be changed;
+`load_scenario` checks them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,17 +27,17 @@ from plant_sim.validation_messages import messages_of, nearest
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LARGEST_RATIO = 4.0
-"""The command frame carries no more."""
+"""Largest ratio that the command frame can carry."""
 LARGEST_IMPULSE_N_S = 6.5
-"""Neither of this."""
+"""Largest impulse that the command frame can carry."""
 
 
 REALTIME_PERIOD_S = 1e-3
-"""Highest rate that classic CAN at 1 Mbit/s can carry."""
+"""Tick at the highest rate that classic CAN at 1 Mbit/s can carry."""
 
 
 class ScenarioError(TextInputError):
-    """A scenario that cannot be run; the message has one sentence for each thing wrong with it."""
+    """A scenario cannot be run; the message has one sentence per error."""
 
 
 class CommandTable(Table):
@@ -108,7 +108,7 @@ class ScriptTable(Table):
 
 
 class BusTable(Table):
-    """The bus model, in lockstep; real time has a bus of its own."""
+    """The bus model of lockstep; a run in real time uses a real bus instead."""
 
     bitrate: int = Field(
         default=1_000_000, ge=10_000, le=1_000_000, description="the modelled bus's bits per second"
@@ -122,7 +122,7 @@ class BusTable(Table):
 
 
 class ScenarioTable(Table):
-    """The file, its scene and its firmware's parameters not yet looked into."""
+    """A scenario's file; its scene and its firmware's parameters are checked separately."""
 
     title: str = Field(min_length=1, description="the statement that the run must confirm, as a sentence")
     scene: dict[str, Any] = Field(description="the scene's tables, or the name of a scene")
@@ -149,21 +149,21 @@ class ScenarioTable(Table):
 
 @dataclass(frozen=True)
 class Scenario:
-    """A checked scenario; `document` is what to write beside a run."""
+    """A checked scenario; `document` holds its raw tables for the run folder."""
 
     name: str
     title: str
     scene: Scene
     config: Config
     parameters: dict[str, Any]
-    """The firmware's, where they differ from the defaults."""
+    """The firmware's parameters that differ from their defaults."""
     bitrate: int | None
-    """The modelled bus's; None: frames arrive at once."""
+    """Bit rate of the modelled bus in bit/s; None: frames arrive at once."""
     duration_s: float
     commands: tuple[Command, ...]
     faults: tuple[Fault, ...]
     seed: int
-    """Default of a run."""
+    """Default seed of a run."""
     checks: tuple[Check, ...]
     document: Mapping[str, Any]
     changes: tuple[str, ...]
@@ -171,7 +171,7 @@ class Scenario:
 
     @property
     def period_s(self) -> float:
-        """The control period, which paces plant and firmware alike."""
+        """The control period in s, the same for plant and firmware."""
         return self.config.tick_s
 
     @property
@@ -181,7 +181,7 @@ class Scenario:
 
 
 def scenario_names() -> list[str]:
-    """The scenarios that come with the package."""
+    """Names of the scenarios that come with the package."""
     return sorted(path.stem for path in SCENARIOS.rglob("*.toml"))
 
 
@@ -225,7 +225,7 @@ def load_scenario(
 
 
 def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str] = ()) -> Scenario:
-    """A checked scenario from raw tables; `changes` says what was changed over its file."""
+    """A checked scenario from raw tables; `changes` lists the changes to its file."""
     try:
         table = ScenarioTable.model_validate(document)
     except ValidationError as error:
@@ -258,7 +258,7 @@ def check_scenario(document: Mapping[str, Any], name: str, changes: Sequence[str
 
 
 def _refuse_without_motor_or_sensors(scene: Scene) -> None:
-    """The firmware needs a motor that takes its torque, and sensors to read."""
+    """Raise `ScenarioError` if the scene has no motor that accepts torque, or no sensors."""
     if scene.drive.model == "ideal":
         raise ScenarioError(
             "scene.drive.model = 'ideal' turns at its own speed whatever the firmware commands; set "
@@ -270,7 +270,7 @@ def _refuse_without_motor_or_sensors(scene: Scene) -> None:
 
 
 def refuse_other_periods(period_s: float) -> None:
-    """Only lockstep may tick faster or slower than the bus carries."""
+    """Raise `ScenarioError` if the period is not the real bus's; only lockstep may vary it."""
     if period_s != REALTIME_PERIOD_S:
         raise ScenarioError(
             f"firmware.control.tick_s = {period_s}: in real time the bus carries one tick a "
@@ -279,7 +279,7 @@ def refuse_other_periods(period_s: float) -> None:
 
 
 def refuse_modelled_bus(scenario: Scenario) -> None:
-    """A bus of its own behaves by itself: only lockstep has the model of one."""
+    """Raise `ScenarioError` if the scenario has a modelled bus, which only lockstep supports."""
     if scenario.bitrate is not None:
         raise ScenarioError(
             f"scenario {scenario.name!r} has the table [bus], a modelled bus, which real time has not; "

@@ -1,6 +1,6 @@
-"""One scenario with many seeds, which sample the noise and the fault's time anew; one verdict for all.
+"""One scenario run with several seeds, which sample noise and fault times, and the merged verdict.
 
-The verdict has the worst figure of each check.
+The merged verdict has the worst figure of each check.
 """
 
 import copy
@@ -16,17 +16,18 @@ from hil.scenario.scenario import Scenario, check_scenario
 BEYOND = -math.inf
 
 AS_WRITTEN = 1
-"""The seed in which faults come when the scenario says."""
+"""The seed with which faults begin at the scenario's own times."""
 DRIVE_PERIOD_S = 0.61
-"""At r = 1.1, where faults are provoked: a fault that is this much later has the same phase."""
+"""Drive period at r = 1.1, where faults are injected: a delay by one period does not change the phase."""
 SEED_OF_FAULT_TIMES = 4000
 """Independent of the seeds of all faults."""
 
 
 def at_other_times(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario with all from its first fault on later, by up to a drive period, sampled by the seed.
+    """Delay the first fault, all later lines of the script and the run's end by a sampled time.
 
-    What is wrong from the start stays so.
+    The time is less than a drive period. The scenario is unchanged with the seed `AS_WRITTEN`, or if a fault
+    begins at time 0.
     """
     first_s = min((fault.at_s for fault in scenario.faults), default=0.0)
     if seed == AS_WRITTEN or first_s == 0.0:
@@ -43,7 +44,7 @@ def at_other_times(scenario: Scenario, seed: int) -> Scenario:
 
 
 def margin(check: Check, value: Any) -> float:
-    """How far inside its limit a figure lies, in its own unit; below 0 it fails, and what is missing most.
+    """Distance of a figure inside its limits, in its unit; negative outside, −inf if missing or unequal.
 
     >>> margin(Check(name="peak_force_n", low=90.0, high=180.0), 175.0)
     5.0
@@ -61,9 +62,10 @@ def margin(check: Check, value: Any) -> float:
 
 
 def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """One check's results by seed as one: the value nearest to or furthest beyond its limit, and its seed;
-    the lowest and the highest value, where they are numbers; in how many seeds it passed; and of each seed
-    the value and the margin, None where the figure is missing.
+    """Merge one check's results by seed into its worst result.
+
+    Adds the worst result's seed, the number of seeds in which the check passed, the lowest and the highest
+    value (None if the values are not numbers), and every seed's value and margin (None if it is infinite).
     """
     seed = min(results, key=lambda one: (results[one]["passed"], margin(check, results[one]["value"])))
     values = [results[one]["value"] for one in sorted(results)]
@@ -81,9 +83,10 @@ def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str
 
 
 def merged(checks: Sequence[Check], verdicts: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """The verdicts of one scenario by seed as one, on the first failed run or else the first run.
+    """Merge a scenario's verdicts by seed, based on the first failed run or otherwise on the first run.
 
-    It has passed if all have. `checks` are the scenario's, in the order of the verdicts' results.
+    The merged verdict has passed if all have. `checks`: the scenario's, in the order of the verdicts'
+    results.
     """
     failed = [seed for seed, verdict in sorted(verdicts.items()) if not verdict["passed"]]
     shown = verdicts[failed[0] if failed else min(verdicts)]
@@ -108,6 +111,6 @@ def merged(checks: Sequence[Check], verdicts: Mapping[int, Mapping[str, Any]]) -
 
 
 def work_ratio(verdict: Mapping[str, Any]) -> float | None:
-    """The firmware's median work in a tick over the plant's; None where either was not timed."""
+    """Ratio of the firmware's to the plant's median work per tick; None if either was not timed."""
     firmware, plant = (verdict["loops"][name]["work_us"]["p50"] for name in ("firmware", "plant"))
     return float(firmware / plant) if firmware and plant else None

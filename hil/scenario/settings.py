@@ -8,15 +8,15 @@ from typing import Any
 from plant_sim.text_input import DEEPEST, TextInputError, parse_toml
 
 Settings = Sequence[str] | Mapping[str, Any]
-"""`KEY=VALUE` texts whose values are TOML, or values by their dotted keys."""
+"""Texts `KEY=VALUE` with TOML values, or a mapping from dotted keys to values."""
 
 
 class SettingError(TextInputError):
-    """A `--set` that names nothing or cannot be read."""
+    """A `--set` cannot be read or has no valid key."""
 
 
 def parse_value(text: str) -> Any:
-    """`text` as a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string. Raises TextInputError."""
+    """Parse a TOML value: 1.3, true, "word", [1, 2]; a bare word is a string. Raises TextInputError."""
     try:
         return parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -41,7 +41,7 @@ def keys_and_values(settings: Settings) -> Iterator[tuple[str, Any]]:
 
 
 def as_texts(settings: Settings) -> list[str]:
-    """The settings as a person reads them, KEY=VALUE."""
+    """The settings as texts KEY=VALUE."""
     return [f"{key}={value}" for key, value in keys_and_values(settings)]
 
 
