@@ -1,1 +1,1 @@
-"""How the firmware's one source runs: interpreted, or compiled by numba behind one C function."""
+"""The builds of the firmware's one source: interpreted, or compiled by numba behind one C function."""

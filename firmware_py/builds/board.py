@@ -1,4 +1,4 @@
-"""The firmware for a Cortex-M, linked with the few lines that let QEMU's emulated board run it.
+"""The firmware for a Cortex-M, linked with a small main program for QEMU's emulated board.
 
 The image reads requests from standard input and answers on standard output; see `board_image/main.c`.
 """
@@ -22,7 +22,7 @@ BoardName = Literal["cortex-m7", "cortex-m4f"]
 
 
 class Board(NamedTuple):
-    """A board of QEMU, and what the compiler calls its processor."""
+    """A board of QEMU, and the compiler's names of its processor and floating-point unit."""
 
     machine: str
     cpu: str
@@ -35,22 +35,22 @@ BOARDS: dict[BoardName, Board] = {
 }
 OPTIONS = ("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib")
 LIBRARIES = ("-lm", "-lc", "-lgcc")
-"""Of the mathematics only `floorf` and `rintf`, which are exact, where there are no such instructions."""
+"""Of the C library's mathematics only the exact `floorf` and `rintf` are used, without such instructions."""
 EMULATION = (
     *("-display", "none", "-monitor", "none", "-serial", "none"),
     *("-icount", "shift=6,align=off,sleep=off", "-semihosting-config", "enable=on,target=native"),
 )
-"""Each instruction takes 64 ns of the board's own time, so that two runs are alike."""
+"""Each instruction takes 64 ns of the board's own time, so that two runs are equal."""
 TIMER_TICKS_AN_INSTRUCTION = 64.0 / 40.0
 """The board's timer runs at 25 MHz."""
 
 
 class BoardError(ValueError):
-    """The image cannot be made or run here; names the remedy."""
+    """The image cannot be built or run here; the message names the remedy."""
 
 
 def missing_tools() -> list[str]:
-    """Which of the programs and libraries are not there."""
+    """The names of the missing programs and libraries."""
     missing = [program for program in (COMPILER, EMULATOR) if shutil.which(program) is None]
     if COMPILER not in missing:
         found = subprocess.run(
@@ -62,7 +62,7 @@ def missing_tools() -> list[str]:
 
 
 def refuse_without_tools() -> None:
-    """Raise BoardError where anything is missing."""
+    """Raise BoardError if a program or library is missing."""
     if missing := missing_tools():
         raise BoardError(f"an emulated Cortex-M needs {' and '.join(missing)}; {REMEDY}")
 
@@ -79,7 +79,7 @@ def emulator(name: BoardName, image: Path) -> list[str]:
 
 
 def image(name: BoardName) -> Path:
-    """The linked image; the first one after a change of the firmware takes a minute."""
+    """The path of the linked image; building it after a change of the firmware takes a minute."""
     refuse_without_tools()
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()[
         :16
@@ -104,5 +104,5 @@ def _link(name: BoardName, folder: Path) -> Path:
 
 
 def start(name: BoardName) -> "subprocess.Popen[bytes]":
-    """A board that has just been switched on."""
+    """Start the emulator: a board after power-up."""
     return subprocess.Popen(emulator(name, image(name)), stdin=subprocess.PIPE, stdout=subprocess.PIPE)

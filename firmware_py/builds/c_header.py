@@ -1,6 +1,6 @@
-"""The C headers of the firmware: structs in the layout of `flat.layout`, and a config's values.
+"""The C headers of the firmware: structs in the layout of `flat.layout`, and the values of a config.
 
-In single precision the structs' numbers are floats, and the config's are rounded once.
+In single precision the structs contain floats, and the config's values are rounded once.
 """
 
 import inspect
@@ -17,9 +17,9 @@ from firmware_py.interface.frame import WordFrame
 from firmware_py.node.tick import MAX_RX, NodeState, Tx
 
 RECORDS = (Config, NodeState, WordFrame, Tx)
-"""What the function's pointers point to."""
+"""Types of the objects to which the function's pointers point."""
 CPP_KEYWORDS = ("operator",)
-"""Of the members' names those that C++ refuses; they get an underscore."""
+"""Member names that are keywords of C++; they get an underscore."""
 
 TOP = """\
 /* The controller of the vibro-impact drive, built by `vibrohil firmware build`; made by machine, don't edit.
@@ -81,12 +81,12 @@ static const vibro_config VIBRO_CONFIG = {values};
 
 
 def config_header(config: Config, precision: Precision = "double") -> str:
-    """The header with a config's values, floats to the last bit."""
+    """The text of the header with a config's values, floats exact to the last bit."""
     return CONFIG.format(values=initializer(config, precision, ""))
 
 
 def initializer(value: Any, precision: Precision, indent: str) -> str:
-    """A record or one of its members as C initialises it."""
+    """The C initializer of a record or of one of its members."""
     inner = indent + "    "
     if hasattr(value, "_fields"):
         members = zip(value._fields, value, strict=True)
@@ -119,7 +119,7 @@ def header(precision: Precision = "double") -> str:
 
 
 def needed(kind: Any) -> Iterator[Any]:
-    """The records and enums that make up a type, each after those that it is made of."""
+    """The records and enums that a type contains, each after its own members, and the type itself."""
     if get_origin(kind) is tuple:
         yield from needed(get_args(kind)[0])
     elif hasattr(kind, "_fields"):
@@ -131,7 +131,7 @@ def needed(kind: Any) -> Iterator[Any]:
 
 
 def c_name(kind: type) -> str:
-    """A Python class's name in C.
+    """The name of a Python class in C.
 
     >>> c_name(NodeState)
     'vibro_node_state'
@@ -140,25 +140,25 @@ def c_name(kind: type) -> str:
 
 
 def c_member(name: str) -> str:
-    """A member's name in C."""
+    """The name of a member in C."""
     return f"{name}_" if name in CPP_KEYWORDS else name
 
 
 def comment(kind: type) -> str:
-    """The first paragraph of a class's docstring."""
+    """The first paragraph of a class's docstring, as a C comment."""
     text = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())
     return f"/* {text} */"
 
 
 def enum_text(kind: type[IntEnum]) -> str:
-    """An enum's values."""
+    """The C declaration of an enum."""
     prefix = c_name(kind).upper()
     values = "\n".join(f"    {prefix}_{member.name} = {member.value}," for member in kind)
     return f"{comment(kind)}\nenum {c_name(kind)} {{\n{values}\n}};\n"
 
 
 def struct_text(kind: Any, precision: Precision) -> str:
-    """A record's struct, and its size held."""
+    """The C declaration of a record's struct, with a static assertion of its size."""
     lines = "\n".join(f"    {declaration(name, member, precision)}" for name, member in members(kind))
     name = c_name(kind)
     size = layout(kind, precision).itemsize
@@ -169,7 +169,7 @@ def struct_text(kind: Any, precision: Precision) -> str:
 
 
 def declaration(name: str, kind: Any, precision: Precision) -> str:
-    """A member's line."""
+    """The C declaration of a member."""
     if get_origin(kind) is tuple:
         items = get_args(kind)
         first, _, rest = declaration(f"{name}[{len(items)}]", items[0], precision).partition(";")

@@ -1,4 +1,4 @@
-"""Where machine code made of the firmware is kept.
+"""The folder of machine code compiled from the firmware.
 
 numba's cache notices an edited function but neither an edited callee nor a reordered record, so the folder is
 named by a hash of every source file of the firmware.

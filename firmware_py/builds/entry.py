@@ -2,7 +2,7 @@
 
     int64 tick(config *, state *, int64 elapsed_ticks, int64 count, frame *, tx *)
 
-It is `flat_tick`; it returns 1, or 0 with `state` and `tx` unchanged where the arithmetic failed.
+The function is `flat_tick`. It returns 1, or 0 with `state` and `tx` unchanged if the arithmetic failed.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from firmware_py.builds.numba_subset import register
 
 
 def _compiled() -> Any:
-    # numba reads its one global cache setting when it decorates; other packages have set theirs.
+    # numba reads its global cache setting when it decorates a function; another package may have set it.
     settings: Any = numba.config
     previous, settings.CACHE_DIR = settings.CACHE_DIR, str(cache_folder())
     try:

@@ -1,4 +1,4 @@
-"""Records as flat memory: a NamedTuple of the subset as a numpy structured type, which is also a C struct.
+"""Records in flat memory: a NamedTuple of the subset as a numpy structured type, which equals a C struct.
 
 Integers take eight bytes, floats eight or, in single precision, four; enums are integers, bools take one
 byte; members are aligned as a C compiler aligns them.
@@ -25,7 +25,7 @@ def members(kind: Any) -> tuple[tuple[str, Any], ...]:
 
 @functools.cache
 def layout(kind: Any, precision: Precision = "double") -> Any:
-    """The numpy type of a record or one of its members; raise TypeError for what the subset has not."""
+    """The numpy type of a record or one of its members; raise TypeError for a type outside the subset."""
     if get_origin(kind) is tuple:
         items = get_args(kind)
         if len(set(items)) != 1:
@@ -43,25 +43,25 @@ def layout(kind: Any, precision: Precision = "double") -> Any:
 
 
 def stored(record: tuple[Any, ...]) -> Memory:
-    """A record in memory of its own, an array of one item."""
+    """A copy of the record in flat memory, an array of one element."""
     memory = np.zeros(1, layout(type(record)))
     memory[0] = _plain(record)
     return cast(Memory, memory)
 
 
 def in_precision(memory: Memory, kind: Any, precision: Precision) -> Memory:
-    """Records of this type with floats of this precision, each rounded once; beyond its range to infinity."""
+    """Records of type `kind` with floats of this precision, each rounded once; infinite beyond its range."""
     wanted = layout(kind, precision)
     if memory.dtype == wanted:
         return memory
-    other: Memory = np.zeros(memory.shape, wanted)  # astype would leave anything between the members
+    other: Memory = np.zeros(memory.shape, wanted)  # astype would leave the padding undefined
     with np.errstate(over="ignore"):
         other[:] = memory
     return other
 
 
 def copier(source: Memory, destination: Memory) -> Callable[[], None]:
-    """`copy()`: `destination` becomes equal to `source`, a record of the same type in any precision."""
+    """A function that copies `source` to `destination`, a record of the same type in any precision."""
     if source.dtype == destination.dtype:
         return functools.partial(destination.__setitem__, slice(None), source)
     places: dict[str, list[tuple[int, int]]] = {}
@@ -79,7 +79,7 @@ def copier(source: Memory, destination: Memory) -> Callable[[], None]:
 
 
 def _leaves(kind: Any, start: int = 0) -> Iterator[tuple[Any, int]]:
-    """The numbers that a type is made of, each with its place in bytes."""
+    """The numeric types within a type, each with its offset in bytes."""
     if kind.subdtype is not None:
         item, (count,) = kind.subdtype
         for index in range(count):
@@ -92,29 +92,29 @@ def _leaves(kind: Any, start: int = 0) -> Iterator[tuple[Any, int]]:
 
 
 def _plain(value: Any) -> Any:
-    """The record as numpy takes it: records as plain tuples, tuples of one type as lists."""
+    """The record in the form that numpy accepts: records as plain tuples, tuples of one type as lists."""
     if not isinstance(value, tuple):
         return value
     return tuple(map(_plain, value)) if hasattr(value, "_fields") else list(map(_plain, value))
 
 
 def loaded(kind: Any, value: Any) -> Any:
-    """The record of type `kind` out of `memory[0].item()`, or out of a part of it."""
+    """The record of type `kind` from `memory[0].item()`, or from a part of it."""
     return _loader(kind)(value)
 
 
 @functools.cache
 def _loader(kind: Any) -> Callable[[Any], Any]:
-    """What makes a record of this type, or a member of it, of what `item` gives for it."""
+    """A function that converts the value from `item` into a record of this type or one of its members."""
     if get_origin(kind) is tuple:
         items = [_loader(item) for item in get_args(kind)]
-        # An array: `item` leaves one within a record as it is.
+        # `item` does not convert an array within a record.
         return lambda value: tuple(
             load(one) for load, one in zip(items, np.asarray(value).tolist(), strict=True)
         )
     if not hasattr(kind, "_fields"):
         return cast(Callable[[Any], Any], kind)
     if all(member in (float, int, bool) for _, member in members(kind)):
-        return cast(Callable[[Any], Any], kind._make)  # `item` gives these as they are
+        return cast(Callable[[Any], Any], kind._make)  # `item` converts these itself
     loads = [_loader(member) for _, member in members(kind)]
     return lambda value: kind._make([load(one) for load, one in zip(loads, value, strict=True)])

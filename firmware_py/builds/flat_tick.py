@@ -1,10 +1,10 @@
-"""The firmware as one function of flat memory, which a compiler may turn into one C function:
+"""The firmware as one function on flat memory, in a form that compiles to one C function:
 
     tick(config *, state *, int64 elapsed_ticks, int64 count, frame *, tx *)
 
-Whoever compiles it calls `numba_subset.register` first.
+`numba_subset.register` must be called before it is compiled.
 
-The structs are those of `flat.layout`; a frame is three 64-bit integers.
+The structs have the layout of `flat.layout`; a frame is three 64-bit integers.
 """
 
 from typing import Any, cast
@@ -23,7 +23,7 @@ SIGNATURE = types.int64(types.voidptr, types.voidptr, types.int64, types.int64, 
 
 
 def flat_tick(config: Any, state: Any, elapsed_ticks: int, count: int, frames: Any, tx: Any) -> int:
-    """One control period; 1."""
+    """Run one control period; always returns 1."""
     now, sent = tick(_load_config(config), _load_state(state), Rx(elapsed_ticks, count, frames))
     _store(now, state)
     _store(sent, tx)

@@ -3,9 +3,10 @@
     int vibro_tick(const vibro_config *, vibro_state *, int64_t elapsed_ticks, int64_t frame_count,
                    const vibro_frame *, vibro_tx *)
 
-It returns 0, or another number with state and tx unchanged where the arithmetic failed. The object also holds
-the constant `vibro_initial_state`. It wants what its target has no instruction for, memory copied and filled,
-and nothing of an operating system; no mathematics of a C library, whose last bits are its own.
+It returns 0, or another number with state and tx unchanged if the arithmetic failed. The object also holds
+the constant `vibro_initial_state`. It requires functions for operations without an instruction on its target
+and for copying and filling memory, but no operating system and no inexact mathematics of a C library, whose
+last bits differ from another's.
 """
 
 import os
@@ -30,14 +31,14 @@ TargetName = Literal["cortex-m7", "cortex-m4f", "host", "host-single"]
 
 
 class Target(NamedTuple):
-    """A machine as LLVM knows it."""
+    """A machine in the terms of LLVM."""
 
     triple: str
     cpu: str
     features: str
     relocation: str
     precision: Precision
-    """Of every float, in structs, registers and constants: see `single_precision`."""
+    """Precision of every float, in structs, registers and constants: see `single_precision`."""
 
 
 _ARM = "thumbv7em-none-unknown-eabihf"
@@ -47,17 +48,17 @@ TARGETS: dict[TargetName, Target] = {
     "host": Target(llvm.get_default_triple(), "", "", "pic", "double"),
     "host-single": Target(llvm.get_default_triple(), "", "", "pic", "single"),
 }
-"""The host's own features are left out: an FMA where another target has none would change bits."""
+"""The host's features are not used: a fused multiply-add that another target lacks would change bits."""
 
 ENTRY = "vibro_tick"
 SPEED = 2
 LLVM_REGION_BUDGET = 10_000
-"""LLVM's own limit."""
+"""LLVM's default of the limit that `whole_registers` sets."""
 MOST_ARGUMENTS = 100
-"""A function with more is inlined: numba passes each number of a record by itself, and LLVM cannot compile a
-call with kilobytes of arguments for ARM."""
+"""A function with more arguments is inlined: numba passes each number of a record as an argument of its own,
+and LLVM cannot compile a call with kilobytes of arguments for ARM."""
 FRAMING = "9interface7framing"
-"""In a mangled name: what is inlined too, as each frame's length and counter are then numbers in the code."""
+"""Part of a mangled name; these functions are inlined too, so that frame lengths become constants."""
 WRAPPER = """
 define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %frames, ptr %tx) {{
   %returned = alloca i64
@@ -71,16 +72,16 @@ define i32 @vibro_tick(ptr %config, ptr %state, i64 %elapsed, i64 %count, ptr %f
 """
 KEPT = (ENTRY, "vibro_initial_state")
 NAMES_EXCEPTION = re.compile(r"^ *store ptr @\.const\.picklebuf\S*, ptr \S*.*\n", re.MULTILINE)
-"""Numba's pickled exceptions are left out: the wrapper looks at the status alone."""
+"""Stores of numba's pickled exceptions, which are removed: the wrapper only uses the status."""
 
 
 def escaped(content: bytes) -> str:
-    """Bytes as LLVM assembly writes them."""
+    """Bytes in the notation of LLVM assembly."""
     return "".join(f"\\{byte:02x}" for byte in content)
 
 
 def kept(name: str) -> Path:
-    """A file that depends on nothing but the firmware's sources, made once."""
+    """Path of a cached file that depends only on the firmware's sources."""
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
     return folder / name
@@ -116,11 +117,11 @@ def object_code(target: TargetName) -> bytes:
 
 @contextmanager
 def whole_registers() -> Iterator[None]:
-    """LLVM's register allocator keeps each number of the tick in one place for its whole life.
+    """Keep LLVM's register allocator from splitting live ranges by regions of the code.
 
-    Splitting lives by regions of the code, as LLVM does otherwise, costs this one large function ten to
-    twenty kilobytes of moves, more or fewer with any change of a line, and saves no instruction of a tick.
-    The limit is the process's own, so what it was is put back.
+    Region splitting, LLVM's default, adds ten to twenty kilobytes of moves to this one large function,
+    varying with each change of a line, and saves no instruction per tick. The option is global in the
+    process, so it is reset afterwards.
     """
     limit = "-grow-region-complexity-budget="
     llvm.set_option("", f"{limit}0")
@@ -131,7 +132,7 @@ def whole_registers() -> Iterator[None]:
 
 
 def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> bytes:
-    """The object file of numba's raw LLVM assembly in which `kept_names` can be seen from outside."""
+    """The object file of numba's raw LLVM assembly; only `kept_names` have external linkage."""
     if target.precision == "single":
         assembly = single_precision.narrowed(assembly)
     llvm.initialize_all_targets()
@@ -150,7 +151,7 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
             function.add_function_attribute("alwaysinline")
     options = llvm.create_pipeline_tuning_options(speed_level=SPEED)
     options.slp_vectorization = options.loop_vectorization = False
-    options.loop_unrolling = False  # a tenth more flash, and not an instruction less in a tick
+    options.loop_unrolling = False  # unrolling: a tenth more flash, no faster tick
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     with whole_registers():
@@ -158,10 +159,10 @@ def retargeted(assembly: str, target: Target, kept_names: Collection[str]) -> by
 
 
 def sizes(target: TargetName) -> dict[str, int]:
-    """Bytes that the target's object file takes in flash, and its caller's structs in RAM."""
+    """Bytes of the target's object file in flash, and of its caller's structs in RAM."""
     code, precision = object_code(target), TARGETS[target].precision
     text = constants = 0
-    for section in llvm.ObjectFileRef.from_data(code).sections():  # one object that moves on: not to be kept
+    for section in llvm.ObjectFileRef.from_data(code).sections():  # an iterator that reuses one object
         text += section.size() if section.is_text() else 0
         constants += section.size() if (section.name() or b"").startswith(b".rodata") else 0
     records = {"config": Config, "state": NodeState, "tx": Tx}

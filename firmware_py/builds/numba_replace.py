@@ -1,6 +1,6 @@
-"""`record._replace(field=value)` in compiled code, for every NamedTuple: numba has none of its own.
+"""`record._replace(field=value)` in compiled code, for every NamedTuple; numba does not support it.
 
-It is typed as a method with a parameter for each field; those that a call leaves out have the type none.
+The method is typed with one parameter per field; parameters that a call leaves out have the type none.
 """
 
 from inspect import Parameter, Signature
@@ -22,7 +22,7 @@ class _Replace(_templates.AbstractTemplate):  # type: ignore[misc]  # numba carr
     this: Any
 
     def generic(self, args: Any, kws: Any) -> Any:
-        """The signature of a call: each field that it names has the record's own type for it."""
+        """The signature of a call: each named field has the type that it has in the record."""
         fields = self.this.fields
         if args or not kws.keys() <= set(fields):
             raise TypingError(f"_replace: got {', '.join(kws)}, wanted some of {', '.join(fields)}")

@@ -1,8 +1,8 @@
-"""The subset for numba: every function of the firmware may be called from compiled code.
+"""Registration of the firmware's functions with numba, so that compiled code can call them.
 
-`register()` leaves the functions as they are, so that both builds live in one process. What the subset cannot
-write down, the bits of a float32, an enum out of a number and records in memory, is given here as machine
-instructions; a record with some fields replaced, in `numba_replace`.
+`register()` does not change the functions, so both builds can run in one process. Operations that the subset
+cannot express are defined here as machine instructions: the bits of a float32, an enum from a number, and
+records in memory. `_replace` of a record is defined in `numba_replace`.
 """
 
 import functools
@@ -41,15 +41,15 @@ INSTEAD: dict[Any, Any] = {
     kalman.update: kalman.update_written_out,
     parameters.with_value: _with_value,
 }
-"""Functions by which compiled code replaces others: filterpy's algebra by the same algebra written out."""
+"""Replacements of functions in compiled code: filterpy's algebra by the same algebra written out."""
 
 
 @functools.cache
 def register(inlined: bool = True) -> None:
-    """Let compiled code call the firmware's functions.
+    """Register the firmware's functions for calls from compiled code.
 
-    `inlined`: each call's machine code stands where the call was. Records of hundreds of members are then not
-    copied from call to call, which takes two thirds of a tick; the code is larger, too large for a board.
+    `inlined`: functions are inlined. Records of hundreds of members are then not copied at each call, which
+    would take two thirds of a tick; the code is larger, too large for a board.
     """
     options: Any = {"forceinline": inlined}
     for module in subset():
@@ -96,7 +96,7 @@ def numba_type(kind: Any) -> Any:
 
 
 def loader(kind: type[Any]) -> Any:
-    """`load(address)`: in compiled code, the record of this type in memory laid out as `flat.layout`."""
+    """`load(address)` for compiled code: reads a record of this type, laid out as `flat.layout`."""
     record = numba_type(kind)
 
     @intrinsic
@@ -112,7 +112,7 @@ def loader(kind: type[Any]) -> Any:
 
 @intrinsic
 def store(_: Any, record: types.Type, address: types.Type) -> Any:
-    """In compiled code: put a record into memory laid out as `flat.layout`."""
+    """Store a record in memory laid out as `flat.layout`; for compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         model = context.data_model_manager[record]
@@ -166,4 +166,4 @@ INSTRUCTIONS: dict[Any, Any] = {
     enums.axis_state_of: _member_of(AxisState),
     enums.operator_request_of: _member_of(OperatorRequest),
 }
-"""What compiled code does instead of these functions."""
+"""Machine instructions that replace these functions in compiled code."""

@@ -1,7 +1,7 @@
-"""`NUMBA_OPT=0 python -m firmware_py.builds.raw_ir FILE`: the firmware as numba hands it to LLVM.
+"""`NUMBA_OPT=0 python -m firmware_py.builds.raw_ir FILE`: the firmware as numba passes it to LLVM.
 
-FILE gets the LLVM assembly of `flat_tick` and all that it calls, not optimised; the first line is a comment
-with the function's name. It is a process of its own, because numba reads NUMBA_OPT once.
+Writes the LLVM assembly of `flat_tick` and of all functions that it calls, not optimised, to FILE; the first
+line is a comment with the function's name. It needs its own process, because numba reads NUMBA_OPT only once.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """The firmware in single precision: numba's LLVM assembly with each `double` made a `float`.
 
-Types, instructions and constants change, each constant rounded once; integers, and so all ages and counters,
-stay 64 bits wide. Of `core.elementary` a few constants are the number format's own: they are replaced by
-what they are in single precision.
+Types, instructions and constants change; each constant is rounded once. Integers, and so all ages and
+counters, stay 64 bits wide. A few constants of `core.elementary` depend on the number format: they are
+replaced by their values for single precision.
 """
 
 import math
@@ -14,7 +14,7 @@ from fractions import Fraction
 from firmware_py.core import elementary
 
 SINGLE_BITS = 24
-"""Of a float's significand."""
+"""Bits of a float's significand."""
 
 _SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
     # 17 bits, so that the product with up to 64 quarter turns is exact
@@ -27,11 +27,11 @@ _SPLIT: tuple[tuple[tuple[float, ...], int], ...] = (
     ((elementary._ATAN_1_2, elementary._ATAN_1_2_REST), SINGLE_BITS),
     ((elementary._ATAN_3_2, elementary._ATAN_3_2_REST), SINGLE_BITS),
 )
-"""Numbers in pieces of several floats, and the bits of all pieces but the last one."""
+"""Constants that are sums of several floats, and the bits of all terms but the last one."""
 
 
 def single(value: Fraction | float) -> float:
-    """The nearest number of single precision; an infinity from halfway between the largest and 2¹²⁸ on.
+    """The nearest number of single precision; infinite from halfway between the largest one and 2¹²⁸ on.
 
     >>> single(0.1)
     0.10000000149011612
@@ -44,7 +44,7 @@ def single(value: Fraction | float) -> float:
 
 
 def pieces(number: Fraction, count: int, bits: int) -> Iterator[float]:
-    """A positive number as a sum of floats, all but the last one of at most `bits` bits.
+    """A positive number as a sum of floats; all terms but the last have at most `bits` bits.
 
     >>> [float(piece).hex() for piece in pieces(Fraction(1, 3), 2, 4)]
     ['0x1.6000000000000p-2', '-0x1.5555560000000p-7']
@@ -67,7 +67,7 @@ def _replaced() -> Iterator[tuple[float, float]]:
 
 
 REPLACED = {value: other for value, other in _replaced() if other != single(value)}
-"""Constants that are more than a number to be rounded."""
+"""Constants that are not merely rounded, with their values for single precision."""
 
 _NUMBER = r"(?<![\w.$-])(?:0x[0-9A-F]{16}|-?\d\.\d+e[+-]\d+)(?![\w.])"
 _REWRITTEN: Sequence[tuple[re.Pattern[str], str]] = (
@@ -78,7 +78,7 @@ _REWRITTEN: Sequence[tuple[re.Pattern[str], str]] = (
     (re.compile(r"(?<![\w.$%@-])double(?![\w.])"), "float"),
     (re.compile(r"@llvm\.(\w+)\.f64\("), r"@llvm.\1.f32("),
     (re.compile(r"@(floor|sqrt)\("), r"@\1f("),
-    (re.compile(r", align \d+$"), ""),  # the type's own, now a smaller one
+    (re.compile(r", align \d+$"), ""),  # the alignment of a float is smaller
 )
 _QUOTED = re.compile(r'("[^"]*")')
 _TOUCHED = re.compile(rf"\bdouble\b|{_NUMBER}")
@@ -86,14 +86,14 @@ _NUMBERS = re.compile(_NUMBER)
 
 
 def narrowed(assembly: str) -> str:
-    """LLVM assembly in which every double has become a float."""
+    """The LLVM assembly with every double replaced by a float."""
     return "\n".join(map(_line, assembly.split("\n")))
 
 
 def _line(line: str) -> str:
     if not _TOUCHED.search(line):
         return line
-    parts = _QUOTED.split(line)  # those in odd places are names and bytes
+    parts = _QUOTED.split(line)  # odd elements are quoted names and bytes
     if not any(map(_TOUCHED.search, parts[::2])):
         return line
     for place in range(0, len(parts), 2):
@@ -105,7 +105,7 @@ def _line(line: str) -> str:
 
 
 def _constant(found: re.Match[str]) -> str:
-    """LLVM writes a float as the bits of the double that equals it."""
+    """A constant in single precision; LLVM writes a float as the bits of the equal double."""
     text = found.group()
     value: float = struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
     return f"0x{struct.pack('>d', REPLACED.get(value, single(value))).hex().upper()}"

@@ -1,4 +1,4 @@
-"""What the core is given of the newest frames."""
+"""The core's inputs from the newest frames."""
 
 from firmware_py.core.inputs import (
     AccelerometerInput,
@@ -16,7 +16,7 @@ from firmware_py.interface.generated.received import Received
 
 
 def inputs_of(received: Received, tick: int, elapsed_ticks: int) -> Inputs:
-    """What the core sees of the world at tick number `tick`."""
+    """The core's inputs at tick number `tick`."""
     acceleration, encoder = received.accelerometer, received.encoder_estimates
     command, leg = received.operator_command, received.gait_sensors
     errors, temperature = received.drive_errors, received.drive_temperature

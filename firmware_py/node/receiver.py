@@ -1,4 +1,4 @@
-"""Receiving: which frames begin a sample, when it was taken, and the parameter requests that wait."""
+"""Receiving: the frames that begin a sample, the time of a sample, and the waiting parameter requests."""
 
 from typing import NamedTuple, TypeVar
 
@@ -13,13 +13,13 @@ from firmware_py.interface.generated.records import ParameterRequest
 Item = TypeVar("Item")
 
 LONGEST_DATED_TICKS = (1 << kinds.ACCELEROMETER.counter_bits) - 2
-"""Since the last sample: for as long a sample's counter says when it was sent, give or take a tick."""
+"""Longest time since the last sample for which a sample's counter gives its tick, to within one tick."""
 
 
 class Requests(NamedTuple):
-    """Parameter requests: the first `number` of `waiting` wait for an answer.
+    """Parameter requests: the first `number` elements of `waiting` are not answered yet.
 
-    Four suffice: a client waits for an answer before it asks again.
+    Four places suffice: a client waits for an answer before it sends another request.
     """
 
     waiting: tuple[ParameterRequest, ParameterRequest, ParameterRequest, ParameterRequest]
@@ -33,7 +33,7 @@ NO_REQUESTS = Requests((NO_REQUEST, NO_REQUEST, NO_REQUEST, NO_REQUEST), 0)
 def with_one(
     waiting: tuple[Item, Item, Item, Item], count: int, one: Item
 ) -> tuple[tuple[Item, Item, Item, Item], int, int]:
-    """Four places, `count` of them taken, with `one` in the next: `(places, taken, lost)`."""
+    """Add `one` to four places, of which `count` are occupied: `(places, count, lost)`; lost is 1 if full."""
     first, second, third, fourth = waiting
     if count == 0:
         return (one, second, third, fourth), 1, 0
@@ -49,7 +49,7 @@ def with_one(
 def receive(
     tick_s: float, before: Received, requests: Requests, counters: Counters, tick: int, frame: WordFrame
 ) -> tuple[Received, Requests, Counters]:
-    """Take one frame that arrived before tick number `tick`; other identifiers are passed over."""
+    """Process one frame that arrived before tick number `tick`; unknown identifiers are ignored."""
     now, counters, usable = received.receive(tick_s, before, counters, tick, frame)
     if usable and frame.can_id == kinds.PARAMETER_REQUEST.can_id:
         waiting, number, lost = with_one(requests.waiting, requests.number, now.parameter_request)
@@ -59,7 +59,7 @@ def receive(
 
 
 def begins_sample(before: Received, tick: int, frame: WordFrame, first_id: int) -> bool:
-    """Whether a frame of `tick` belongs to another sample than those received in it so far.
+    """Whether a frame received in `tick` belongs to a new sample.
 
     A sample is an accelerometer frame and its encoder frame; the frame with `first_id` comes first.
     """
@@ -70,6 +70,6 @@ def begins_sample(before: Received, tick: int, frame: WordFrame, first_id: int) 
 
 
 def sampled_tick(last: Arrival, newest: Arrival) -> int:
-    """When the newest sample was taken, by how far its counter has moved since that of `last`."""
+    """The tick of the newest sample, from the difference of its counter and that of `last`."""
     modulus = 1 << kinds.ACCELEROMETER.counter_bits
     return last.tick + (newest.counter - last.counter) % modulus

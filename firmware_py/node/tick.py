@@ -2,18 +2,18 @@
 
     tick(config, state, rx) -> (state, tx)
 
-Call it once a control period with the frames that have arrived since. `config` is the core's, made of the
-parameters; `state` starts as `INITIAL`. `rx.frames` is anything with `rx.frame_count` items of `WordFrame`: a
-sequence interpreted, a tuple of them or a pointer to them compiled; `rx.elapsed_ticks` is 1, or more after
-ticks that were skipped. Samples that have waited meanwhile are then used one after the other, each at the
-time that its counter says. `tx.torque` leaves in every tick, `tx.other` if `tx.frame_count` is 2.
+Call it once per control period with the frames that have arrived since the last call. `config` is the core's
+configuration, made from the parameters; `state` starts as `INITIAL`. `rx.frames` holds `rx.frame_count` items
+of `WordFrame`: any sequence if interpreted, a tuple or a pointer if compiled. `rx.elapsed_ticks` is 1, or
+more after skipped ticks. The samples that have arrived during skipped ticks are used one after the other,
+each at the time given by its counter. `tx.torque` is sent in every tick, `tx.other` if `tx.frame_count` is 2.
 
-Reading and writing parameters is no part of a control period: while `state.requests.number` is not 0,
-call `served` between two ticks; its answers leave in the next ones.
+Parameters are read and written between control periods: if `state.requests.number` is not 0, call `served`
+between two ticks; its answers are sent in the following ticks.
 
-All of it is the firmware's subset (floats, integers, enums, NamedTuples and tuples of them, bounded loops,
-plain functions), so that one source runs interpreted, compiled by numba from within other compiled code, and
-on a microcontroller.
+The module uses only the firmware's subset (floats, integers, enums, NamedTuples and tuples of them, bounded
+loops, plain functions), so that one source runs interpreted, compiled by numba from within other compiled
+code, and on a microcontroller.
 """
 
 from collections.abc import Sequence
@@ -47,11 +47,11 @@ from firmware_py.node.receiver import (
 from firmware_py.node.transmitter import Transmitter
 
 MAX_RX = 64
-"""Frames that a flat `rx` holds. A tick brings 3 at most; 25 ticks of patience after a pause bring 60."""
+"""Capacity of a flat `rx`. A tick brings at most 3 frames; the 25 ticks tolerated in an overrun bring 60."""
 
 
 MOST_SAMPLES = 20
-"""Samples that waited in an overrun and are used at most, the newest; the model bridges what was before."""
+"""Most samples used after an overrun, the newest ones; the model predicts over the time before them."""
 
 
 class Rx(NamedTuple):
@@ -63,7 +63,7 @@ class Rx(NamedTuple):
 
 
 class Tx(NamedTuple):
-    """The frames that leave in this tick: `torque`, and `other` where `frame_count` is 2."""
+    """The frames to be sent in this tick: `torque`, and `other` if `frame_count` is 2."""
 
     frame_count: int
     torque: WordFrame
@@ -71,7 +71,7 @@ class Tx(NamedTuple):
 
 
 class NodeState(NamedTuple):
-    """Everything that a tick hands to the next one; `inputs` and `outputs` are the newest tick's."""
+    """The firmware's state from one tick to the next; `inputs` and `outputs` belong to the newest tick."""
 
     ticks: int
     received: Received
@@ -84,7 +84,7 @@ class NodeState(NamedTuple):
 
 
 MAY_BE_WRITTEN = (INIT, READY, FAULT, E_STOP)
-"""Modes in which nothing moves."""
+"""Modes in which nothing moves and parameters may be written."""
 
 INITIAL = NodeState(
     ticks=0,
@@ -110,7 +110,7 @@ def transmitted(
     core: State,
     now: Outputs,
 ) -> tuple[Transmitter, int, Tx]:
-    """What leaves in this tick, what still waits, and how many frames were lost."""
+    """The waiting frames after this tick, the number of lost frames, and the frames to be sent."""
     has_gait = received.gait_sensors_arrival.tick >= 0
     waiting, lost = transmitter.queued(config.tick_s, waiting, tick, before, now, has_gait)
     other = transmitter.NO_FRAME
@@ -125,7 +125,7 @@ def transmitted(
 
 
 def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
-    """One control period."""
+    """Run one control period."""
     now = state.ticks + rx.elapsed_ticks
     received, requests, counters = state.received, state.requests, state.counters
     sensed, inputs = unsensed(state.core), state.inputs
@@ -138,7 +138,7 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
         if first_id == 0 and frame.can_id in (kinds.ACCELEROMETER.can_id, kinds.ENCODER_ESTIMATES.can_id):
             first_id = frame.can_id
         if is_end or (late and begins_sample(received, now, frame, first_id)):
-            # The sample so far is complete: the newest one is of now, those before of their own time.
+            # The sample is complete. The newest one belongs to this tick, earlier ones to their own ticks.
             sampled = now if is_end else min(sampled_tick(last, received.accelerometer_arrival), now - 1)
             if sampled > state.ticks + sensed.ticks and now - sampled <= MOST_SAMPLES:
                 inputs = inputs_of(received, now, sampled - state.ticks)
@@ -157,7 +157,7 @@ def tick(config: Config, state: NodeState, rx: Rx) -> tuple[NodeState, Tx]:
 def answered(
     parameters: Parameters, request: ParameterRequest, mode: Mode
 ) -> tuple[Parameters, ParameterValue]:
-    """Read or write one parameter; a write that is refused changes nothing."""
+    """Read or write one parameter and answer; a refused write changes nothing."""
     index = request.parameter_index
     status = ParameterStatus.OK
     if request.operation == ParameterOperation.WRITE:
@@ -172,13 +172,13 @@ def answered(
 
 
 def served(parameters: Parameters, config: Config, state: NodeState) -> tuple[Parameters, Config, NodeState]:
-    """Answer the requests that wait, and make the config of what was written."""
+    """Answer the waiting requests, and make the config from the written parameters."""
     waiting, lost = state.waiting, 0
     for index in range(state.requests.number):
         parameters, answer = answered(parameters, state.requests.waiting[index], state.outputs.mode)
         waiting, fits = transmitter.with_answer(waiting, answer)
         lost += 0 if fits else 1
-    # Of damaged parameters one is written, and the others are as unknown as before.
+    # A write repairs one parameter only, so damaged parameters remain marked as damaged.
     config = config_of(parameters, config.monitors.parameters_damaged)
     state = state._replace(
         requests=NO_REQUESTS, waiting=waiting, counters=also_counted(state.counters, 0, lost)

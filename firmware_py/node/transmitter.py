@@ -1,9 +1,9 @@
 """Transmitting: the torque in every tick and at most one other frame beside it.
 
-A node that sends all its slow frames at once makes the frames of every tick, its own and others', wait for
-them on the bus. One at a time they never do, and nothing waits long: the frames that come on a period take a
-small part of the ticks. The drive link's frame comes first, then faults, then impacts; all others leave in
-the order in which they fell due.
+If a node sent all its slow frames at once, they would delay the frames of every tick on the bus, its own and
+those of other nodes. With one slow frame per tick there is no such delay, and no slow frame waits long: the
+cyclic frames need only a small share of the ticks. The drive link's frame comes first, then faults, then
+impacts; all others are sent in the order in which they fell due.
 """
 
 from typing import NamedTuple
@@ -42,25 +42,25 @@ NOT_WAITING = 1 << 62
 
 
 class Impact(NamedTuple):
-    """An impact to report, whose age counts on while its frame waits."""
+    """An impact to report; its age increases while its frame waits."""
 
     tick: int
-    """In which it came to be known."""
+    """Tick in which the separation was detected."""
     age_s: float
-    """Of its touch-down at that tick's samples."""
+    """Age of the touch-down at the samples of that tick."""
     approach_speed_m_s: float
     impulse_n_s: float
 
 
 class Cyclic(NamedTuple):
-    """A frame that waits in turn: when it last fell due, and its place in the queue."""
+    """A cyclic frame: the tick in which it last fell due, and its place in the queue."""
 
     due_tick: int
     place: int
 
 
 class Sent(NamedTuple):
-    """Frames sent since power-up, of each identifier with a rolling counter."""
+    """Number of frames sent since power-up, for each identifier with a rolling counter."""
 
     heartbeat: int
     estimate: int
@@ -72,11 +72,11 @@ class Sent(NamedTuple):
 
 
 class Transmitter(NamedTuple):
-    """All that waits. `next_place` counts what fell due; of `faults` and `impacts` the first ones wait.
+    """All waiting frames. `next_place` counts the frames that have fallen due.
 
-    At most four faults, impacts and answers wait; each leaves within a few ticks.
-
-    `period_ended`: a drive period's report is owed, and not yet due.
+    The first `fault_count` faults, `impact_count` impacts and `answer_count` answers wait, at most four of
+    each; each is sent within a few ticks. `period_ended`: a drive period has ended, but its report is not
+    due.
     """
 
     next_place: int
@@ -131,7 +131,7 @@ def is_due(cyclic: Cyclic, tick: int, period_s: float, tick_s: float) -> bool:
 
 
 def regime_report(outputs: Outputs) -> RegimeReport:
-    """The drive period that has just ended."""
+    """The report of the drive period that has just ended."""
     return RegimeReport(
         outputs.period_impacts,
         360.0 * fraction(outputs.impact_phase_rad / TAU),
@@ -148,7 +148,7 @@ def queued(
     outputs: Outputs,
     has_gait: bool,
 ) -> tuple[Transmitter, int]:
-    """Let everything wait that falls due in this tick; how many frames found no place."""
+    """Queue the frames that fall due in this tick; also returns the number of frames lost to a full queue."""
     lost = 0
     place = waiting.next_place
     if outputs.separation:
@@ -184,7 +184,7 @@ def queued(
 
 
 def with_answer(waiting: Transmitter, answer: ParameterValue) -> tuple[Transmitter, bool]:
-    """Let an answer wait in turn; whether it found a place."""
+    """Queue an answer; also returns whether there was a place for it."""
     answers, count, lost = with_one(waiting.answers, waiting.answer_count, answer)
     if lost > 0:
         return waiting, False
@@ -210,14 +210,14 @@ def drive_frame(config: DriveLinkConfig, kind: DriveFrame, position_rev: float) 
     if kind == DriveFrame.CLEAR_ERRORS:
         return packing.pack_clear_errors(ClearErrors(0), 0)[0]
     if kind == DriveFrame.RE_ZERO:
-        # Whole turns only: the crank's angle stays what it is.
+        # Subtract whole turns only, so that the crank's angle does not change.
         return packing.pack_set_absolute_position(SetAbsolutePosition(fraction(position_rev)), 0)[0]
     state = CLOSED_LOOP.value if kind == DriveFrame.CLOSED_LOOP else AXIS_IDLE.value
     return packing.pack_set_axis_state(SetAxisState(state), 0)[0]
 
 
 def first_place(waiting: Transmitter) -> int:
-    """Place of the frame that fell due first of those that wait in turn."""
+    """Place of the waiting frame that fell due first, faults and impacts aside."""
     return min(
         waiting.refusal_place,
         waiting.regime.place,
@@ -234,7 +234,7 @@ def any_waits(waiting: Transmitter) -> bool:
 
 
 def gait_report(state: State) -> GaitReport:
-    """What the firmware makes of the wearer's gait."""
+    """The report of the estimated gait and of the crank's lock to it."""
     cycle, lock = state.gait, state.gait_lock
     walking = cycle.confidence > 0.0
     return GaitReport(
@@ -251,7 +251,7 @@ def gait_report(state: State) -> GaitReport:
 def next_frame(
     tick_s: float, waiting: Transmitter, tick: int, state: State, outputs: Outputs
 ) -> tuple[Transmitter, WordFrame]:
-    """Take the frame whose turn it is; `NO_FRAME` for one that cannot be encoded."""
+    """Remove the next frame from the queue; `NO_FRAME` if it cannot be encoded."""
     sent = waiting.sent
     frame, sendable = NO_FRAME, True
     first = first_place(waiting)

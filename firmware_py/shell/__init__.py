@@ -1,1 +1,1 @@
-"""What surrounds the core: frames to inputs, outputs to frames, the parameter table."""
+"""The shell around the core: nodes of each build, parameters by name, and the table of faults."""

@@ -1,4 +1,4 @@
-"""The same node on an emulated board: a Cortex-M in QEMU that was switched on when the node was made."""
+"""The node on an emulated board: a Cortex-M in QEMU that is powered up when the node is made."""
 
 import struct
 import subprocess
@@ -20,17 +20,17 @@ REQUEST = struct.Struct("<3q")
 
 
 def reply_layout(precision: Precision) -> "np.dtype[np.void]":
-    """What the board answers a tick with."""
+    """The layout of the board's reply to a tick."""
     numbers = ((name, np.int64) for name in ("status", "timer_ticks", "stack_bytes"))
     return np.dtype([*numbers, ("tx", layout(Tx, precision)), ("state", layout(NodeState, precision))])
 
 
 class BoardDiedError(RuntimeError):
-    """The emulator has ended."""
+    """The emulator has ended unexpectedly."""
 
 
 class BoardNode(FlatNode):
-    """One controller on a Cortex-M7 of its own; `memory` is a copy of the board's after each tick."""
+    """One controller on its own Cortex-M7; after each tick `memory` is a copy of the board's state."""
 
     target: board.BoardName = "cortex-m7"
     kind = TICK
@@ -60,7 +60,7 @@ class BoardNode(FlatNode):
         return bool(self.reply["status"][0] == 0)
 
     def changed(self) -> None:
-        """Hand both to the board."""
+        """Send config and state to the board."""
         self._send(CONFIG, Config, self.flat_config)
         self._send(STATE, NodeState, self.memory)
 
@@ -76,11 +76,11 @@ class BoardNode(FlatNode):
 
 
 class SinglePrecisionBoardNode(BoardNode):
-    """One controller on a Cortex-M4F; `memory` holds its numbers of single precision as doubles."""
+    """One controller on a Cortex-M4F; `memory` holds its single-precision numbers as doubles."""
 
     target = "cortex-m4f"
 
 
 def _switch_off(process: "subprocess.Popen[bytes]") -> None:
-    """The end of its input ends the emulator."""
+    """End the emulator by closing its input."""
     process.communicate()

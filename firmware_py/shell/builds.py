@@ -6,14 +6,14 @@ from firmware_py.shell.node import FirmwareNode, MakeNode
 
 Build = Literal["python", "compiled", "host-single", "cortex-m7", "cortex-m4f"]
 """`python`: interpreted, with filterpy's algebra. `compiled`: numba's code behind one C function.
-`host-single`: the same in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
-`host-single` for a Cortex-M7 and a Cortex-M4F, on a board that QEMU emulates, in lockstep alone."""
+`host-single`: `compiled` in single precision. `cortex-m7` and `cortex-m4f`: the code of `compiled` and of
+`host-single` for a Cortex-M7 and a Cortex-M4F, on a board emulated by QEMU, in lockstep only."""
 NATIVE: tuple[Build, ...] = ("compiled", "host-single")
-"""Builds whose nodes are of `native.NativeNode`: compiled code can call them."""
+"""Builds whose nodes are instances of `native.NativeNode`, which compiled code can call."""
 
 
 def node_of(build: Build) -> MakeNode:
-    """What makes a node of this build; the first of a process compiles it, or takes it from the cache."""
+    """The class of this build's nodes; importing it compiles the build or loads it from the cache."""
     if build == "python":
         return FirmwareNode
     if build in ("cortex-m7", "cortex-m4f"):

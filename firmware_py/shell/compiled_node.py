@@ -1,4 +1,4 @@
-"""The same node on the `compiled` build: numba's code behind one C function."""
+"""The node of the `compiled` build: numba's code behind one C function."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -28,7 +28,7 @@ class CompiledNode(NativeNode):
         return bool(self._entry(config, state, elapsed_ticks, frame_count, frames, sent))
 
     def changed(self) -> None:
-        """The tick reads both where they are."""
+        """Nothing to do: the tick reads config and state from this memory."""
 
     def ticked(self) -> None:
-        """The tick writes where `memory` is."""
+        """Nothing to do: the tick writes to `memory`."""

@@ -18,7 +18,7 @@ class Reaction(Enum):
 
 
 class FaultLine(NamedTuple):
-    """One fault. `counts` says in which modes."""
+    """One fault; `counts` names the modes in which it counts."""
 
     fault: Fault
     cause: str
@@ -134,7 +134,7 @@ FAULTS: tuple[FaultLine, ...] = (
 
 
 def markdown() -> str:
-    """The table as docs/safety.md carries it."""
+    """The table of docs/safety.md."""
     lines = ["| code | fault | cause | counts | reaction | deadline |", "|---|---|---|---|---|---|"]
     lines += [
         f"| {line.fault.value} | {line.fault.name} | {line.cause} | {line.counts} | {line.reaction.value} | "

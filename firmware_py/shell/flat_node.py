@@ -19,11 +19,11 @@ _RX = [struct.Struct(f"<{3 * count}q") for count in range(MAX_RX + 1)]
 
 
 class FirmwareFailedError(ArithmeticError):
-    """The arithmetic of a tick failed."""
+    """The arithmetic of a tick failed, e.g. by a division by zero."""
 
 
 class FlatNode(Node):
-    """A node in flat memory; a build says where its tick runs.
+    """A node in flat memory; a subclass runs its tick.
 
     `memory` holds the whole `NodeState`, one element laid out by `firmware_py.builds.flat.layout`.
     """
@@ -40,19 +40,19 @@ class FlatNode(Node):
 
     @abstractmethod
     def run(self, elapsed_ticks: int, frame_count: int, frames: Any) -> bool:
-        """One tick on `memory`, its frames into `tx`; False where the arithmetic failed."""
+        """Run one tick on `memory` and write its frames to `tx`; False if the arithmetic failed."""
 
     @abstractmethod
     def changed(self) -> None:
-        """`flat_config` and `memory` have new content."""
+        """Called after `flat_config` and `memory` have been changed."""
 
     def part(self, kind: type[Record], name: str) -> Record:
-        """A record of the `NodeState`."""
+        """The member `name` of the `NodeState`, a record of type `kind`."""
         record: Record = loaded(kind, self.memory[name][0].item())
         return record
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
+        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
         refuse_other_elapsed(elapsed_ticks)
         if self._requests[0] > 0:
             self._serve()
@@ -70,7 +70,7 @@ class FlatNode(Node):
         ]
 
     def _serve(self) -> None:
-        """Answer parameter requests, interpreted: it happens a few times in a life."""
+        """Answer parameter requests; interpreted, because requests are rare."""
         state = loaded(NodeState, self.memory[0].item())
         self.parameters, self.config, state = served(self.parameters, self.config, state)
         self.memory[:], self.flat_config[:] = stored(state), stored(self.config)

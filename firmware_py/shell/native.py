@@ -1,4 +1,4 @@
-"""What compiled code needs to call a node's firmware itself: the nodes of `NativeNode` hold it."""
+"""Nodes whose firmware compiled code can call directly, by address."""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -8,9 +8,9 @@ from firmware_py.shell.flat_node import FlatNode
 
 
 class Native(NamedTuple):
-    """A C function of this process, by its address, and the memory that it works on.
+    """The address of a C function in this process, and the memory on which it works.
 
-    It returns `done` where its arithmetic has not failed.
+    The function returns `done` unless its arithmetic has failed.
     """
 
     tick: int
@@ -26,8 +26,8 @@ class NativeNode(FlatNode):
     @property
     @abstractmethod
     def native(self) -> Native:
-        """Its function and memory; the memory is another one after `changed`."""
+        """The node's function and memory; `changed` may replace the memory."""
 
     @abstractmethod
     def ticked(self) -> None:
-        """Its function has been called from elsewhere: bring `memory` up to date."""
+        """Update `memory` after other code has called the function."""

@@ -21,13 +21,13 @@ from firmware_py.shell.parameters import ParameterError, parameters_of, read_bac
 
 
 class Node(ABC):
-    """One controller of whichever build, whose `tick` is called once a control period.
+    """One controller of any build; its `tick` is called once per control period.
 
-    `inputs`, `state` and `outputs` are the newest tick's, `counters` all ticks'.
+    `inputs`, `state` and `outputs` belong to the newest tick; `counters` count since power-up.
     """
 
     memory: NDArray[np.void] | None = None
-    """The whole `NodeState` as one element of flat memory, of a build that keeps it so."""
+    """The whole `NodeState` as one element of flat memory, if the build uses flat memory; else None."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
@@ -36,40 +36,40 @@ class Node(ABC):
 
     @abstractmethod
     def part(self, kind: type[Record], name: str) -> Record:
-        """A record of the `NodeState`."""
+        """The member `name` of the `NodeState`, a record of type `kind`."""
 
     @abstractmethod
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
+        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
 
     @property
     def can_ids(self) -> Collection[int]:
-        """The identifiers it listens to."""
+        """The identifiers that the firmware receives."""
         return RECEIVED_IDS
 
     @property
     def inputs(self) -> Inputs:
-        """What the core saw of the world."""
+        """The core's inputs of the newest tick."""
         return self.part(Inputs, "inputs")
 
     @property
     def state(self) -> State:
-        """What the core hands to its next tick."""
+        """The core's state after the newest tick."""
         return self.part(State, "core")
 
     @property
     def outputs(self) -> Outputs:
-        """What left the core."""
+        """The core's outputs of the newest tick."""
         return self.part(Outputs, "outputs")
 
     @property
     def counters(self) -> Counters:
-        """Frames taken, dropped and lost since power-up."""
+        """Frames accepted, dropped and lost since power-up."""
         return self.part(Counters, "counters")
 
 
 class MakeNode(Protocol):
-    """Makes a controller that has just been switched on."""
+    """A function or class that makes a controller after power-up."""
 
     def __call__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> Node:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
@@ -85,12 +85,12 @@ class FirmwareNode(Node):
         filterpy_filter()  # imports filterpy now, not in the first tick
 
     def part(self, kind: type[Record], name: str) -> Record:
-        """A record of the `NodeState`."""
+        """The member `name` of the `NodeState`, a record of type `kind`."""
         record: Record = getattr(self._state, name)
         return record
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """Run one control tick on what is `fitting`; `elapsed_ticks` is more than 1 after skipped ticks."""
+        """Run one control tick on the `fitting` frames; `elapsed_ticks` exceeds 1 after skipped ticks."""
         refuse_other_elapsed(elapsed_ticks)
         if self._state.requests.number > 0:
             self.parameters, self.config, self._state = served(self.parameters, self.config, self._state)
@@ -103,9 +103,9 @@ class FirmwareNode(Node):
 
 
 def fitting(frames: Sequence[Frame]) -> Sequence[Frame]:
-    """What a receive queue of `MAX_RX` frames keeps: the newest ones, and the last one of each identifier.
+    """The frames that a receive queue of `MAX_RX` keeps: the newest ones and the last of each identifier.
 
-    So an E-stop that is sent once, at the beginning of a long pause, is obeyed after it.
+    An E-stop that is sent once, at the beginning of a long overrun, is therefore obeyed afterwards.
     """
     if len(frames) <= MAX_RX:
         return frames
@@ -117,7 +117,7 @@ def fitting(frames: Sequence[Frame]) -> Sequence[Frame]:
 
 
 def refuse_other_elapsed(elapsed_ticks: int) -> None:
-    """Raise ValueError for a tick that is no later than the one before."""
+    """Raise ValueError if a tick is not later than the previous one."""
     if elapsed_ticks < 1:
         raise ValueError(f"elapsed_ticks = {elapsed_ticks}; a tick comes at least one tick after the last")
 
@@ -125,10 +125,10 @@ def refuse_other_elapsed(elapsed_ticks: int) -> None:
 def powered_up(
     parameter_file: str, build: Mapping[str, float] | None = None, make: MakeNode = FirmwareNode
 ) -> Node:
-    """A controller that starts with the content of its parameter file, and its build's own parameters.
+    """A controller that starts with the content of its parameter file and the parameters of its build.
 
-    With a damaged one it is there on the bus and says so, with default parameters in place of those it cannot
-    read, and does not arm.
+    If the file is damaged, the controller uses default parameters, reports PARAMETERS_DAMAGED on the bus and
+    does not arm.
     """
     try:
         values = read_back(parameter_file, build)

@@ -1,7 +1,7 @@
-"""The parameters by name: overrides of scenarios and tools, the parameter file, what is wrong with either.
+"""The parameters by name: overrides of scenarios and tools, the parameter file, and errors in either.
 
-`interface/sources/parameters.toml` says what there is; the core's `parameters` reads and
-writes them by index.
+`interface/sources/parameters.toml` lists the parameters; the core's `parameters` reads and writes them by
+index.
 """
 
 import difflib
@@ -26,7 +26,7 @@ OF_THE_BUILD = [parameter.name for parameter in TABLE if parameter.tier is Param
 
 
 class ParameterError(ValueError):
-    """A parameter that is not there, is no number or is out of bounds; or an invalid file."""
+    """A parameter that does not exist, is not a number or is out of bounds; or an invalid file."""
 
 
 def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -41,7 +41,7 @@ def flattened(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def checked(name: str, value: Any) -> float:
-    """`value` as the float that parameter `name` may take."""
+    """`value` as a float within the bounds of parameter `name`; raise ParameterError otherwise."""
     parameter = BY_NAME.get(name)
     if parameter is None:
         near = difflib.get_close_matches(name, BY_NAME, n=3, cutoff=0.5)
@@ -59,7 +59,7 @@ def checked(name: str, value: Any) -> float:
 
 
 def checked_in_file(name: str, value: Any) -> float:
-    """The same for a value that a parameter file has: one of the build is refused."""
+    """`checked` for a value of a parameter file; parameters of the build are refused."""
     if name in OF_THE_BUILD:
         raise ParameterError(
             f"{name} is settled by the build ({value!r} is in a parameter file); remove it from the file"
@@ -68,9 +68,9 @@ def checked_in_file(name: str, value: Any) -> float:
 
 
 def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
-    """All parameters, defaults except where `overrides` (dotted names or nested tables) says otherwise.
+    """All parameters: the defaults, replaced by `overrides` (dotted names or nested tables).
 
-    Whoever calls this configures the build: parameters of its tier are taken as well.
+    The caller configures the build, so parameters of the tier BUILD are accepted too.
     """
     values = DEFAULTS | {name: checked(name, value) for name, value in flattened(overrides).items()}
     place = conflict(parameters_of(values))
@@ -83,12 +83,12 @@ def with_overrides(overrides: Mapping[str, Any]) -> dict[str, float]:
 
 
 def parameters_of(values: Mapping[str, float]) -> Parameters:
-    """A complete set of values, as `with_overrides` gives it, as the firmware keeps it."""
+    """The firmware's `Parameters` from a complete set of values, such as that of `with_overrides`."""
     return Parameters(*(values[name] for name in INDEX))
 
 
 def config_from(overrides: Mapping[str, Any]) -> Config:
-    """The core's configuration for the defaults with `overrides`."""
+    """The core's configuration from the defaults with `overrides`."""
     return config_of(parameters_of(with_overrides(overrides)), False)
 
 
@@ -98,7 +98,7 @@ def _checksum(values: Mapping[str, float]) -> str:
 
 
 def written(values: Mapping[str, float]) -> str:
-    """A complete set of values as TOML with its checksum, without those of the build."""
+    """A complete set of values as TOML with its checksum, without the parameters of the build."""
     filed = {name: value for name, value in values.items() if name not in OF_THE_BUILD}
     document: dict[str, Any] = {"checksum": _checksum(filed)}
     for full_name, value in filed.items():
@@ -110,9 +110,9 @@ def written(values: Mapping[str, float]) -> str:
 def read_back(
     text: str, build: Mapping[str, float] | None = None, source: str = "the parameter file"
 ) -> dict[str, float]:
-    """The values that `written` made `text` of, with those of the `build`; its defaults without it.
+    """The values of a file that `written` made, with the `build`'s parameters, or defaults without them.
 
-    A file that is damaged or incomplete, or has values of the build, is refused.
+    Raises ParameterError if the file is damaged or incomplete, or contains parameters of the build.
     """
     try:
         document = tomllib.loads(text)
@@ -132,11 +132,11 @@ def read_back(
 
 
 def addresses_from(values: Mapping[str, Any]) -> Addresses:
-    """Where the module is on its bus, of values or overrides; raises `AddressError` for impossible places."""
+    """The module's node numbers, from values or overrides; raises `AddressError` if they are impossible."""
     complete = with_overrides(values)
     return addresses(int(complete["bus.drive_node"]), int(complete["bus.own_node"]))
 
 
 def of_the_build(values: Mapping[str, Any]) -> dict[str, float]:
-    """Those of `values` that belong to the build."""
+    """The parameters of the build among `values`."""
     return {name: value for name, value in flattened(values).items() if name in OF_THE_BUILD}

@@ -1,4 +1,4 @@
-"""The same node in single precision in this process: the object file of `host-single`."""
+"""The node in single precision in this process: the object file of `host-single`."""
 
 import ctypes
 import functools
@@ -18,12 +18,12 @@ TICK = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, INTEGER, INTEGER, POIN
 
 @functools.cache
 def vibro_tick() -> Any:
-    """The firmware's function."""
+    """The firmware's C function in single precision."""
     return function(object_code("host-single"), ENTRY, TICK)
 
 
 class SingleNode(NativeNode):
-    """One controller; `memory` holds its numbers of single precision as doubles."""
+    """One controller; `memory` holds its single-precision numbers as doubles."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         """`parameters`: the overrides that `config` was made of, for the bus to read and write."""
@@ -47,10 +47,10 @@ class SingleNode(NativeNode):
         return bool(status == 0)
 
     def changed(self) -> None:
-        """Round both to single precision."""
+        """Round config and state to single precision."""
         self._own_config = in_precision(self.flat_config, Config, "single")
         self._give()
 
     def ticked(self) -> None:
-        """Bring `memory` up to date."""
+        """Copy the state to `memory`, in double precision."""
         self._take()

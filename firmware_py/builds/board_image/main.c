@@ -1,9 +1,9 @@
 /* The firmware on an emulated board: frames in and out through QEMU's standard input and output.
  *
- * A request is its kind and two numbers; behind TICK come its frames, behind CONFIG and STATE a new one, which
- * takes the place of the old. A TICK is answered with the status, the frames to be sent and the state; a
- * MEASURED_TICK, which is slower, also with the time and the stack that it took.
- * Semihosting carries the bytes: a debugger's way in, which has no part in the firmware.
+ * A request consists of its kind and two numbers. TICK is followed by the received frames; CONFIG and STATE are
+ * followed by a new config or state, which replaces the present one. The reply to TICK is the status, the frames
+ * to be sent and the state; MEASURED_TICK, which is slower, also reports the time and the stack of the tick.
+ * The bytes are carried by semihosting, a debugger's interface that the firmware itself does not use.
  */
 #include <string.h>
 
@@ -44,7 +44,7 @@ static int open_file(const char *name, uint32_t mode) {
     return semihosting(SYS_OPEN, arguments);
 }
 
-/* Read all of it; the end of the input ends the emulator. */
+/* Read `size` bytes; at the end of the input, end the emulator. */
 static void take(void *place, uint32_t size) {
     while (size > 0) {
         const uint32_t arguments[3] = {(uint32_t)input, (uint32_t)place, size};
@@ -64,7 +64,7 @@ static void give(const void *place, uint32_t size) {
     }
 }
 
-/* The board's timer counts down; the stack below this function is painted, and looked through from its far end. */
+/* The board's timer counts down. The stack below this function is painted and searched from its far end. */
 #define TIMER ((volatile uint32_t *)0x40000000)
 enum { CONTROL, VALUE, RELOAD, PAINT = 0x50A17ED, PAINTED_WORDS = 4096 };
 
@@ -116,7 +116,7 @@ static void serve(void) {
 extern uint32_t _bss, _ebss, _stack;
 
 void reset(void) {
-    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* CPACR: the floating-point unit on */
+    *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* CPACR: enable the floating-point unit */
     __asm__ volatile("dsb\n isb");
     for (uint32_t *word = &_bss; word < &_ebss; word++) {
         *word = 0;
