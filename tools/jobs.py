@@ -81,8 +81,12 @@ def _on_cluster(
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
     from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
 
     try:
+        protocol, place = parse_address(address)
+        if protocol in ("tcp", "tls"):
+            parse_host_port(place)  # a Client of a wrong place ends with a traceback, after 20 s
         client = Client(  # type: ignore[no-untyped-call]  # distributed carries no types
             address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
         )

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import cloudpickle
 import pyarrow as pa
 import pytest
 
-from tools.output import BadInputError
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, BadInputError
 from tools.study import basin, store, work
 from tools.study.cases import case
 
@@ -56,6 +58,22 @@ def test_a_cluster_that_loses_a_worker_gives_the_same(on_one_core: list[pa.Table
         paths = work.run("basin", deadly_piece, specs, where)
     assert (tmp_path / "grave").exists()
     assert tables(paths) == on_one_core
+
+
+def test_a_scheduler_that_is_none_is_refused_at_once(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("vibrohil")
+    command = [program, "study", "sweep", "--scheduler", "nonsense"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=20)
+    assert ended.returncode == EXIT_BAD_INPUT
+    assert "--scheduler nonsense: no Dask scheduler answers there" in " ".join(ended.stderr.split())
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_campaign_runs_on_the_scheduler_that_it_is_given(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hil.bench.bench.prepare", lambda *_: None)
+    assert cli.run(["campaign", "start-up", "--trials", "1", "--scheduler", "x:y"]) == EXIT_BAD_INPUT
+    assert "--scheduler x:y: no Dask scheduler answers there" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
