@@ -4,6 +4,7 @@ Exit statuses are pytest's: 0 all passed, 1 a check failed, 2 interrupted (by Ct
 internal error, 4 usage or bad input, 5 nothing ran.
 """
 
+import errno
 import functools
 import gc
 import os
@@ -35,6 +36,8 @@ LONGEST_MESSAGE = 4000
 """Length of the longest error message about an input, in characters."""
 RARE_COLLECTION = 50_000
 """Allocations between two garbage collections; Python's 700 would slow down the start of the program."""
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+"""What the machine refuses, with no defect of the program."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
@@ -161,6 +164,14 @@ def board_errors() -> tuple[type[Exception], ...]:
     return (BoardError,)
 
 
+def unwritable(error: Exception) -> str:
+    """A sentence about a place that the machine does not let this program write to, or nothing."""
+    if not isinstance(error, OSError) or error.errno not in UNWRITABLE:
+        return ""
+    place = "a file" if error.filename is None else error.filename
+    return f"{place} cannot be written ({error.strerror}); make room or give permission, or write elsewhere"
+
+
 def say_error(label: str, message: str, as_json: bool) -> None:
     """Print an error on the console and, if requested, in JSON."""
     progress_console.print(label, style="bold red", end=" ")
@@ -237,9 +248,8 @@ def run(arguments: list[str]) -> int:
         )
         return EXIT_INTERNAL_ERROR
     except Exception as error:
-        if is_bad_input(error):
-            return refuse(str(error), as_json)
-        return report_internal_error(error, as_json)
+        sentence = str(error) if is_bad_input(error) else unwritable(error)
+        return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)
 
 
 def main() -> None:

@@ -80,14 +80,15 @@ def ending_with_a_verdict(
     """Run in the block; after it, however it ended, the run in `run_dir` is judged.
 
     What ended the block early, or broke off the judgement, is raised again once the verdict is written,
-    unless it is a verdict like any other (`is_verdict`). `only_if_failed`: a run that has
+    unless it is a verdict like any other (`is_verdict`). If the disk is full at the start, the block is not
+    entered. `only_if_failed`: a run that has
     passed keeps its verdict alone. `of_a_suite`: an interrupted run is not judged, since its suite has to be
     gone at once and runs it again.
     """
     ending = Ending()
     reasons = ending.outcome.reasons
-    run_folder.reserve(run_dir)
     prejudge(run_dir, KILLED)
+    take_room(run_dir)
     with ending_signals() as signals:
         raised: BaseException | None = None
         try:
@@ -111,6 +112,16 @@ def ending_with_a_verdict(
             raised = Interrupted(signals.came[0])
     if raised is not None and not is_verdict(raised):
         raise raised
+
+
+def take_room(run_dir: Path) -> None:
+    """Reserve the room for the verdict; without it, write a verdict that says so, and raise the error."""
+    try:
+        run_folder.reserve(run_dir)
+    except OSError as error:
+        run_folder.free_reserve(run_dir)
+        prejudge(run_dir, reason_of(error))
+        raise
 
 
 def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> dict[str, Any]:

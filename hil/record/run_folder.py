@@ -68,8 +68,16 @@ def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
 
 
 def new_folder(name: str) -> Path:
-    """Make a folder under `runs`, named by the time and the scenario, that nobody else has."""
-    RUNS.mkdir(exist_ok=True)
+    """Make a folder under `runs`, named by the time and the scenario, that nobody else has.
+
+    Raises RunFolderError if `runs` cannot be made.
+    """
+    try:
+        RUNS.mkdir(exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{RUNS}/ cannot be made here ({error.strerror}); name a folder with --out"
+        ) from error
     stamp, number = time.strftime("%Y%m%d-%H%M%S"), 1
     while True:
         folder = RUNS / (f"{stamp}-{name}" if number == 1 else f"{stamp}-{name}-{number}")

@@ -24,7 +24,8 @@ from hil.record.traces import trace
 from hil.record.traces.trace import TraceWriter
 from hil.scenario.scenario import check_scenario, load_scenario, read_scenario
 from hil.timing.loop import FixedRateLoop
-from tools.output import EXIT_INTERRUPTED
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 
 PROGRAM = Path(sys.executable).with_name("vibrohil")
 GONE_S = 6.0
@@ -232,6 +233,35 @@ def test_a_full_disk_in_lockstep_is_a_failed_verdict_that_says_so(
     verdict = run_scenario(scenario, "lockstep", "auto", tmp_path / "out", 1, silent)
     assert verdict["passed"] is False
     assert any("no room on the disk" in reason for reason in verdict["reasons"])
+
+
+def test_a_disk_that_is_full_at_the_start_leaves_a_verdict_that_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(path: Path, _: bytes) -> None:
+        path.touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    out = tmp_path / "out"
+    command = ["run", rests(tmp_path, "rests", 0.3), "--clock", "lockstep", "--out", str(out)]
+    assert cli.run(command) == EXIT_BAD_INPUT
+    assert "cannot be written (No space left on device)" in " ".join(capsys.readouterr().err.split())
+    (reason,) = json.loads((out / "verdict.json").read_text())["reasons"]
+    assert reason == "no room on the disk: [Errno 28] No space left on device"
+    assert not (out / "reserve").exists()
+
+
+def test_a_folder_without_permission_is_no_defect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def read_only(path: Path, **_: Any) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    scenario = rests(tmp_path, "rests", 0.3)
+    monkeypatch.setattr(Path, "mkdir", read_only)
+    assert cli.run(["run", scenario, "--clock", "lockstep"]) == EXIT_BAD_INPUT
+    assert "runs/ cannot be made here (Permission denied)" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_longer_run_in_lockstep_is_checked_for_its_own_memory_alone() -> None:
