@@ -1,8 +1,8 @@
 """The criteria for a start, in their order, and significant differences between candidates.
 
-Candidates meet the same trials and are compared pair by pair: the bootstrap (Efron 1979) resamples the same
-trials for both. One is worse in an aim where the lower 95 % bound of the difference is above the aim's
-resolution. What is less, or may be chance, counts as equal, and the next aim decides.
+All candidates run the same trials and are compared in pairs: the bootstrap (Efron 1979) resamples the same
+trials for both. A candidate is worse in an aim if the lower 95 % bound of the difference is above the aim's
+resolution. Otherwise the two count as equal in this aim, and the next aim decides.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,27 +14,27 @@ from plant_sim.arrays import FloatArray
 from tools.campaign.trial.outcome import Outcome
 
 FAILED, IMPACT, CAPTURE_S, ENERGY_J = range(4)
-"""Rows of starts: 1 for one that fails, largest impact by the steady one, time and energy to capture."""
+"""Rows of a table of starts: 1 if it fails, largest over steady impact, time and energy to capture."""
 RESAMPLES = 500
 LOWER_PERCENTILE = 2.5
 HARDEST = 0.05
-"""Of starts, whose mean impact counts: the largest of all is one trial, which another seed does not give."""
+"""Share of starts with the largest impacts, whose mean is the criterion; the maximum varies with the seed."""
 QUANTILE = 0.95
 
 
 class Aim(NamedTuple):
-    """A figure of starts, the less the better; a difference up to `resolution` is none."""
+    """A figure of starts that is to be small; differences up to `resolution` do not count."""
 
     name: str
     unit: str
     row: int
     of: Callable[[FloatArray], FloatArray]
-    """Over the last axis."""
+    """Computes the figure over the last axis, the starts."""
     resolution: float
 
 
 def hardest(values: FloatArray) -> FloatArray:
-    """The mean of the hardest twentieth; what is missing counts as the smallest."""
+    """The mean of the largest twentieth of the values; a missing value (NaN) counts as 0."""
     count = max(1, round(HARDEST * values.shape[-1]))
     return np.asarray(np.mean(np.sort(np.nan_to_num(values, nan=0.0), axis=-1)[..., -count:], axis=-1))
 
@@ -58,11 +58,11 @@ AIMS = (
     Aim("capture", "s", CAPTURE_S, late, 0.1),
     Aim("energy", "J", ENERGY_J, _median, 0.05),
 )
-"""Reliability first: any significant difference counts. 0.1 s and 0.05 J are worth nothing to a wearer."""
+"""Reliability comes first: any significant difference counts. A wearer does not notice 0.1 s or 0.05 J."""
 
 
 def starts_of(outcomes: Sequence[Outcome]) -> FloatArray:
-    """The eligible starts by trial, shape (4, starts); NaN where there is nothing to measure."""
+    """The table of the eligible starts, shape (4, starts); NaN where a figure was not measured."""
     return np.array(
         [
             [
@@ -93,7 +93,7 @@ class Choice(NamedTuple):
 
 
 def choose(candidates: Sequence[FloatArray]) -> Choice:
-    """Aim by aim those significantly worse than the best in it drop out; the last aim's best wins."""
+    """In each aim, drop the candidates significantly worse than its best; the last aim's best wins."""
     left = list(range(len(candidates)))
     best = left[0]
     for aim in AIMS:

@@ -1,7 +1,7 @@
 """Candidates of the firmware's parameters run through a campaign, all on the same trials.
 
-A campaign's trial samples its truth from seed and number alone, so that candidates are compared pair by pair.
-Parameters are chosen on seeds below `FIRST_CAMPAIGN_SEED` and judged again on one from there on.
+A campaign's trial samples its truth from seed and number alone, so that candidates are compared in pairs.
+Parameters are chosen with a seed below `FIRST_CAMPAIGN_SEED` and judged with a seed at or above this limit.
 """
 
 import itertools
@@ -25,7 +25,7 @@ Progress = Callable[[int, int], None]
 
 
 def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
-    """Candidates chosen on some trials are judged on other trials."""
+    """Raise BadInputError unless candidates are chosen on tuning seeds and judged on campaign seeds."""
     if seed >= FIRST_CAMPAIGN_SEED or fresh_seed < FIRST_CAMPAIGN_SEED:
         raise BadInputError(
             f"--seed {seed} and --fresh-seed {fresh_seed}: parameters are chosen on a seed below "
@@ -34,7 +34,7 @@ def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
 
 
 def processes_for(workers: int | None) -> AbstractContextManager[Runner[Batch, list[Outcome]]]:
-    """Processes for candidates, one a core without `workers`."""
+    """Processes that run candidates; without `workers`, one per core."""
     return running(run_batch, workers or os.cpu_count() or 1)
 
 
@@ -50,8 +50,7 @@ def run_candidates(
 ) -> list[list[Outcome]]:
     """Each candidate's outcomes, in order of the trials' numbers; all candidates have the same trials.
 
-    `opened`: processes to use again, which know what they have compiled and what these trials are without a
-    controller.
+    `opened`: processes to reuse; they have kept their compiled kernels and the references of these trials.
     """
     chosen = CAMPAIGNS[campaign]
     table = {"conditions": conditions or chosen.conditions, **chosen.numbers}

@@ -1,9 +1,9 @@
 """Compares the firmware's defaults with the results of the tuning commands and with naive values.
 
-Every tuning runs as its command does by default. A default passes where it lies within a stated tolerance of
-the tuned value, or, where several values do not differ significantly in what the tuning looks at, among
-those. Those of the start pass together, where fresh trials show no significant difference. Naive values stand
-beside the defaults on sampled modules that had no part in any choice.
+Each tuning runs with the default options of its command. A default passes if it lies within a stated
+tolerance of the tuned value; for some parameters also if the tuning does not significantly distinguish the
+two. The defaults of the start pass together, if fresh trials do not show them to be significantly worse.
+Defaults and naive values are compared on sampled modules that had no part in any choice.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import tune_speed
 
 RECORDED = "soft-start-multistable"
-"""The scenario whose module is that of the default parameters."""
+"""A scenario whose module has the firmware's default parameters."""
 RECORDED_SEED = 20_261
 HOLD_RATIO = (("viscous",), (1.3,), (0.0,))
 NO_FEED_FORWARD = {"speed.load_share": 0.0}
 TIMID_FLOOR = {detector.PARAMETER: 0.1}
-"""Seven times the sensor's noise: what a threshold is often set to."""
+"""Seven times the sensor's noise, a common choice of a threshold."""
 LEAST_SQUARES = "least squares on the equations alone"
 HASTY = "up to speed in 0.5 s"
 
@@ -40,14 +40,14 @@ Merits = Mapping[str, Merit]
 
 
 class Tolerance(NamedTuple):
-    """How far a default may lie from the tuned value: by a factor, by a difference; or within its range."""
+    """Largest deviation of a default from the tuned value; `in_range` also accepts the tuned range."""
 
     factor: float = 1.0
     difference: float = 0.0
     in_range: bool = False
 
     def holds(self, default: float, value: float, low: float, high: float) -> bool:
-        """Whether it does; roundings of a millionth are nothing."""
+        """Whether a default is within the tolerance; a relative rounding error of 1e-6 is ignored."""
         slack = 1e-6 * abs(value)
         near = (
             min(value / self.factor, value - self.difference) - slack
@@ -88,14 +88,14 @@ TOLERANCES: dict[str, Tolerance] = {
     estimator.STOP: GRID_STEP,
     estimator.FLOOR: Tolerance(1.15),
 }
-"""Goals of identification; one step of the estimator's grid and of the detector's list."""
+"""The goals of identification; for estimator and detector, one step between the values that are tried."""
 TOGETHER = "together as good"
-"""Of a tuning that compares performance: its values may trade for one another."""
+"""Tolerance of a tuning that compares performance: its parameters can compensate for each other."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A parameter: its default beside what a command has tuned it to."""
+    """A parameter's default beside the value that a command has tuned."""
 
     parameter: str
     command: str
@@ -110,7 +110,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Margin:
-    """A figure with the default and with a naive value, on fresh trials; the less the better."""
+    """A figure with the default and with a naive value, on fresh trials; smaller is better."""
 
     command: str
     what: str
@@ -122,7 +122,7 @@ class Margin:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much each tuning looks at: arguments of its function, by default those of its command."""
+    """Arguments that set the extent of each tuning, e.g. its trials; by default those of its command."""
 
     detector: Mapping[str, Any] = field(default_factory=dict)
     estimator: Mapping[str, Any] = field(default_factory=dict)
@@ -138,11 +138,11 @@ QUICK = Effort(
     hold_trials=2,
     identify_trials=4,
 )
-"""Says whether everything still runs and agrees, and less about by how much."""
+"""Few trials: they test whether all tunings run and agree, with large statistical errors."""
 
 
 def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | None = None) -> list[Tuning]:
-    """All commands, one after the other."""
+    """Run all tunings one after the other; `folder` receives the log to identify and the search's journal."""
 
     def shown(name: str) -> dict[str, Any]:
         return {"progress": lambda done, total: progress(done / max(total, 1), name), "workers": workers}
@@ -165,7 +165,7 @@ def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | Non
 
 
 def _emptied(folder: Path) -> Path:
-    """A run folder is made anew."""
+    """Remove the folder of an earlier run, and return its path."""
     import shutil
 
     shutil.rmtree(folder, ignore_errors=True)
@@ -201,7 +201,7 @@ def rows_of(found: Sequence[Tuning]) -> list[Row]:
 def margins_of(
     folder: Path, found: Sequence[Tuning], effort: Effort, progress: Progress, workers: int | None = None
 ) -> list[Margin]:
-    """What the defaults are better than, on fresh trials; of identification, what it is better than."""
+    """Compare the defaults with naive values on fresh trials, and the identification with least squares."""
     merits = {tuning.command: tuning.figures_of_merit for tuning in found}
     judged = [*_of_estimator(merits["estimator"]), *_of_start(merits["start"])]
     return [
@@ -247,7 +247,7 @@ def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Mar
 
 
 def _of_estimator(merits: Merits) -> list[Margin]:
-    """None where the tuning was not judged on fresh trials."""
+    """Margins of the estimator; an empty list if the tuning was not judged on fresh trials."""
     return [
         Margin(
             "estimator",

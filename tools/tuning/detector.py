@@ -1,10 +1,11 @@
 """The detector's threshold, from the costs of a miss and of a false alarm.
 
-The floor of the one-sided test (`detector.floor_m_s2`) is moved over two decades; the detect campaign counts
-hits, misses and false alarms against the truth and takes their latencies, each floor on the same trials.
-Of the floors whose cost does not differ significantly from the least one, the lowest but one is taken:
-latency grows with the floor, and a step of two lies between it and the cliff. It is then judged beside the
-default on seeds that had no part in the choice.
+The floor of the one-sided test (`detector.floor_m_s2`) is varied over more than two decades, with the same
+trials for each floor. The detect campaign counts hits, misses and false alarms against the truth and measures
+the latencies. Of the floors whose cost does not differ significantly from the least cost, the second lowest
+is chosen: latency grows with the floor, and a margin of one step (a factor of two) remains to the floors at
+which the cost rises steeply. The chosen floor and the default are compared on seeds that had no part in the
+choice.
 """
 
 import math
@@ -23,7 +24,7 @@ from tools.tuning.result import Merit, Tuning, tuned
 PARAMETER = "detector.floor_m_s2"
 FLOORS_M_S2 = (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 TRIALS = 110
-"""Ten of each condition: some 5000 impacts a floor."""
+"""Ten for each condition: some 5000 impacts per floor."""
 COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
 
 Progress = Callable[[int, int], None]
@@ -31,7 +32,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Operating:
-    """One point of the characteristic. Costs and alarms are by hour of simulated time."""
+    """One point of the detector's characteristic. Costs and alarms are per hour of simulated time."""
 
     floor_m_s2: float
     hits: int
@@ -49,14 +50,14 @@ class Operating:
 
     @property
     def false_alarms_1_h(self) -> float:
-        """By hour."""
+        """False alarms per hour of simulated time."""
         return self.false_alarms / self.hours
 
 
 def operating(
     floor_m_s2: float, outcomes: Sequence[Outcome], cost_miss: float, cost_false_alarm: float
 ) -> Operating:
-    """What a floor came to. The cost's error is that of two Poisson counts, at least one event of each."""
+    """The results of a floor. The cost's standard error assumes two Poisson counts of at least one event."""
     counts = counts_of(outcomes)
     shares = shares_of(counts)
     latencies = np.array(values_of(outcomes).get("latency", [math.nan]))
@@ -84,7 +85,7 @@ def operating(
 
 
 def chosen(points: Sequence[Operating]) -> tuple[Operating, list[Operating]]:
-    """The lowest but one of the unbroken stretch of floors, about the cheapest, that cost alike; and all."""
+    """The adjacent floors within one standard error of the least cost: the second lowest, and all of them."""
     best = min(range(len(points)), key=lambda number: points[number].cost_1_h)
     limit = points[best].cost_1_h + points[best].cost_error_1_h
     first = last = best
@@ -161,7 +162,7 @@ def tune_detector(
 
 
 def merits(prefix: str, point: Operating) -> dict[str, Merit]:
-    """On fresh seeds."""
+    """Figures of merit of one point; each name begins with `prefix`."""
     return {
         f"{prefix}recall": Merit(point.recall, "1"),
         f"{prefix}recall_low": Merit(point.recall_low, "1"),

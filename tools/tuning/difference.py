@@ -17,20 +17,20 @@ from hil.scenario.scenario import load_scenario
 from tools.progress import Progress
 
 SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")
-"""A start into the multistable band and its hold, a quick start, an emergency: what tuning may spoil."""
+"""A start into the multistable band and its hold, a quick start, and an emergency stop."""
 SEED = 1
 OF_THE_MACHINE = (
     *("realtime_factor", "tick_us", "wake_us", "work_us", "loops.", "overruns", "baseline", "memory"),
     *("ticks", "late_wakeups", "long_work", "energy_residual", "real_time"),
 )
-"""Figures of how the bench ran: no parameter changes them."""
+"""Beginnings of the names of figures that describe the bench; no parameter of the firmware affects them."""
 LEAST_CHANGE = 0.005
-"""Figures that differ by a smaller share are not worth a line."""
+"""Smallest relative change of a figure that is listed."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter in both files; one that a file does not name has its default there."""
+    """A parameter's values in both files; if a file does not name the parameter, its value is the default."""
 
     name: str
     unit: str
@@ -46,7 +46,7 @@ class Change:
 
 
 def difference(a: Path, b: Path) -> dict[str, Any]:
-    """The JSON object of `tune diff`: parameters that differ, those that do not, figures of merit of both."""
+    """The JSON object of `tune diff`: differing parameters, equal parameters, figures of merit of both."""
     documents = [read_document(path) for path in (a, b)]
     values_a, values_b = (values_of(document, path) for document, path in zip(documents, (a, b), strict=True))
     changed, same = [], []
@@ -91,7 +91,7 @@ def difference(a: Path, b: Path) -> dict[str, Any]:
 def effects(
     a: Path, b: Path, scenarios: Sequence[str] = SCENARIOS, progress: Progress = lambda *_: None
 ) -> list[dict[str, Any]]:
-    """Each scenario run in lockstep with either file: verdicts, checks whose verdict differs, figures."""
+    """Run each scenario in lockstep with either file: verdicts, failed checks and differing figures."""
     found = []
     for number, name in enumerate(scenarios):
         sides = []
@@ -115,7 +115,7 @@ def effects(
 
 
 def _ran(name: str, path: Path, progress: Callable[[float, str], None]) -> dict[str, Any]:
-    """A scenario with a parameter file: its verdict, failed checks and plain figures."""
+    """Run a scenario with a parameter file: its verdict, failed checks and figures."""
     scenario = load_scenario(name, (), [path])
     with tempfile.TemporaryDirectory(prefix="vibrohil-diff-") as folder:
         run_dir, _ = in_lockstep(scenario, Path(folder), SEED, progress, "compiled")
@@ -131,7 +131,7 @@ def _ran(name: str, path: Path, progress: Callable[[float, str], None]) -> dict[
 
 
 def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Numbers that are there on both sides and differ."""
+    """The numbers that both sides have and that differ by more than `LEAST_CHANGE`."""
     found = {}
     for name in a:
         one, other = a[name], b[name]

@@ -1,18 +1,19 @@
 """Q and R of the firmware's estimator from logs, by the likelihood of its innovations.
 
-Each log is run again through the estimator (`replay`) with every combination of three parameters: the
-velocity's process noise (Q), for how long the model's error lasts, which is how many readings are one witness
-(R = N σ²), and how well the stop's place is known (R at a touch-down). What counts is the innovation at a
-touch-down: there the stop says where the striker is, which the filter has not learnt since the last one.
-Its log-likelihood is added up over logs, counted for as many as the touch-downs are worth (`innovations`).
-The innovation in free flight is no judge: the same reading that it corrects by has carried the state there,
-and its likelihood is the greater, the more the filter follows the model's errors. On sampled modules it would
-choose what makes the velocity three times as wrong; the touch-downs choose, without knowing it, what comes
-within 5 % of the least error of position. NIS has a say, too: innovations must be about as large as said.
+Each log is replayed through the estimator (`replay`) with every combination of three parameters: the process
+noise of the velocity (Q), the correlation time of the model's error, within which N readings count as one
+(R = N σ²), and the standard deviation of the stop's position (R at a touch-down). The criterion is the
+innovation at a touch-down, where the stop measures the position independently of the accelerometer. Its
+log-likelihood is summed over logs, weighted with the effective number of touch-downs (`innovations`).
+The innovation in free flight is no criterion: the reading that corrects the state has also propagated it, so
+that the likelihood is largest for a filter that follows the model's errors. On sampled modules it would
+choose parameters with three times the error of velocity. The touch-downs, without the truth, choose
+parameters within 5 % of the least error of position. A limit of NIS excludes combinations whose variance is
+too small.
 
-The sensor's own noise, floor of the σ² that the filter learns, is read off the second differences of the
-readings. Beside the likelihood stand NIS, a whiteness test, and errors against filterpy's smoother. Where a
-log has a truth beside it NEES and errors against that are reported as well; no parameter depends on it.
+The sensor's own noise, a lower limit of the σ² that the filter learns, follows from the second differences of
+the readings. NIS, a whiteness test, and errors against filterpy's smoother are reported too. If a log comes
+with a truth, so are NEES and errors against the truth; no parameter depends on them.
 """
 
 import math
@@ -46,23 +47,23 @@ GRID: dict[str, tuple[float, ...]] = {
     MEMORY: (0.03, 0.1, 0.3, 1.0, 3.0),
     STOP: (1e-4, 3e-4, 1e-3, 3e-3),
 }
-"""Half a decade apart: likelihood and errors change little within."""
+"""Half a decade apart: likelihood and errors change little within one step."""
 CONDITIONS = (("viscous", 1.1), ("coulomb-0.2", 0.95), ("viscous", 1.3), ("coulomb", 1.1))
 MODULES = 16
 SECONDS = 40.0
 SETTLED_SHARE = 0.25
-"""Of a log is left out at its beginning: there the spreads of power-up count."""
+"""Share of a log that is left out at its beginning, where the initial covariance still has an effect."""
 LARGEST_NIS = 1.5
-"""At the stop, the median of logs. Too modest a filter costs a little accuracy, too sure a one the run."""
+"""Largest median NIS at the stop. Too large a variance costs some accuracy, too small a one fails the run."""
 NEAR = 1.92
-"""Below the best, half of χ²₁'s 95 %: such values do not differ significantly from it."""
+"""Half of χ²₁'s 95 % quantile: a log-likelihood this near the best does not differ significantly from it."""
 FRESH_TRIALS = 60
 NAIVE = {
     MEMORY: 0.0,
     "estimator.initial_model_std_m_s2": 0.016,
     "estimator.largest_model_std_m_s2": 0.016,
 }
-"""The textbook's way: R is the sensor's noise, every reading a witness of its own."""
+"""The textbook's choice: R is the sensor's noise, and all readings count as independent."""
 
 Progress = Callable[[int, int], None]
 
@@ -77,7 +78,7 @@ class Source(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What it holds, its run's parameters, and the truth (x, v) where there is one, shape (2, ticks)."""
+    """The nominal parameters of a log's run, the sensors' frames, and the truth (x, v), shape (2, ticks)."""
 
     nominal: dict[str, Any]
     ticks: Ticks
@@ -85,7 +86,7 @@ class Log(NamedTuple):
 
 
 class Score(NamedTuple):
-    """What a log says of a combination of parameters; errors in m and m/s."""
+    """The results of a log with a combination of parameters; errors in m and m/s."""
 
     flight: Any
     stop: Any
@@ -96,7 +97,7 @@ class Score(NamedTuple):
 
 
 class Worth(NamedTuple):
-    """How many innovations count, with the run's own parameters; p-values of whiteness; sensor's noise."""
+    """Effective numbers of a log's innovations, p-value of their whiteness, and the sensor's noise."""
 
     flight: float
     stop: float
@@ -106,7 +107,7 @@ class Worth(NamedTuple):
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters and what all logs together say of them."""
+    """A combination of parameters and its results over all logs."""
 
     parameters: dict[str, float]
     likelihood: float
@@ -158,7 +159,7 @@ def _sampled(source: Source) -> Log:
 
 
 def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, int]:
-    """Configuration, the estimator's settled course, and where it begins."""
+    """Configuration, the estimator's history without its beginning, and the history's first tick."""
     from firmware_py.shell.parameters import config_from
     from tools.tuning.recordings.replay import replay
 
@@ -179,7 +180,7 @@ def _yardstick(source: Source) -> Any:
 
 
 def weigh(source: Source) -> Worth:
-    """What a log's innovations are worth."""
+    """Effective numbers of a log's innovations with the run's own parameters, and the sensor's noise."""
     from tools.tuning.recordings import replay
     from tools.tuning.recordings.innovations import whiteness, worth
 
@@ -189,14 +190,14 @@ def weigh(source: Source) -> Worth:
     y = flying[:, replay.INNOVATION] / flying[:, replay.INNOVATION_STD]
     nu = stop[:, replay.STOP_INNOVATION] / np.sqrt(stop[:, replay.STOP_VARIANCE])
     every = max(round(config.estimator.noise.readings_as_one), 1)
-    # White noise n has second differences of variance 6 n²; the median's share of a normal's spread.
+    # Second differences of white noise have 6 times its variance; median |x| of a normal is 0.6745 σ.
     bends = np.abs(np.diff(log.ticks.low_m_s2, 2))
     noise_m_s2 = float(np.nanmedian(bends)) / 0.6745 / math.sqrt(6.0)
     return Worth(worth(y), worth(nu), whiteness(y[::every]), noise_m_s2)
 
 
 def score(source: Source, combinations: Sequence[dict[str, float]]) -> list[Score]:
-    """A log against combinations of parameters."""
+    """The results of a log with each combination of parameters."""
     return [_score(source, parameters) for parameters in combinations]
 
 
@@ -217,7 +218,7 @@ def _score(source: Source, parameters: dict[str, float]) -> Score:
         v_error = course[:, replay.V] - log.truth[1, begin:]
         x_truth, v_truth = rms(x_error), rms(v_error)
         xx, xv, vv = (course[:, place] for place in (replay.P_XX, replay.P_XV, replay.P_VV))
-        # eᵀ P⁻¹ e over (x, v): 2 on the average
+        # eᵀ P⁻¹ e over (x, v); its mean is 2 for a consistent filter
         nees = float(
             np.nanmean(
                 (vv * x_error**2 - 2.0 * xv * x_error * v_error + xx * v_error**2) / (xx * vv - xv * xv)
@@ -237,7 +238,7 @@ def _score(source: Source, parameters: dict[str, float]) -> Score:
 
 
 def combinations_of(grid: dict[str, tuple[float, ...]]) -> list[dict[str, float]]:
-    """Every combination, and that of the run's own parameters at the end."""
+    """Every combination of the grid's values."""
     points = np.stack(np.meshgrid(*grid.values(), indexing="ij"), axis=-1).reshape(-1, len(grid))
     return [dict(zip(grid, point.tolist(), strict=True)) for point in points]
 
@@ -265,7 +266,7 @@ def scored(
     progress: Progress,
     workers: int | None = None,
 ) -> tuple[list[Combination], list[Worth]]:
-    """All logs against all combinations, on all cores."""
+    """Replay all logs with all combinations, on all cores: results by combination, worths by log."""
     found: dict[int, tuple[Worth, list[Score]]] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
     with environment(ONE_THREAD_EACH), running(partial(_weighed, combinations), count) as run:
@@ -280,12 +281,12 @@ def scored(
 
 
 def _weighed(combinations: Sequence[dict[str, float]], source: Source) -> tuple[Worth, list[Score]]:
-    """One log against all combinations, in a worker."""
+    """Replay one log with all combinations, in a worker process."""
     return weigh(source), score(source, combinations)
 
 
 def profile(points: Sequence[Combination], name: str) -> dict[float, float]:
-    """The best likelihood for each value of a parameter, whatever the others."""
+    """The profile likelihood: for each value of a parameter, the best over the other parameters."""
     best: dict[float, float] = {}
     for point in points:
         value = point.parameters[name]

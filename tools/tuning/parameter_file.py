@@ -13,11 +13,11 @@ from tools.tuning.safety import SafetyResult
 
 
 class UnsafeError(ValueError):
-    """Parameters with which a safety scenario fails, and no --force."""
+    """A safety scenario fails with the parameters, and --force is not given."""
 
 
 def document_of(tuning: Tuning, safety: Sequence[SafetyResult], forced: bool) -> dict[str, Any]:
-    """The file's tables."""
+    """The tables of the parameter file."""
     about: dict[str, Any] = {
         "command": tuning.command,
         "source": tuning.source,
@@ -39,7 +39,7 @@ def document_of(tuning: Tuning, safety: Sequence[SafetyResult], forced: bool) ->
 
 
 def write(path: Path, tuning: Tuning, safety: Sequence[SafetyResult], force: bool) -> None:
-    """Write the file; parameters that are not safe only by `force`, and then the file says so."""
+    """Write the file; UnsafeError for unsafe parameters without `force`. A forced file is marked as such."""
     failed = [result for result in safety if not result.passed]
     if failed and not force:
         why = "; ".join(f"{result.scenario}: {result.why}" for result in failed)

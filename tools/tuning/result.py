@@ -7,7 +7,7 @@ from firmware_py.shell.parameters import BY_NAME
 
 
 class Value(NamedTuple):
-    """A parameter as tuned. Between `low` and `high` it may lie: the command says by which measure."""
+    """A tuned parameter and its range from `low` to `high`, which `Tuning.range_is` defines."""
 
     value: float
     unit: str
@@ -24,10 +24,11 @@ class Merit(NamedTuple):
 
 @dataclass(frozen=True)
 class Tuning:
-    """`source`: a run's folder, or what it was designed for; `range_is`: what low and high mean.
+    """The result of a tuning command.
 
-    `default_as_good`: whether the defaults together perform as well on fresh trials; None where that was not
-    asked and values are compared.
+    `source`: the data, or the specification of a design; `range_is`: the definition of the values' ranges.
+    `default_as_good`: whether the defaults together perform as well on fresh trials; None for a tuning whose
+    values are compared one by one.
     """
 
     command: str
@@ -41,7 +42,7 @@ class Tuning:
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters alone."""
+        """The values of the parameters by name."""
         return {name: value.value for name, value in self.parameters.items()}
 
     def as_json(self) -> dict[str, Any]:

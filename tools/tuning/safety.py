@@ -1,4 +1,4 @@
-"""Safety test of a set of parameters: within bounds, a start that holds, an E-stop that stops.
+"""Safety test of a set of parameters: their bounds, a start with its hold, and an E-stop.
 
 The runs are scenarios of the bench in lockstep on the compiled build, with their own checks and plant.
 """
@@ -25,7 +25,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class SafetyResult:
-    """One of the judgements; `why` names the checks that failed."""
+    """The result of one safety test; `why` names the failed checks."""
 
     scenario: str
     seed: int
@@ -33,12 +33,12 @@ class SafetyResult:
     why: str
 
     def as_json(self) -> dict[str, Any]:
-        """As it stands in the parameter file."""
+        """The result as a table of the parameter file."""
         return asdict(self)
 
 
 def within_bounds(values: Mapping[str, float]) -> SafetyResult:
-    """The parameter table's bounds and the rules between parameters."""
+    """Test the bounds of the parameter table and the rules between parameters."""
     try:
         with_overrides(values)
     except ParameterError as error:
@@ -48,7 +48,7 @@ def within_bounds(values: Mapping[str, float]) -> SafetyResult:
 
 @dataclass(frozen=True)
 class Bench:
-    """Another plant than the scenarios' own, for parameters of another module, and its highest ratio."""
+    """A plant that replaces the scenarios' own, for parameters of another module, and its highest ratio."""
 
     scene: Mapping[str, Any]
     ratio: float
@@ -61,7 +61,7 @@ def judged(
     seed: int = SEED,
     bench: Bench | None = None,
 ) -> SafetyResult:
-    """A scenario with these parameters over its own."""
+    """Run a scenario with these parameters in place of its own, and judge the run."""
     document = deepcopy(read_scenario(name))
     if bench is not None:
         document["scene"] = deepcopy(dict(bench.scene))
@@ -86,7 +86,7 @@ def judged(
 def judge_safety(
     values: Mapping[str, float], progress: Progress, bench: Bench | None = None
 ) -> list[SafetyResult]:
-    """Bounds first; the scenarios run only with values that the firmware would take."""
+    """Test the bounds; if the firmware would accept the values, run the safety scenarios too."""
     bounds = within_bounds(values)
     if not bounds.passed:
         return [bounds]

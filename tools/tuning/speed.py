@@ -1,16 +1,18 @@
-"""Design of the crank's speed loop with python-control: gains, and the margins that they leave.
+"""Design of the crank's speed loop with python-control: gains and stability margins.
 
-The loop as it runs, sampled at the control period T:
+The elements of the loop, sampled at the control period T:
 
 - the motor, J θ'' + B θ' = T_motor, with the torque held for one period;
-- the way of a torque over the bus: computed from the sensors' state at t_k, it acts from t_{k+1}, a tick on;
-- the firmware's tracker (θ, θ', disturbance), which knows the torque that acts and corrects by the encoder;
+- the delay of the torque: computed from the sensors' state at t_k, it acts from t_{k+1}, one tick later;
+- the firmware's tracker (θ, θ', disturbance), which predicts with the acting torque and corrects by the
+  encoder;
 - PI on the tracker's speed.
 
-Cut where the torque reaches the motor, this gives the loop's phase and gain margins; closed, its bandwidth.
-The crank's load and dry friction are fed forward and act as disturbances. Proportional gain: K_p = J ω_c puts
-the crossover near ω_c; the integral's corner lies `integral_ratio` below it. Disk margin: Seiler, Packard &
-Gahinet, An Introduction to Disk Margins, IEEE Control Systems Magazine 40 (2020) 5, skew 0.
+Phase and gain margins are those of the loop cut at the motor's torque; the bandwidth is that of the closed
+loop. The crank's load and dry friction are fed forward and act as disturbances. Proportional gain:
+K_p = J ω_c puts the crossover near ω_c; the corner frequency of the integral is ω_c / `integral_ratio`. Disk
+margin: Seiler, Packard & Gahinet, An Introduction to Disk Margins, IEEE Control Systems Magazine 40 (2020) 5,
+skew 0.
 """
 
 import math
@@ -31,11 +33,11 @@ from tools.tuning.result import Merit, Tuning, tuned
 ComplexArray = NDArray[np.complex128]
 
 BANDWIDTH_HZ = 21.7
-"""Ten times the crank's turn at r = 1.45: the load's first harmonics are held."""
+"""Ten times the crank's frequency at r = 1.45, so that the loop rejects the load's first harmonics."""
 PHASE_MARGIN_DEG = 52.45
-"""Each tick more of delay on the bus takes 5° of it: ten would still be stable."""
+"""Each further tick of delay on the bus costs 5°; the loop would be stable with ten further ticks."""
 LARGEST_PEAK = 2.0
-"""Each gain alone may go so far: a modulus margin of 0.5, the textbooks' usual least."""
+"""Largest sensitivity in the range of a gain: a modulus margin of 0.5, the textbooks' usual minimum."""
 INTEGRAL_RATIOS = (2.0, 100.0)
 CROSSOVERS_RAD_S = (1.0, 500.0)
 POINTS = 2000
@@ -51,7 +53,7 @@ class NominalDrive(NamedTuple):
 
 
 class LoopResponse(NamedTuple):
-    """At `omega_rad_s`, shape (n,): L cut at the motor, from target to speed, from load torque to speed."""
+    """Responses at `omega_rad_s`, shape (n,): L cut at the motor, target to speed, load torque to speed."""
 
     omega_rad_s: FloatArray
     loop: ComplexArray
@@ -61,11 +63,11 @@ class LoopResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class SpeedDesign:
-    """Gains, rounded to two digits, and what the loop does with them.
+    """Gains, rounded to two digits, and the properties of the loop with these gains.
 
-    `bandwidth_rad_s`: where the closed loop, from target to speed, has fallen by 3 dB. `peak`: the largest
-    sensitivity |1/(1 + L)|. `load_stiffness_n_m_s`: the smallest |load torque / speed| at any frequency.
-    `disk_margin` α: gain and phase may change together, by any factor in the disk of that size.
+    `bandwidth_rad_s`: frequency at which the closed loop, from target to speed, has fallen by 3 dB. `peak`:
+    the largest sensitivity |1/(1 + L)|. `load_stiffness_n_m_s`: the smallest |load torque / speed| at any
+    frequency. `disk_margin` α: L may change in gain and phase by any complex factor in the disk of size α.
     """
 
     gain_p_n_m_s: float
@@ -90,16 +92,16 @@ def gains(nominal: NominalDrive, crossover_rad_s: float, integral_ratio: float) 
 def respond(
     nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float, omega_rad_s: FloatArray | None = None
 ) -> LoopResponse:
-    """The loop's frequency responses; from a hundredth of the crossover up where no frequencies are given.
+    """Frequency responses of the loop; by default from a hundredth of the crossover up to the Nyquist limit.
 
-    Below, the double integrator has no margins, only rounding errors.
+    At lower frequencies the double integrator has no margins, only rounding errors.
     """
     J, B, T, _ = nominal
     if omega_rad_s is None:
         omega_rad_s = np.geomspace(0.01 * gain_p_n_m_s / J, 0.99 * math.pi / T, POINTS)
     loop = _response(speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m), omega_rad_s)
     motor = _response(_motor(J, B, T), omega_rad_s)
-    # The tracker follows the motor exactly while it knows the torque: the target sees K G / (1 + K G).
+    # The tracker has the acting torque and so follows the motor exactly: the target sees K G / (1 + K G).
     tick = np.exp(-1j * omega_rad_s * T)
     pi = gain_p_n_m_s + gain_i_n_m * T * tick / (1.0 - tick)
     forward = pi * motor * tick
@@ -131,14 +133,14 @@ def margins(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> Sp
 
 
 def is_stable(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> bool:
-    """Whether the closed loop settles; the crank's angle is no part of it, so that one pole stays at 1."""
+    """Whether the closed loop is stable; one pole at 1 belongs to the crank's angle, which has no loop."""
     loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
     poles = np.sort(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)))
     return bool(poles[-2] < 1.0)
 
 
 def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -> tuple[float, float]:
-    """Crossover and integral ratio that give this bandwidth and, with the strongest integral, this margin.
+    """Crossover and integral ratio for this bandwidth, with the strongest integral that leaves this margin.
 
     Bandwidth grows with the crossover and the phase margin with the ratio, so that both are bisected.
     """
@@ -174,7 +176,7 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
 
 
 def _phase_margin_deg(response: LoopResponse) -> float:
-    """180° and the phase of L where |L| falls through 1; as `control` finds it, a hundred times as fast."""
+    """180° plus the phase of L where |L| falls through 1; a hundred times as fast as python-control."""
     size = np.log(np.abs(response.loop))
     last = int(np.flatnonzero(size > 0.0)[-1])
     share = size[last] / (size[last] - size[last + 1])
@@ -183,7 +185,7 @@ def _phase_margin_deg(response: LoopResponse) -> float:
 
 
 def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The smallest value in [low, high] for which a growing property holds, to 1 part in 1000."""
+    """The smallest value in [low, high] from which on a condition holds, to 1 part in 1000."""
     if holds(low):
         return low
     while high > 1.001 * low:
@@ -200,7 +202,7 @@ def tune_speed(
     bandwidth_hz: float = BANDWIDTH_HZ,
     phase_margin_deg: float = PHASE_MARGIN_DEG,
 ) -> tuple[Tuning, SpeedDesign]:
-    """Gains for a bandwidth and a phase margin, each with how far it alone may go, and the margins."""
+    """Gains for a bandwidth and a phase margin, the range of each gain alone, and the loop's properties."""
     gain_p, gain_i = (
         _rounded(gain) for gain in gains(nominal, *shape(nominal, bandwidth_hz, phase_margin_deg))
     )
@@ -234,7 +236,7 @@ def tune_speed(
 
 
 def merits(design: SpeedDesign) -> dict[str, Merit]:
-    """The margins, named."""
+    """The properties of the loop as figures of merit."""
     return {
         "bandwidth": Merit(design.bandwidth_rad_s / (2.0 * math.pi), "Hz"),
         "crossover": Merit(design.crossover_rad_s, "rad/s"),
@@ -258,8 +260,8 @@ def speed_loop(
 ) -> control.StateSpace:
     """L(z) = −(torque commanded) / (torque acting), cut where the torque reaches the motor.
 
-    State at t_k, once the firmware has ticked on the sensors of t_k: motor (θ, ω), tracker (θ̂, ω̂, d̂) after
-    its correction, integral, the torque just commanded, and the one of the tick before, which acts from t_k.
+    State at t_k, after the firmware's tick on the sensors of t_k: motor (θ, ω), tracker (θ̂, ω̂, d̂) after
+    its correction, integral, the torque just commanded, and the torque of the last tick, which acts from t_k.
     """
     T, J = tick_s, inertia_kg_m2
     g, h, k = critically_damped_gains(tracker_rad_s, T)
@@ -282,11 +284,11 @@ def speed_loop(
     a[5] = -gain_i_n_m * T * a[3]
     a[5, 5] += 1.0
     b[5] = -gain_i_n_m * T * b[3]
-    # K_p e + the integral as it was; e = −ω̂ of this tick.
+    # K_p e + the integral of the tick before; e = −ω̂ of this tick.
     a[6] = -gain_p_n_m_s * a[3]
     a[6, 5] += 1.0
     b[6] = -gain_p_n_m_s * b[3]
-    # What is commanded at t_k acts from t_{k+1}.
+    # The torque commanded at t_k acts from t_{k+1}.
     a[7, 6] = 1.0
     c = np.zeros((1, 8))
     c[0, 7] = -1.0
@@ -296,7 +298,7 @@ def speed_loop(
 def closed_loops(
     nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float
 ) -> tuple[control.StateSpace, control.StateSpace]:
-    """From target speed to speed, and from a torque on the crank to speed, without limits or feed-forward."""
+    """Closed loops from target to speed and from crank torque to speed, without limits or feed-forward."""
     T = nominal.tick_s
     loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
     a = loop.A - loop.B @ loop.C
@@ -312,7 +314,7 @@ def closed_loops(
 def _motor_matrices(
     inertia_kg_m2: float, viscous_n_m_s: float, tick_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Angle and speed of J θ'' + B θ' = T_motor over a tick of held torque, exactly."""
+    """Exact discretisation of J θ'' + B θ' = T_motor, state (θ, θ'), with the torque held over a tick."""
     continuous = control.ss(
         [[0.0, 1.0], [0.0, -viscous_n_m_s / inertia_kg_m2]],
         [[0.0], [1.0 / inertia_kg_m2]],
@@ -324,7 +326,7 @@ def _motor_matrices(
 
 
 def _motor(inertia_kg_m2: float, viscous_n_m_s: float, tick_s: float) -> control.StateSpace:
-    """From torque to speed, sampled."""
+    """The sampled motor from torque to speed."""
     a, b = _motor_matrices(inertia_kg_m2, viscous_n_m_s, tick_s)
     return control.ss(a, b, [[0.0, 1.0]], [[0.0]], tick_s)
 
@@ -337,5 +339,5 @@ def _response(system: control.StateSpace, omega_rad_s: FloatArray) -> ComplexArr
 
 
 def _rounded(value: float) -> float:
-    """Two significant digits: a gain is not worth more."""
+    """Round to two significant digits, which are enough for a gain."""
     return float(f"{value:.2g}")

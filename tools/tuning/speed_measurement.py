@@ -1,12 +1,12 @@
 """The speed loop's margins measured: firmware and plant in lockstep, with small sines on the torque frames.
 
-The frames of the torque are changed on their way to the drive, so that the loop is cut where the torque
-reaches the motor: what the firmware commands there over what then acts is −L, by its definition, with
-everything in it that runs: tracker, limits, load feed-forward, quantised encoder, way over the bus.
+The torque frames are changed on their way to the drive, so that the loop is cut where the torque reaches the
+motor. By definition, the commanded torque over the acting torque is −L. The measured L includes tracker,
+limits, load feed-forward, the quantised encoder and the delay on the bus.
 
-All sines are there at once, each a whole number of times in the window and midway between the harmonics of
-the crank's turn, whose load is there too; a Hann window separates those. As the commanded torque carries
-more than the sines, neighbouring lines show how much of a line is noise.
+All sines act at the same time. Each has a whole number of periods in the window, and a frequency midway
+between harmonics of the crank's turn, at which the load acts; a Hann window separates sines and harmonics.
+The commanded torque contains other frequencies too, so the neighbouring lines give the noise of a line.
 """
 
 from collections.abc import Callable, Iterable
@@ -33,14 +33,14 @@ ComplexArray = NDArray[np.complex128]
 
 SCENE = "table1-motor-soft"
 RATIO = 0.6
-"""Smooth motion below the impacts: the load has few harmonics."""
+"""A speed ratio without impacts: the motion is smooth and the load has few harmonics."""
 SETTLE_S = 10.0
 WINDOW_S = 20.0
 TURNS = 17
-"""Whole turns in about a window at r = 0.6; sines lie at half-odd multiples of the turn."""
+"""Turns of the crank in about one window at r = 0.6; the sines lie midway between multiples of the turn."""
 LINES = 10
 AMPLITUDE_N_M = 0.02
-"""Of each sine, at most 0.2 together: the torque's limits stay out of it."""
+"""Amplitude of each sine. Their sum is at most 0.2 N m, so that the torque is not limited."""
 LOWEST_HZ, HIGHEST_HZ = 3.0, 110.0
 TORQUE = CODECS[SetInputTorque]
 
@@ -48,7 +48,7 @@ Progress = Callable[[float, str], None]
 
 
 class MeasuredLoop(NamedTuple):
-    """At `omega_rad_s`, shape (n,): L, and how much of it may be noise (one standard deviation of |ΔL|)."""
+    """L at `omega_rad_s`, shape (n,), and its noise (one standard deviation of |ΔL|)."""
 
     omega_rad_s: FloatArray
     loop: ComplexArray
@@ -56,7 +56,7 @@ class MeasuredLoop(NamedTuple):
 
 
 class PushedBus:
-    """The drive's end of the bus: adds a torque to the commanded one, and notes both, a row a tick."""
+    """The drive's end of the bus: adds a torque to each commanded torque, and records the latter by tick."""
 
     def __init__(self, bus: NodeBus, push_n_m: FloatArray) -> None:
         self._bus = bus
@@ -65,15 +65,15 @@ class PushedBus:
         self.commanded_n_m = np.zeros(len(push_n_m))
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """As it is."""
+        """Send frames unchanged."""
         self._bus.send_all(frames)
 
     def wait(self, timeout_s: float) -> None:
-        """As it is."""
+        """Wait for frames on the bus."""
         self._bus.wait(timeout_s)
 
     def receive(self) -> list[Frame]:
-        """Once a tick: the frames, the torque changed."""
+        """Return the received frames with the torque changed; call this once per tick."""
         tick = min(self._tick, len(self._push_n_m) - 1)
         self._tick += 1
         return [self._pushed(frame, tick) for frame in self._bus.receive()]
@@ -87,7 +87,7 @@ class PushedBus:
 
 
 def lines_of(turn_hz: float, window_s: float) -> IntArray:
-    """Which multiples of 1/window carry a sine: even by octaves, midway between harmonics of the turn."""
+    """Multiples of 1/window that carry a sine: evenly over octaves, midway between harmonics of the turn."""
     wanted_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, LINES)
     between_hz = (np.floor(wanted_hz / turn_hz) + 0.5) * turn_hz
     return np.unique(np.round(between_hz * window_s).astype(np.int64))
@@ -137,7 +137,7 @@ def measure_loop(
     of_acting = of_commanded + np.fft.rfft(window * push[first:])
     beside = [np.abs(of_commanded[lines + shift]) ** 2 for shift in (-6, -5, -4, 4, 5, 6)]
     noise = np.sqrt(np.mean(beside, axis=0)) / np.abs(of_acting[lines])
-    # commanded = −L acting; its noise enters above and below
+    # commanded = −L acting; the noise of `commanded` enters numerator and denominator
     loop = -of_commanded[lines] / of_acting[lines]
     omega_rad_s = np.asarray(2.0 * np.pi * lines / window_s, np.float64)
     return MeasuredLoop(omega_rad_s, loop, noise * np.abs(1.0 + loop))
@@ -146,9 +146,9 @@ def measure_loop(
 def compared(
     tuning: Tuning, nominal: NominalDrive, measured: MeasuredLoop
 ) -> tuple[Tuning, dict[str, list[float]]]:
-    """The tuning with the margins as measured beside the designed ones, and the points for the JSON object.
+    """Add the measured margins to the tuning; return the measured points for the JSON object too.
 
-    Between the measured points L is the designed one times their ratio, interpolated over log ω.
+    Between the measured points, L is the designed L times the ratio of both, interpolated over log ω.
     """
     gain_p = tuning.parameters["speed.gain_p_n_m_s"].value
     gain_i = tuning.parameters["speed.gain_i_n_m"].value

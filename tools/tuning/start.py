@@ -1,18 +1,19 @@
-"""The soft start for reliability first: ramp, capture speed and hold loop, searched by Optuna in lockstep.
+"""Tuning of the soft start: ramp, capture speed and hold loop, searched by Optuna in lockstep.
 
-Candidates run the start-up campaign, all on the same sampled modules and starts. There are four aims: the
-share of starts that fail, the hardest twentieth of impacts on the way beside the steady ones, the time until
-95 % are captured, and the energy used. Candidates without a significant difference in an aim count as equal
-in it (`aims`).
+Candidates run the start-up campaign, all on the same sampled modules and starts. There are four aims, the
+most important first: the share of starts that fail, the hardest twentieth of impacts during the start
+relative to the steady ones, the time until 95 % are captured, and the energy used. Candidates without a
+significant difference in an aim count as equal in it (`aims`).
 
-First the default runs with each parameter alone at both ends of what may be searched. Where the starts stay
-alike the parameter is free: it keeps its default, and that is said. The others are searched by Optuna (Akiba
-et al., KDD 2019) in all four aims at once; what no other candidate beats in all of them is the Pareto front.
-Its first few and the default run on more trials, and the best is taken aim by aim, then its neighbours, until
-none is better. Winner, default and a naive start are judged on seeds that had no part in it.
+First the default runs with each parameter alone at both ends of its range. A parameter is free if neither end
+makes a significant difference: it keeps its default, and a warning reports it. Optuna (Akiba et al., KDD
+2019) searches the other parameters for all four aims at once; the candidates that no other candidate
+dominates are the Pareto front. The first few of them and the default run on more trials, and the best is
+chosen aim by aim; then its neighbours are tried, until none is better. The winner, the default and a naive
+start are judged on seeds that had no part in the choice.
 
-What is free and what was searched is kept in a journal beside the parameter file: the same command goes on
-where it was killed.
+A journal beside the parameter file holds the free parameters and the finished candidates, so that a command
+that was killed can continue.
 """
 
 import math
@@ -57,42 +58,42 @@ SPACE: dict[str, tuple[float, float, float]] = {
     HOLD_GAIN: (0.05, 0.45, 0.1),
     HOLD_RATE: (0.01, 0.06, 0.01),
 }
-"""Lowest, highest and step of what is searched; a finer step makes no significant difference."""
+"""Lowest value, highest value and step of each parameter; a finer step makes no significant difference."""
 DEFAULT = {name: DEFAULTS[name] for name in SPACE}
 NAIVE = {RISE: 0.5, AGAIN: 0.5}
-"""Up to speed as fast as the motor follows."""
+"""A ramp to the speed as fast as the motor can follow."""
 CONDITIONS: tuple[Condition, ...] = (
     (("viscous",), (1.1, 1.2, 1.3, 1.35), NO_IMPULSE),
     (("coulomb", "stribeck"), (1.1, 1.2), NO_IMPULSE),
 )
-"""Those of the campaign in which there is an impact attractor to start into."""
+"""The conditions of the campaign in which an impact attractor exists."""
 CANDIDATES = 24
 BATCH = 6
-"""Candidates that are asked for at a time: they share the start of the processes."""
+"""Number of candidates that Optuna suggests at a time; their trials run in parallel."""
 TRIALS = 64
-"""Eight of each friction law and ratio."""
+"""Eight for each friction law and ratio."""
 SCREENING_TRIALS = 320
-"""Enough to see what changes nothing."""
+"""Enough to find the parameters without a significant effect."""
 FRESH_TRIALS = 1200
-"""This number distinguishes impacts that are 3 % harder; a quarter of it hardly those that are 5 % harder."""
+"""Enough to distinguish impacts that are 3 % harder; a quarter hardly suffices for 5 %."""
 FINALISTS = 5
-"""Beside the default."""
+"""Largest number of candidates from the Pareto front in the final, beside the default."""
 ROUNDS = 6
-"""Of the final at most: the first, then neighbours."""
+"""Largest number of rounds of the final: the finalists, then neighbours of the best."""
 BEST_PLACE, DEFAULT_PLACE = 0, 1
-"""Of those that are judged on fresh trials."""
+"""Indices among the candidates that are judged on fresh trials."""
 
 DIGITS = 6
-"""Of a step's multiples."""
+"""Decimals to which multiples of a step are rounded."""
 
 Progress = Callable[[int, int], None]
 Run = Callable[[Sequence[Mapping[str, float]]], list[FloatArray]]
-"""Candidates' starts on the final's trials."""
+"""Runs candidates, all on the same trials; returns the table of starts of each."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A candidate and what it came to; `overshoot` is the mean of the hardest twentieth of impacts."""
+    """A candidate and its results; `overshoot` is the mean of the hardest twentieth of impacts."""
 
     parameters: dict[str, float]
     eligible: int
@@ -106,7 +107,7 @@ class Ramp:
 
     @property
     def aims(self) -> tuple[float, float, float, float]:
-        """Each the less the better, in their order: failures, overshoot, time, energy."""
+        """The figures to be minimised, in their order: failures, overshoot, time, energy."""
         return (self.failures / max(self.eligible, 1), self.overshoot, self.capture_p95_s, self.energy_p50_j)
 
     @property
@@ -135,13 +136,13 @@ def ramp(parameters: Mapping[str, float], starts: FloatArray) -> Ramp:
 
 
 def dominates(one: Ramp, other: Ramp) -> bool:
-    """Whether no aim of `other` is met better, and one is met worse."""
+    """Whether `one` is as good as `other` or better in every aim, and better in at least one."""
     pairs = list(zip(one.aims, other.aims, strict=True))
     return all(a <= b for a, b in pairs) and any(a < b for a, b in pairs)
 
 
 def with_front(tried: Sequence[Ramp]) -> list[Ramp]:
-    """All, those that nothing dominates marked."""
+    """All candidates, with those of the Pareto front marked."""
     return [
         Ramp(**{**vars(one), "on_front": not any(dominates(other, one) for other in tried)}) for one in tried
     ]
@@ -151,12 +152,12 @@ def with_front(tried: Sequence[Ramp]) -> list[Ramp]:
 
 
 def name_of_search(numbers: Sequence[int]) -> str:
-    """Names a search by all that its results depend on: space, trials and seed, sources, packages."""
+    """Name of a search, from all that its results depend on: space, trials and seed, sources, packages."""
     return f"start-{provenance.key(SPACE, tuple(numbers))[:12]}"
 
 
 def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":
-    """The search as the journal has it, or a new one that begins with the default."""
+    """The search from the journal, or a new search that begins with the default."""
     import optuna
     from optuna.storages.journal import JournalFileBackend
 
@@ -179,7 +180,7 @@ def study_in(journal: Path, name: str, seed: int) -> "optuna.Study":
 def asked(
     study: "optuna.Study", count: int, free: Sequence[str]
 ) -> list[tuple["optuna.Trial", dict[str, float]]]:
-    """This number of candidates of the search space; what is free keeps its default."""
+    """Let Optuna suggest `count` candidates of the search space; free parameters keep their defaults."""
     found = []
     for _ in range(count):
         trial = study.ask()
@@ -193,7 +194,7 @@ def asked(
 
 
 def finished(study: "optuna.Study") -> list[Ramp]:
-    """What the journal knows; a candidate that was not finished when the search was killed is none."""
+    """The finished candidates in the journal; a candidate that a kill interrupted is left out."""
     return [Ramp(**trial.user_attrs["ramp"]) for trial in study.trials if trial.values is not None]
 
 
@@ -222,7 +223,7 @@ def searched(
     progress: Progress,
     judged: Judge,
 ) -> list[Ramp]:
-    """Ask, run, report, until this number of candidates is known."""
+    """Let Optuna suggest candidates, run them and report their results, until `candidates` are finished."""
     known = finished(study)
     while len(known) < candidates:
         progress(len(known) * trials, candidates * trials)
@@ -245,7 +246,7 @@ def searched(
 
 
 class Final(NamedTuple):
-    """The best of some candidates, how many are like it, and what each parameter alone may be."""
+    """The best finalist, the number not significantly worse, and the admissible values of each parameter."""
 
     best: dict[str, float]
     finalists: int
@@ -254,7 +255,7 @@ class Final(NamedTuple):
 
 
 def screened(run: Run) -> tuple[str, ...]:
-    """The parameters that are free: the default with each alone at both of its ends starts alike."""
+    """The free parameters: neither end of their range alone makes a significant difference to the default."""
     ends = [(name, end) for name, (low, high, _) in SPACE.items() for end in (low, high)]
     default, *at_ends = run([DEFAULT, *({**DEFAULT, name: end} for name, end in ends)])
     moved = {name for (name, _), some in zip(ends, at_ends, strict=True) if differing(some, default)}
@@ -262,7 +263,7 @@ def screened(run: Run) -> tuple[str, ...]:
 
 
 def final(tried: Sequence[Ramp], free: Sequence[str], run: Run) -> Final:
-    """The default and the front's first few, then the best one's neighbours, until none is better."""
+    """Run the default and the first of the front, then the best one's neighbours, until none is better."""
     front = sorted((one for one in tried if one.on_front), key=lambda one: one.aims)
     finalists: list[dict[str, float]] = []
     starts: list[FloatArray] = []
@@ -289,7 +290,7 @@ def final(tried: Sequence[Ramp], free: Sequence[str], run: Run) -> Final:
 
 
 def neighbours(one: Mapping[str, float], free: Sequence[str]) -> list[dict[str, float]]:
-    """A step up and one down in each parameter that is not free."""
+    """The candidates that differ from `one` by one step in one parameter that is not free."""
     return [
         {**one, name: round(value, DIGITS)}
         for name, (low, high, step) in SPACE.items()
@@ -309,7 +310,7 @@ def tune_start(
     progress: Progress = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Ramp]]:
-    """The start that fails least, and all that were tried; `fresh_trials` choose among the best as well."""
+    """The best start and all candidates; both the final and the judgement have `fresh_trials` trials."""
     final_seed, screening_trials = seed + 1, min(SCREENING_TRIALS, fresh_trials)
     refuse_same_seeds(final_seed, fresh_seed)
     study = study_in(journal, name_of_search([trials, fresh_trials, seed]), seed)
@@ -354,7 +355,7 @@ def tune_start(
 
 
 def _warnings(free: Sequence[str], as_good: Sequence[int], fresh: Ramp, trials: int) -> Iterator[str]:
-    """What is free, what the default does better, and what fails."""
+    """Warnings: free parameters, a default that is better, and starts that fail."""
     for name in free:
         low, high, _ = SPACE[name]
         yield f"{name} is free: at {low:g} as at {high:g} {trials} starts show no significant difference"
@@ -365,7 +366,7 @@ def _warnings(free: Sequence[str], as_good: Sequence[int], fresh: Ramp, trials: 
 
 
 def merits(prefix: str, one: Ramp) -> dict[str, Merit]:
-    """On fresh trials."""
+    """The results of a candidate as figures of merit; each name begins with `prefix`."""
     return {
         f"{prefix}eligible": Merit(float(one.eligible), "1"),
         f"{prefix}failures": Merit(float(one.failures), "1"),

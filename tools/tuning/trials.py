@@ -1,11 +1,11 @@
 """The success rate of the identification: sampled modules of every friction law, recorded and identified.
 
-A trial samples its module as campaigns do, a little wider, records a minute by the bench's compiled loop
-(`recorded` says what such a log lacks) and goes through the same identification as a file. Places are counted
-from l0 on, which no log can identify, so that the stop is judged past the true l0.
+A trial samples its module as a campaign does, with a slightly larger mismatch, records a minute with the
+bench's compiled loop (`recorded` states the differences from a run's log) and identifies the module as from a
+file. No log can identify l0, so the stop's position is compared relative to the true l0.
 
-Each trial's outcome is a line of a JSON file that is appended to: a run that was killed goes on, unless what
-it is made of has changed.
+Each trial's outcome is appended to a file as a line of JSON. A killed run continues with this file, unless
+its code or settings have changed.
 """
 
 import json
@@ -38,7 +38,7 @@ MODULES = {
     "stribeck": LAWS["stribeck"],
     "coulomb and viscous": Law({"law": "coulomb", "mu": 0.05, "b_n_s_m": 0.1}, 0.025),
 }
-"""By the law's name as identification has it."""
+"""The sampled modules by the name that identification gives to their friction law."""
 RATIOS = {"viscous": (1.1, 1.2, 1.3)}
 DRY_RATIOS = (1.0, 1.1, 1.2)
 LIMITS = {
@@ -48,20 +48,20 @@ LIMITS = {
     "damping": (0.05, "of b"),
     "dry": (0.05, "of mu"),
 }
-"""The goals; that for μ is as wide as that for b."""
+"""The goals: largest error of each quantity; the limit for μ is as wide as that for b."""
 ABSOLUTE = ("stop", "restitution")
 OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
-"""Of the trials have to be within each limit, and of the laws named rightly."""
+"""Required share of the trials within each limit, and of the correctly named friction laws."""
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What was named, by how much each quantity is off, and whether its 95 % bounds hold the truth.
+    """The friction law as named, the error of each quantity, and whether its 95 % bounds contain the truth.
 
-    `plain`: by how much least squares alone are off. None where there was nothing to be right about.
+    `plain`: the errors of least squares alone. An error is None if the true value is 0.
     """
 
     trial: int
@@ -82,7 +82,7 @@ def module_of(trial: int) -> tuple[str, float]:
 
 
 def run_trial(seed: int, trial: int, seconds: float) -> Trial:
-    """Sample, record, identify, compare."""
+    """Sample a module, record it, identify it, and compare the result with the truth."""
     from tools.output import BadInputError
     from tools.tuning.identification.identify import identify
     from tools.tuning.recordings.readings import of_ticks
@@ -135,7 +135,7 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
 
 
 def known_trials(path: Path, key: str) -> dict[int, Trial]:
-    """What an earlier run of the same key has left; a line cut short by a kill is left out."""
+    """The finished trials of an earlier run with the same key; a line cut short by a kill is ignored."""
     found = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
@@ -155,7 +155,7 @@ def run_trials(
     progress: Progress = lambda *_: None,
     workers: int | None = None,
 ) -> list[Trial]:
-    """All trials; those that `path` has are not run again."""
+    """Run all trials, except those whose outcomes are already in `path`."""
     key = provenance.key(seed, seconds)
     done = {number: one for number, one in known_trials(path, key).items() if number < trials}
     missing = [number for number in range(trials) if number not in done]
@@ -173,7 +173,7 @@ def run_trials(
 
 
 def summary(trials: Sequence[Trial]) -> dict[str, Any]:
-    """Rates with Wilson's bounds, quantiles of the errors, and what went wrong."""
+    """Rates with Wilson's bounds, quantiles of the errors, and the wrong identifications."""
 
     def share(hits: int, count: int) -> dict[str, float]:
         return {**wilson(hits, count)._asdict(), "hits": hits, "n": count}

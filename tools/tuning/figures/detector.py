@@ -10,7 +10,7 @@ from tools.tuning.result import Tuning
 
 
 def draw_detector(tuning: Tuning, points: Sequence[Operating], path: Path) -> None:
-    """Draw into an SVG or PNG."""
+    """Draw the characteristic into an SVG, PNG or PDF file."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14.0, 4.4), layout="constrained")

@@ -12,7 +12,7 @@ from tools.tuning.result import Tuning
 
 
 def draw_estimator(tuning: Tuning, points: Sequence[Combination], path: Path) -> None:
-    """Draw into an SVG or PNG."""
+    """Draw the combinations that were tried into an SVG, PNG or PDF file."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(17.0, 4.4), layout="constrained")
@@ -57,7 +57,7 @@ def _surface(
     what: Callable[[Combination], float],
     title: str,
 ) -> None:
-    """A quantity over the model's memory and the velocity's noise, its numbers written in."""
+    """Draw a quantity over the model's memory and the velocity's noise, with its values as numbers."""
     memories = sorted({one.parameters[MEMORY] for one in points})
     noises = sorted({one.parameters[NOISE] for one in points})
     found = {(one.parameters[NOISE], one.parameters[MEMORY]): what(one) for one in points}
@@ -78,7 +78,7 @@ def _surface(
     axes.set_xticks(range(len(memories)), [f"{one:g}" for one in memories])
     axes.set_yticks(range(len(noises)), [f"{one:g}" for one in noises])
     for place, marker, colour in ((chosen, "s", "white"), (DEFAULTS, "D", "tab:red")):
-        # Between the values that were tried where it is none of them.
+        # A value that is not on the grid lies between its neighbours.
         x = np.interp(np.log(place[MEMORY]), np.log(memories), range(len(memories)))
         y = np.interp(np.log(place[NOISE]), np.log(noises), range(len(noises)))
         axes.plot(x, y, marker, mfc="none", mec=colour, ms=34 if marker == "s" else 26, mew=1.5)

@@ -13,7 +13,7 @@ COLOURS = {Law.VISCOUS: "tab:blue", Law.COULOMB: "tab:orange", Law.BOTH: "tab:gr
 
 
 def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
-    """Draw into an SVG or PNG."""
+    """Draw the identification into an SVG, PNG or PDF file."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14.0, 4.4), layout="constrained")
@@ -31,7 +31,7 @@ def draw_identified(found: Identified, readings: Readings, path: Path) -> None:
 
 
 def _friction(axes: Any, found: Identified) -> None:
-    """What is left of the reading once spring and crank are taken off, against v; and the laws."""
+    """Draw the friction (the reading less spring and crank) against v, and the fitted laws."""
     v, left = friction_points(found)
     axes.plot(v, left, ",", color="gray", alpha=0.5, rasterized=True)
     grid = np.linspace(np.min(v), np.max(v), 400)

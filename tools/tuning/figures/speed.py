@@ -15,7 +15,7 @@ LOAD_N_M = 0.1
 
 
 def draw_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop | None, path: Path) -> None:
-    """Draw into an SVG or PNG."""
+    """Draw the loop into an SVG, PNG or PDF file."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14.0, 7.0), layout="constrained")

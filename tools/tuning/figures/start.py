@@ -9,7 +9,7 @@ from tools.tuning.start import RISE, SPACE, Ramp
 
 
 def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
-    """Draw into an SVG or PNG."""
+    """Draw the candidates into an SVG, PNG or PDF file."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14.0, 4.4), layout="constrained")

@@ -17,7 +17,7 @@ from tools.tuning.start import Ramp
 
 
 class Shown(NamedTuple):
-    """A timeline, named by what it counts, and the views over it."""
+    """A timeline, named after the quantity that it counts, and the views over it."""
 
     timeline: str
     views: Views
@@ -51,7 +51,7 @@ def of_speed(nominal: NominalDrive, design: SpeedDesign, measured: MeasuredLoop 
 
 
 def of_identify(found: Identified, readings: Readings) -> Shown:
-    """Over the log's ticks: the reading, what is left of it as friction, and the impacts."""
+    """Over the log's ticks: the reading, the friction that follows from it, and the impacts."""
     speeds, left = friction_points(found)
     ticks = np.concatenate([np.arange(one.begin, one.end) for one in found.used])
     striker, rise = found.fit.striker, found.fit.rise
@@ -97,7 +97,7 @@ def of_detector(points: Sequence[Operating]) -> Shown:
 
 
 def of_start(tried: Sequence[Ramp]) -> Shown:
-    """The aims of each candidate, one after the other; those of the Pareto front again."""
+    """The aims of the candidates in the order of the search, and again for the Pareto front alone."""
     numbers = list(range(len(tried)))
     front = [number for number, one in enumerate(tried) if one.on_front]
     names = (

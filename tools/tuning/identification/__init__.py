@@ -1,1 +1,1 @@
-"""The module's laws from a minute of motion."""
+"""Identification of the module's parameters and friction law from a minute of motion."""

@@ -4,13 +4,13 @@ In free flight, with the accelerometer's offset β,
 
     z − β = −κ (x − l0 − A sin θ) − d v − f sign v,   κ = c/m, d = b/m, f = μ g
 
-and the reading itself shows how the striker moves from where the flight began:
+and the integrals of the reading are the striker's motion from the beginning of the flight on:
 
     x = x0 + v0 t + X − β t²/2,  v = v0 + V − β t,   V = ∫ z dt, X = ∫∫ z dt²
 
 so that z is linear in (X, sin θ, V, sign v, t²) with coefficients (−κ, κ A, −d, −f, κ β/2), which all flights
-share, and in (1, t), whose coefficients each flight has for itself. These two are projected out, flight by
-flight. The accelerometer's low-pass delays z, X and V alike; so the crank is taken with the same delay.
+share, and in (1, t) with coefficients that differ between flights. The columns (1, t) are projected out of
+each flight. The accelerometer's low-pass delays z, X and V equally, so the crank's angle gets the same delay.
 """
 
 from dataclasses import dataclass
@@ -23,32 +23,33 @@ from plant_sim.arrays import BoolArray, FloatArray
 from tools.tuning.recordings.readings import Readings
 
 DROP_M_S2 = 4.0
-"""A touch-down: the reading falls by more within two ticks. A dry guide with μ = 0.3 turns 5.9 slowly."""
+"""Smallest fall of the reading within two ticks at a touch-down. Dry friction (5.9 for μ = 0.3) is slower."""
 IMPACT_M_S2 = 8.0
-"""And falls by this in all."""
+"""Smallest fall of the reading over the whole contact."""
 BACK_M_S2 = 1.0
 LONGEST_CONTACT_S = 0.08
 RINGING_S = 0.008
-"""After a contact, for the low-pass; before one a tick or two are enough."""
+"""Time left out after a contact, until the low-pass has settled; before one, a tick or two suffice."""
 BEFORE_S = 0.002
 LONGEST_FLIGHT_S = 0.7
-"""Longer ones are cut: noise that is integrated twice grows with t^1.5."""
+"""Longer flights are divided: noise that is integrated twice grows with t^1.5."""
 SHORTEST_FLIGHT_S = 0.1
 STILL_M_S2 = 0.15
 STILL_S = 0.04
-"""A striker whose reading varies by less for this time stands still: nothing to be learnt but the offset."""
+"""If the reading varies by less for this time, the striker stands still: only the offset is observable."""
 RESTING_M_S2 = 0.5
-"""And reads no more than at rest. Where a striker turns its reading is as flat, only far from there; were
-samples left out there by how little they vary, the noise would choose which, and b come out 1 % small."""
+"""Second condition of standing still: the reading is this near to its value at rest. Where v changes its
+sign, the reading is as constant, but far from this value; if such samples were left out by their variation
+alone, noise would select them, and b would be 1 % too small."""
 SLOW_M_S = 0.015
-"""Slower than this the sign of v is not sure enough for dry friction."""
+"""Below this speed, the sign of v is too uncertain for dry friction."""
 
 STIFFNESS, CRANK, DAMPING, DRY, CURVE, RISE = range(6)
-"""Columns of the regressors: X, sin θ, V, sign v, t², and what `laws` adds for Stribeck's rise."""
+"""Columns of the regressors: X, sin θ, V, sign v, t², and Stribeck's rise, which `laws` fills in."""
 
 
 class Contact(NamedTuple):
-    """Rows: the last before the touch-down, and the first after the separation."""
+    """The last row before the touch-down, and the first row after the separation."""
 
     before: int
     after: int
@@ -56,7 +57,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class Flight:
-    """Rows `begin` to `end` (behind the last); `regressors` of shape (n, 6); sign and rise are still 0."""
+    """Rows `begin` to `end` − 1; `regressors` of shape (n, 6); `laws` fills in sign and rise."""
 
     begin: int
     end: int
@@ -66,11 +67,11 @@ class Flight:
     still: BoolArray
     """Samples in which the striker stands still."""
     contact: Contact | None
-    """The contact that ends it."""
+    """The contact that ends the flight, if one does."""
 
 
 def contacts_of(readings: Readings) -> list[Contact]:
-    """All impacts on the stop: a steep fall of the reading, and its way back."""
+    """All impacts on the stop: a steep fall of the reading and its recovery."""
     z = readings.acceleration_m_s2
     longest = round(LONGEST_CONTACT_S / readings.period_s)
     found = []
@@ -92,10 +93,10 @@ def contacts_of(readings: Readings) -> list[Contact]:
 
 
 def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> list[Flight]:
-    """The stretches between contacts, none longer than is good for the integrals."""
+    """The free flights between contacts, none longer than LONGEST_FLIGHT_S."""
     T = readings.period_s
     ringing, before = round(RINGING_S / T), round(BEFORE_S / T)
-    # What moves to and fro accelerates by nothing on the whole.
+    # The mean acceleration of an oscillation is 0, so the mean reading is the reading at rest.
     at_rest_m_s2 = float(np.nanmean(readings.acceleration_m_s2))
     found: list[Flight] = []
     for begin, end in readings.pieces:
@@ -111,7 +112,7 @@ def flights_of(readings: Readings, contacts: list[Contact], delay_s: float) -> l
 def _cut(
     readings: Readings, start: int, stop: int, contact: Contact | None, delay_s: float, at_rest_m_s2: float
 ) -> list[Flight]:
-    """A stretch as flights; the last one ends at the contact."""
+    """Divide rows between contacts into flights; the last flight ends at the contact."""
     T = readings.period_s
     if stop - start < SHORTEST_FLIGHT_S / T:
         return []
@@ -138,7 +139,7 @@ def _flight(
 
 
 def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """∫z dt and ∫∫z dt² from the first sample on, by the trapezoid."""
+    """∫z dt and ∫∫z dt² from the first sample on, by the trapezoidal rule."""
     steps = 0.5 * period_s * (z[1:] + z[:-1])
     velocity = np.concatenate([[0.0], np.cumsum(steps)])
     # z linear over a tick: X += V T + (2 z0 + z1) T²/6
@@ -147,7 +148,7 @@ def integrals(z: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
 
 
 def standing_still(moving_m_s2: FloatArray, period_s: float) -> BoolArray:
-    """Samples about which the reading, less that at rest, is small and hardly varies as long as `STILL_S`."""
+    """Samples at rest: the reading, less its value at rest, is small and nearly constant for `STILL_S`."""
     width = round(STILL_S / period_s)
     near = np.abs(moving_m_s2) < RESTING_M_S2
     if len(moving_m_s2) <= width:

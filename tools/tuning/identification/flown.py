@@ -1,19 +1,20 @@
 """The striker's parameters by output error: each flight is simulated and compared with the readings.
 
 `laws` finds the friction law and first values from equations that are linear in the reading's own integrals;
-the noise in those makes b a hundredth too small. Here a flight is what the law makes of where it began, x0
-and v0, and parameters and beginnings are those with the least squares of what is left of the reading (output
-error, Ljung 1999, System Identification, ch. 7; Gauss–Newton). What is left is the sensor's white noise, so
+the noise in these integrals makes b about 1 % too small. Here each flight is simulated from its initial state
+(x0, v0), and parameters and initial states minimise the sum of the squared residuals of the reading (output
+error, Ljung 1999, System Identification, ch. 7; Gauss–Newton). The residual is the sensor's white noise, so
 that this is maximum likelihood, and
 
     σ² (Σ_i S_i)⁻¹,   S_i = JᵀJ − JᵀB (BᵀB)⁻¹ BᵀJ
 
-with a flight's derivatives J by the parameters and B by its own beginning, is the Cramér–Rao bound: flights
-whose beginnings nothing else determines do not improve the parameters.
+with a flight's derivatives J by the parameters and B by its initial state, is the Cramér–Rao bound. S_i is
+the information of a flight on the parameters, less the part that its unknown initial state uses up.
 
-All flights are run side by side, shape (ticks, flights). v's sign changes within a tick: dry friction acts
-with its mean over it, and derivatives of v jump there by the ratio of the accelerations (saltation).
-Stribeck's v_s and δ stay as `laws` has found them; the bounds of its other parameters know nothing of that.
+All flights are simulated in parallel, shape (ticks, flights). If v changes its sign within a tick, dry
+friction acts with its mean over the tick, and derivatives of v jump by the ratio of the accelerations
+(saltation). Stribeck's v_s and δ keep their values from `laws`; the bounds of the other parameters do not
+include the uncertainty of these two.
 """
 
 from collections.abc import Sequence
@@ -28,9 +29,9 @@ from tools.tuning.identification.flights import CRANK, Flight
 from tools.tuning.identification.laws import FEWEST_SAMPLES, OUTLYING, Law, Rise, Striker, begun
 
 PASSES = 6
-"""Of Gauss–Newton; from the linear equations' values the third changes nothing that matters."""
+"""Passes of Gauss–Newton; from the linear equations' values on, the third changes nothing that matters."""
 SINGULAR = 1e-9
-"""Of what a flight says of its beginning; in a flight that moves the lesser is a hundredth of the greater."""
+"""Smallest ratio of the eigenvalues of BᵀB that counts as above 0; in a moving flight it is about 0.01."""
 FITTED: dict[Law, tuple[str, ...]] = {
     Law.VISCOUS: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "damping_1_s"),
     Law.COULOMB: ("stiffness_1_s2", "amplitude_m", "offset_m_s2", "dry_m_s2"),
@@ -40,11 +41,11 @@ FITTED: dict[Law, tuple[str, ...]] = {
 
 
 class Flown(NamedTuple):
-    """The striker, the parameters that were fitted, and their covariance by the sensor's noise.
+    """The striker, the names of the fitted parameters, and their covariance due to the sensor's noise.
 
-    `mean_square` is what is left of the reading, (m/s²)².
-
-    By flight, what it says of them: S_i, shape (flights, p, p), and its slope, (flights, p), 0 in all.
+    `says`: the information S_i of each flight, shape (flights, p, p). `slopes`: the gradient of each flight's
+    log-likelihood, shape (flights, p), in units of the noise's variance; the gradients sum to 0.
+    `mean_square`: the mean squared residual of the reading, (m/s²)².
     """
 
     striker: Striker
@@ -56,7 +57,7 @@ class Flown(NamedTuple):
 
 
 class Table(NamedTuple):
-    """The flights side by side: readings, sin of the crank's angle, and which samples are used."""
+    """The flights in columns: readings, sine of the crank's angle, and the mask of the used samples."""
 
     period_s: float
     z_m_s2: FloatArray
@@ -65,7 +66,7 @@ class Table(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """x − l0 and v at the ticks, sign and rise of dry friction there, and their means over each tick."""
+    """x − l0, v, and sign and rise of dry friction at the ticks; means of the last two over each tick."""
 
     x_m: FloatArray
     v_m_s: FloatArray
@@ -78,7 +79,7 @@ class Motion(NamedTuple):
 def fly(
     flights: Sequence[Flight], chosen: Sequence[BoolArray], law: Law, striker: Striker, rise: Rise
 ) -> Flown:
-    """The most likely parameters of a law, from first values on."""
+    """Fit the most likely parameters of a law; `striker` has the first values."""
     informative = [
         (one, mask) for one, mask in zip(flights, chosen, strict=True) if mask.sum() >= FEWEST_SAMPLES
     ]
@@ -93,8 +94,8 @@ def fly(
         kept = as_good_as_most(left, table.used)
         squares = np.einsum("atn,btn->nab", rows, rows)
         slopes = np.einsum("atn,tn->na", rows, left)
-        # The beginnings are determined by their own flights alone: eliminated.
-        # A flight that friction holds from its first tick on does not show how fast it began.
+        # Each initial state is determined by its own flight alone, so it is eliminated.
+        # If friction holds the striker from the first tick on, v0 is not observable.
         own = np.linalg.pinv(squares[:, p:, p:], SINGULAR, hermitian=True) @ np.dstack(
             [squares[:, p:, :p], slopes[:, p:, None]]
         )
@@ -111,7 +112,7 @@ def fly(
 
 
 def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[str, float]:
-    """Standard deviations: by the sensor's noise, or over resampled flights where that is more."""
+    """Standard deviations from the sensor's noise, or over resampled flights if the latter are larger."""
     n = len(flown.says)
     sampled = np.array(
         [
@@ -124,7 +125,7 @@ def spreads(flown: Flown, resamples: int, noise: np.random.Generator) -> dict[st
 
 
 def side_by_side(informative: Sequence[tuple[Flight, BoolArray]]) -> Table:
-    """Flights of different lengths in one table; what lies beyond an end is not used."""
+    """Put flights of different lengths into one table; rows after the end of a flight are not used."""
     ticks = max(len(mask) for _, mask in informative)
     z, crank = np.zeros((ticks, len(informative))), np.zeros((ticks, len(informative)))
     used = np.zeros((ticks, len(informative)), bool)
@@ -137,7 +138,7 @@ def side_by_side(informative: Sequence[tuple[Flight, BoolArray]]) -> Table:
 
 
 def as_good_as_most(left: FloatArray, used: BoolArray) -> BoolArray:
-    """Flights whose mean square is not far above the median's: a stick or a knock is no flight of the law."""
+    """Mask of the flights that the law fits: no sticking or shock makes their mean square far larger."""
     mean = np.sum(left**2, axis=0) / used.sum(axis=0)
     good: BoolArray = mean <= OUTLYING * np.median(mean)
     return good
@@ -146,12 +147,12 @@ def as_good_as_most(left: FloatArray, used: BoolArray) -> BoolArray:
 def stepped(
     step: Transition, rest: FloatArray, x: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The oscillator a tick on, about where spring, crank and dry friction balance."""
+    """Advance the oscillator by a tick about `rest`, the equilibrium of spring, crank and dry friction."""
     return step.x_x * (x - rest) + step.x_v * v + rest, step.v_x * (x - rest) + step.v_v * v
 
 
 def moved(table: Table, striker: Striker, rise: Rise, x0: FloatArray, v0: FloatArray) -> Motion:
-    """All flights from where they began, tick by tick, the crank linear over a tick."""
+    """Simulate all flights from their initial states, tick by tick, with the crank's mean over each tick."""
     k, amplitude, d, f, h, _ = striker
     step = free_flight(k, d, table.period_s)
     balance = 0.5 * amplitude * (table.crank[1:] + table.crank[:-1])
@@ -164,7 +165,7 @@ def moved(table: Table, striker: Striker, rise: Rise, x0: FloatArray, v0: FloatA
     for about in balance:
         sign, up = np.sign(v), risen(v)
         _, guess = stepped(step, about - (f * sign + h * up) / k, x, v)
-        # Until v changes its sign, and from there on.
+        # Share of the tick before v changes its sign.
         share = np.where(guess * v < 0.0, v / np.where(guess == v, 1.0, v - guess), 1.0)
         sign, up = sign * (2.0 * share - 1.0), 0.5 * (up + risen(guess))
         x, v = stepped(step, about - (f * sign + h * up) / k, x, v)
@@ -184,10 +185,10 @@ def reading(table: Table, striker: Striker, motion: Motion) -> FloatArray:
 
 
 def derivatives(table: Table, striker: Striker, motion: Motion, fitted: Sequence[str]) -> FloatArray:
-    """Of the reading by the parameters, then by x0 and by v0, shape (p + 2, ticks, flights).
+    """Derivatives of the reading by the parameters, then by x0 and v0, shape (p + 2, ticks, flights).
 
-    By a parameter that pushes with u the motion varies as ξ'' + d ξ' + κ ξ = u, from rest; the reading by
-    u − κ ξ − d ξ'.
+    If u is the derivative of the acceleration by a parameter, the derivative ξ of the motion follows from
+    ξ'' + d ξ' + κ ξ = u, from rest; the derivative of the reading is u − κ ξ − d ξ'.
     """
     k, amplitude, d, f, h, _ = striker
     step = free_flight(k, d, table.period_s)
@@ -207,7 +208,7 @@ def derivatives(table: Table, striker: Striker, motion: Motion, fitted: Sequence
     }
     at_ticks = np.array([pushes[name][0] for name in fitted] + [nothing, nothing])
     over_ticks = np.array([pushes[name][1] for name in fitted] + [nothing[1:], nothing[1:]])
-    # Where v turns: a₊/a₋, and 0 where friction holds it.
+    # Factor at a change of v's sign: a₊/a₋, or 0 if friction holds the striker.
     turns = motion.sign[1:] * motion.sign[:-1] < 0.0
     free = -k * spring_m[:-1]
     before, behind = free - (f + h) * motion.sign[:-1], free - (f + h) * motion.sign[1:]

@@ -1,13 +1,13 @@
 """The striker's parameters from one recorded log: stiffness by mass, friction law, crank radius, stop, k.
 
-Only what went over CAN is used: the accelerometer and the encoder. `flights` says how a free flight is linear
-in the parameters, `laws` how all flights are put together and the friction law is chosen, and `flown` has the
-most likely values. Their bounds are what the sensor's noise allows (Cramér–Rao), or what resampled flights
-with replacement show (bootstrap, Efron 1979) where that is wider. Where and how fast the striker touches down
-follows from the flight before, and `impacts` says when, how stiffly and with which restitution.
+Only CAN frames are used: those of the accelerometer and the encoder. `flights` writes the reading in free
+flight as linear in the parameters, `laws` combines all flights and chooses the friction law, and `flown` fits
+the most likely values. Their bounds follow from the sensor's noise (Cramér–Rao), or from flights resampled
+with replacement (bootstrap, Efron 1979) if these bounds are wider. Position and speed of the striker at a
+touch-down follow from the flight before; `impacts` fits the time, the stiffness and the restitution k.
 
-Not to be had from these sensors: the mass by itself and l0 by itself. Forces are given for the nominal mass,
-places for the nominal l0.
+These sensors cannot identify the mass or l0 alone. Forces are given for the nominal mass, positions for the
+nominal l0.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,26 +63,26 @@ from tools.tuning.safety import Bench
 RESAMPLES = 500
 NORMAL_95 = 1.96
 SIGN_PASSES = 8
-"""How often the sign of v is taken anew from the last fit; it settles after four."""
+"""Number of times that the sign of v is computed again from the last fit; it settles after four."""
 FEWEST_FLIGHTS = 8
 WIDE_SHARE = 0.1
-"""Bounds wider than this share of the value: the log cannot identify it."""
+"""If the bounds are wider than this share of the value, the log cannot identify the parameter."""
 CONDITION_LIMIT = 1e5
-"""Of the normalised normal matrix; beyond, regressors are each other's shadow."""
+"""Largest condition number of the normalised normal matrix; above it regressors are nearly collinear."""
 AFTER_ROWS = 3
-"""Of a contact that still belong to the impact."""
+"""Number of rows after a contact that still belong to the impact."""
 FEWEST_IMPACTS = 5
 CLEAR_LEAD = 6.0
 UNEXPLAINED = 3.0
-"""Times the sensor's noise."""
+"""Largest residual that noise explains, in multiples of the sensor's noise."""
 SHARED = {"stop_m": 3e-5, "restitution": 1.5e-3}
-"""By how much all impacts of a log are wrong alike, on sampled modules: their bounds are wider by this."""
+"""Systematic error that all impacts of a log share, measured on sampled modules; it widens the bounds."""
 GRAZING_M_S = 0.1
-"""Slower impacts place the stop badly."""
+"""Impacts with a lower approach speed determine the stop's position poorly and are not used."""
 
 
 class Impact(NamedTuple):
-    """A touch-down: where past l0 and when, the speed before it, and what `impacts` makes of the readings."""
+    """A touch-down: stop position past l0, approach speed, values fitted by `impacts`, and its time."""
 
     stop_m: float
     speed_m_s: float
@@ -94,24 +94,24 @@ class Impact(NamedTuple):
 
 @dataclass(frozen=True)
 class Identified:
-    """What the log says, and 95 % bounds of each quantity."""
+    """The laws and impacts identified from a log, with 95 % bounds of each quantity."""
 
     fits: dict[Law, Fit]
     law: Law
     plain: Striker
-    """The same law by least squares on the equations as they are: no weights, no likelihood."""
+    """The same law by ordinary least squares on the linear equations, without weights or likelihood."""
     bounds: dict[str, tuple[float, float]]
     impacts: tuple[Impact, ...]
     flights: int
     used: tuple[Flight, ...]
     """Flights with the sign of v, for pictures."""
     left_out: int
-    """Flights in which nothing moves, or that no law fits."""
+    """Number of flights in which the striker does not move, or that no law fits."""
     seconds: float
 
     @property
     def fit(self) -> Fit:
-        """The law that was chosen."""
+        """The fit of the chosen law."""
         return self.fits[self.law]
 
 
@@ -139,7 +139,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
     fitted = candidates(prepared(signed, matrices))
     fits = {law: shapes[0].fit for law, shapes in fitted.items()}
     law = simplest(fits)
-    # The linear equations hardly distinguish Stribeck's shapes; what is left of the reading does.
+    # The linear equations hardly distinguish Stribeck's shapes; the residual of the reading does.
     chosen, says, flown = min(
         (_flown(one, signed.chosen) for one in fitted[law]), key=lambda tried: tried[2].mean_square
     )
@@ -165,7 +165,7 @@ def identify(readings: Readings, bandwidth_hz: float, seed: int = 1) -> Identifi
 
 
 def _flown(candidate: Candidate, chosen: Sequence[BoolArray]) -> tuple[Candidate, BoolArray, Flown]:
-    """A candidate, which flights speak for it, and what flying these makes of it."""
+    """A candidate, the mask of its informative flights, and the fit by simulation of these flights."""
     says = candidate.matrices.own[:, READING, READING] > 0.0
     masks = [mask & bool(one) for mask, one in zip(chosen, says, strict=True)]
     fit = candidate.fit
@@ -176,7 +176,7 @@ def _flown(candidate: Candidate, chosen: Sequence[BoolArray]) -> tuple[Candidate
 
 
 def _swing_m_s(readings: Readings) -> FloatArray:
-    """A first idea of v, without a model: ∫z dt less its mean over a turn, which ends where it began."""
+    """A first estimate of v in m/s, without a model: ∫z dt less its mean over one turn of the crank."""
     v = np.zeros(len(readings.acceleration_m_s2))
     for begin, end in readings.pieces:
         z = readings.acceleration_m_s2[begin:end]
@@ -188,7 +188,7 @@ def _swing_m_s(readings: Readings) -> FloatArray:
 
 
 def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
-    """v, and what is left of the reading once spring and crank are taken off: friction by unit of mass."""
+    """v in m/s, and friction per unit of mass in m/s²: the reading less spring and crank."""
     striker = found.fit.striker
     k, offset = striker.stiffness_1_s2, striker.offset_m_s2
     speeds, left = [], []
@@ -207,7 +207,7 @@ def friction_points(found: Identified) -> tuple[FloatArray, FloatArray]:
 def _impact(
     readings: Readings, flight: Flight, contact: Contact, fitted_law: Fit, bandwidth_hz: float
 ) -> Impact | None:
-    """Where and how fast the striker touched down, and what the stop made of it; None for a weak impact."""
+    """Fit one impact to the flight before and the readings during it; None for a slow or incomplete one."""
     T = readings.period_s
     striker = fitted_law.striker
     k, amplitude, d, f, _, offset = striker
@@ -221,7 +221,7 @@ def _impact(
     v = v0 + velocity[-1] - offset * t
     if v < GRAZING_M_S or not np.all(np.isfinite(z)):
         return None
-    # What spring and crank would give over the impact; the striker stays where it is, within 3 mm.
+    # Spring and crank during the impact, with the striker at a constant position (within 3 mm).
     rows = np.asarray(np.arange(end - contact.before) * T, np.float64)
     angle = readings.angle_rad[contact.before : end]
     spring = -k * (x - amplitude * np.sin(angle))
@@ -234,7 +234,7 @@ def _impact(
         pull = -float(np.mean(spring))
         fitted = fit_impact(rows, spring + offset - z[last:], speed, pull, bandwidth_hz, friction)
         at_s = fitted.touch_down_s
-    # All of the flight lags behind by the low-pass's delay.
+    # The low-pass delays the readings of the whole flight.
     since = at_s + delay_s
     return Impact(
         stop_m=x + v * since + 0.5 * coming * since * since,
@@ -247,7 +247,7 @@ def _impact(
 
 
 def low_pass_delay_s(bandwidth_hz: float) -> float:
-    """Of a Butterworth low-pass of second order, well below its corner."""
+    """Delay in s of a Butterworth low-pass of second order, well below its corner frequency."""
     return float(np.sqrt(2.0) / (2.0 * np.pi * bandwidth_hz))
 
 
@@ -255,7 +255,7 @@ def low_pass_delay_s(bandwidth_hz: float) -> float:
 
 
 def _bounds(flown: Flown, noise: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """Of the striker's quantities; those the law has not are 0 for certain."""
+    """95 % bounds of the striker's parameters; a parameter that the law lacks is 0 with bounds of 0."""
     spread = spreads(flown, RESAMPLES, noise)
     return {
         name: (value - NORMAL_95 * spread.get(name, 0.0), value + NORMAL_95 * spread.get(name, 0.0))
@@ -266,7 +266,7 @@ def _bounds(flown: Flown, noise: np.random.Generator) -> dict[str, tuple[float, 
 def _bounds_of_impacts(
     impacts: tuple[Impact, ...], noise: np.random.Generator
 ) -> dict[str, tuple[float, float]]:
-    """Of the medians over impacts, resampled with replacement."""
+    """95 % bounds of the medians over impacts, by resampling the impacts with replacement."""
     if len(impacts) < 2:
         return {}
     table = np.array(impacts)
@@ -287,16 +287,16 @@ OF_A_RUN = ("scenario of a run", "give the run's can.log alone, which goes by th
 
 
 def nominal_of(source: Path) -> dict[str, float]:
-    """The firmware's parameters in that run; the defaults for a bare log."""
+    """The firmware's parameters in the run of a run folder; the defaults for a candump log."""
     scenario = source / "scenario.toml"
     document = read_toml(scenario, *OF_A_RUN) if scenario.is_file() else {}
     return with_overrides(document.get("firmware", {}))
 
 
 def bench_of(source: Path, scene: str | None) -> Bench | None:
-    """The plant on which to judge, the one named or the run's own, and the highest ratio asked for.
+    """The plant of the safety scenarios, named or the run's own, and the highest requested ratio.
 
-    The fit never sees it.
+    None if there is neither. The fit does not use this plant.
     """
     scenario = source / "scenario.toml"
     if scene is not None:
@@ -363,7 +363,7 @@ def tune_identify(source: Path, seed: int = 1) -> tuple[Tuning, Identified, Read
 
 
 def _lead(found: Identified) -> float:
-    """By how much the next law's criterion is worse; above 6 is strong evidence (Kass & Raftery 1995)."""
+    """The next law's criterion less the chosen law's; above 6 is strong evidence (Kass & Raftery 1995)."""
     others = [fit.criterion for law, fit in found.fits.items() if law != found.law]
     return min(others) - found.fit.criterion
 

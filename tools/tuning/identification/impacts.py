@@ -1,17 +1,17 @@
-"""An impact from the accelerometer's dozen readings of it: its time, stiffness and restitution.
+"""Time, stiffness and restitution of an impact, from the accelerometer's dozen readings during it.
 
 A Hunt–Crossley contact m δ'' = −K δ^1.5 (1 + λ δ') − m g − m f(δ'), where g is the spring's pull away from
-the stop and f the friction, is a curve of two numbers once lengths are counted in v⁻ S and times in S with
+the stop and f the friction, is a curve of two parameters if lengths are scaled by v⁻ S and times by S, with
 K/m (v⁻ S)^0.5 S² = 1:
 
     δ'' = −δ^1.5 (1 + d δ') − (g + f) S/v⁻,   δ(0) = 0, δ'(0) = 1,   d = λ v⁻ by the restitution k
 
-Friction turns round with the striker, which is later than the push is largest; taken for granted at the peak
-it would cost k 0.007 on a guide with μ = 0.15.
+Friction changes its sign with the striker's velocity, which is later than the peak of the contact force; a
+change at the peak instead would make an error of 0.007 in k on a guide with μ = 0.15.
 
-Led through the accelerometer's low-pass (Butterworth, second order) it is fitted to the readings: the instant
-of touch-down, S and k. The spring's pull is why k is neither the impact's area less one nor the ratio of the
-speeds: for k = 0.5, r = 1.3 they are 0.46 and 0.52.
+The curve, filtered by the accelerometer's low-pass (Butterworth, second order), is fitted to the readings;
+the unknowns are the time of touch-down, S and k. Because of the spring's pull, k is neither the impulse over
+m v⁻ less one nor the ratio of the speeds: for k = 0.5, r = 1.3 they are 0.46 and 0.52.
 """
 
 import math
@@ -25,18 +25,18 @@ from firmware_py.core.estimation.detector import hertz_dissipation
 from plant_sim.arrays import FloatArray
 
 STEP = 0.02
-"""Of the curve, in S; a contact lasts some 4 S."""
+"""Time step of the curve, in S; a contact lasts some 4 S."""
 LONGEST = 12.0
 GRID_S = 5e-5
-"""Of the low-pass."""
+"""Time step of the low-pass."""
 SPREAD_M_S2, SPREAD_SHARE = 0.2, 0.02
-"""How well a reading is matched: the low range's, and a share for the law of the stop."""
+"""Standard error of a fitted reading: of the low range, and a share of the peak for the stop's law."""
 REFERENCE_M_S = 0.9
-"""At which the firmware's `stop.contact_s` is given."""
+"""Approach speed for which the firmware's `stop.contact_s` is defined."""
 
 
 class FittedImpact(NamedTuple):
-    """`touch_down_s` after the first row; `scale_s` is S; `misfit` the weighted residual's rms."""
+    """`touch_down_s` counts from the first row; `scale_s` is S; `misfit` is the weighted residual's RMS."""
 
     touch_down_s: float
     scale_s: float
@@ -45,7 +45,7 @@ class FittedImpact(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """By unit of mass: b/m and μ g, which act in the contact as in flight."""
+    """Friction per unit of mass, b/m and μ g; it acts during the contact as in flight."""
 
     damping_1_s: float
     dry_m_s2: float
@@ -55,7 +55,7 @@ NO_FRICTION = Friction(0.0, 0.0)
 
 
 def pulse(restitution: float, pull: float) -> tuple[FloatArray, FloatArray]:
-    """The stop's push over time without friction, both without dimension, until the force is gone."""
+    """Times and contact forces without friction, both dimensionless, until the force has vanished."""
     times, pushes, _ = contact(restitution, pull, 0.0, 0.0)
     return times, pushes
 
@@ -63,7 +63,7 @@ def pulse(restitution: float, pull: float) -> tuple[FloatArray, FloatArray]:
 def contact(
     restitution: float, pull: float, damping: float, dry: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, the stop's push and the striker's speed, all without dimension; Runge–Kutta 4."""
+    """Times, contact forces and speeds of the striker, all dimensionless, by Runge–Kutta 4."""
     d = hertz_dissipation(restitution)
 
     def push(depth: float, speed: float) -> float:
@@ -102,7 +102,7 @@ def seen(
     restitution: float,
     friction: Friction = NO_FRICTION,
 ) -> FloatArray:
-    """What the low-pass makes of the stop's push and of friction at `rows_s`, m/s², positive."""
+    """The low-pass's output for contact force and friction at `rows_s`, in m/s², positive."""
     share = scale_s / speed_m_s
     damping, dry = friction.damping_1_s * scale_s, friction.dry_m_s2 * share
     times, pushes, speeds = contact(restitution, pull_m_s2 * share, damping, dry)
@@ -112,7 +112,7 @@ def seen(
     raw = np.interp(grid, at, pushes, left=0.0, right=0.0) / share
     raw += friction.damping_1_s * v + friction.dry_m_s2 * np.sign(v)
     b, a = butter(2, bandwidth_hz, fs=1.0 / GRID_S)
-    # The low-pass has settled on what friction was before.
+    # Before the touch-down, the low-pass has settled on the friction in flight.
     before = friction.damping_1_s * speed_m_s + friction.dry_m_s2
     return np.interp(rows_s, grid, np.asarray(lfilter(b, a, raw - before)) + before)
 
@@ -127,7 +127,7 @@ def fit_impact(
 ) -> FittedImpact:
     """Fit the readings `excess_m_s2` at `rows_s`, both from the last row before the touch-down on.
 
-    The excess is what spring and crank do not explain, friction included.
+    The excess is the deceleration that spring and crank do not explain; it includes friction.
     """
     peak = float(np.max(excess_m_s2))
     weight = 1.0 / (SPREAD_M_S2 + SPREAD_SHARE * peak)
@@ -161,7 +161,7 @@ def fit_impact(
 
 
 def contact_time_s(scale_s: float, speed_m_s: float) -> float:
-    """The elastic contact time at the reference speed, as `stop.contact_s` has it.
+    """The elastic contact time in s at the reference speed, as `stop.contact_s` defines it.
 
     2.9432 δ_max/x'⁻ with δ_max = (5 x'⁻²/(4 K/m))^(2/5) and K/m = (v⁻)^−0.5 S^−2.5.
     """

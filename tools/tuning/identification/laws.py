@@ -1,16 +1,16 @@
 """The striker's parameters and friction law from all free flights together.
 
-A flight's reading is linear in the parameters (`flights`), and least squares would do, were its regressors
-not made of the reading itself. What the sensor's noise adds to ∫∫z dt² does two things. It makes residuals
-hang together, more so along a flight: they are weighted by how (generalised least squares; without it b is
-known half as well, 6 % off where friction is dry as well). And it lies in the regressor, which pulls its
-coefficient towards 0: so the equations are solved by instrumental variables (Söderström & Stoica 1983), each
-flight run again by the model that was fitted, which has no noise in it, and the residual made orthogonal to
-*its* regressors.
+A flight's reading is linear in the parameters (`flights`), but its regressors are integrals of the reading
+itself, so ordinary least squares are not enough. The sensor's noise in ∫∫z dt² has two effects. First, it
+correlates the residuals, more and more along a flight; generalised least squares take this into account
+(without them the error of b doubles, to 6 % if friction is dry as well). Second, noise in a regressor pulls
+its coefficient towards 0. So the equations are solved with instrumental variables (Söderström & Stoica 1983):
+each flight is simulated with the fitted model, which has no noise, and the residual is made orthogonal to the
+regressors of the simulated flight.
 
-Friction laws, by unit of mass: d v, f sign v, and for Stribeck's rise h exp(−(|v|/v_s)^δ) sign v on top. v_s
-is no linear parameter: it is sought. The simplest law is chosen from which the Bayesian
-information criterion (Schwarz 1978) does not clearly show a better one.
+Friction laws, per unit of mass: d v, f sign v, and in addition h exp(−(|v|/v_s)^δ) sign v for Stribeck's
+rise. v_s is not a linear parameter and is found by a search. Of the laws that the Bayesian information
+criterion (Schwarz 1978) does not clearly distinguish from the best, the simplest is chosen.
 """
 
 import math
@@ -40,16 +40,16 @@ from tools.tuning.identification.flights import (
 REGRESSORS = 6
 READING = REGRESSORS
 FEWEST_SAMPLES = 50
-"""Of a flight; fewer say nothing beyond its own offset and slope."""
+"""Fewest samples of a usable flight; fewer determine only its own offset and slope."""
 OUTLYING = 4.0
-"""Times the median of the flights' mean squared residuals: left out."""
+"""Flights whose mean squared residual is above this multiple of the median are left out."""
 AVERAGED = 5
-"""Readings taken at a time: nothing that moves here is as fast."""
+"""Number of consecutive readings that are averaged; the motion is slower than this."""
 HARDLY = 10.0
-"""Beyond, the evidence is very strong (Kass & Raftery 1995)."""
+"""Difference of criteria above which the evidence is very strong (Kass & Raftery 1995)."""
 INSTRUMENT_PASSES = 2
 RISES = ((0.05, 1.0), (0.05, 2.0))
-"""Stribeck's shapes (v_s, δ) to set out from; v_s is sought, δ is 1 or 2 (Armstrong-Hélouvry et al. 1994)."""
+"""Stribeck's first shapes (v_s, δ); v_s is then searched, δ is 1 or 2 (Armstrong-Hélouvry et al. 1994)."""
 RISE_PASSES = 4
 
 
@@ -81,7 +81,7 @@ NO_RISE = Rise(math.inf, 1.0)
 
 
 class Striker(NamedTuple):
-    """By unit of mass: κ = c/m, d = b/m, f = μ g, h = (μ_s − μ) g; A and the accelerometer's offset β."""
+    """Per unit of mass: κ = c/m, d = b/m, f = μ g, h = (μ_s − μ) g; A and the accelerometer's offset β."""
 
     stiffness_1_s2: float
     amplitude_m: float
@@ -93,7 +93,7 @@ class Striker(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """A law fitted: the striker, the root of the mean squared residual, samples and their criterion."""
+    """A fitted law: the striker, the RMS of the residual, the number of samples, and the criterion."""
 
     law: Law
     striker: Striker
@@ -105,8 +105,8 @@ class Fit:
 
 
 class Normals(NamedTuple):
-    """By flight, its own line projected out: regressors and reading among themselves, shape (n, 7, 7), and
-    the instruments against both, (n, 7, 7) with rows of zeros where the reading would be."""
+    """Normal matrices of each flight, its own line projected out: products of regressors and reading among
+    themselves, shape (n, 7, 7), and with the instruments, (n, 7, 7), whose row of the reading is 0."""
 
     own: FloatArray
     crossed: FloatArray
@@ -114,7 +114,7 @@ class Normals(NamedTuple):
 
 @dataclass(frozen=True)
 class Signed:
-    """The flights with the sign of v in them, and which samples to use: those that move."""
+    """The flights with the sign of v as a regressor, and the masks of the samples with motion."""
 
     flights: list[Flight]
     chosen: list[BoolArray]
@@ -122,7 +122,7 @@ class Signed:
 
 
 def with_signs(flights: Sequence[Flight], speeds_m_s: Sequence[FloatArray]) -> Signed:
-    """What a sign of v makes of the flights."""
+    """Set the regressor sign v of the flights, and choose the samples with motion."""
     signed, chosen = [], []
     for flight, v in zip(flights, speeds_m_s, strict=True):
         columns = flight.regressors.copy()
@@ -148,7 +148,7 @@ def normals(
     whiteners: Sequence[FloatArray | None],
     models: Sequence[Flight] | None = None,
 ) -> Normals:
-    """The matrices of some flights; without models each flight is its own instrument (least squares)."""
+    """The normal matrices of flights; without models each flight is its own instrument (least squares)."""
     own = np.zeros((len(flights), REGRESSORS + 1, REGRESSORS + 1))
     crossed = np.zeros_like(own)
     for number, (flight, mask, whitener) in enumerate(zip(flights, chosen, whiteners, strict=True)):
@@ -172,7 +172,7 @@ def normals(
 
 
 def averaged(table: FloatArray, mask: BoolArray) -> FloatArray:
-    """Means of `AVERAGED` rows after each other, where all of them are to be used."""
+    """Means over blocks of `AVERAGED` consecutive rows; blocks with an unused row are left out."""
     blocks = len(mask) // AVERAGED
     used = mask[: blocks * AVERAGED].reshape(blocks, AVERAGED).all(axis=1)
     means: FloatArray = table[: blocks * AVERAGED].reshape(blocks, AVERAGED, -1).mean(axis=1)[used]
@@ -180,15 +180,15 @@ def averaged(table: FloatArray, mask: BoolArray) -> FloatArray:
 
 
 def whitener(flight: Flight, mask: BoolArray, striker: Striker) -> FloatArray | None:
-    """The lower triangle W by which a flight's residuals are W times white noise; None where it is not used.
+    """The lower triangle W for which a flight's residuals are W times white noise; None for an unused flight.
 
-    White noise ε of the reading is ε + d ∫ε + κ ∫∫ε in the residual, as the integrals are the reading's own.
+    White noise ε of the reading adds ε + d ∫ε + κ ∫∫ε to the residual, because the reading is integrated.
     """
     if mask.sum() < FEWEST_SAMPLES:
         return None
     n = len(mask)
     T = float(flight.t_s[1] - flight.t_s[0])
-    # A reading's share in the integrals, by how many ticks ago it was.
+    # Weight of a reading in the integrals, by its age in ticks.
     ago = np.arange(n) * T
     share = T * (striker.damping_1_s + striker.stiffness_1_s2 * ago)
     share[0] = 1.0
@@ -197,9 +197,9 @@ def whitener(flight: Flight, mask: BoolArray, striker: Striker) -> FloatArray | 
 
 
 def fitting(matrices: Normals, chosen: Sequence[BoolArray]) -> Normals:
-    """The normal matrices without those of flights that no law fits: a wrong sign of v, a stick, a knock.
+    """The normal matrices without flights that no law fits (a wrong sign of v, sticking, a shock).
 
-    Each flight's residual is taken against what all of them say, and held against the flights' median.
+    Each flight's mean squared residual, with the parameters from all flights, is compared with the median.
     """
     found = coefficients(matrices.crossed.sum(axis=0), Law.BOTH)
     with_reading = np.append(-found, 1.0)
@@ -212,7 +212,7 @@ def fitting(matrices: Normals, chosen: Sequence[BoolArray]) -> Normals:
 
 
 def coefficients(total: FloatArray, law: Law) -> FloatArray:
-    """The coefficients from normal equations, columns scaled to be alike; 0 for what is unused."""
+    """Solve normal equations with columns scaled to the same size; unused coefficients are 0."""
     used = np.array(USED[law])
     normal = total[np.ix_(used, used)]
     scale = np.sqrt(np.maximum(np.abs(np.diag(normal)), 1e-300))
@@ -235,12 +235,12 @@ def striker_of(found: FloatArray) -> Striker:
 
 
 def solved(matrices: Normals, law: Law) -> Striker:
-    """The striker that all flights together say."""
+    """The striker's parameters from all flights together."""
     return striker_of(coefficients(matrices.crossed.sum(axis=0), law))
 
 
 def fit(matrices: Normals, chosen: Sequence[BoolArray], law: Law, rise: Rise) -> Fit:
-    """A law fitted; what was found by trying counts as a parameter, too."""
+    """Fit a law; in the criterion, a searched shape of Stribeck's rise counts as parameters too."""
     shapes = 0 if rise == NO_RISE else len(rise)
     own = matrices.own
     total = own.sum(axis=0)
@@ -270,7 +270,7 @@ def fit(matrices: Normals, chosen: Sequence[BoolArray], law: Law, rise: Rise) ->
 
 
 class Samples(NamedTuple):
-    """The flights with their signs, which of their samples are kept for all laws, and their whiteners."""
+    """The flights with their signs of v, the samples kept for all laws, and the flights' whiteners."""
 
     flights: list[Flight]
     speeds_m_s: list[FloatArray]
@@ -279,7 +279,7 @@ class Samples(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A law with the flights as it sees them."""
+    """A fitted law with the flights, including its regressors, and their normal matrices."""
 
     fit: Fit
     flights: list[Flight]
@@ -287,7 +287,7 @@ class Candidate(NamedTuple):
 
 
 def prepared(signed: Signed, matrices: Normals) -> Samples:
-    """What all laws are fitted to: the flights that `matrices` still has."""
+    """The samples to which all laws are fitted: those of the flights that `matrices` still has."""
     says = matrices.own[:, READING, READING] > 0.0
     kept = [mask & bool(one) for mask, one in zip(signed.chosen, says, strict=True)]
     striker = solved(matrices, Law.BOTH)
@@ -296,7 +296,7 @@ def prepared(signed: Signed, matrices: Normals) -> Samples:
 
 
 def candidates(samples: Samples) -> dict[Law, list[Candidate]]:
-    """Every law fitted: Stribeck's in each of its shapes, the best first."""
+    """Fit every law; Stribeck's from each of its first shapes, the best first."""
     found: dict[Law, list[Candidate]] = {
         law: [_by_instruments(samples, NO_RISE, law)] for law in Law if law != Law.STRIBECK
     }
@@ -312,7 +312,7 @@ def simplest(fits: Mapping[Law, Fit]) -> Law:
 
 
 def _by_instruments(samples: Samples, rise: Rise, law: Law = Law.STRIBECK) -> Candidate:
-    """A law fitted, with instruments from what least squares say."""
+    """Fit a law with instrumental variables, starting from least squares."""
     flights, _, kept, whiteners = samples
     matrices = normals(flights, kept, whiteners)
     for _ in range(INSTRUMENT_PASSES):
@@ -327,13 +327,13 @@ def _risen(samples: Samples, rise: Rise) -> Samples:
 
 
 def _rough(samples: Samples, rise: Rise) -> Fit:
-    """Stribeck's law with a shape, by least squares."""
+    """Fit Stribeck's law with a given shape by least squares."""
     flights, _, kept, whiteners = _risen(samples, rise)
     return fit(normals(flights, kept, whiteners), kept, Law.STRIBECK, rise)
 
 
 def _with_best_rise(samples: Samples, first: Rise) -> tuple[Samples, Rise]:
-    """The shape with the least residual; the speeds, on which it depends, are taken anew before each pass."""
+    """The shape with the least residual; the speeds, on which it depends, are updated before each pass."""
     best = _rough(samples, first)
     for _ in range(RISE_PASSES):
         flights = _risen(samples, best.rise).flights
@@ -346,7 +346,7 @@ def _with_best_rise(samples: Samples, first: Rise) -> tuple[Samples, Rise]:
 
 
 def _best_speed(samples: Samples, about: Rise) -> Fit:
-    """v_s at the least residual, from half to twice of what it is about."""
+    """The fit whose v_s has the least residual, between half and twice the v_s of `about`."""
     place = minimize_scalar(
         lambda log_v: _rough(samples, Rise(math.exp(log_v), about.delta)).criterion,
         bounds=(math.log(0.5 * about.v_s_m_s), math.log(2.0 * about.v_s_m_s)),
@@ -360,7 +360,7 @@ def _best_speed(samples: Samples, about: Rise) -> Fit:
 
 
 def begun(flight: Flight, mask: BoolArray, striker: Striker) -> tuple[float, float]:
-    """Where a flight began past l0, and how fast: x0 − l0 and v0, from its own offset and slope."""
+    """The initial state of a flight, x0 − l0 and v0, from its own offset and slope."""
     k, amplitude, d, f, h, offset = striker
     shared = np.zeros(REGRESSORS)
     shared[[STIFFNESS, CRANK, DAMPING, DRY, CURVE, RISE]] = (-k, k * amplitude, -d, -f, 0.5 * k * offset, -h)
@@ -371,7 +371,7 @@ def begun(flight: Flight, mask: BoolArray, striker: Striker) -> tuple[float, flo
 
 
 def speed_m_s(flight: Flight, mask: BoolArray, striker: Striker) -> FloatArray:
-    """v over a flight; 0 where the striker never moves."""
+    """v over a flight in m/s; 0 for a flight without enough motion."""
     if mask.sum() < FEWEST_SAMPLES:
         return np.zeros(len(flight.t_s))
     _, v0 = begun(flight, mask, striker)
@@ -379,7 +379,7 @@ def speed_m_s(flight: Flight, mask: BoolArray, striker: Striker) -> FloatArray:
 
 
 def modelled(flight: Flight, mask: BoolArray, striker: Striker) -> Flight:
-    """The flight as the fitted striker would fly it: the same crank, the same signs, no noise."""
+    """Simulate a flight with the fitted striker: the same crank angle and signs of v, without noise."""
     if mask.sum() < FEWEST_SAMPLES:
         return flight
     k, amplitude, d, f, h, offset = striker
@@ -387,7 +387,7 @@ def modelled(flight: Flight, mask: BoolArray, striker: Striker) -> Flight:
     step = free_flight(k, d, T)
     crank_m = amplitude * flight.regressors[:, CRANK]
     dry_m_s2 = f * flight.regressors[:, DRY] + h * flight.regressors[:, RISE]
-    # The oscillator turns about where spring, crank and dry friction balance, taken as constant over a tick.
+    # The oscillator moves about the equilibrium of spring, crank and dry friction, constant over a tick.
     balance_m = 0.5 * (crank_m[1:] + crank_m[:-1]) - 0.5 * (dry_m_s2[1:] + dry_m_s2[:-1]) / k
     x, v = begun(flight, mask, striker)
     states = [(x, v)]

@@ -1,1 +1,1 @@
-"""Recorded motion as tuning reads it: readings, replay, smoothing, innovations."""
+"""Recorded motion for tuning: readings, replay, smoothing, innovations."""

@@ -1,8 +1,8 @@
 """Tests of a filter's innovations: likelihood, size against the covariance, and whiteness.
 
-Innovations of a wrong model hang together: a thousand in a row are no thousand witnesses. Their likelihood is
-therefore counted for as many as they are worth (Varin, Reid & Firth 2011, 4.1), which their autocorrelation
-about 0 is informative; a constant one is a single witness.
+The innovations of a wrong model are correlated: a thousand in a row are not a thousand independent values.
+Their mean log-likelihood is therefore weighted with their effective number (Varin, Reid & Firth 2011, 4.1),
+which follows from their autocorrelation about 0; a constant series counts as one value.
 """
 
 from typing import NamedTuple
@@ -13,13 +13,13 @@ from scipy.stats import chi2
 from plant_sim.arrays import FloatArray
 
 HIGHEST_NIS = 25.0
-"""Counted as 5 sigma at most, so that one impact that was not recognised decides nothing."""
+"""Limit of a normalised square, (5 σ)², so that one unrecognised impact does not dominate the likelihood."""
 LEAST_CORRELATION = 0.05
 LAGS = 10
 
 
 class Said(NamedTuple):
-    """Of some innovations: how many, their mean log-likelihood, and their mean normalised square."""
+    """The number of innovations, their mean log-likelihood, and their mean normalised square."""
 
     number: int
     likelihood: float
@@ -27,7 +27,7 @@ class Said(NamedTuple):
 
 
 def said(innovation: FloatArray, variance: FloatArray) -> Said:
-    """ln p = −½ (ln 2πS + ν²/S)."""
+    """The means of ln p = −½ (ln 2πS + ν²/S) and of ν²/S, over innovations ν with the variances S."""
     if len(innovation) == 0:
         return Said(0, 0.0, float("nan"))
     squares = innovation**2 / variance
@@ -48,7 +48,7 @@ def correlation(series: FloatArray, lags: int) -> FloatArray:
 
 
 def worth(series: FloatArray) -> float:
-    """How many independent ones they are worth: n / (1 + 2 Σρ), as far as they hang together at all."""
+    """The effective number of values: n / (1 + 2 Σρ), summed up to the first ρ below LEAST_CORRELATION."""
     n = len(series)
     if n < 3 or not np.any(series):
         return float(min(n, 1))
@@ -59,7 +59,7 @@ def worth(series: FloatArray) -> float:
 
 
 def whiteness(series: FloatArray, lags: int = LAGS) -> float:
-    """The p-value of Ljung & Box (1978): small where they are not white. NaN where there are too few."""
+    """The p-value of Ljung & Box (1978): small if the series is not white, NaN if it is too short."""
     n = len(series)
     if n < 3 * lags:
         return float("nan")

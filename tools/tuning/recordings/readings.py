@@ -14,14 +14,14 @@ from tools.output import BadInputError
 
 CLIPPED_SHARE = 0.95
 QUIET_SHARE = 0.2
-"""Of the low range: there both ranges can be read, and the high one's offset shows."""
+"""Share of the low range within which both ranges are compared for the offset of the high one."""
 BUS_PERIOD_S = 1e-3
 MOST_TICKS_A_FRAME = 100
-"""A log with more of them has a time that is wrong; each takes memory."""
+"""A log with more ticks per frame has wrong times; each tick takes memory."""
 
 
 class Readings(NamedTuple):
-    """A row a tick, shape (n,), without gaps inside `pieces`, which are pairs (first, behind the last).
+    """One row per tick, shape (n,); `pieces` are the ranges (first, last + 1) without missing ticks.
 
     `acceleration_m_s2` is the low range, or the high one without its offset where the low one clips.
     """
@@ -34,7 +34,7 @@ class Readings(NamedTuple):
 
 
 class Ticks(NamedTuple):
-    """The sensors' frames, a row a tick, shape (n,); NaN where none came."""
+    """The sensors' frames, one row per tick, shape (n,); NaN where a frame is missing."""
 
     period_s: float
     low_m_s2: FloatArray
@@ -49,7 +49,7 @@ def can_log_of(source: Path) -> Path:
     path = source / CAN_LOG if source.is_dir() else source
     if not path.exists():
         raise BadInputError(f"{path} is not there; give a run folder or a candump log")
-    if not path.is_file():  # to wait for a FIFO, or to read a device to its end, would take for ever
+    if not path.is_file():  # a FIFO may block for ever, and a device may have no end
         raise BadInputError(f"{path} is no file; give a run folder or a candump log")
     return path
 
@@ -66,7 +66,7 @@ def read_ticks(source: Path, period_s: float = BUS_PERIOD_S) -> Ticks:
 
 
 def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
-    """Both sensors' frames on one row of ticks."""
+    """The frames of both sensors on common ticks; BadInputError for a log without them."""
     felt, turned = frames_of(bus, Accelerometer), frames_of(bus, EncoderEstimates)
     if len(felt.t_s) < 2 or len(turned.t_s) < 2:
         raise BadInputError(
@@ -89,13 +89,13 @@ def ticks_of(bus: BusLog, period_s: float, name: str = "the log") -> Ticks:
 
 
 def count_rev(position_rev: FloatArray) -> float:
-    """The encoder's count, the smallest step between its readings; a count is read where it begins."""
+    """The encoder's count in rev, the smallest step between readings; a reading is a count's lower edge."""
     places = np.unique(position_rev[np.isfinite(position_rev)])
     return float(np.min(np.diff(places))) if len(places) > 1 else 0.0
 
 
 def of_ticks(ticks: Ticks, low_full_scale_m_s2: float) -> Readings:
-    """One reading of both ranges, the angle without its turns; a tick that lacks a sensor ends a piece."""
+    """Merge both ranges and unwrap the angle; a tick without one of the sensors ends a piece."""
     period_s, low, high, housing, position_rev, _ = ticks
     angle = 2.0 * np.pi * (position_rev + 0.5 * count_rev(position_rev))
     quiet = np.abs(low) < QUIET_SHARE * low_full_scale_m_s2

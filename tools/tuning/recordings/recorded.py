@@ -1,6 +1,6 @@
 """Logs of sampled modules from the bench's compiled loop: the frames of each tick, and the truth.
 
-What such a log has less than a run's: no candump text, and no frame is ever late or lost.
+Such a log differs from a run's: it has no candump text, and no frame is late or lost.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from tools.tuning.recordings.readings import Ticks
 
 
 class Truth(NamedTuple):
-    """The striker at t_k, shape (n,), and when it touched down."""
+    """Position and velocity of the striker at t_k, shape (n,), and the times of its touch-downs."""
 
     x_m: FloatArray
     v_m_s: FloatArray
@@ -32,7 +32,7 @@ RECEIVED = (
 
 
 def record(cell: Cell, sampled: Sampled, duration_s: float) -> tuple[Ticks, Truth]:
-    """A closed loop's log, from power-up on."""
+    """Run the closed loop from power-up on; return the sensors' frames and the truth."""
     scenario = scenario_of(
         "recorded", sampled.tables, cell.firmware, script(cell), duration_s, sampled.run_seed
     )

@@ -1,7 +1,7 @@
 """The result of a tuning command as a Rerun recording: curves, and the parameters as text.
 
 A curve's timeline is the quantity that was varied (a frequency, a threshold, a candidate's number), which the
-viewer runs through like time; its steps are whole numbers, so that the quantity is counted in small units.
+viewer plays like time. Its steps are whole numbers, so the quantity is counted in small units.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,11 +30,11 @@ class Curve(NamedTuple):
 
 
 Views = Mapping[str, Mapping[str, Curve]]
-"""Curves by name, by the title of the view that shows them."""
+"""For the title of each view, its curves by name."""
 
 
 def curve(steps: Sequence[float], values: Sequence[float], unit: float = 1.0, dots: bool = False) -> Curve:
-    """A curve whose steps are counted in `unit`s; what is not finite is left out.
+    """A curve whose steps are counted in `unit`s; values that are not finite are left out.
 
     >>> curve([0.1, 0.2, 0.3], [1.0, float("nan"), 3.0], unit=0.1).steps.tolist()
     [1, 3]
@@ -55,7 +55,7 @@ def record_tuning(path: Path, tuning: Tuning, timeline: str, views: Views) -> No
                 origin=f"/{_entity(name)}",
                 name=name,
                 plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
-                # The whole of the curve, wherever the time stands.
+                # The whole curve, at every position of the time cursor.
                 axis_x=rrb.archetypes.TimeAxis(view_range=_whole(curves)),
                 time_ranges=rrb.VisibleTimeRange(
                     timeline,
@@ -101,7 +101,7 @@ def _log_curve(
 
 
 def _whole(curves: Mapping[str, Curve]) -> rr.TimeRange:
-    """From the first step to the last one of all curves of a view."""
+    """The range from the first to the last step of all curves of a view."""
     steps = np.concatenate([one.steps for one in curves.values()])
     first, last = (int(steps.min()), int(steps.max())) if len(steps) else (0, 1)
     return rr.TimeRange(

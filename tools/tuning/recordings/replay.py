@@ -1,7 +1,7 @@
 """The firmware's estimator on a log, compiled: crank tracker, estimator and detector of a tick.
 
-The torque is not in it: the tracker sees what the motor does as a disturbance, which changes its angle by
-less than a count of the encoder. The kernel calls the firmware's core and nothing else.
+The replay has no torque: the tracker estimates the motor's effect as a disturbance, which changes its angle
+by less than a count of the encoder. The kernel calls only the firmware's core.
 """
 
 import numpy as np
@@ -38,9 +38,10 @@ register()
     Q_VV,
     COLUMNS,
 ) = range(18)
-"""A row a tick. FLYING: the model has corrected; AT_STOP: a touch-down, whose innovation and its variance
-follow. MEAN_M_S2 and Q_VV, for the smoother: the acceleration that carried the state to this tick (NaN where
-the model did), and the process noise that was added to v's variance."""
+"""Columns of a replay, one row per tick. FLYING: the model has corrected the state; AT_STOP: a touch-down,
+with its innovation and variance in the next columns. MEAN_M_S2 and Q_VV, for the smoother: the acceleration
+that propagated the state to this tick (NaN where the model did), and the process noise that was added to the
+variance of v."""
 
 
 @kernel
@@ -82,7 +83,7 @@ def _replay(config: Config, ticks: FloatArray, out: FloatArray) -> None:
 
 
 def replay(config: Config, ticks: Ticks) -> FloatArray:
-    """The estimator's course over a log with these parameters, shape (ticks, COLUMNS)."""
+    """The estimator's history over a log with these parameters, shape (ticks, COLUMNS)."""
     table = np.ascontiguousarray(np.column_stack(ticks[1:]))
     out = np.zeros((len(table), COLUMNS))
     _replay(config, table, out)

@@ -1,8 +1,8 @@
 """The reference: filterpy's Rauch–Tung–Striebel smoother on the firmware's estimate.
 
-The smoother knows what comes after; so it is the better estimate wherever there is no truth. It takes a
-state that moves by itself; the readings that carry it are taken off first (the difference from a state that
-is carried by them alone) and added again.
+The smoother also uses the later readings, so it is the best reference for a log without truth. It has no
+input; so the motion that the readings alone cause is subtracted from the states first, and added again to the
+result.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from plant_sim.arrays import FloatArray
 from tools.tuning.recordings import replay
 
 SMALLEST = 1e-16
-"""On P's diagonal, so that it can be inverted."""
+"""Added to the diagonals of P and Q, so that the predicted P can be inverted."""
 
 
 class Smoothed(NamedTuple):
@@ -26,7 +26,7 @@ class Smoothed(NamedTuple):
 
 
 def smoothed(config: Config, course: FloatArray) -> Smoothed:
-    """A course (`replay.replay`, or a part of it) smoothed."""
+    """Smooth the table of `replay.replay`, or consecutive rows of it."""
     T = config.tick_s
     n = len(course)
     mean = course[:, replay.MEAN_M_S2].copy()
