@@ -1,1 +1,1 @@
-"""The nodes on the bus: plant, firmware and operator, and what a process of each runs."""
+"""The nodes on the bus (plant, firmware and operator) and their processes."""

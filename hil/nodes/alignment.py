@@ -1,28 +1,28 @@
-"""One sample a tick: a firmware process that wakes up late finds the next tick's sample beside its own.
+"""Assigns one sample to each tick of a firmware process that may wake up late.
 
-A sample stands for the instant it was sent at, and does not say which that was. Two at once, where neither
-tick before them went without, are this tick's and the next one's: the second waits for its tick. Without that
-the crank would seem to have turned for two ticks within one, and to stand in the next.
+A late process finds the next tick's sample beside its own, and a sample carries no time. If two samples have
+arrived and the tick before had one, they belong to this tick and the next, and the second waits for its tick.
+Otherwise the crank would seem to turn by two ticks in one tick and to stand still in the next.
 """
 
 from firmware_py.interface import codec
 from firmware_py.interface.frame import Frame
 
 LONGEST_LAG_TICKS = 3
-"""A firmware that woke up late has caught up by then; one that finds a further sample all the same has lost a
-tick of its own, and would stay one behind for good."""
+"""A firmware that woke up late has caught up after this time. If a sample still waits then, the firmware has
+lost a tick of its own and would stay one sample behind, so it uses all samples."""
 
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
 
 class Alignment:
-    """Hands out each tick's frames; no frame waits for longer than one tick."""
+    """Returns each tick's frames; no frame waits longer than one tick."""
 
     def __init__(self) -> None:
         self._waiting: list[Frame] = []
         self._lag_ticks = 0
         self.had_sample = True
-        """Whether there was one in the last tick."""
+        """Whether the last tick had a sample."""
 
     @property
     def waits(self) -> bool:
@@ -30,7 +30,7 @@ class Alignment:
         return bool(self._waiting)
 
     def take(self, frames: list[Frame]) -> list[Frame]:
-        """The frames of this tick, of those that have arrived and those that waited."""
+        """The frames of this tick among the frames that have arrived and those that waited."""
         samples = [frame.data for frame in frames if frame.can_id == ACCELEROMETER]
         waited = self._waiting
         if waited or (self.had_sample and len(samples) > 1):
@@ -53,9 +53,9 @@ class Alignment:
         return waited
 
     def hold(self, frames: list[Frame]) -> None:
-        """Let frames of the next tick wait for it."""
+        """Keep frames of the next tick until then."""
         self._waiting = frames
 
     def take_all(self, frames: list[Frame]) -> list[Frame]:
-        """Everything there is, after skipped ticks."""
+        """All frames, waiting and new, after skipped ticks."""
         return self._caught_up() + frames

@@ -1,10 +1,10 @@
 """The closed loop of plant, drive, sensors, operator and firmware in one compiled call, tick by tick.
 
-`run` does what `hil.bench.lockstep` does with its nodes, in the same order and to the same bits, for as long
-as nothing has to happen in Python: no fault begins or ends, the bus is the ideal one, and the frames of
-operator and gait sensors are known beforehand. It is made of the nodes' own pure steps (`hil.drive.node`,
-`hil.drive.reports`, `plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records go
-as bytes into buffers that the caller has made.
+`run` executes the same steps as `hil.bench.lockstep`, in the same order and with bit-identical results, while
+no work in Python is required: no fault begins or ends, the bus is ideal, and the frames of operator and gait
+sensors are known in advance. It consists of the nodes' own pure steps (`hil.drive.node`, `hil.drive.reports`,
+`plant_sim.sensors.readings`, `firmware_py.node.tick`) and the plant's solver. Records are written as bytes
+into the caller's buffers.
 """
 
 from typing import Any, NamedTuple
@@ -56,21 +56,21 @@ Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 FIRMWARE_FAILED = -1
-"""What `run` returns beside the solver's statuses: the firmware's arithmetic failed."""
+"""Status of `run` in addition to the solver's: the firmware's arithmetic failed."""
 MOST_FRAMES = 5 + len(SAMPLED)
-"""To the firmware in a tick: two samples, the frames of gait and sampled sensors, a report and a command."""
+"""Most frames to the firmware per tick: two samples, gait and sampled sensors, a report and a command."""
 NO_FRAME = WordFrame(0, 0, 0)
 LINE_BYTES = 48
-"""A line of can.log is shorter."""
+"""Upper bound on the length of a line of can.log."""
 TORQUE_SENT, OTHER_SENT = 1, 4
-"""Places in `Firmware.sent`, behind the number of frames."""
+"""Indices of the two frames in `Firmware.sent`; index 0 holds their number."""
 
 
 class Firmware(NamedTuple):
-    """The firmware (`firmware_py.shell.native`): its function's address and those of its memory.
+    """The firmware (`firmware_py.shell.native`): addresses of its function and its memory.
 
-    It returns `done`. `frames`: what it receives, shape (MOST_FRAMES, 3). `sent`: the number of frames it
-    sends, and two frames.
+    `done`: the function's status on success. `frames`: received frames, shape (MOST_FRAMES, 3). `sent`: the
+    number of sent frames, and two frames.
     """
 
     tick: int
@@ -85,7 +85,7 @@ class Firmware(NamedTuple):
 def _call_tick(
     _: Any, tick: Any, config: Any, state: Any, elapsed_ticks: Any, count: Any, frames: Any, sent: Any
 ) -> Any:
-    """Call the firmware's function at the address `tick`; pointers are addresses. Its status is 32 bits."""
+    """Call the firmware's function at the address `tick`; pointers are addresses, its status has 32 bits."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
         number, pointer = ir.IntType(64), ir.IntType(8).as_pointer()
@@ -104,7 +104,7 @@ call_tick: Any = intrinsic(_call_tick)
 
 
 class Constants(NamedTuple):
-    """What a call does not change. `period_ns` is a tick's length."""
+    """Constants of a call. `period_ns`: duration of a tick."""
 
     period_s: float
     period_ns: int
@@ -117,7 +117,7 @@ class Constants(NamedTuple):
 
 
 class Held(NamedTuple):
-    """Frames on their way to the plant, in this order; `NO_FRAME` where there is none."""
+    """Frames in transit to the plant, in this order; `NO_FRAME` for an empty place."""
 
     first: WordFrame
     second: WordFrame
@@ -125,9 +125,9 @@ class Held(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """What goes from tick to tick beside the memory of plant and firmware.
+    """State between two ticks, apart from the memory of plant and firmware.
 
-    `t_rest_s` is what `t_s` has rounded off, `torque_n_m` the torque that the motor was last asked for.
+    `t_rest_s`: rounding error of `t_s`. `torque_n_m`: the torque last requested of the motor.
     """
 
     tick: int
@@ -141,11 +141,11 @@ class Loop(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Records of this call; `used` says how many. Without room in `can_log` no lines are made.
+    """Buffers for the records of one call, and their numbers in `used`; an empty `can_log` receives no lines.
 
-    plant: rows of numbers in the order of `PlantRecord`. firmware: packed rows, filled by
-    `moves` (rows of source, destination and length in bytes) out of the firmware's memory. impacts: as the
-    plant has them. can_log: lines.
+    `plant`: rows of numbers in the order of `PlantRecord`. `firmware`: packed rows, copied from the
+    firmware's memory by `moves` (rows of source, destination and length in bytes). `impacts`: rows in the
+    plant's format. `can_log`: lines.
     """
 
     plant: Vector
@@ -157,7 +157,7 @@ class Buffers(NamedTuple):
 
 
 TICKS, IMPACT_ROWS, LOG_BYTES = range(3)
-"""Places in `Buffers.used`."""
+"""Indices in `Buffers.used`."""
 
 
 @shared
@@ -194,13 +194,13 @@ def record_firmware(rows: Bytes, start: int, state: Bytes, moves: Integers) -> N
 
 @shared
 def hexadecimal(value: int) -> int:
-    """The character of a digit."""
+    """The character code of a hexadecimal digit."""
     return 48 + value if value < 10 else 55 + value
 
 
 @shared
 def log_line(buffer: Bytes, start: int, t_us: int, frame: WordFrame) -> int:
-    """A line of can.log, `(seconds.micros) can0 ID#DATA`; the place behind it."""
+    """Write a line of can.log, `(seconds.micros) can0 ID#DATA`; returns the index after it."""
     seconds, micros = t_us // 1_000_000, t_us % 1_000_000
     buffer[start] = 40
     digits, rest = 1, seconds
@@ -233,14 +233,14 @@ def log_line(buffer: Bytes, start: int, t_us: int, frame: WordFrame) -> int:
 
 @shared
 def accelerometer_frame(reading: SensorReading, counter: int) -> WordFrame:
-    """The accelerometers' sample."""
+    """The frame of the accelerometers' sample."""
     sample = Accelerometer(reading.striker_low_m_s2, reading.striker_high_m_s2, reading.housing_m_s2)
     return packing.pack_accelerometer(sample, counter)[0]
 
 
 @shared
 def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
-    """The drive's sample of its encoder."""
+    """The frame of the drive's encoder sample."""
     estimates = messages.encoder_estimates(
         drive, reading.encoder_position_rev, reading.encoder_velocity_rev_s
     )
@@ -249,7 +249,7 @@ def encoder_frame(drive: DriveState, reading: SensorReading) -> WordFrame:
 
 @shared
 def later(t_s: float, t_rest_s: float, dt_s: float) -> tuple[float, float]:
-    """A time and what it has rounded off, later by `dt_s` (Neumaier's sum, as in `plant_sim.plant`)."""
+    """Add `dt_s` to a time and its rounding error (Neumaier's sum, as in `plant_sim.plant`)."""
     sum_s = t_s + dt_s
     return sum_s, t_rest_s + ((t_s - sum_s) + dt_s)
 
@@ -266,7 +266,7 @@ def move(
     no_grid: Vector,
     no_samples: Vector,
 ) -> int:
-    """Move on by `dt_s` under a held torque; impacts that end go into the buffers. The solver's status."""
+    """Advance by `dt_s` under constant torque; store finished impacts; return the solver's status."""
     memory.held[ELAPSED] = memory.held[ELAPSED_LOW] = 0.0
     while True:
         status = advance(parts, probe, memory, torque_n_m, t_s, dt_s, no_grid, no_samples)
@@ -283,7 +283,7 @@ def move(
 
 @shared
 def log_frame(buffers: Buffers, t_us: int, frame: WordFrame) -> None:
-    """Write a line of can.log, if one is kept."""
+    """Write a line of can.log, if the log is kept."""
     if buffers.can_log.size == 0:
         return
     buffers.used[LOG_BYTES] = log_line(buffers.can_log, buffers.used[LOG_BYTES], t_us, frame)
@@ -291,7 +291,7 @@ def log_frame(buffers: Buffers, t_us: int, frame: WordFrame) -> None:
 
 @shared
 def received(firmware: Firmware, buffers: Buffers, count: int, t_us: int, frame: WordFrame) -> int:
-    """Hand a frame to the firmware, after `count` others, and log it; how many there are now."""
+    """Put a frame into the firmware's inbox after `count` others, and log it; return the new number."""
     row = firmware.frames[count]
     row[0], row[1], row[2] = frame.can_id, frame.length, frame.word
     log_frame(buffers, t_us, frame)
@@ -306,7 +306,7 @@ def frame_of(row: Integers) -> WordFrame:
 
 @shared
 def sent(firmware: Firmware, place: int) -> WordFrame:
-    """A frame that the firmware sends."""
+    """The firmware's sent frame at index `place`."""
     numbers = firmware.sent
     return WordFrame(numbers[place], numbers[place + 1], numbers[place + 2])
 
@@ -327,11 +327,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
     no_grid: Vector,
     no_samples: Vector,
 ) -> tuple[Loop, int]:
-    """Run a tick for each row of `noise` (four standard normals); the loop then, and how it ended.
+    """Run a tick for each row of `noise` (four standard normals); return the loop's state and its status.
 
     `gait_frames`, `commands`: the gait sensors' and the operator's frames, rows of tick, identifier, length
-    and word, ascending. `samples`: those of `constants.sampled`, as `SampledFrames.rows`. The end
-    is DONE, another of the solver's statuses, or FIRMWARE_FAILED; the loop then stands in the failed tick.
+    and word, ascending. `samples`: the samples of `constants.sampled`, as `SampledFrames.rows`. The status is
+    DONE, another status of the solver, or FIRMWARE_FAILED; after a failure the state is that of the failed
+    tick.
     """
     readers, period_s, drive_config = constants.readers, constants.period_s, constants.drive
     readings, observed, used = probe.readings, memory.observed, buffers.used
@@ -367,7 +368,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
             frame = report_frame(drive_config, drive, telemetry, report)
             count = received(firmware, buffers, count, now_us, frame)
 
-        # The plant obeys what has arrived, and moves on to t_{k+1}.
+        # The plant obeys the frames that have arrived, and advances to t_{k+1}.
         for frame in (held.first, held.second, held.third):
             if frame.can_id != 0:
                 drive, _ = obey(drive_config, drive, frame, reading.encoder_position_rev)

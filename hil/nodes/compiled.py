@@ -1,4 +1,4 @@
-"""How the closed loop compiles: one kernel of the firmware's, the plant's and the bench's own functions."""
+"""Compilation of the closed loop to one kernel from functions of the firmware, the plant and the bench."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,12 +10,12 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 PACKAGES = ("firmware_py", "plant_sim", "hil")
-"""All whose sources the kernel may hold."""
+"""Packages whose sources may be part of the kernel."""
 
 
 def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what Python calls, cached."""
+    """Compile a function that Python calls, with a cache on disk."""
     root = Path(__file__).parents[2]
     folder = cache_folder("loop", tuple(root / package for package in PACKAGES))
-    # Without counted references: no kernel makes an array, and counting what it hands on costs time.
+    # Without reference counting, which costs time: no kernel makes an array.
     return cached(function, folder, _nrt=False)

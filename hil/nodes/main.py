@@ -35,16 +35,17 @@ from hil.timing.processes import READY, Start, read_start, report_to_parent
 from hil.timing.realtime import NODE, become_realtime, die_with_parent, leave_realtime
 
 START_DELAY_S = 0.2
-"""A node alone starts this long after it is ready."""
+"""Time from readiness to the start of a node that runs alone."""
 
 FIRMWARE_IDS = [frame.can_id for frame in codec.CODECS.values() if frame.sender != "Firmware"]
-"""All that the firmware listens to."""
+"""Identifiers that the firmware receives."""
 
 
 class NodeProcess(NamedTuple):
-    """How a node runs: on which bus, into which folder, from whose start, until when.
+    """Settings of a node's process: bus, output folder, seed, start and end.
 
-    `sync`: others start it, and say when. `again`: it replaces a node that ended, and continues its trace.
+    `sync`: another process starts the node and sends the start time. `again`: the node replaces a node that
+    ended, and continues its trace.
     """
 
     bus: str
@@ -64,9 +65,9 @@ class NodeProcess(NamedTuple):
         places: Addresses,
         faults: Sequence[Fault],
     ) -> None:
-        """Join, start and run the node that `make` makes of pace, bus and first tick.
+        """Join the bus, start and run the node that `make` returns for pace, bus and first tick.
 
-        `offset`: how many periods late it begins. `accept`: the identifiers that it takes.
+        `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives.
         """
         pace = Pace(period_s, self.until_s)
         start = await_restart() if self.again else Start(0)
@@ -124,7 +125,7 @@ def plant_main(scenario: str, settings: Sequence[str], process: NodeProcess) -> 
 
 
 def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
-    """`vibrohil operator`: a scenario's script on `bus`; whoever ends it early leaves an E-stop behind."""
+    """`vibrohil operator`: a scenario's script on `bus`; sends an E-stop if it is ended early."""
     loaded = load_scenario(scenario, settings)
     node = OperatorNode(loaded.commands, loaded.period_s)
     clock = MonotonicClock()
@@ -150,16 +151,16 @@ def operator_main(scenario: str, settings: Sequence[str], bus: str) -> None:
 
 
 def belong_to_parent() -> None:
-    """A node that others start ends with them, and leaves Ctrl-C to them."""
+    """Let this process end with its parent, and leave Ctrl-C to the parent."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bus]:
-    """The bus `spec` names, made first where need be, as the module at `places` sees it.
+    """Make or find the bus that `spec` names, and join it with the identifiers of the module at `places`.
 
-    Says on standard error how others join it.
+    Prints on standard error how other programs join the bus.
     """
     with provide(spec) as provided:
         if provided.address != spec:
@@ -176,7 +177,7 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
 
 
 def await_start(sync: bool) -> Start:
-    """Take what the machine allows, say so, and wait for the time to begin."""
+    """Acquire real-time scheduling as far as permitted, report it, and wait for the start time."""
     report = become_realtime(NODE)
     if sync:
         report_to_parent(f"{READY} {json.dumps(report._asdict())}")
@@ -185,7 +186,7 @@ def await_start(sync: bool) -> Start:
 
 
 def await_restart() -> Start:
-    """As `await_start`, for a node that prepares itself while others' loops run: at ordinary priority."""
+    """Like `await_start`, at ordinary priority, for a node that starts while the other nodes' loops run."""
     report = become_realtime(NODE)
     leave_realtime()
     report_to_parent(f"{READY} {json.dumps(report._asdict())}")
@@ -202,9 +203,9 @@ def run_loop(
     clock_faults: ClockFaults,
     sync: bool,
 ) -> None:
-    """Begin at the start, `offset` periods late, and run to the end or to SIGTERM or Ctrl-C."""
+    """Run from the start, delayed by `offset` periods, to the end or to SIGTERM or Ctrl-C."""
     if start.shared >= 0:
-        leave_realtime()  # nobody is late, and the recorder needs the CPU as well
+        leave_realtime()  # no process can be late, and the recorder needs the CPU as well
     elif start.first_tick > 0:
         become_realtime(NODE)
     own_clock = start.clock()

@@ -1,7 +1,7 @@
 """The plant as one CAN node: the module, its sensors and its motor's drive.
 
-At t_k `publish` gives what the sensors see. `advance` then obeys the frames that have arrived and moves the
-module to t_{k+1}. Where the loop has skipped ticks, `sleep_through` lets their time pass: the world goes on.
+At t_k `publish` returns the frames of the sensors. `advance` then obeys the frames that have arrived and
+moves the module to t_{k+1}. If the loop has skipped ticks, `sleep_through` advances the module by their time.
 """
 
 from collections.abc import Sequence
@@ -46,16 +46,16 @@ from plant_sim.tables.scene_tables import AxisTable
 
 OBEYED_IDS = (*COMMAND_IDS, *NOT_MODELLED_IDS)
 ACCEPTED_IDS = (*OBEYED_IDS, *REQUEST_IDS, *(REMOTE_FLAG | can_id for can_id in REQUEST_IDS))
-"""All that this node listens to, remote frames with their flag."""
+"""Identifiers that this node receives, remote frames with their flag."""
 MOST_ANSWERS = 8
-"""Requests answered in a tick; others in the same tick are not."""
+"""Largest number of requests answered per tick; further requests in the tick are ignored."""
 CONTROL_MODES = {"torque": axis.TORQUE_CONTROL, "velocity": axis.VELOCITY_CONTROL}
 CAN_PERIOD_S = 1e-3
-"""The fastest frame's period on the real bus; a lockstep run may tick faster or slower."""
+"""Period of the fastest frame on the real bus; lockstep may use another tick."""
 
 
 def drive_config(scene: Scene) -> DriveConfig:
-    """The drive that fits the scene's motor; the default one where the scene's drive is ideal."""
+    """Configuration of the drive for the scene's motor; for a default motor if the scene's drive is ideal."""
     drive = scene.parts().drive
     motor: MotorDrive | MotorTable = drive if isinstance(drive, MotorDrive) else MotorTable()
     axis_table = scene.axis or AxisTable()
@@ -81,18 +81,18 @@ class PlantNode:
         faults: Sequence[Fault] = (),
         first_tick: int = 0,
     ) -> None:
-        """`first_tick`: when it is switched on; the module is then as its scene begins."""
+        """`first_tick`: tick of power-up, at which the module is in the scene's initial state."""
         self.plant = Plant(scene, seed=seed)
         self.drive_config = drive_config(scene)
         self.drive: DriveState = axis.power_up(self.drive_config)
         self.rejected = 0
-        """Frames with an identifier of the drive's commands that could not be read."""
+        """Number of drive commands that could not be read."""
         self._faults = PlantFaults(faults, seed, self.plant, self.drive_config) if faults else None
         self.period_s = period_s
         self.tick = first_tick
         self.record: PlantRecord
         self.gait: GaitTruth | None = None
-        """The gait at t_k, where somebody walks."""
+        """The gait at t_k; None without a walk."""
         self.began_s = first_tick * period_s
         self.counter = -1
         axis_table = scene.axis or AxisTable()
@@ -102,14 +102,14 @@ class PlantNode:
         self.reports = first_reports(first_tick)
         self._reading: SensorReading
         self.node_id = 0
-        """The drive's node number on its bus, for the clients that ask."""
+        """The drive's node number on its bus, for clients that request its address."""
         self.requests: list[int] = []
         self._ticks_a_gait_frame = ticks_of(codec.GAIT_SENSORS, period_s)
         self._last_gait_frame = -1
         self.sampled = SampledFrames(self.plant, period_s)
 
     def publish(self) -> list[Frame]:
-        """The frames of tick k: both sensors', and one of the drive's others whose period has passed."""
+        """The frames of tick k: sensor samples, at most one further report of the drive, and answers."""
         self.act()
         reading = self.plant.sense()
         if self._faults is not None:
@@ -142,7 +142,7 @@ class PlantNode:
         return frames if self._faults is None else self._faults.sent(frames)
 
     def gait_frame(self, tick: int) -> list[Frame]:
-        """The gait sensors' frame in `tick`, if a period of theirs has begun, and it does not drop out."""
+        """The gait sensors' frame in `tick`; empty if no new period has begun or the frame drops out."""
         number = tick // self._ticks_a_gait_frame
         if number == self._last_gait_frame:
             return []
@@ -156,7 +156,7 @@ class PlantNode:
         return [codec.GAIT_SENSORS.encode(record, number)]
 
     def _answer(self, can_id: int, estimates: Frame) -> Frame:
-        """The requests of a client."""
+        """The frame that answers a client's request for `can_id`."""
         if can_id in REPORT_OF_REQUEST:
             return self._report(REPORT_OF_REQUEST[can_id])
         if can_id == estimates.can_id:
@@ -176,7 +176,7 @@ class PlantNode:
         return Telemetry(now.current_a, now.motor_torque_n_m, now.omega_rad_s)
 
     def advance(self, frames: Sequence[Frame]) -> None:
-        """Obey `frames`, note the record of this tick, and move on to the next."""
+        """Obey `frames`, make the record of this tick, and advance to the next."""
         plant, config = self.plant, self.drive_config
         omega_rad_s = plant.now.omega_rad_s
         if self._faults is not None:
@@ -204,10 +204,10 @@ class PlantNode:
             elif not data and can_id in REQUEST_IDS:
                 self.requests.append(can_id)
             elif is_new_address(self.node_id, frame):
-                self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # its number is a parameter
+                self.drive = axis.disarm(self.drive, axis.BAD_CONFIG)  # the node number is a parameter
 
     def gaits_in(self, tick: int, ticks: int) -> NDArray[np.float64] | None:
-        """The gait in `ticks` from `tick` on, a row each as `GaitTruth` has it; None where nobody walks."""
+        """The gait in `ticks` from `tick` on, one row of `GaitTruth` each; None without a walk."""
         numbers = np.arange(tick, tick + ticks, dtype=np.float64)
         return self.plant.gaits_at(numbers * self.period_s - self.began_s)
 
@@ -215,21 +215,22 @@ class PlantNode:
         return tick * self.period_s - self.began_s
 
     def act(self) -> None:
-        """Let the faults that begin or end in this tick do so."""
+        """Begin and end the faults that are due in this tick."""
         if self._faults is not None:
             self.drive_config, self.drive = self._faults.act(self.tick * self.period_s, self.drive)
 
     def resume(self, tick: int, drive: DriveState, reports: Reports, counter: int) -> None:
-        """Go on from `tick`, to which compiled code has brought plant and drive."""
+        """Continue from `tick`, to which compiled code has advanced plant and drive."""
         self.tick, self.drive, self.reports, self.counter = tick, drive, reports, counter
 
     def sleep_through(self, ticks: int, frames: Sequence[Frame]) -> None:
-        """Let `ticks` pass in which this process did not run; `frames` arrived meanwhile.
+        """Advance by `ticks` in which this process did not run; `frames` arrived in that time.
 
-        The module moves on under the torque of the last command, for as long as a drive would hold it. The
-        drive's watchdog does not count the pause: who slept cannot call the others silent.
+        The module moves under the torque of the last command until the drive's watchdog would expire. The
+        pause does not count towards the watchdog afterwards, since this process could not receive commands in
+        it.
         """
-        if self.counter < 0:  # not even the first sample was sent
+        if self.counter < 0:  # the first sample has not been sent yet
             self._reading = self.plant.sense()
         self._obey(frames)
         pause_s = ticks * self.period_s
@@ -237,7 +238,7 @@ class PlantNode:
         self._move(axis.torque_n_m(self.drive_config, self.drive, self.plant.now.omega_rad_s), held_s)
         self._move(0.0, pause_s - held_s)
         self.tick += ticks
-        self.counter += ticks  # the sensors went on sampling: what they count is time
+        self.counter += ticks  # the sensors continued to sample: their counter counts periods
 
     def _move(self, torque_n_m: float, dt_s: float) -> None:
         if dt_s > 0.0:
@@ -257,7 +258,7 @@ class PlantNode:
         )
 
     def take_impacts(self) -> list[Impact]:
-        """The impacts that have ended since the last call."""
+        """Remove and return the impacts that have ended since the last call."""
         impacts = self.plant.take_impacts()
         if self.began_s == 0.0:
             return impacts

@@ -1,11 +1,11 @@
-"""The first ticks of the firmware's process after a pause: nothing is done until a sample of now has come.
+"""Resynchronisation of the firmware's process after a pause: it waits for a sample of the current tick.
 
-The firmware uses the samples that have waited, each at the time that its counter says, and takes the newest
-for that of its tick. After a pause, of the whole machine say, only samples from before it may lie there, and
-those of now may take a moment. The accelerometer's rolling counter separates them: it counts the sensors'
-ticks, so that over the pause it must have moved as far as the clock has, give or take the one tick that
-either loop may be late at any time. After a pause of nearly a turn of the counter, 256 ticks, nothing that
-lies there is taken; what comes in the next tick is of now.
+The firmware uses the samples that have waited, each at the time given by its counter, and assigns the newest
+to its current tick. After a pause, for example a host stall, the receive queue may hold only old samples, and
+the current ones may arrive a moment later. The accelerometer's rolling counter distinguishes them: it counts
+the sensors' ticks, so during the pause it must have advanced as far as the clock, within the one tick by
+which either loop may be late. After a pause of nearly a full turn of the counter, 256 ticks, no waiting
+sample is used; the samples of the next tick are current.
 """
 
 from collections.abc import Sequence
@@ -16,22 +16,22 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.receiver import LONGEST_DATED_TICKS
 
 PATIENCE_TICKS = 25
-"""Ticks after a pause in which nothing is done without a sample of now; then the sensors count as silent."""
+"""Longest wait for a current sample after a pause, in ticks; then the sensors count as silent."""
 
 AT_ONCE, AT_LAST = (0, 1), (0, 1, -1)
-"""Ticks by which a counter may be off, best first: this tick's sample, or the next one's, which may have come
-as well; the one before only if none of these comes, as it would leave the firmware a tick behind."""
+"""Accepted deviations of a counter in ticks, best first: this tick's sample, then the next tick's, which may
+also have arrived. The previous tick's comes last, since it would leave the firmware a tick behind."""
 
 MODULUS = 1 << codec.ACCELEROMETER.layout.counter_bits
 ACCELEROMETER, ENCODER = codec.ACCELEROMETER.can_id, codec.ENCODER_ESTIMATES.can_id
 
 STEADY_SAMPLES = 2
-"""No more come in a tick of sensors that keep their pace: they are of now whatever their counter says, as the
-one it is compared with may have been misjudged."""
+"""Largest number of samples per tick from sensors in steady operation. If no more arrive, they are current
+regardless of their counter, since the counter before the pause may have been assigned to a wrong tick."""
 
 
 def counter_of(frame: Frame) -> int | None:
-    """The rolling counter of an accelerometer frame; None for any other and for a damaged one."""
+    """The rolling counter of an accelerometer frame; None for another or a damaged frame."""
     if frame.can_id != ACCELEROMETER:
         return None
     try:
@@ -42,15 +42,15 @@ def counter_of(frame: Frame) -> int | None:
 
 
 def is_sampled(frame: Frame) -> bool:
-    """Whether a frame is part of a sample, which stands for its own tick."""
+    """Whether a frame is part of a sample, which belongs to one tick."""
     return frame.can_id in (ACCELEROMETER, ENCODER)
 
 
 class Waking:
-    """Gathers frames from the end of a pause until a sample of the current tick is among them.
+    """Collects frames from the end of a pause until a sample of the current tick is among them.
 
-    `last_frames` are those of `last_tick`, the last one before the pause that had a sample. `early` are the
-    frames of the next tick's sample, where that has come as well.
+    `last_frames`: the frames of `last_tick`, the last tick with a sample before the pause. `early`: the
+    frames of the next tick's sample, if it has already arrived.
     """
 
     def __init__(self, last_tick: int, last_frames: Sequence[Frame]) -> None:
@@ -64,7 +64,7 @@ class Waking:
         self.is_fresh = False
 
     def begin_tick(self, tick: int, elapsed_ticks: int, frames: Sequence[Frame]) -> None:
-        """Another tick of the loop, with the frames that lie there."""
+        """Begin another tick of the loop with the frames that have arrived."""
         is_first = self.elapsed_ticks == 0
         self.elapsed_ticks += elapsed_ticks
         self._left_ticks -= 1
@@ -77,25 +77,25 @@ class Waking:
         self.is_fresh = self.is_fresh or (not is_first and 0 < samples <= STEADY_SAMPLES)
 
     def take(self, tick: int, frames: Sequence[Frame]) -> None:
-        """The frames that arrived while waiting for the sample of `tick`."""
+        """Add the frames that arrived during the wait for the sample of `tick`."""
         self._gathered += frames
         self._look(tick, AT_LAST)
 
     @property
     def frames(self) -> list[Frame]:
-        """The frames for the firmware, in the order of arrival; old samples only with a present one."""
+        """The frames for the firmware, in the order of arrival; samples only if one of them is current."""
         return self._gathered if self.is_fresh else self._without_samples()
 
     @property
     def is_over(self) -> bool:
-        """Whether to go on: with a sample of now, or because there is none to be had."""
+        """Whether the firmware may continue: with a current sample, or because the wait has ended."""
         return self.is_fresh or self._left_ticks <= 0
 
     def _without_samples(self) -> list[Frame]:
         return [frame for frame in self._gathered if not is_sampled(frame)]
 
     def _look(self, tick: int, jitters: Sequence[int]) -> None:
-        """Look for the sample of `tick`, or nearly; the newest one where no counter is known before it."""
+        """Search for the sample of `tick` within `jitters`; any sample if no earlier counter is known."""
         places = {counter_of(frame): place for place, frame in enumerate(self._gathered)}
         places.pop(None, None)
         if self._lead is None:
@@ -108,7 +108,7 @@ class Waking:
             self._hold_back(near[0])
 
     def _hold_back(self, own: int) -> None:
-        """What was sampled after the accelerometer's frame at place `own` is early."""
+        """Move the samples after the accelerometer's frame at index `own` to `early`."""
         first_id = next(frame.can_id for frame in self._gathered if is_sampled(frame))
         later = self._gathered[own + 1 :]
         begins = [place for place, frame in enumerate(later, own + 1) if frame.can_id == first_id]

@@ -1,4 +1,4 @@
-"""The bench's nodes between bus and trace: what a loop calls each tick, in lockstep and real time alike."""
+"""Runners connect the bench's nodes to bus and trace; a loop calls them in each tick, on every clock."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -27,16 +27,16 @@ from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
 
 WAKING_SHARE = 0.4
-"""Share of a period that a tick after a pause waits for its sample; the next tick must not suffer."""
+"""Share of a period that a tick after a pause waits for its sample, short enough for the next tick."""
 
 
 class Pace(NamedTuple):
-    """Period and duration of the nodes' ticks; None: until they are stopped."""
+    """Period and duration of the nodes' ticks; a duration of None: until they are stopped."""
 
     period_s: float
     duration_s: float | None
     is_timed: bool = True
-    """Whether ticks have deadlines, so that a trace's pages must be in memory before the loop begins."""
+    """Whether ticks have deadlines; a trace's pages must then be in memory before the loop begins."""
 
     @property
     def ticks(self) -> int | None:
@@ -45,13 +45,13 @@ class Pace(NamedTuple):
 
 
 def empty(bus: NodeBus) -> None:
-    """Take away what was sent before a node began."""
+    """Discard the frames that were sent before a node began."""
     while bus.receive():
-        """It is not for this node."""
+        """The frames came before this node began."""
 
 
 class PlantRunner:
-    """The plant's node at t_k: publish, obey what has arrived, move on."""
+    """The plant's node at t_k: publish, obey the frames that have arrived, advance."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class PlantRunner:
         faults: Sequence[Fault] = (),
         first_tick: int = 0,
     ) -> None:
-        """`first_tick`: of a process that takes the place of another, whose traces go on."""
+        """`first_tick`: above 0 for a process that replaces another and continues its traces."""
         self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
         self.node = self._make_node(first_tick)
         self.bus = bus
@@ -82,7 +82,7 @@ class PlantRunner:
         empty(self.bus)
 
     def step(self, _: int, elapsed_ticks: int) -> None:
-        """One tick. Time that the loop has skipped passes for the plant first."""
+        """Run one tick; the plant first advances by the time that the loop has skipped."""
         node, bus = self.node, self.bus
         if elapsed_ticks > 1:
             node.sleep_through(elapsed_ticks - 1, bus.receive())
@@ -108,7 +108,7 @@ class PlantRunner:
         return self._trace.dtype
 
     def append(self, records: NDArray[np.void], impacts: NDArray[np.float64]) -> None:
-        """Append records, and impacts as `plant_sim` has them, shape (n, 6)."""
+        """Append records, and impacts in `plant_sim`'s format, shape (n, 6)."""
         if self._trace is not None and self._impacts is not None:
             self._trace.append_all(records)
             for t_s, *others in impacts.tolist():
@@ -127,7 +127,7 @@ class PlantRunner:
 
 
 class FirmwareRunner:
-    """The firmware's node at t_k + T/2: take what has arrived, tick, send."""
+    """The firmware's node at t_k + T/2: receive, tick, send."""
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class FirmwareRunner:
         walks: bool = True,
         make: MakeNode = FirmwareNode,
     ) -> None:
-        """`first_tick`: of a process that takes the place of another, whose trace goes on."""
+        """`first_tick`: above 0 for a process that replaces another and continues its trace."""
         self.bus = bus
         self._file = ParameterMemory(parameters, faults, seed)
         self._fixed = of_the_build(parameters)
@@ -167,7 +167,7 @@ class FirmwareRunner:
         empty(self.bus)
 
     def step(self, tick: int, elapsed_ticks: int) -> None:
-        """One tick; after a pause, first find out what time it is for the sensors."""
+        """Run one tick; after a pause, first resynchronise with the sensors."""
         bus = self.bus
         frames = bus.receive()
         if elapsed_ticks > 1 or self._waking is not None:
@@ -179,7 +179,7 @@ class FirmwareRunner:
         bus.send_all(self.node.tick(frames, 1))
 
     def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
-        """One of the first ticks after a pause: nothing is done until there is a sample of now."""
+        """Run one of the first ticks after a pause; the firmware does not tick before a current sample."""
         bus = self.bus
         waking = self._waking or Waking(self._last_tick, self._last_frames)
         waking.begin_tick(tick, elapsed_ticks, frames)
@@ -202,7 +202,7 @@ class FirmwareRunner:
 
     @property
     def is_in_step(self) -> bool:
-        """Whether the last tick has used its own sample, and none waits."""
+        """Whether the last tick has used its own sample, and no sample waits."""
         return self._waking is None and self._alignment.had_sample and not self._alignment.waits
 
     @property
@@ -212,7 +212,7 @@ class FirmwareRunner:
         return self._trace.writer.dtype
 
     def resume(self, last_tick: int, last_frames: list[Frame]) -> None:
-        """Go on after `last_tick`, which had `last_frames`, to which compiled code has brought the node."""
+        """Continue after `last_tick` with its frames, to which compiled code has advanced the node."""
         self._last_frames, self._last_tick = last_frames, last_tick
 
     def append(self, records: NDArray[np.void]) -> None:
@@ -232,7 +232,7 @@ class FirmwareRunner:
 
 
 class OperatorRunner:
-    """The operator's node, once an `OPERATOR_PERIOD_S`."""
+    """The operator's node; a step per `OPERATOR_PERIOD_S`."""
 
     def __init__(self, commands: Sequence[Command], pace: Pace, bus: NodeBus, out_dir: Path | None) -> None:
         self.node = OperatorNode(commands, pace.period_s)
@@ -242,11 +242,11 @@ class OperatorRunner:
             self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
 
     def step(self, period: int, _: int = 1) -> None:
-        """One period."""
+        """Run one period."""
         self.bus.send_all(self.frames(period))
 
     def frames(self, period: int) -> list[Frame]:
-        """The operator's command in this period, for the trace."""
+        """The operator's frames in this period; appends its record to the trace."""
         frames = self.node.publish(period)
         if self._trace is not None:
             self._trace.append(self.node.record)

@@ -1,7 +1,7 @@
-"""The frames of sensors that are sampled on periods of their own, interpreted and compiled.
+"""The frames of sensors with sampling periods of their own, interpreted and compiled.
 
-A sensor's record in `plant_sim.sensors.sampled` has the name of its frame in `vibro.dbc`, which gives the
-frame's period, and how its signals are packed.
+A sensor's record in `plant_sim.sensors.sampled` has the name of its frame in `vibro.dbc`, which defines the
+frame's period and the packing of its signals.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ Vector = NDArray[np.float64]
 CODEC_OF = {kind: CODECS[getattr(records, kind.__name__)] for kind in SAMPLED}
 MOST_SIGNALS = max(len(its_codec.signals) for its_codec in CODEC_OF.values())
 TICK, WHICH, COUNTER, NOISE = range(4)
-"""Columns of `SampledFrames.rows`; from NOISE on a standard normal for each signal."""
+"""Columns of `SampledFrames.rows`; from NOISE on, a standard normal number for each signal."""
 
 
 @by_part
@@ -50,13 +50,13 @@ for _kind in SAMPLED:
 def sampled_frame(
     sensors: tuple[SampledSensor, ...], which: int, observed: Vector, noise: Vector, counter: int
 ) -> WordFrame:
-    """The frame of a sample of the sensor with this number."""
+    """The frame of a sample of sensor number `which`."""
     return frame_of(sensors[which], observed, noise, counter)
 
 
 @overload(sampled_frame, strict=False, jit_options={"error_model": "numpy"})
 def _(sensors: Any, which: Any, observed: Any, noise: Any, counter: Any) -> Any:
-    """Compiled, a tuple of records of several types has no variable index."""
+    """Compiled version: numba cannot index a tuple of records of several types by a variable."""
     if len(sensors) == 0:
         return lambda sensors, which, observed, noise, counter: WordFrame(0, 0, 0)
     if len(sensors) == 1:
@@ -71,7 +71,7 @@ def _(sensors: Any, which: Any, observed: Any, noise: Any, counter: Any) -> Any:
 
 
 class SampledFrames:
-    """When each sensor of a plant is sampled, and the frame that is sent of it."""
+    """The sampling schedule of a plant's sensors, and the frames of their samples."""
 
     def __init__(self, plant: Plant, period_s: float) -> None:
         self._plant = plant
@@ -80,7 +80,7 @@ class SampledFrames:
         self._last = [-1] * len(self._codecs)
 
     def frames(self, tick: int) -> list[Frame]:
-        """The frames of the sensors that are sampled in `tick`, the plant being there."""
+        """The frames of the sensors that are sampled in `tick`, from the plant's present state."""
         frames = []
         for which, number, noise in self._samples(tick):
             frame = frame_of(self._plant.sampled[which], self._plant.observed, noise, number)
@@ -88,7 +88,7 @@ class SampledFrames:
         return frames
 
     def rows(self, tick: int, ticks: int) -> Vector:
-        """The samples in these ticks, for `sampled_frame`."""
+        """The samples in `ticks` from `tick` on for `sampled_frame`, one row each."""
         rows = []
         for number in range(tick, tick + ticks):
             for which, counter, noise in self._samples(number):
@@ -96,7 +96,7 @@ class SampledFrames:
         return np.array(rows, dtype=np.float64).reshape(-1, NOISE + MOST_SIGNALS)
 
     def _samples(self, tick: int) -> Iterator[tuple[int, int, Vector]]:
-        """The sensors whose period begins in `tick`: number, counter and noise."""
+        """Yield number, counter and noise of the sensors whose period begins in `tick`."""
         for which, its_codec in enumerate(self._codecs):
             number = tick // self._ticks[which]
             if number != self._last[which]:

@@ -1,4 +1,4 @@
-"""Runs all code of a node once before any clock starts: compiled kernels, imports, caches."""
+"""Runs all code of a node once before its clock starts: compiled kernels, imports, caches."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,7 @@ WARM_TICKS = 300
 
 
 def warm_plant(scene: Scene) -> None:
-    """Compile and run the scene's kernels on a plant that is thrown away."""
+    """Compile and run the scene's kernels on a temporary plant."""
     node = PlantNode(scene, seed=0)
     arm = codec.SET_AXIS_STATE.encode(SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
     push = codec.SET_INPUT_TORQUE.encode(SetInputTorque(0.1))
@@ -26,7 +26,7 @@ def warm_plant(scene: Scene) -> None:
 
 
 def warm_firmware(parameters: Mapping[str, Any], build: Build = "python") -> None:
-    """Run a firmware that is thrown away on frames of a drive at rest."""
+    """Run a temporary firmware on the frames of a drive at rest."""
     node = node_of(build)(config_from(parameters), parameters)
     for tick in range(WARM_TICKS):
         command = OperatorCommand(OperatorRequest.IDLE, 0.0, 0.0)

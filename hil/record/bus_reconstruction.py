@@ -1,7 +1,7 @@
 """The firmware's trace, reconstructed from its frames on the bus: for logs of a real bench.
 
-Truth and internals never travel on CAN, so the columns are few: modes and limits of the heartbeat, the
-estimate, the torque, and the reported impacts; each holds its last value until the next frame brings one.
+Truth and internal signals are never sent on CAN, so there are few columns: the heartbeat's modes and limits,
+the estimate, the torque, and the reported impacts. Each holds its last value until the next frame.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ class Frames(NamedTuple):
 
 
 class SeenTick(NamedTuple):
-    """A record of such a trace; names are those of the firmware's own. What no frame carries is NaN."""
+    """A record of the reconstructed trace, with the firmware's names; NaN for signals not sent on the bus."""
 
     tick: int
     t_s: float
@@ -59,11 +59,11 @@ PREFIXES = {
 FIELDS = [
     (f"{PREFIXES.get(name, 'outputs.')}{name}", kind) for name, kind in SeenTick.__annotations__.items()
 ]
-"""The trace's columns, as `TraceWriter` takes them."""
+"""The trace's columns for `TraceWriter`."""
 
 
 def frames_of(bus: BusLog, record: type[Any]) -> Frames:
-    """All frames of one kind that can be decoded."""
+    """All decodable frames of one kind."""
     one = codec.CODECS[record]
     times, signals = [], []
     rows = np.flatnonzero(bus.can_id == one.can_id)
@@ -71,7 +71,7 @@ def frames_of(bus: BusLog, record: type[Any]) -> Frames:
         try:
             signals.append(tuple(one.decode(payload)))
         except codec.FrameError:
-            continue  # named and counted where the frames are decoded for the log
+            continue  # reported and counted when the frames are decoded for the log
         times.append(float(bus.t_s[row]))
     values = np.array(signals, np.float64).reshape(len(times), len(record._fields))
     return Frames(record, np.array(times), values)
@@ -85,14 +85,14 @@ def held(frames: Frames, t_s: FloatArray) -> dict[str, FloatArray]:
 
 
 def tick_numbers(t_s: FloatArray, period_s: float) -> IntArray:
-    """Which tick each of `t_s` belongs to; a tick's middle lies where the frames gather."""
+    """The tick number of each of `t_s`; ticks are centred on the mean phase of the frames."""
     phase = np.angle(np.mean(np.exp(2j * np.pi * t_s / period_s))) / (2.0 * np.pi)
     numbers: IntArray = np.floor(t_s / period_s - phase + 0.5).astype(np.int64)
     return np.maximum(numbers, 0)
 
 
 def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
-    """The firmware's ticks, from its first heartbeat on; one for each period in which it sent anything."""
+    """The firmware's ticks from its first heartbeat on, one for each period with a frame."""
     heartbeat, estimate = frames_of(bus, FirmwareHeartbeat), frames_of(bus, StrikerEstimate)
     torque, impact = frames_of(bus, SetInputTorque), frames_of(bus, ImpactEvent)
     if len(heartbeat.t_s) == 0:
@@ -100,7 +100,7 @@ def ticks_seen(bus: BusLog, period_s: float) -> list[SeenTick]:
     sent_s = np.concatenate([frames.t_s for frames in (heartbeat, estimate, torque, impact)])
     sent_s = np.unique(sent_s[sent_s >= heartbeat.t_s[0]])
     numbers = tick_numbers(sent_s, period_s)
-    # A tick ends with the last of its frames, so that it holds all of them.
+    # A tick's record has the time of its last frame, so that it includes all of its frames.
     last_of_tick = np.flatnonzero(np.diff(numbers, append=numbers[-1] + 1) > 0)
     tick, t_s = numbers[last_of_tick], sent_s[last_of_tick]
     state, reported = held(estimate, t_s), held(impact, t_s)

@@ -1,7 +1,7 @@
-"""candump's log lines, `(seconds.micros) channel ID#DATA`, parsed a block of lines at a time.
+"""Parses candump's log lines, `(seconds.micros) channel ID#DATA`, in blocks of lines.
 
-Blocks whose lines are all of one make, as the bench and candump write them, are parsed as arrays; any other
-block line by line.
+A block whose lines all have the same format, as written by the bench and by candump, is parsed as arrays; any
+other block is parsed line by line.
 """
 
 import re
@@ -19,17 +19,17 @@ from plant_sim.arrays import FloatArray, IntArray
 
 LINE = re.compile(rb"\((\d{1,12}\.\d{6,9})\) \S+ ([0-9A-Fa-f]{1,8})#((?:[0-9A-Fa-f]{2}){0,64})\r?\n")
 BLOCK_BYTES = 1 << 22
-"""Some hundred thousand lines."""
+"""Block size: some hundred thousand lines."""
 LONGEST_LINE_BYTES = 1 << 10
-"""A file without ends of lines is not kept in memory."""
+"""Largest part of an unfinished line that is kept; limits the memory for a file without line ends."""
 TENTH_S = 0.1
-"""The load over time is averaged over this long: the period of the slowest cyclic frames."""
+"""Averaging time of the load over time: the period of the slowest cyclic frames."""
 TIME_RESOLUTION_S = 1e-6
-"""Of candump's times."""
+"""Resolution of candump's times."""
 MOST_BYTES = 8
-"""Of a frame of classic CAN."""
+"""Largest number of data bytes of a classic CAN frame."""
 MOST_DIGITS = 15
-"""A float holds any number of 15 decimal digits."""
+"""A float represents every number of 15 decimal digits."""
 NO_DIGIT = 255
 HEX_DIGITS = np.full(256, NO_DIGIT, np.uint8)
 HEX_DIGITS[list(b"0123456789ABCDEF")] = range(16)
@@ -37,7 +37,7 @@ HEX_DIGITS[list(b"abcdef")] = range(10, 16)
 
 
 class Bus(ABC):
-    """The frames of a run, in memory or on the disk."""
+    """The frames of a run, in memory or on disk."""
 
     @abstractmethod
     def pieces(self) -> Iterator["BusLog"]:
@@ -55,7 +55,7 @@ class Bus(ABC):
 
 @dataclass(frozen=True)
 class BusLog(Bus):
-    """Frames: simulated seconds, identifiers, lengths in bytes, shapes (n,); and all their bytes in a row."""
+    """Frames: simulated seconds, identifiers, lengths in bytes, shapes (n,); and their concatenated bytes."""
 
     t_s: FloatArray
     can_id: IntArray
@@ -79,18 +79,18 @@ class BusLog(Bus):
         return tuple(self.payloads_of(np.arange(len(self.t_s))))
 
     def pieces(self) -> Iterator["BusLog"]:
-        """It is one piece."""
+        """Yield all frames as one piece."""
         yield self
 
     def whole(self) -> "BusLog":
-        """It is whole."""
+        """All frames, which are already in memory."""
         return self
 
 
 class BusCounts(NamedTuple):
-    """Frames and their bytes in each tenth of a second that has any, by its number, shapes (tenths,).
+    """Numbers of frames and bytes in each tenth of a second with frames; shapes (tenths,).
 
-    `lines` and `read_bytes` are those of the file, 0 without one.
+    `tenth`: number of the tenth. `lines` and `read_bytes`: size of the file, 0 without a file.
     """
 
     tenth: IntArray
@@ -106,12 +106,12 @@ class BusCounts(NamedTuple):
 
 
 def tenths_of(bus: BusLog) -> IntArray:
-    """The tenth of a second that each frame is in."""
+    """Number of the tenth of a second of each frame."""
     return np.floor((bus.t_s + TIME_RESOLUTION_S) / TENTH_S).astype(np.int64)
 
 
 def counted(pieces: Iterable[BusLog], lines: int = 0, read_bytes: int = 0) -> BusCounts:
-    """The frames of all pieces, counted."""
+    """Count the frames of all pieces."""
     found: dict[int, tuple[int, int]] = {}
     for bus in pieces:
         tenths, row = np.unique(tenths_of(bus), return_inverse=True)
@@ -128,7 +128,7 @@ NO_BUS = BusLog(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), b"")
 
 
 def joined_logs(pieces: Iterable[BusLog]) -> BusLog:
-    """The frames of all pieces."""
+    """All pieces as one log."""
     parts = [NO_BUS, *pieces]
     return BusLog(
         t_s=np.concatenate([part.t_s for part in parts]),
@@ -139,7 +139,7 @@ def joined_logs(pieces: Iterable[BusLog]) -> BusLog:
 
 
 class StoredBus(Bus):
-    """The frames of a candump log on the disk, read a block at a time."""
+    """The frames of a candump log on disk, read in blocks."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -161,18 +161,18 @@ class StoredBus(Bus):
 
     @cached_property
     def counts(self) -> BusCounts:
-        """Its frames and lines, counted."""
+        """Counts of the file's frames and lines."""
         return counted(self.pieces())._replace(lines=self._lines, read_bytes=self._read_bytes)
 
 
 def bus_log(t_s: FloatArray, can_id: IntArray, payloads: Sequence[bytes]) -> BusLog:
-    """Frames of these payloads."""
+    """Frames from times, identifiers and payloads."""
     lengths = np.array([len(payload) for payload in payloads], np.int64)
     return BusLog(t_s, can_id, lengths, b"".join(payloads))
 
 
 def parse_candump(text: bytes) -> BusLog:
-    """The frames of candump's lines; a line cut short by a kill is left out.
+    """The frames of candump's lines; an incomplete last line is left out.
 
     >>> log = parse_candump(b"(10.001000) vcan0 080#0102\\n(10.002000) vcan0 0")
     >>> log.t_s.tolist(), hex(log.can_id[0]), log.payloads
@@ -182,7 +182,7 @@ def parse_candump(text: bytes) -> BusLog:
 
 
 def parse_lines(text: bytes) -> BusLog:
-    """The frames of lines of any make; a line cut short by a kill is left out."""
+    """The frames of lines in any of candump's formats; an incomplete last line is left out."""
     t_s, can_id, payloads = [], [], []
     for match in LINE.finditer(text):
         seconds, identifier, data = match.groups()
@@ -193,7 +193,7 @@ def parse_lines(text: bytes) -> BusLog:
 
 
 def number(digits: NDArray[np.uint8], ends: IntArray, counts: IntArray, base: int) -> IntArray:
-    """The numbers whose digits, `counts` of each, end before `ends`; negative where one is no digit."""
+    """Numbers of `counts` digits each that end before `ends`; negative if a character is no digit."""
     value = np.zeros(len(ends), np.int64)
     wrong = np.zeros(len(ends), bool)
     for place in range(int(counts.max(initial=0))):
@@ -205,7 +205,7 @@ def number(digits: NDArray[np.uint8], ends: IntArray, counts: IntArray, base: in
 
 
 def alike(text: bytes) -> BusLog | None:
-    """The frames of whole lines of one make; None where any line is of another."""
+    """The frames of whole lines of the same format; None if the formats differ."""
     characters = np.frombuffer(text, np.uint8)
     marks = [np.flatnonzero(characters == ord(mark)) for mark in "\n(.)#"]
     ends, opening, dots, closing, hashes = marks
@@ -238,5 +238,5 @@ def alike(text: bytes) -> BusLog | None:
     if (data == NO_DIGIT).any():
         return None
     content = (data[::2] << 4 | data[1::2]).tobytes()
-    # Both are whole numbers below 2^53: their quotient is rounded as the decimal number itself would be.
+    # Both are whole numbers below 2^53, so their quotient is the correctly rounded decimal number.
     return BusLog((whole * scale + part) / scale, can_id, lengths, content)

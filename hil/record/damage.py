@@ -6,16 +6,16 @@ from pathlib import Path
 
 
 class DamagedFileError(ValueError):
-    """A file of a run, log or suite that cannot be read, or whose content makes no sense."""
+    """A file of a run, log or suite is unreadable or has invalid content."""
 
 
 @contextmanager
 def reading(path: Path, still_readable: str) -> Iterator[None]:
-    """Turn whatever fails while the content of `path` is read into DamagedFileError, caused by the failure.
+    """Convert any error while the content of `path` is read to DamagedFileError, caused by that error.
 
-    `still_readable` says what is left and what to do. Bytes that were cut off or turned over can break any
-    rule of the code that reads them, so that no list of exceptions would be complete; a panic of Rerun's
-    library derives from BaseException.
+    `still_readable` states the readable part and the remedy. Missing or changed bytes can violate any
+    assumption of the reading code, so no list of exceptions would be complete; a panic of Rerun's library
+    derives from BaseException.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""New records in a run folder since the last look, while its processes write to it."""
+"""Reads new records in a run folder while processes write to it."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ TRACES = ("plant", "firmware", "impacts", "operator")
 
 
 class Follower:
-    """Reads what is new in each trace, and in can.log, of a run that is going on."""
+    """Reads the new records of each trace and of can.log while a run continues."""
 
     def __init__(self, run_dir: Path) -> None:
         self.run_dir = run_dir
@@ -20,7 +20,7 @@ class Follower:
         self._can_log_bytes = 0
 
     def new_records(self, name: str) -> Records:
-        """The records of one trace since the last call; none while nobody has begun it."""
+        """The records of one trace since the last call; none while the trace does not exist."""
         path = self.run_dir / f"{name}.trace"
         if not path.exists():
             return NO_RECORDS

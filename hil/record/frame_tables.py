@@ -1,8 +1,8 @@
-"""The frames of a run as the log holds them: a row for each tenth of a second, and decoded by `vibro.dbc`.
+"""The format of frames in the log: a row for each tenth of a second, and frames decoded by `vibro.dbc`.
 
-A row for each frame would cost more in time stamps and row numbers than in frames. What frequent frames say
-is in the firmware's inputs, outputs and estimate already: a run's log holds their bytes alone, and whoever
-reads the log decodes them.
+With a row for each frame, time stamps and row numbers would take more space than the frames. The signals of
+frequent frames are already in the firmware's inputs, outputs and estimate, so a run's log holds only their
+bytes, which are decoded when the log is read.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,15 +24,15 @@ FREQUENT = frozenset(
     for record, codec in CODECS.items()
     if codec.period_s is not None and codec.period_s <= FREQUENT_PERIOD_S
 )
-"""Frames that come 100 times a second or more, by the names of the DBC."""
+"""Names in the DBC of the frames with a rate of 100 Hz or more."""
 
 CRC_TABLE = np.frombuffer(TABLE, np.uint8)
 
 
 class FrameRows(NamedTuple):
-    """Frames in rows: when each row begins in s, the number of its frames and its bytes, shapes (rows,).
+    """Frames in rows: start time of each row in s, the number of its frames and its bytes, shapes (rows,).
 
-    Of each frame: nanoseconds since its row began, identifier, number of bytes, shapes (frames,).
+    For each frame: nanoseconds since the start of its row, identifier, number of bytes, shapes (frames,).
     """
 
     t_s: FloatArray
@@ -44,7 +44,7 @@ class FrameRows(NamedTuple):
 
 
 def in_rows(bus: BusLog) -> FrameRows:
-    """Neighbouring frames of the same tenth of a second in one row each."""
+    """Group consecutive frames of the same tenth of a second into one row."""
     rows = tenths_of(bus)
     starts = np.flatnonzero(np.diff(rows, prepend=rows[0] - 1))
     ends = np.append(starts[1:], len(rows))
@@ -63,12 +63,12 @@ def in_rows(bus: BusLog) -> FrameRows:
 
 
 def one_each(values: pa.Array) -> pa.Array:
-    """A component's column of one value a row."""
+    """A component's column with one value per row."""
     return pa.ListArray.from_arrays(pa.array(np.arange(len(values) + 1, dtype=np.int32)), values)
 
 
 def a_row_a_frame(table: pa.Table) -> pa.Table:
-    """The log's rows of frames as a table of one row a frame, with `frame:can_id` and `frame:data`."""
+    """Expand the log's rows of frames to one row per frame, with `frame:can_id` and `frame:data`."""
     table = table.combine_chunks()
     after = contiguous(table["frame:after_ns"])
     counts = np.diff(after.offsets.to_numpy())
@@ -96,26 +96,26 @@ def contiguous(column: pa.ChunkedArray) -> pa.Array:
 
 
 class Decoded(NamedTuple):
-    """Frames of one name: their rows among all frames, and one Arrow struct each."""
+    """Frames of one name: their indices among all frames, and one Arrow struct each."""
 
     rows: list[int]
     signals: pa.StructArray
 
 
 class Frames(NamedTuple):
-    """Frames decoded by name; and the rows of those that were refused, in order of time, and why."""
+    """Decoded frames by name; and index and reason of each refused frame, in order of time."""
 
     by_name: dict[str, Decoded]
     refused: list[tuple[int, str]]
 
 
 def signal_array(values: Sequence[float]) -> pa.Array:
-    """A decoded signal; single precision is more than any frame carries, and the bytes are in `can/raw`."""
+    """A decoded signal; single precision exceeds the resolution of frames, and `can/raw` has their bytes."""
     return pa.array(values, pa.float32() if isinstance(values[0], float) else None)
 
 
 def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
-    """Which frames, shape (n, 8), decode without an error; of some others their codec has to say."""
+    """Mask of the frames, shape (n, 8), that certainly decode without error; others need their codec."""
     valid = np.ones(len(data), bool)
     if codec.protected:
         check = np.full(len(data), TABLE[INITIAL ^ codec.can_id & 0xFF])
@@ -138,7 +138,7 @@ def surely_valid(codec: FrameCodec[Any], data: NDArray[np.uint8]) -> BoolArray:
 
 
 def refused_rows(bus: BusLog, codec: FrameCodec[Any], rows: IntArray) -> Iterator[tuple[int, str]]:
-    """The rows of frames of one identifier that are refused, and why."""
+    """Yield index and reason of each refused frame of one identifier."""
     whole = bus.length[rows] == codec.length
     starts = bus.starts[rows[whole]]
     data = np.zeros((len(starts), MOST_BYTES), np.uint8)
@@ -154,7 +154,7 @@ def refused_rows(bus: BusLog, codec: FrameCodec[Any], rows: IntArray) -> Iterato
 
 
 def decoded(bus: BusLog, but: frozenset[str] = frozenset()) -> Frames:
-    """Each frame's signals, by the names of the DBC; of frames named in `but` only the refused ones."""
+    """Decode all frames, by the names of the DBC; frames named in `but` are only checked for refusal."""
     refused: list[tuple[int, str]] = []
     by_name: dict[str, Decoded] = {}
     for can_id in np.unique(bus.can_id).tolist():

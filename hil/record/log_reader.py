@@ -1,4 +1,4 @@
-"""A log read back: its columns, the traces it holds, and the repair of a cut one."""
+"""Reads a log back: its tables and traces; repairs an incomplete log."""
 
 import json
 import re
@@ -24,7 +24,7 @@ from hil.record.traces.stored_trace import Records, Selected, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
-"""Columns that depend on the machine and differ in any two runs."""
+"""Columns that depend on the machine and therefore differ between runs."""
 MAGIC = b"RRF2"
 """First bytes of a log."""
 ROW_ID = "rerun.controls.RowId"
@@ -32,7 +32,7 @@ FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
 
 
 def begins_as_log(path: Path) -> bool:
-    """Whether a file begins as a log does; Rerun's program would read any other to its end, into memory."""
+    """Whether a file begins like a log; Rerun's program would read any other file into memory as a whole."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -45,9 +45,9 @@ def is_whole(path: Path) -> bool:
 
 
 def repair(path: Path) -> bool:
-    """Make a log whole that a kill cut short, in place; whether that was needed.
+    """Repair a log that is incomplete after a kill, in place; returns whether a repair was needed.
 
-    Such a log lacks its footer and may end within a message. Raises where nothing can be read of it.
+    An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable.
     """
     if is_whole(path):
         return False
@@ -65,7 +65,7 @@ def repair(path: Path) -> bool:
 
 RAW = "/can/raw"
 TICKED = ("/plant", "/firmware")
-"""The entities with a record a tick; `slow_entity` of each has the signals at 100 Hz."""
+"""The entities with a record per tick; `slow_entity` of each has the signals at 100 Hz."""
 RECORD = "trace:record"
 
 
@@ -76,7 +76,7 @@ def entities(path: Path) -> set[str]:
 
 
 def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
-    """The rows of an entity as they are in the file, some at a time."""
+    """Yield the rows of an entity in blocks, in the order of the file."""
     for chunk in RrdReader(path).store().stream().filter(content=entity):
         if not chunk.is_static:
             batch = chunk.to_record_batch().drop_columns([ROW_ID])
@@ -84,34 +84,34 @@ def blocks(path: Path, entity: str) -> Iterator[pa.Table]:
 
 
 def in_order(parts: Iterable[pa.Table]) -> pa.Table:
-    """Rows as one table, in order of simulated time."""
+    """Join blocks into one table, in order of simulated time."""
     table = pa.concat_tables(parts, promote_options="default")
     sim_ns = sim_ns_of(table)
     return table if rises(sim_ns) else table.take(pa.array(np.argsort(sim_ns, kind="stable")))
 
 
 def rises(times: NDArray[Any]) -> bool:
-    """Whether times never fall."""
+    """Whether times never decrease."""
     return bool(np.all(times[1:] >= times[:-1]))
 
 
 def sim_ns_of(table: pa.Table) -> NDArray[np.int64]:
-    """The simulated time of each row."""
+    """The simulated time of each row in ns."""
     sim_ns: NDArray[np.int64] = contiguous(table["sim_time"]).cast(pa.int64()).to_numpy()
     return sim_ns
 
 
 def names(path: Path) -> list[str]:
-    """The tables that can be read of a log."""
+    """Names of the tables that can be read from a log."""
     known = entities(path)
     frames = frames_of_bytes(path, known) if RAW in known else set()
     return sorted(known - {slow_entity(name) for name in TICKED} | frames)
 
 
 def table(path: Path, name: str) -> pa.Table:
-    """The rows of an entity in order of simulated time, one column a component; nothing static.
+    """The rows of an entity in order of simulated time, one column per component, without static data.
 
-    Frames have a row each, raw and decoded, and the slow signals of a trace stand with its others.
+    Raw and decoded frames have a row each, and the slow signals of a trace are joined to its others.
     """
     if name == RAW:
         return in_order(a_row_a_frame(block) for block in blocks(path, RAW))
@@ -128,7 +128,7 @@ def has_slow(name: str, known: set[str]) -> bool:
 
 
 def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
-    """The rows of a table in order of time, some at a time; all at once where the file has no order."""
+    """Yield the rows of a table in blocks in order of time; in one block if the file is not in order."""
     times = [sim_ns_of(block)[[0, -1]] for block in blocks(path, name)]
     if not rises(np.concatenate(times)):
         yield table(path, name)
@@ -141,7 +141,7 @@ def ordered_blocks(path: Path, name: str) -> Iterator[pa.Table]:
 
 
 def ticked_blocks(path: Path, name: str) -> Iterator[pa.Table]:
-    """The records of a trace with the slow signals, some at a time."""
+    """Yield the records of a trace with the slow signals, in blocks."""
     slow = blocks(path, slow_entity(name))
     held = next(slow)
     for fast in blocks(path, name):
@@ -158,12 +158,12 @@ def tables(path: Path) -> dict[str, pa.Table]:
 
 
 def entity_of(codec: FrameCodec[Any]) -> str:
-    """Path of the decoded frames in a log."""
+    """Path in a log of a codec's decoded frames."""
     return f"/can/{codec.record.__name__}"
 
 
 def frames_of_bytes(path: Path, known: set[str]) -> set[str]:
-    """Where the frames belong that the log holds as bytes alone."""
+    """Paths of the decodable frames that the log holds only as bytes."""
     found: set[str] = set()
     for bus in LoggedBus(path).pieces():
         for can_id in np.unique(bus.can_id).tolist():
@@ -176,7 +176,7 @@ def frames_of_bytes(path: Path, known: set[str]) -> set[str]:
 
 
 def is_decoded(codec: FrameCodec[Any], payload: bytes) -> bool:
-    """Whether the codec takes a payload."""
+    """Whether the codec can decode a payload."""
     try:
         codec.decode(payload)
     except ValueError:
@@ -185,7 +185,7 @@ def is_decoded(codec: FrameCodec[Any], payload: bytes) -> bool:
 
 
 def decoded_blocks(path: Path, name: str) -> Iterator[pa.Table]:
-    """The frames of one name that the log holds as bytes alone, some at a time."""
+    """Yield the frames of one name that the log holds only as bytes, decoded, in blocks."""
     (can_id,) = (number for number, codec in CODEC_BY_ID.items() if entity_of(codec) == name)
     for block in blocks(path, RAW):
         raw = a_row_a_frame(block)
@@ -196,24 +196,24 @@ def decoded_blocks(path: Path, name: str) -> Iterator[pa.Table]:
 
 
 def leaf(rows: pa.Table, component: str) -> pa.Array:
-    """A component of which each row has one value."""
+    """A component's values, one per row."""
     return contiguous(rows[component]).flatten()
 
 
 def newest(ticked: NDArray[Any], held: NDArray[Any]) -> NDArray[np.int64]:
-    """Which row of those at the times `held` was the last one by each of `ticked`."""
+    """Index of the last row of `held` at or before each time in `ticked`."""
     return np.maximum(np.searchsorted(held, ticked, side="right") - 1, 0)
 
 
 def with_slow(fast: pa.Table, slow: pa.Table) -> pa.Table:
-    """The records of a trace, the slow signals as they were last logged by then."""
+    """The records of a trace, with each slow signal's last logged value."""
     rows = newest(sim_ns_of(fast), sim_ns_of(slow))
     both = joined(leaf(fast, RECORD), leaf(slow, RECORD).take(pa.array(rows)))
     return fast.set_column(fast.column_names.index(RECORD), RECORD, one_each(both))
 
 
 def joined(one: pa.StructArray, other: pa.StructArray) -> pa.StructArray:
-    """The fields of two columns of structs, in depth; `one` has those that both have."""
+    """The recursively joined fields of two struct columns; a field in both is taken from `one`."""
     fields = {field.name: values for field, values in zip(one.type, one.flatten(), strict=True)}
     for field, values in zip(other.type, other.flatten(), strict=True):
         if field.name not in fields:
@@ -224,7 +224,7 @@ def joined(one: pa.StructArray, other: pa.StructArray) -> pa.StructArray:
 
 
 def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The columns within a column, flat, by dotted names."""
+    """Yield the flattened columns within a column by dotted names."""
     if pa.types.is_list(values.type):
         yield from leaves(name, values.flatten())
     elif pa.types.is_struct(values.type):
@@ -235,12 +235,12 @@ def leaves(name: str, values: pa.Array) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def columns_of(rows: pa.Table) -> dict[str, NDArray[Any]]:
-    """The columns that the log holds of a trace, as the trace itself gives them."""
+    """The logged columns of a trace, in the trace's own format."""
     return {TIME: sim_ns_of(rows) / NS_PER_S, **dict(leaves("", contiguous(rows[RECORD])))}
 
 
 def records_of(path: Path, entity: str) -> Records:
-    """Records in memory."""
+    """Read all records of an entity into memory."""
     columns = columns_of(in_order(blocks(path, entity)))
     kinds = [(name, values.dtype) for name, values in columns.items()]
     records = np.zeros(len(columns[TIME]), dtype=kinds)
@@ -250,7 +250,7 @@ def records_of(path: Path, entity: str) -> Records:
 
 
 class LoggedTrace(StoredColumns):
-    """The records that a log holds of a trace."""
+    """A trace's records in a log."""
 
     def __init__(self, path: Path, entity: str) -> None:
         super().__init__()
@@ -284,7 +284,7 @@ class LoggedTrace(StoredColumns):
 
 
 class WithSlow:
-    """The records of a trace, the slow signals as they were last logged by then."""
+    """The records of a trace, with each slow signal's last logged value."""
 
     def __init__(self, fast: Records, slow: Records) -> None:
         self._fast = fast
@@ -303,7 +303,7 @@ class WithSlow:
 
 
 class LoggedBus(Bus):
-    """The frames that a log holds, read some at a time."""
+    """The frames in a log, read in blocks."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -326,7 +326,7 @@ def documents(path: Path) -> dict[str, str]:
 
 
 def bus_of(raw: pa.Table) -> BusLog:
-    """Frames of which each has a row."""
+    """The frames of a table with one row per frame."""
     data = leaf(raw, "frame:data")
     return BusLog(
         t_s=sim_ns_of(raw) / NS_PER_S,
@@ -342,7 +342,7 @@ def losses_of(rows: pa.Table) -> list[LogLoss]:
 
 
 def read_traces(path: Path) -> RunTraces:
-    """What `read_run` gives of a run folder, from its log alone; columns are read when they are looked at."""
+    """Read the same `RunTraces` as `read_run` from the log alone; columns are read at first use."""
     known, texts = entities(path), documents(path)
 
     def small(entity: str) -> Records:

@@ -1,4 +1,4 @@
-"""The origin of a run: the commit of the code, whether it was edited since, and the machine's versions."""
+"""The origin of a run: the commit of the code, whether files were edited, and the versions of packages."""
 
 import hashlib
 import platform
@@ -43,7 +43,7 @@ PARTS = ("firmware_py", "plant_sim", "hil", "tools")
 
 @cache
 def sources() -> str:
-    """A digest of every file of the code: what it computes may depend on any of them."""
+    """A digest of every file of the code, since a result may depend on any of them."""
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
     for part in PARTS:
@@ -57,14 +57,14 @@ def sources() -> str:
 
 @cache
 def packages() -> dict[str, str]:
-    """Versions of Python and the packages that every result rests on."""
+    """Versions of Python and of the packages on which results depend."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
 def key(*parts: object) -> str:
-    """A digest of the inputs `parts` of a result, and of the code and packages that compute it.
+    """A digest of a result's inputs `parts`, and of the code and packages that compute the result.
 
-    Kept results are named by it, so that after an edit no old result counts as a new one.
+    Stored results are named by this digest, so that no result is reused after an edit of the code.
     """
     return hashlib.sha256(repr((parts, sources(), packages())).encode()).hexdigest()
 
@@ -75,5 +75,5 @@ KEYS = ("commit", "edited", "changes", "seed")
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python, the packages and the kernel that a run rests on."""
+    """Versions of Python, the packages and the kernel on which a run depends."""
     return {**packages(), "kernel": platform.release()}

@@ -1,10 +1,9 @@
 """The rate at which the log holds each signal; the traces of plant and firmware hold all at every tick.
 
-What figures and plots are made of is logged at every tick. `SLOW_BLOCKS` change slowly or repeat other
-signals, and are logged at 100 Hz: of the plant the energies, the current, the requested torque, the leg's
-motion and the encoder's readings; of the firmware the counters, sums, delays, last results and the gait lock,
-and of the estimator the bias and the adapted variances. A signal that a check of the scenario names is logged
-at every tick.
+Signals used by figures and plots are logged at every tick. `SLOW_BLOCKS` change slowly or repeat other
+signals, and are logged at 100 Hz: the plant's energies, current, requested torque, leg motion and encoder
+readings; the firmware's counters, sums, delays, last results and gait lock, and the estimator's bias and
+adapted variances. A signal that is named in a check of the scenario is logged at every tick.
 """
 
 import re
@@ -67,14 +66,14 @@ SIGNAL = re.compile(r"\b(?:firmware|plant)\.[\w.]+")
 
 
 class Rates(NamedTuple):
-    """A trace's columns as they are logged: at every tick, and at 100 Hz."""
+    """A trace's columns as logged: at every tick, and at 100 Hz."""
 
     every_tick: Records
     slow: Records
 
 
 def signals_of_checks(scenario: Mapping[str, Any]) -> frozenset[str]:
-    """The signals that a scenario's own checks name.
+    """The signals that are named in a scenario's checks.
 
     >>> sorted(signals_of_checks({"checks": [{"expression": "max(firmware.state.hold.gain)"}]}))
     ['firmware.state.hold.gain']
@@ -84,7 +83,7 @@ def signals_of_checks(scenario: Mapping[str, Any]) -> frozenset[str]:
 
 
 def slow_entity(trace: str) -> str:
-    """Where a log has the slow signals of a trace."""
+    """Path in a log of a trace's slow signals."""
     return f"{trace}/slow"
 
 
@@ -98,12 +97,12 @@ def is_slow(signal: str) -> bool:
 
 
 def logged(records: Records, names: Sequence[str]) -> Columns:
-    """Some columns of `records`."""
+    """The columns `names` of `records`, in memory."""
     return Columns({name: np.ascontiguousarray(records[name]) for name in names}, len(records))
 
 
 def by_rate(trace: str, records: Records, named: frozenset[str]) -> Rates:
-    """The records of a trace as they are logged; `named`: the signals that the scenario's own checks name."""
+    """Split the records of a trace by rate; `named`: the signals named in the scenario's checks."""
     names = records.dtype.names or ()
     slow = [name for name in names if is_slow(f"{trace}.{name}")]
     every_tick = logged(records, [name for name in names if name not in slow or f"{trace}.{name}" in named])
@@ -113,7 +112,7 @@ def by_rate(trace: str, records: Records, named: frozenset[str]) -> Rates:
 
 
 def slow_rows(records: Records) -> Records:
-    """The records of the ticks at which the log holds all signals; the first where none of them is due."""
+    """The records of the ticks at which the log holds all signals; the first record if there is none."""
     due = column(records, "tick") % SLOW_TICKS == 0
     due[:1] |= not due.any()
     rows: Records = records[due]

@@ -1,4 +1,4 @@
-"""Rerun's own program: its path, and its environment without usage data."""
+"""Rerun's command-line program: its path, and an environment without usage statistics."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class RerunError(RuntimeError):
-    """Rerun's program is missing or refused what it was asked."""
+    """Rerun's program is missing or has failed."""
 
 
 def rerun_program() -> Path:
@@ -23,9 +23,10 @@ def rerun_program() -> Path:
 
 
 def rerun_environment() -> dict[str, str]:
-    """The environment for Rerun's program: its settings in a folder of our own, with usage data switched off.
+    """The environment for Rerun's program, with a settings folder in which usage statistics are disabled.
 
-    No variable switches it off, only a settings file; this one leaves the user's own as it is.
+    Only a settings file disables them, no variable; a separate folder leaves the user's own settings
+    unchanged.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = cache / "vibrohil" / "rerun-settings"
@@ -39,7 +40,7 @@ def rerun_environment() -> dict[str, str]:
 
 
 def rerun(arguments: Sequence[str | Path]) -> subprocess.CompletedProcess[str]:
-    """Run Rerun's program to its end; its exit status is the caller's to judge."""
+    """Run Rerun's program to its end; the caller checks its exit status."""
     return subprocess.run(
         [rerun_program(), *arguments],
         env=rerun_environment(),

@@ -1,7 +1,7 @@
-"""The run folder before and during a run; hil.bench.verdict judges what is in it afterwards.
+"""The run folder before and during a run; hil.bench.verdict judges its content afterwards.
 
-A run owns its folder: `claimed` makes it exclusively or takes one that is empty or that a run has made, which
-`run.json` says, and holds it for itself. It removes only the files that a run writes.
+A run owns its folder: `claimed` makes a new folder, or takes one that is empty or was made by a run according
+to its `run.json`, and locks it. Only files that a run writes are ever removed.
 """
 
 import fcntl
@@ -21,11 +21,11 @@ RUN_NOTE, SUITE_NOTE = "run.json", "suite.json"
 VERDICT = "verdict.json"
 RESERVE = "reserve"
 WARM_UP = "warm-up"
-"""The folder within of a run of a moment, for which all is compiled or loaded."""
+"""Subfolder of the short run that compiles and loads all code in advance."""
 RESERVE_BYTES = 2 << 20
-"""Room on the disk for verdict, JUnit and outcome, of a run that fills the disk."""
+"""Disk space reserved for verdict, JUnit and outcome in case a run fills the disk."""
 MADE_BY = "made_by"
-"""The key of a folder's note that says that this program made the folder."""
+"""Key in a folder's note that marks the folder as made by this program."""
 MAKER = "vibrohil"
 
 TRACES = ("plant", "firmware", "impacts", "operator", "bus_errors")
@@ -40,15 +40,15 @@ MADE_BY_A_RUN = (
     *(f"{name}.log" for name in PROCESSES),
     *("scenario.toml", CAN_LOG, "junit.xml", "report.html", RESERVE),
 )
-"""Every file that a run may write; with `.new` while it is unfinished."""
+"""Every file that a run may write; the suffix `.new` marks unfinished files."""
 
 
 class RunFolderError(ValueError):
-    """A folder that a run may not have; says what to do."""
+    """A folder cannot be used for a run; the message names the remedy."""
 
 
 def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
-    """Whether the folder's note says that this program made it."""
+    """Whether the folder was made by this program, according to its note."""
     try:
         content = json.loads((folder / note_name).read_bytes())
     except (OSError, ValueError):
@@ -57,7 +57,7 @@ def is_own(folder: Path, note_name: str = RUN_NOTE) -> bool:
 
 
 def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
-    """Raise RunFolderError where `folder` holds anything and was not made by this program."""
+    """Raise RunFolderError if `folder` is no folder, or is not empty and was not made by this program."""
     if folder.exists() and not folder.is_dir():
         raise RunFolderError(f"--out: {folder} is no folder; name a new or an empty one")
     if folder.is_dir() and any(folder.iterdir()) and not is_own(folder, note_name):
@@ -68,7 +68,7 @@ def refuse_foreign(folder: Path, note_name: str = RUN_NOTE) -> None:
 
 
 def new_folder(name: str) -> Path:
-    """Make a folder under `runs`, named by the time and the scenario, that nobody else has.
+    """Make a new folder under `runs`, named by time and scenario.
 
     Raises RunFolderError if `runs` cannot be made.
     """
@@ -89,10 +89,10 @@ def new_folder(name: str) -> Path:
 
 @contextmanager
 def claimed(name: str, out_dir: Path | None, note_name: str = RUN_NOTE) -> Iterator[Path]:
-    """A folder for this process alone until the end of the block: `out_dir`, or a new one under `runs`.
+    """Lock a folder for this process until the end of the block: `out_dir`, or a new one under `runs`.
 
-    The lock ends with the process, however it ends. Raises RunFolderError where `out_dir` is in use or holds
-    what this program did not make.
+    The lock ends with the process in any case. Raises RunFolderError if `out_dir` is in use, or is neither
+    empty nor made by this program.
     """
     folder = new_folder(name) if out_dir is None else out_dir
     refuse_foreign(folder, note_name)
@@ -122,7 +122,7 @@ def is_in_use(folder: Path) -> bool:
 
 
 def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
-    """Remove the files that a run writes, and no others."""
+    """Remove the files that a run writes, except `keep`."""
     if (run_dir / WARM_UP).is_dir():
         discard(run_dir / WARM_UP)
     for name in set(MADE_BY_A_RUN) - set(keep):
@@ -133,42 +133,42 @@ def clear(run_dir: Path, keep: tuple[str, ...] = ()) -> None:
 
 
 def keep_the_log(run_dir: Path) -> None:
-    """Remove the traces of a good run, whose log takes their place."""
+    """Remove the traces of a successful run, whose log replaces them."""
     for name in TRACES:
         (run_dir / f"{name}.trace").unlink(missing_ok=True)
 
 
 def discard(run_dir: Path) -> None:
-    """Remove what a run has left, and its folder where nothing else is in it."""
+    """Remove the files of a run, and its folder if it is then empty."""
     clear(run_dir)
-    with suppress(OSError):  # it holds something else, or was never made
+    with suppress(OSError):  # it holds other files, or was never made
         run_dir.rmdir()
 
 
 def reserve(run_dir: Path) -> None:
-    """Take the room that the run's verdict will need."""
+    """Reserve the disk space for the run's verdict."""
     (run_dir / RESERVE).write_bytes(bytes(RESERVE_BYTES))
 
 
 def free_reserve(run_dir: Path) -> None:
-    """Give it back, so that the verdict has room."""
+    """Free the reserved disk space for the verdict."""
     (run_dir / RESERVE).unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file whole or not at all: others may be reading it."""
+    """Write a JSON file atomically, since other processes may read it."""
     unfinished = path.with_name(f"{path.name}.new")
     unfinished.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
     unfinished.rename(path)
 
 
 def note(run_dir: Path, **values: Any) -> None:
-    """Add to `run.json`."""
+    """Add `values` to `run.json`."""
     path = run_dir / RUN_NOTE
     known = json.loads(path.read_text()) if path.exists() else {}
     write_note(path, {**known, **values})
 
 
 def write_note(path: Path, values: Mapping[str, Any]) -> None:
-    """Write the note of a run's or a suite's folder, which says that this program made it."""
+    """Write the note of a run's or a suite's folder, which marks it as made by this program."""
     write_json(path, {MADE_BY: MAKER, **values})

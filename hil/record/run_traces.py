@@ -1,4 +1,4 @@
-"""Reads the traces of a run folder, from which figures, log and report are made."""
+"""Reads the traces of a run folder, the source of figures, log and report."""
 
 import difflib
 import json
@@ -17,14 +17,14 @@ from hil.record.traces.stored_trace import PIECE_RECORDS, Records, StoredTrace
 from plant_sim.arrays import FloatArray
 
 CAN_LOG = "can.log"
-"""The frames of a run, as candump writes them."""
+"""File with the frames of a run in candump's format."""
 LOSSES = "losses.json"
-"""The frames lost by the recorder, beside can.log; no file without a loss."""
+"""File beside can.log that lists the frames lost by the recorder; absent without a loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogLoss:
-    """Frames that were on the bus and are not in can.log, and the simulated time around them."""
+    """Number of bus frames missing in can.log, and the simulated times around them."""
 
     from_s: float
     to_s: float
@@ -36,7 +36,7 @@ NO_RECORDS: Records = np.zeros(0, dtype=[])
 
 @dataclass(frozen=True)
 class RunTraces:
-    """All a run left behind. A trace whose process never wrote is an empty array without columns."""
+    """All records of a run. A trace that was never written is an empty array without columns."""
 
     plant: Records
     firmware: Records
@@ -48,27 +48,27 @@ class RunTraces:
     scenario: Mapping[str, Any] = field(default_factory=dict)
     losses: Sequence[LogLoss] = ()
     bus_errors: Records = field(default_factory=lambda: NO_RECORDS)
-    """Of a modelled bus, whenever an error counter has changed."""
+    """Error counters of a modelled bus, one record per change."""
     damage: Sequence[str] = ()
-    """A sentence for each file that cannot be read."""
+    """A sentence for each damaged file."""
 
     @property
     def is_worn(self) -> bool:
-        """Whether somebody wears the module."""
+        """Whether the scene has a wearer."""
         return "wearer" in self.scenario.get("scene", {})
 
     @property
     def is_walked(self) -> bool:
-        """Whether somebody walks with it."""
+        """Whether the scene has a gait."""
         return "gait" in self.scenario.get("scene", {})
 
 
 NOTHING_LEFT = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS)
-"""Of a run without any record."""
+"""The traces of a run without any record."""
 
 
 def column(records: Records, name: str) -> FloatArray:
-    """One column as floats; an empty trace gives an empty column, an unknown name raises."""
+    """One column as floats; empty for an empty trace. Raises KeyError for an unknown name."""
     names = records.dtype.names or ()
     if name in names:
         return np.asarray(records[name], dtype=np.float64)
@@ -79,7 +79,7 @@ def column(records: Records, name: str) -> FloatArray:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object, or an empty one where the file is not there."""
+    """A JSON object; empty if the file does not exist. Raises DamagedFileError for other content."""
     if not path.exists():
         return {}
     content = json.loads(path.read_text(encoding="utf-8"))
@@ -89,12 +89,12 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_trace(path: Path) -> Records:
-    """A trace, or an empty one where its process never got to write it."""
+    """A trace; empty if its process never wrote it."""
     return StoredTrace(path, exact=path.stem not in TICKED) if path.exists() else NO_RECORDS
 
 
 def pieces(traces: RunTraces) -> Iterator[RunTraces]:
-    """The same run a piece at a time: records in memory, cut at the same times, and then the frames."""
+    """Yield the run in pieces: records in memory, all cut at the same times, and then the frames."""
     ticked = max((traces.plant, traces.firmware), key=len)
     edges_s = rising(ticked)[PIECE_RECORDS::PIECE_RECORDS]
     records = {
@@ -116,13 +116,13 @@ def pieces(traces: RunTraces) -> Iterator[RunTraces]:
 
 
 def rising(records: Records) -> FloatArray:
-    """The times of records; never falling, however damaged they are."""
+    """The times of records in s, made non-decreasing even if they are damaged."""
     times: FloatArray = np.fmax.accumulate(np.fmax(column(records, "t_s"), 0.0))
     return times
 
 
 def read_bus(path: Path) -> BusLog:
-    """A candump log, or an empty one where nobody wrote it."""
+    """A candump log; empty if it does not exist."""
     return StoredBus(path).whole() if path.exists() else NO_BUS
 
 
@@ -145,7 +145,7 @@ def counted(path: Path) -> Bus:
 
 
 def note_unreadable_lines(path: Path, counts: BusCounts) -> None:
-    """Raise DamagedFileError where more than a last line that was cut is not of candump's format."""
+    """Raise DamagedFileError if lines other than an incomplete last line are not in candump's format."""
     odd = counts.lines - counts.total
     if odd > 0 or (counts.read_bytes > 0 and counts.total == 0):
         raise DamagedFileError(
@@ -157,7 +157,7 @@ Part = TypeVar("Part")
 
 
 def part(damage: list[str], path: Path, read: Callable[[Path], Part], empty: Part) -> Part:
-    """What `read` makes of a file; where it is damaged that is noted, and it counts as `empty`."""
+    """Read a file; if it is damaged, add a sentence to `damage` and return `empty`."""
     try:
         with reading(path, "the rest of the run is read without it"):
             return read(path)
@@ -167,7 +167,7 @@ def part(damage: list[str], path: Path, read: Callable[[Path], Part], empty: Par
 
 
 def read_run(run_dir: Path) -> RunTraces:
-    """Everything in `run_dir`, also of a run that was killed or is still going."""
+    """Read all records in `run_dir`, also of a run that was killed or is still running."""
     damage: list[str] = []
 
     def records(name: str) -> Records:

@@ -1,7 +1,7 @@
-"""State timelines of the log: which columns of the traces are states, their names and their colours.
+"""State timelines of the log: the traces' state columns, the names of the states and their colours.
 
-The colours are those of Okabe and Ito, "Color Universal Design", 2008: whoever sees colours differently can
-distinguish them too. What is wanted is never the colour of an alarm.
+The colours are those of Okabe and Ito, "Color Universal Design", 2008, which people with a colour vision
+deficiency can distinguish. A normal state never has the colour of an alarm.
 """
 
 from collections.abc import Mapping
@@ -13,13 +13,13 @@ from plant_sim.result import Phase
 from plant_sim.sensors.gait import LegState
 
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM = 0x56B4E9FF, 0xE69F00FF, 0x9A9AA2FF, 0xCC79A7FF, 0xD55E00FF
-"""One colour (RGBA) a meaning throughout: truth, the firmware's estimate, the request, the rest, alarms."""
+"""Colours (RGBA) by meaning in all plots: truth, the firmware's estimate, target, other signals, alarms."""
 CALM, BUSY, GOOD, WARN = 0x5B6470FF, 0x56B4E9FF, 0x009E73FF, 0xE69F00FF
 PALETTE = (TRUTH, ESTIMATE, TARGET, OTHER, ALARM, GOOD)
 
 
 class Lane(NamedTuple):
-    """One column of a trace as a state lane; states without a colour of their own are alarms."""
+    """One column of a trace as a state timeline; states without an entry in `colors` are alarms."""
 
     entity: str
     column: str
@@ -93,7 +93,7 @@ LEG_ESTIMATED_LANE = Lane(
 
 
 def lower_name(value: IntEnum) -> str:
-    """A state as lanes, events and results print it.
+    """Name of a state in timelines, events and results.
 
     >>> lower_name(Mode.SOFT_START)
     'soft-start'
@@ -102,6 +102,6 @@ def lower_name(value: IntEnum) -> str:
 
 
 def state_name(states: type[IntEnum], value: int) -> str:
-    """The name of a value that came off a trace or the bus, which may hold none of the known ones."""
+    """Name of a state value from a trace or the bus, which may be unknown."""
     known = {state.value: lower_name(state) for state in states}
     return known.get(value, f"unknown {value}")

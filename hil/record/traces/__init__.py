@@ -1,1 +1,1 @@
-"""Traces: what each process knew at each of its ticks, as fixed records, and their reading back."""
+"""Traces: each process's signals at each of its ticks as fixed records, written and read."""

@@ -18,11 +18,11 @@ from hil.record.traces.trace import FieldType, TraceWriter
 from hil.timing.loop import LoopTiming
 
 OF_A_WALK = ("gait", "gait_lock")
-"""Parts of the firmware's state that are recorded only where somebody may walk."""
+"""Parts of the firmware's state that are recorded only in runs with a gait."""
 MEMORY_OF = {"inputs": "inputs", "state": "core", "outputs": "outputs", "counters": "counters"}
-"""Which member of the firmware's memory the trace's columns of a prefix are."""
+"""Member of the firmware's memory for each prefix of the trace's columns."""
 HEAD, TAIL = struct.Struct("<qd"), struct.Struct("<qddq")
-"""A record's tick and time, and its `LoopTiming`; between them lies what the firmware knew."""
+"""A record's tick and time, and its `LoopTiming`; the firmware's signals lie between them."""
 
 
 def place_in(memory: Any, path: Sequence[str]) -> int:
@@ -35,7 +35,7 @@ def place_in(memory: Any, path: Sequence[str]) -> int:
 
 
 def columns_of(names: Sequence[str]) -> Any:
-    """A packed record of members of the firmware's memory, such as outputs.mode, for `moves_to`."""
+    """A packed record type of members of the firmware's memory, such as outputs.mode, for `moves_to`."""
     kinds = []
     for name in names:
         first, *path = name.split(".")
@@ -47,7 +47,7 @@ def columns_of(names: Sequence[str]) -> Any:
 
 
 def columns_in(columns: Any, precision: Precision) -> Any:
-    """The same packed record, its members of the firmware's memory in this precision."""
+    """The same packed record type, with the firmware's members in this precision."""
     if precision == "double":
         return columns
     kinds = [(name, columns.fields[name][0]) for name in columns.names]
@@ -57,7 +57,7 @@ def columns_in(columns: Any, precision: Precision) -> Any:
 
 
 def moves_to(columns: Any, precision: Precision = "double") -> NDArray[np.int64]:
-    """Which bytes of the firmware's memory make a packed record: rows of source, destination and length."""
+    """Copies of bytes from the firmware's memory to a packed record: rows of source, destination, length."""
     memory = layout(NodeState, precision)
     moves: list[list[int]] = []
     for name in columns.names:
@@ -73,7 +73,7 @@ def moves_to(columns: Any, precision: Precision = "double") -> NDArray[np.int64]
 
 
 def blocks_of(walks: bool) -> list[str]:
-    """The parts of the firmware's state that are recorded."""
+    """Names of the recorded parts of the firmware's state."""
     return [name for name in State._fields if walks or name not in OF_A_WALK]
 
 
@@ -92,7 +92,7 @@ def fields_of(walks: bool) -> list[tuple[str, FieldType]]:
 
 
 class FirmwareTrace:
-    """The firmware's trace; of a run in which nobody walks without what concerns a gait."""
+    """The firmware's trace; in a run without a gait it omits the signals that concern one."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class FirmwareTrace:
         resume: bool = False,
         in_memory: bool = True,
     ) -> None:
-        """As `TraceWriter`."""
+        """The arguments after `walks` are those of `TraceWriter`."""
         self._blocks = blocks_of(walks)
         self.writer = TraceWriter(path, fields_of(walks), expected_records, resume, in_memory)
         self._moves = moves_to(self.writer.dtype).tolist()

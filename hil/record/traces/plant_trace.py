@@ -6,7 +6,7 @@ from plant_sim.result import Phase
 
 
 class PlantRecord(NamedTuple):
-    """The truth at t_k (`Observation`), the torque asked for from then on, the drive, what was published."""
+    """The truth at t_k (`Observation`), the torque requested from t_k on, the drive, published readings."""
 
     tick: int
     t_s: float

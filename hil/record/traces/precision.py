@@ -1,10 +1,10 @@
-"""The precision of the log: figures, report and log are all made from these numbers.
+"""The precision of the log's numbers, from which figures, report and log are made.
 
-A tick's record is kept in single precision, 24 bits: sensors resolve 16 bits, and the bus carries no more
-than 24. Energies stay in double precision, since figures are made of small differences of large sums, and so
-does the target of the speed, which holds still so that its rounding would not average out. Times are whole
-nanoseconds, as the log's timelines have them. Located impacts are kept as they are. So figures that are
-recomputed from the log are those of the verdict, bit for bit.
+A tick's record is stored in single precision, 24 bits: sensors resolve 16 bits, and frames at most 24.
+Energies stay in double precision, since figures are small differences of large sums. The target speed stays
+in double precision too: it is constant, so its rounding error would not average out. Times are rounded to
+whole nanoseconds, as in the log's timelines. Located impacts are stored unchanged. Figures recomputed from
+the log therefore equal those of the verdict bit for bit.
 """
 
 from typing import Any
@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 TICKED = ("plant", "firmware")
-"""The traces that are kept so."""
+"""The traces stored with this precision."""
 TIME = "t_s"
 ENERGY = "_j"
 EXACT = frozenset({TIME, "outputs.target_omega_rad_s"})
 NS_PER_S = 1e9
 CACHED_RECORDS = 128
-"""Some hundred kilobytes of the longest."""
+"""Number of records copied at once: some hundred kilobytes of the longest records."""
 
 
 def kept_type(kind: np.dtype[Any]) -> np.dtype[Any]:
-    """A record as it is kept.
+    """The stored type of a record.
 
     >>> kept_type(np.dtype([("t_s", "f8"), ("tick", "i8"), ("x_m", "f8"), ("stored_j", "f8")])).descr
     [('t_s', '<f8'), ('tick', '<i8'), ('x_m', '<f4'), ('stored_j', '<f8')]
@@ -33,12 +33,12 @@ def kept_type(kind: np.dtype[Any]) -> np.dtype[Any]:
 
 
 def is_single(name: str, kind: np.dtype[Any]) -> bool:
-    """Whether a column is kept in single precision."""
+    """Whether a column is stored in single precision."""
     return kind == np.float64 and name not in EXACT and not name.endswith(ENERGY)
 
 
 def kept_column(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """A column of a trace as it is kept; what is too large for single precision is infinite."""
+    """A column of a trace as stored; values too large for single precision become infinite."""
     if name == TIME:
         return np.asarray(np.round(values * NS_PER_S) / NS_PER_S)
     with np.errstate(over="ignore"):
@@ -46,10 +46,9 @@ def kept_column(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def columns_of(records: NDArray[np.void], exact: bool = False) -> dict[str, NDArray[Any]]:
-    """The columns of a trace, each by itself, as they are kept, or else exactly as they are.
+    """Separate the columns of a trace, as stored, or unchanged if `exact`.
 
-    A record is longer than what a processor fetches at once, so some records are taken apart while they are
-    in its cache.
+    A record is longer than a cache line, so a group of records that fits into the cache is separated at once.
     """
     kind = records.dtype if exact else kept_type(records.dtype)
     columns = {name: np.empty(len(records), kind[name]) for name in kind.names or ()}

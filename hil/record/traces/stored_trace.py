@@ -1,8 +1,8 @@
-"""A stored trace as figures, report and log read it: some rows or one column in memory at a time.
+"""A stored trace for figures, report and log: some rows or one column are in memory at a time.
 
-A record has hundreds of columns, and figures are made of some tens of them. The first look at one of these
-copies them all in one pass, column by column; of a long run into a file without a name beside the trace.
-From there a column is read whole. So the memory in which a run is judged is that of a few columns.
+A record has hundreds of columns, and figures use some tens of them. The first access to one of these copies
+all of them in one pass, column by column; for a long run into an unnamed file beside the trace. A column is
+then read as a whole from the copy, so the judgement of a run needs memory for a few columns only.
 """
 
 import os
@@ -20,33 +20,33 @@ from hil.record.traces import trace
 from hil.record.traces.precision import columns_of, kept_column, kept_type
 
 MOST_IN_MEMORY_BYTES = 32 << 20
-"""Of the copied columns; with more they go to the disk."""
+"""Largest size of the copied columns in memory; a larger copy is written to disk."""
 PIECE_RECORDS = 16384
-"""Some thirty megabytes of what the firmware knows; each piece of a log costs some kilobytes of its own."""
+"""About thirty megabytes of the firmware's records; each piece of a log has an overhead of some kilobytes."""
 OF_FIGURES = frozenset(
     {"state.estimator.x_m", "state.estimator.v_m_s", "state.estimator.nis", "state.gait.phase"}
 )
-"""Columns of the firmware's internal state that figures are made of."""
+"""Columns of the firmware's internal state that figures use."""
 OF_THE_LAYOUT = frozenset({"state.estimator.innovation_std_m_s2"})
 SELDOM_READ = ("state.", "inputs.", "counters.")
 
 
 class Records(Protocol):
-    """Records of a trace, in memory or on the disk: columns by name, rows by slices, masks and numbers."""
+    """Records of a trace, in memory or on disk: columns by name, rows by slices, masks and numbers."""
 
     @property
     def dtype(self) -> Any:
-        """The columns, as numpy has them."""
+        """The columns as a numpy data type."""
 
     def __len__(self) -> int:
-        """Their number."""
+        """Number of records."""
 
     def __getitem__(self, key: Any, /) -> Any:
-        """A column by its name; some of the rows otherwise."""
+        """A column by its name, or a selection of rows."""
 
 
 class Columns:
-    """Columns in memory, each by itself: records of which some columns are wanted are not copied twice."""
+    """Records in memory as separate columns, so that a selection of columns needs no second copy."""
 
     def __init__(self, columns: Mapping[str, NDArray[Any]], rows: int) -> None:
         self._columns = columns
@@ -54,7 +54,7 @@ class Columns:
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        """The columns' names and kinds."""
+        """The columns' names and types."""
         return np.dtype([(name, values.dtype) for name, values in self._columns.items()])
 
     def __len__(self) -> int:
@@ -65,15 +65,15 @@ class Columns:
 
 
 def is_read_often(name: str) -> bool:
-    """Whether figures, plots or the layout are made of a column."""
+    """Whether figures, plots or the layout use a column."""
     return not name.startswith(SELDOM_READ) or name in OF_FIGURES | OF_THE_LAYOUT
 
 
 class StoredColumns(ABC):
-    """Records in a file; the columns that are looked at are copied to the disk and read from there."""
+    """Records in a file; columns are copied to a temporary store at first use and read from there."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder`: where the copies lie; by default where temporary files do."""
+        """`folder`: folder of the copies; by default the folder for temporary files."""
         self._places: dict[str, list[tuple[int, int]]] = {}
         self._store = tempfile.SpooledTemporaryFile(  # noqa: SIM115 - closed with the records
             MOST_IN_MEMORY_BYTES, dir=None if folder is None else str(folder)
@@ -91,7 +91,7 @@ class StoredColumns(ABC):
 
     @abstractmethod
     def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-        """Some columns of all records, some records at a time."""
+        """Yield the columns `names` of all records in pieces."""
 
     def __getitem__(self, key: Any) -> Any:
         return self._column(key) if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
@@ -119,9 +119,9 @@ class StoredColumns(ABC):
 
 
 class StoredTrace(StoredColumns):
-    """The records of a trace as they are when it is opened.
+    """The records that a trace has when it is opened.
 
-    `exact`: as the trace has them, not as the log keeps them (`hil.record.traces.precision`).
+    `exact`: values as in the trace, not in the log's precision (`hil.record.traces.precision`).
     """
 
     def __init__(self, path: Path, exact: bool = False) -> None:
@@ -153,7 +153,7 @@ class StoredTrace(StoredColumns):
 
 
 class Selected:
-    """Some rows of records on the disk, by their numbers."""
+    """A selection of rows of records on disk, by their numbers."""
 
     def __init__(self, records: Records, rows: NDArray[np.int64]) -> None:
         self._records = records

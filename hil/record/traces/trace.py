@@ -1,14 +1,14 @@
 """Traces: fixed records of a process's ticks in a memory-mapped file.
 
-The kernel owns the pages from the moment a record is written, so a killed process loses nothing, and any
-other process may read along. Under user-mode Linux the run folder holds a link until the run is over, and
-the file is in the guest's memory: pages of a mapped file that go to hostfs meanwhile hold up their writer for
-20 to 50 ms each second. A file is
+The kernel owns the pages as soon as a record is written, so a killed process loses nothing, and other
+processes can read the file at the same time. Under user-mode Linux the run folder holds a link until the end
+of the run, and the file lies in the guest's memory: writing pages of a mapped file to hostfs during the run
+would delay the writer by 20 to 50 ms each second. A file is
 
     magic (8 bytes) | header bytes (u32) | record bytes (u32) | records (u64) | columns as JSON | records
 
 with the records starting on a page boundary, packed, little-endian. The count is written after its record.
-A disk that is full costs the records from then on, not the process that writes them: it may be a controller.
+If the disk is full, later records are lost, but the writing process, which may be a controller, continues.
 """
 
 import errno
@@ -33,12 +33,12 @@ PREAMBLE = struct.Struct("<8sIIQ")
 COUNT = struct.Struct("<Q")
 COUNT_OFFSET = 16
 WINDOW_BYTES = 8 << 20
-"""The file's growth in one step: some ten seconds of a hundred columns at 1 kHz."""
+"""Increment of the file's size: about ten seconds of a hundred columns at 1 kHz."""
 LARGEST_FIRST_WINDOW_BYTES = 256 << 20
-"""The most that is in memory from the start: some two minutes of what the firmware knows."""
+"""Largest size in memory from the start: about two minutes of the firmware's records."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM)
-"""A full disk, a used-up quota; no memory to map the file into, or none that may be locked."""
+"""A full disk, an exceeded quota; no memory to map the file, or none that may be locked."""
 
 MEMORY = Path("/dev/shm")
 """Folder of the traces during a run under user-mode Linux."""
@@ -48,7 +48,7 @@ FieldType = type[Any]
 
 
 class TraceError(ValueError):
-    """A file that is no trace, or a record that no trace can hold."""
+    """A file is not a trace, or a record cannot be stored in a trace."""
 
 
 class Column(NamedTuple):
@@ -80,7 +80,7 @@ def is_record(kind: FieldType) -> bool:
 
 
 def flatten(name: str, kind: FieldType) -> list[Column]:
-    """The columns of one field; an empty `name` gives its members no prefix.
+    """The columns of one field; with an empty `name` its members have no prefix.
 
     >>> class Point(NamedTuple):
     ...     x_m: float
@@ -96,9 +96,9 @@ def flatten(name: str, kind: FieldType) -> list[Column]:
 
 
 def unpacking_source(target: str, kind: FieldType) -> tuple[list[str], list[str]]:
-    """Statements that take the record in variable `target` apart, and the expressions of its numbers.
+    """Statements that unpack the record in variable `target`, and the expressions of its numbers.
 
-    A record of scalars is spread with a star; only records of records need statements. That is three
+    A record of scalars is unpacked by a star expression; only nested records need statements. This is three
     times as fast as naming each number.
     """
     if not is_record(kind):
@@ -117,7 +117,7 @@ def unpacking_source(target: str, kind: FieldType) -> tuple[list[str], list[str]
 
 
 def compile_packer(fields: Sequence[tuple[str, FieldType]]) -> Callable[..., None]:
-    """`pack(buffer, offset, *values)` for values of the fields' types, written out as code once."""
+    """Generate the function `pack(buffer, offset, *values)` for values of the fields' types."""
     columns = [column for name, kind in fields for column in flatten(name, kind)]
     layout = struct.Struct("<" + "".join(column.code for column in columns))
     names = [f"v{index}" for index in range(len(fields))]
@@ -137,10 +137,10 @@ def compile_packer(fields: Sequence[tuple[str, FieldType]]) -> Callable[..., Non
 class TraceWriter:
     """Appends records of fixed `fields` to `path`.
 
-    `fields` are pairs of a name and a type; a NamedTuple is flattened to dotted names, without a prefix
-    where its name is empty. With `expected_records` the file has its full size from the start, all in
-    memory, and nothing grows and no page is missing while a loop runs; of a long run that holds for its
-    beginning. `lost` counts records that found no room on the disk.
+    `fields` are pairs of a name and a type; a NamedTuple is flattened to dotted names, without a prefix if
+    its name is empty. With `expected_records` the file has its full size from the start and is in memory, so
+    that a loop meets neither growth nor page faults; for a long run this holds only at its beginning. `lost`
+    counts the records for which the disk had no room.
     """
 
     def __init__(
@@ -151,11 +151,11 @@ class TraceWriter:
         resume: bool = False,
         in_memory: bool = True,
     ) -> None:
-        """`resume`: go on after the last record of a trace whose writer was killed, where there is one.
+        """`resume`: continue after the last record of a trace whose writer was killed, if the trace exists.
 
-        `in_memory`: otherwise `expected_records` are only refused where the disk has no room for them.
+        `in_memory`: whether the pages of `expected_records` are allocated and loaded at once.
 
-        Raises TraceError where the disk has no room for `expected_records`.
+        Raises TraceError if the disk has no room for `expected_records`.
         """
         self._name = path.name
         self.columns = [column for name, kind in fields for column in flatten(name, kind)]
@@ -182,12 +182,12 @@ class TraceWriter:
         first_bytes = min(expected_bytes, LARGEST_FIRST_WINDOW_BYTES) if in_memory else 0
         window = self._open_window(max(WINDOW_BYTES, first_bytes))
         if first_bytes and self.count == 0:
-            # Fetches each page, writable. Not where the file grows: that is thousands at once, within a loop.
+            # Loads each page as writable; not when the file grows, which would load thousands within a loop.
             np.frombuffer(window, np.uint8)[:: mmap.PAGESIZE] = 0
 
     def _create(self, path: Path, home: Path, described: bytes) -> None:
-        """Begin a file with its header, at `home`; `path` leads there."""
-        # The file takes its name once its header is whole: a reader never meets half of one.
+        """Create a file with its header at `home`; `path` becomes a link to it."""
+        # The file gets its name once its header is complete, so that no reader finds an incomplete header.
         unfinished = home.with_name(f"{home.name}.new")
         self._file = unfinished.open("w+b")
         self._file.truncate(self._header_bytes)
@@ -200,7 +200,7 @@ class TraceWriter:
             path.symlink_to(home)
 
     def _resume(self, home: Path, described: bytes) -> None:
-        """Open a file that another process has begun."""
+        """Open a file that another process has created."""
         self._file = home.open("r+b")
         self._header = mmap.mmap(self._file.fileno(), self._header_bytes)
         _, header_bytes, record_bytes, self.count = PREAMBLE.unpack_from(self._header)
@@ -211,7 +211,7 @@ class TraceWriter:
             raise TraceError(f"{home} has other columns than this run records; choose a new run folder")
 
     def _open_window(self, length: int) -> mmap.mmap:
-        """Map the next `length` bytes after the records written so far, with disk space behind them."""
+        """Map the next `length` bytes after the records written so far, with allocated disk space."""
         start = self._header_bytes + self.count * self.record_bytes
         aligned = start // mmap.ALLOCATIONGRANULARITY * mmap.ALLOCATIONGRANULARITY
         length = max(length, start - aligned + self.record_bytes)
@@ -227,7 +227,7 @@ class TraceWriter:
         return self._window
 
     def append(self, *values: Any) -> None:
-        """Write one record, one value a field; where the disk is full it is lost, and counted."""
+        """Write one record with one value per field; if the disk is full, the record is lost and counted."""
         offset = self._offset
         if offset > self._last_offset:
             if not self._has_grown():
@@ -241,7 +241,7 @@ class TraceWriter:
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        """A record as numpy has it, packed."""
+        """The packed numpy type of a record."""
         return np.dtype([(column.name, NUMPY_CODES[column.code]) for column in self.columns])
 
     def append_all(self, records: NDArray[np.void]) -> None:
@@ -249,7 +249,7 @@ class TraceWriter:
         self.append_bytes(memoryview(records.view(np.uint8)))  # type: ignore[arg-type]  # no buffer in numpy's stubs
 
     def append_bytes(self, left: memoryview) -> None:
-        """Write records that are packed already."""
+        """Write records that are already packed."""
         while left:
             room = (self._last_offset - self._offset) // self.record_bytes + 1
             if room <= 0 and not self._has_grown():
@@ -265,7 +265,7 @@ class TraceWriter:
         COUNT.pack_into(self._header, COUNT_OFFSET, self.count)
 
     def _has_grown(self) -> bool:
-        """Whether there is room for more; once there is none, nobody asks again: each time takes long."""
+        """Whether there is room for a record; growth is not retried after a failure, since it is slow."""
         if self.lost == 0:
             try:
                 self._open_window(WINDOW_BYTES)
@@ -276,7 +276,7 @@ class TraceWriter:
         return self._offset <= self._last_offset
 
     def close(self) -> None:
-        """Give back the space that no record took."""
+        """Close the file and free its unused space."""
         if self._window is None:
             return
         self._window.close()
@@ -293,7 +293,7 @@ class TraceWriter:
 
 
 def refuse_full_disk(home: Path, needed_bytes: int) -> None:
-    """Raise TraceError where a file of this number of bytes has no room."""
+    """Raise TraceError if the disk has no room for a file of `needed_bytes`."""
     free_bytes = shutil.disk_usage(home.parent).free
     if needed_bytes > free_bytes:
         memory = (
@@ -306,13 +306,13 @@ def refuse_full_disk(home: Path, needed_bytes: int) -> None:
 
 
 def is_elsewhere(path: Path) -> bool:
-    """Whether a trace of a run folder leads to a file that a writer has put into memory."""
+    """Whether a trace of a run folder is a link to a writer's file in memory."""
     home = path.resolve()
     return path.is_symlink() and home.parent == MEMORY and home.name.startswith("vibrohil-")
 
 
 def bring_home(run_dir: Path) -> None:
-    """Put traces that lie elsewhere into the run folder; once nobody writes them any more."""
+    """Move traces from memory into the run folder, after their writers have ended."""
     for link in run_dir.glob("*.trace"):
         if is_elsewhere(link):
             elsewhere = link.resolve()
