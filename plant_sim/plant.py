@@ -34,16 +34,7 @@ from plant_sim.solvers.adaptive.observation import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.adaptive.state_layout import (
-    ELAPSED,
-    ELAPSED_LOW,
-    IMPACTS,
-    PHASE,
-    STORED,
-    UNSETTLED,
-    Memory,
-    allocate,
-)
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, UNSETTLED, Memory, allocate
 from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
@@ -106,7 +97,7 @@ class Plant:
         self._impacts: list[Impact] = []
         self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
-        self._stored_before_j = float(self._memory.observed[STORED])
+        self._stored_before_j = float(self._memory.observed[OBSERVED.stored_j])
         self.now: Observation = observation(self._memory, self._stored_before_j)
         """What can be read off the module now."""
 
@@ -154,23 +145,23 @@ class Plant:
     def _disturb(self, in_contact_too: bool) -> None:
         """Find the phase anew after a change from outside, and leave its energy out of the ledger."""
         memory = self._memory
-        stored_j = float(memory.observed[STORED])
-        if in_contact_too or memory.mode[PHASE] != Phase.CONTACT:
-            memory.mode[PHASE] = UNSETTLED
+        stored_j = float(memory.observed[OBSERVED.stored_j])
+        if in_contact_too or memory.mode[0].phase != Phase.CONTACT:
+            memory.mode[0].phase = UNSETTLED
         self._call(self._torque_n_m, 0.0)
-        self._stored_before_j += float(memory.observed[STORED]) - stored_j
+        self._stored_before_j += float(memory.observed[OBSERVED.stored_j]) - stored_j
         self.now = observation(memory, self._stored_before_j)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
-        memory.held[ELAPSED] = memory.held[ELAPSED_LOW] = 0.0
+        memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
         while True:
             status = self._advance(
                 self.parts, self._probe, memory, torque_n_m, self.t_s, dt_s, NO_GRID, NO_SAMPLES
             )
-            if memory.mode[IMPACTS]:
-                self._impacts += [Impact(*row) for row in memory.impacts[: memory.mode[IMPACTS]].tolist()]
-                memory.mode[IMPACTS] = 0
+            if memory.mode[0].impacts:
+                self._impacts += [Impact(*row) for row in memory.impacts[: memory.mode[0].impacts].tolist()]
+                memory.mode[0].impacts = 0
             if status == DONE:
                 return
             if status != BUFFER_FULL:

@@ -50,6 +50,7 @@ from hil.scenario.fault_tables import (
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
+from plant_sim.arrays import zeros_of
 from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
 from plant_sim.sensors.gait import GaitTruth
@@ -102,13 +103,13 @@ class Records(NamedTuple):
     """What a stretch leaves; views of buffers that the next stretch writes over.
 
     plant: numbers in the order of `PlantRecord`, a row a tick. firmware: the columns that were asked for, a
-    record a tick. impacts: numbers in the order of `Impact`, a row for each that has ended, times from
-    when the plant was switched on. can_log: lines.
+    record a tick. impacts: records as `Impact`, one for each that has ended, times from when the
+    plant was switched on. can_log: lines.
     """
 
     plant: NDArray[np.float64]
     firmware: NDArray[np.void]
-    impacts: NDArray[np.float64]
+    impacts: NDArray[np.void]
     can_log: NDArray[np.uint8]
 
 
@@ -136,7 +137,7 @@ class Stretches:
             plant=np.zeros((LONGEST_TICKS, len(PlantRecord._fields))),
             firmware=self._firmware_rows.view(np.uint8),
             moves=moves_to(self._firmware_rows.dtype, precision),
-            impacts=np.zeros((LONGEST_TICKS, len(Impact._fields))),
+            impacts=zeros_of(Impact, LONGEST_TICKS),
             can_log=np.zeros(LONGEST_TICKS * LINES_A_TICK * LINE_BYTES if is_logged else 0, np.uint8),
             used=np.zeros(3, np.int64),
         )

@@ -38,14 +38,7 @@ from plant_sim.sensors.sampled import SAMPLED, SampledSensor
 from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Probe, Sensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.state_layout import (
-    ANGLE_NOW,
-    CURRENT,
-    ELAPSED,
-    ELAPSED_LOW,
-    IMPACTS,
-    MOTOR_TORQUE,
-    SPEED_NOW,
-    STORED,
+    OBSERVED,
     Memory,
 )
 
@@ -151,7 +144,7 @@ class Buffers(NamedTuple):
     plant: Vector
     firmware: Bytes
     moves: Integers
-    impacts: Vector
+    impacts: NDArray[np.void]
     can_log: Bytes
     used: Integers
 
@@ -175,7 +168,7 @@ def record_plant(
     row[0], row[1] = tick, t_s
     for which in range(observed.size):
         row[2 + which] = observed[which]
-    row[2 + STORED] -= stored_before_j
+    row[2 + OBSERVED.stored_j] -= stored_before_j
     place = 2 + observed.size
     row[place], row[place + 1], row[place + 2] = torque_n_m, drive.axis.state.value, drive.axis.errors
     row[place + 3], row[place + 4] = reading.striker_low_m_s2, reading.striker_high_m_s2
@@ -267,16 +260,15 @@ def move(
     no_samples: Vector,
 ) -> int:
     """Advance by `dt_s` under constant torque; store finished impacts; return the solver's status."""
-    memory.held[ELAPSED] = memory.held[ELAPSED_LOW] = 0.0
+    memory.held[0].elapsed_s = memory.held[0].elapsed_low_s = 0.0
     while True:
         status = advance(parts, probe, memory, torque_n_m, t_s, dt_s, no_grid, no_samples)
-        for row in range(memory.mode[IMPACTS]):
+        for row in range(memory.mode[0].impacts):
             place = buffers.used[IMPACT_ROWS]
             if place < buffers.impacts.shape[0]:
-                for column in range(memory.impacts.shape[1]):
-                    buffers.impacts[place, column] = memory.impacts[row, column]
+                buffers.impacts[place] = memory.impacts[row]
                 buffers.used[IMPACT_ROWS] = place + 1
-        memory.mode[IMPACTS] = 0
+        memory.mode[0].impacts = 0
         if status != BUFFER_FULL:
             return status
 
@@ -342,12 +334,12 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
         now_us = number * constants.period_ns // 1000
 
         # The plant at t_k: sensors and drive report.
-        omega_rad_s = observed[SPEED_NOW]
+        omega_rad_s = observed[OBSERVED.omega_rad_s]
         reading = SensorReading(
             read_accelerometer(readers.striker_low, readings[LOW], noise[row, 0]),
             read_accelerometer(readers.striker_high, readings[HIGH], noise[row, 1]),
             read_accelerometer(readers.housing, readings[HOUSING], noise[row, 2]),
-            read_position_rev(readers, observed[ANGLE_NOW]),
+            read_position_rev(readers, observed[OBSERVED.crank_rad]),
             read_velocity_rev_s(readers, readings[SPEED_ESTIMATE], noise[row, 3]),
         )
         counter += 1
@@ -364,7 +356,9 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
             next_sample += 1
         reports, report = take(look(constants.report_ticks, reports, number))
         if report != NOTHING:
-            telemetry = Telemetry(observed[CURRENT], observed[MOTOR_TORQUE], omega_rad_s)
+            telemetry = Telemetry(
+                observed[OBSERVED.current_a], observed[OBSERVED.motor_torque_n_m], omega_rad_s
+            )
             frame = report_frame(drive_config, drive, telemetry, report)
             count = received(firmware, buffers, count, now_us, frame)
 
@@ -390,7 +384,9 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
             begin_s = t_s + t_rest_s
             status = move(parts, probe, memory, buffers, torque_n_m, begin_s, armed_s, no_grid, no_samples)
             t_s, t_rest_s = later(t_s, t_rest_s, armed_s)
-        drive = axis.elapse(drive_config, drive, armed_s, observed[SPEED_NOW], observed[CURRENT])
+        drive = axis.elapse(
+            drive_config, drive, armed_s, observed[OBSERVED.omega_rad_s], observed[OBSERVED.current_a]
+        )
         if status == DONE and armed_s < period_s - TIME_RESOLUTION_S:
             begin_s, rest_s, torque_n_m = t_s + t_rest_s, period_s - armed_s, 0.0
             status = move(parts, probe, memory, buffers, torque_n_m, begin_s, rest_s, no_grid, no_samples)

@@ -107,8 +107,8 @@ class PlantRunner:
         assert self._trace is not None
         return self._trace.dtype
 
-    def append(self, records: NDArray[np.void], impacts: NDArray[np.float64]) -> None:
-        """Append records, and impacts in `plant_sim`'s format, shape (n, 6)."""
+    def append(self, records: NDArray[np.void], impacts: NDArray[np.void]) -> None:
+        """Append records, and impacts: records as `Impact`."""
         if self._trace is not None and self._impacts is not None:
             self._trace.append_all(records)
             for t_s, *others in impacts.tolist():

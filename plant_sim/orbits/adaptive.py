@@ -16,21 +16,13 @@ from plant_sim.sensors.sensing import NoSensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.crank import crank_now
 from plant_sim.solvers.adaptive.state_layout import (
-    APPROACH,
     CONTACT,
-    CRANK_ANGLE,
     FLIGHT,
-    IMPACT_ANGLE,
-    IMPACTS,
-    PEAK_FORCE,
     REST,
-    SAMPLES,
-    SEEN,
     Memory,
     restart,
     work_place,
 )
-from plant_sim.solvers.adaptive.state_layout import IMPULSE as IMPACT_IMPULSE
 
 LOOKS = 64
 """Times per drive period at which the motion is looked at for its extremes."""
@@ -97,7 +89,7 @@ def _(carrier: Stepwise, y_m: float, v_m_s: float, crank_rad: float) -> float:
 @law(sections.section, Stepwise)
 def _(carrier: Stepwise, motion: float) -> tuple[float, float, float, float]:
     memory = carrier.memory
-    return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[CRANK_ANGLE], motion
+    return memory.y[0] + _shift_m(carrier.parts), memory.y[1], memory.held[0].crank_rad, motion
 
 
 @law(sections.ends_clear, Stepwise)
@@ -119,28 +111,26 @@ def _period(
     """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
     parts, memory, grid, samples = carrier
     sections.clear(row)
-    y, mode, shift_m = memory.y, memory.mode, _shift_m(parts)
+    y, mode, shift_m = memory.y, memory.mode[0], _shift_m(parts)
     work = work_place(parts)
     drive_j, friction_j, loss_j = y[work], y[work + 1], y[work + 2] if has_stop(parts.stop) else 0.0
     looks = LOOKS + 1 if looked_at else 0
     for look in range(looks):
         grid[look] = begin_s + (end_s - begin_s) * look / LOOKS
-    mode[SAMPLES] = mode[SEEN] = 0
+    mode.samples = mode.seen = 0
     status = BUFFER_FULL
     while status == BUFFER_FULL:
         status = advance(parts, NoSensing(), memory, 0.0, 0.0, end_s, grid[:looks], samples)
-        for index in range(mode[IMPACTS]):
+        for index in range(mode.impacts):
             one = memory.impacts[index]
-            peak = one[PEAK_FORCE] if is_soft(parts.stop) else math.nan
-            sections.count_impact(row, one[APPROACH], one[IMPACT_IMPULSE], one[IMPACT_ANGLE], peak)
-        mode[IMPACTS] = 0
+            peak = one.peak_force_n if is_soft(parts.stop) else math.nan
+            sections.count_impact(row, one.v_m_s, one.impulse_n_s, one.crank_rad, peak)
+        mode.impacts = 0
     row[sections.Y_END], row[sections.V_END] = y[0], y[1]
     row[sections.DRIVE], row[sections.FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
     row[sections.LOSS] = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
-    row[sections.RESTED] = 1.0 if mode[SEEN] & 1 << REST else 0.0
-    row[sections.MOVED] = (
-        1.0 if _slid_m(parts, row[sections.FRICTION], mode[SEEN]) > sections.STUCK_M else 0.0
-    )
+    row[sections.RESTED] = 1.0 if mode.seen & 1 << REST else 0.0
+    row[sections.MOVED] = 1.0 if _slid_m(parts, row[sections.FRICTION], mode.seen) > sections.STUCK_M else 0.0
     if looked_at and status == DONE:
         low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from plant_sim.kernels import by_part, law
-from plant_sim.solvers.adaptive.state_layout import PLACE_NOW
+from plant_sim.solvers.adaptive.state_layout import OBSERVED
 from plant_sim.tables.table import Table
 
 Vector = NDArray[np.float64]
@@ -39,7 +39,7 @@ def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[flo
 
 @law(signals, CoarsePosition)
 def _(sensor: CoarsePosition, observed: Vector, noise: Vector) -> tuple[float, ...]:
-    return (observed[PLACE_NOW] + sensor.noise_m * noise[0],)
+    return (observed[OBSERVED.x_m] + sensor.noise_m * noise[0],)
 
 
 class CoarseTable(Table):

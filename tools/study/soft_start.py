@@ -110,7 +110,6 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
     """Some rows of a map."""
     from firmware_py.interface.enums import Mode
     from firmware_py.shell.parameters import config_from
-    from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
     from tools.campaign.trial.cells import Cell
     from tools.campaign.trial.judges import lost_by
     from tools.campaign.trial.reference import JUDGED_S, instant_start_captures
@@ -134,7 +133,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
             scenario = scenario_of("soft-start", sampled, nominal, commands, DURATION_S, seed)
             done = run(scenario, seed)
             why = lost_by(done, DURATION_S, omega_rad_s)
-            late = int((done.impacts[:, IMPACT_TIME] >= DURATION_S - JUDGED_S).sum())
+            late = int((done.impacts["t_s"] >= DURATION_S - JUDGED_S).sum())
             running = done.first_in(Mode.RUN)
             rows.append(
                 {
@@ -144,7 +143,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
                     "impacts": 0.0 if why else late / JUDGED_S / (omega_rad_s / (2.0 * np.pi)),
                     "why": why,
                     "captured_s": np.nan if running is None else running.t_s - RUN_S,
-                    "largest_m_s": float(np.max(done.impacts[:, APPROACH], initial=0.0)),
+                    "largest_m_s": float(np.max(done.impacts["v_m_s"], initial=0.0)),
                     "instant": instant_start_captures(scenario.scene, omega_rad_s),
                 }
             )

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.kernels import entry_point
 from plant_sim.parts.drive import IdealDrive
@@ -30,10 +31,6 @@ from plant_sim.solvers.adaptive.adaptive import (
 )
 from plant_sim.solvers.adaptive.observation import electrical_ledger, peak_felt_force_n
 from plant_sim.solvers.adaptive.state_layout import (
-    ELAPSED,
-    IMPACTS,
-    IMPULSE,
-    PEAK_FORCE,
     Memory,
     allocate,
     work_place,
@@ -126,22 +123,22 @@ def rig_of(scene: Scene) -> Rig:
     return Rig(parts, probe, memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
 
 
-def carry_on(rig: Rig, ratio: float, periods: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """`periods` of the drive at a speed; the impacts on the way, shape (impacts, 6)."""
+def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
+    """`periods` of the drive at a speed; the impacts on the way, records as `Impact`."""
     speed_rad_s = ratio * rig.natural_rad_s
-    end_s = float(rig.memory.held[ELAPSED]) + periods * 2.0 * math.pi / speed_rad_s
+    end_s = float(rig.memory.held[0].elapsed_s) + periods * 2.0 * math.pi / speed_rad_s
     drive = rig.parts.drive
     if isinstance(drive, IdealDrive):
         _advance(rig, rig.parts._replace(drive=drive._replace(omega_rad_s=speed_rad_s)), 0.0, end_s)
     else:
-        while rig.memory.held[ELAPSED] < end_s:
+        while rig.memory.held[0].elapsed_s < end_s:
             error = speed_rad_s - rig.memory.y[3]
             rig.integral[0] += LOOP_N_M * error * LOOP_S
             torque_n_m = LOOP_N_M_S * error + float(rig.integral[0])
-            until_s = min(float(rig.memory.held[ELAPSED]) + LOOP_S, end_s)
+            until_s = min(float(rig.memory.held[0].elapsed_s) + LOOP_S, end_s)
             _advance(rig, rig.parts, torque_n_m, until_s)
-    impacts = rig.memory.impacts[: rig.memory.mode[IMPACTS]].copy()
-    rig.memory.mode[IMPACTS] = 0
+    impacts: NDArray[np.void] = rig.memory.impacts[: rig.memory.mode[0].impacts].copy()
+    rig.memory.mode[0].impacts = 0
     return impacts
 
 
@@ -153,10 +150,10 @@ def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
 
 def spent_us_s(rig: Rig) -> float:
     """Processor time a simulated second takes, µs, without that of the calls, and of reading off, as such."""
-    begun_s, begun = float(rig.memory.held[ELAPSED]), time.thread_time_ns()
+    begun_s, begun = float(rig.memory.held[0].elapsed_s), time.thread_time_ns()
     carry_on(rig, RATIO, LOOK_PERIODS)
     ended = time.thread_time_ns()
-    lasted_s = float(rig.memory.held[ELAPSED]) - begun_s
+    lasted_s = float(rig.memory.held[0].elapsed_s) - begun_s
     calls = 1 if isinstance(rig.parts.drive, IdealDrive) else math.ceil(lasted_s / LOOP_S)
     for _ in range(calls):
         _advance(rig, rig.parts, float(rig.integral[0]), begun_s + lasted_s)
@@ -215,8 +212,8 @@ def figures_of(scene: Scene) -> dict[str, Any]:
         terminal_j = (terminals.work_j - terminals_before.work_j) / LOOK_PERIODS
     felt_n = peak_felt_force_n(rig.parts, rig.memory)
     return {
-        "impulse_n_s": _mean(impacts[:, IMPULSE]),
-        "peak_force_n": _mean(impacts[:, PEAK_FORCE]),
+        "impulse_n_s": _mean(impacts["impulse_n_s"]),
+        "peak_force_n": _mean(impacts["peak_force_n"]),
         "peak_felt_force_n": math.nan if felt_n is None else felt_n,
         "impacts_per_period": len(impacts) / LOOK_PERIODS,
         "energy_per_cycle_j": energy_j,

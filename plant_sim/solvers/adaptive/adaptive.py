@@ -3,12 +3,13 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.kernels import jit, subroutine, unowned
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
-from plant_sim.result import Impacts, MotionState, Samples, SimulationResult
+from plant_sim.result import Impact, Impacts, MotionState, Samples, SimulationResult
 from plant_sim.sensors.sensing import NoSensing, Probe, note_readings
 from plant_sim.solvers.adaptive.automaton import settle
 from plant_sim.solvers.adaptive.crank import settle_crank
@@ -22,19 +23,8 @@ from plant_sim.solvers.adaptive.observation import (
     sample_now,
 )
 from plant_sim.solvers.adaptive.state_layout import (
-    APPROACH,
     CONTACT,
-    CRANK_STUCK,
-    DEBT,
-    ELAPSED,
-    IMPACT_ANGLE,
-    IMPACT_TIME,
-    IMPACTS,
-    IMPULSE,
-    PEAK_FORCE,
-    PHASE,
-    REBOUND,
-    STORED,
+    OBSERVED,
     UNSETTLED,
     Memory,
     Scratch,
@@ -70,33 +60,33 @@ def advance(
 ) -> int:
     """Carry `memory` on to `duration_s` after `start_s` under a held torque; continues where it left off.
 
-    `memory.held[ELAPSED]` says how far it got. Depth, velocity and crank angle at the times of `grid_s`
+    `memory.held[0].elapsed_s` says how far it got. Depth, velocity and crank angle at the times of `grid_s`
     (ascending, absolute) go into the rows of `samples`.
     """
     memory = _borrowed(memory)
     grid_s, samples = unowned(grid_s), unowned(samples)
-    mode, held = memory.mode, memory.held
-    if mode[PHASE] == UNSETTLED:
+    mode, held = memory.mode[0], memory.held[0]
+    if mode.phase == UNSETTLED:
         settle(parts, memory, torque_n_m, start_s)
-    elif mode[CRANK_STUCK] == 1:
+    elif mode.crank_stuck == 1:
         settle_crank(parts.drive, parts, memory, torque_n_m)
     settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
     status = DONE
     while True:
         sample_now(parts, memory, start_s, grid_s, samples)
-        if held[ELAPSED] >= duration_s:
+        if held.elapsed_s >= duration_s:
             break
-        if mode[IMPACTS] == memory.impacts.shape[0]:
+        if mode.impacts == memory.impacts.shape[0]:
             status = BUFFER_FULL
             break
         used = take_step(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
         if used < 0.0:
             status = STEP_TOO_SMALL
             break
-        if held[DEBT] > ALLOWANCE:
+        if held.debt > ALLOWANCE:
             status = TOO_COSTLY
             break
-    observe(parts, memory, torque_n_m, start_s + held[ELAPSED])
+    observe(parts, memory, torque_n_m, start_s + held.elapsed_s)
     note_readings(probe)
     return status
 
@@ -140,24 +130,17 @@ def simulate(
     grid = np.ascontiguousarray(NO_GRID if samples_t_s is None else samples_t_s, dtype=np.float64)
     samples = np.zeros((grid.size, 3))
     run(parts, NoSensing(), memory, torque_n_m, initial.t_s, 0.0, grid, samples)
-    stored_before_j = float(memory.observed[STORED])
+    stored_before_j = float(memory.observed[OBSERVED.stored_j])
     rows = [run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)]
-    while memory.held[ELAPSED] < until_s - initial.t_s:
+    while memory.held[0].elapsed_s < until_s - initial.t_s:
         rows.append(
             run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)
         )
-    columns = np.concatenate(rows).T
+    impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
     end = observation(memory, stored_before_j)
     return SimulationResult(
-        impacts=Impacts(
-            t_s=columns[IMPACT_TIME],
-            v_m_s=columns[APPROACH],
-            v_after_m_s=columns[REBOUND],
-            impulse_n_s=columns[IMPULSE],
-            peak_force_n=columns[PEAK_FORCE],
-            crank_rad=columns[IMPACT_ANGLE],
-        ),
+        impacts=Impacts(**{name: impacts[name] for name in Impact._fields}),
         final=motion_state(end, until_s),
         energy=ledger(end),
         method="adaptive",
@@ -183,20 +166,20 @@ def run(
     duration_s: float,
     grid_s: Vector,
     samples: Vector,
-) -> Vector:
-    """`advance`, its failures raised; returns (and forgets) the impacts so far, shape (impacts, 6)."""
+) -> NDArray[np.void]:
+    """`advance`, its failures raised; returns (and forgets) the impacts so far, records as `Impact`."""
     status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
         raise refusal(status, parts, memory, start_s)
-    impacts = memory.impacts[: memory.mode[IMPACTS]].copy()
-    memory.mode[IMPACTS] = 0
+    impacts: NDArray[np.void] = memory.impacts[: memory.mode[0].impacts].copy()
+    memory.mode[0].impacts = 0
     return impacts
 
 
 def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> SolverError:
     """What went wrong where, and what to do."""
     x_m = from_stop_m(parts.wearer, parts.drive, memory.y) + origin_m(parts.stop, parts.striker)
-    place = f"at t = {start_s + memory.held[ELAPSED]:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
+    place = f"at t = {start_s + memory.held[0].elapsed_s:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
     if status == TOO_COSTLY:
         return too_costly(place, _remedy(parts, memory))
     return SolverError(
@@ -206,7 +189,7 @@ def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> Solver
 
 def _remedy(parts: Parts, memory: Memory) -> str:
     """The keys that most likely make a run so costly."""
-    if memory.mode[PHASE] == CONTACT:
+    if memory.mode[0].phase == CONTACT:
         return (
             "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "
             "(initial.x_m, stop.position_m), or raise solver.accuracy"

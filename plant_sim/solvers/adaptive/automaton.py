@@ -34,20 +34,13 @@ from plant_sim.solvers.adaptive.event_location import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
-    DAMPING,
-    DIRECTION,
     FLIGHT,
     IN_CONTACT,
-    IN_IMPACT,
-    LEAVE_SPEED,
     LET_GO,
     NO_IMPACT,
-    PHASE,
     REST,
-    REST_SPEED,
     STICK,
     VELOCITY,
-    ZERO_DEPTH,
     Flow,
     Memory,
     Vector,
@@ -70,29 +63,29 @@ from plant_sim.solvers.adaptive.winding import limit_voltage, voltage_events, vo
 @subroutine
 def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
     """Find the first phase of a module that has just been set up."""
-    y, mode, stop = memory.y, memory.mode, parts.stop
+    y, mode, stop = memory.y, memory.mode[0], parts.stop
     settle_crank(parts.drive, parts, memory, torque_n_m)
-    mode[PHASE] = FLIGHT
-    mode[DIRECTION] = 1 if y[1] > 0.0 else -1
+    mode.phase = FLIGHT
+    mode.direction = 1 if y[1] > 0.0 else -1
     if is_soft(stop) and y[0] > 0.0:
         lets_go = LET_GO
-        if mode[IN_IMPACT] == NO_IMPACT:
+        if mode.in_impact == NO_IMPACT:
             lets_go = NO_IMPACT
             open_contact(parts, memory, time_s, 0)
-        mode[PHASE] = CONTACT
-        mode[IN_IMPACT] = IN_CONTACT
+        mode.phase = CONTACT
+        mode.in_impact = IN_CONTACT
         closing = closing_m_s(parts.wearer, parts.drive, y)
-        if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, memory.contact[DAMPING]) < 0.0:
-            memory.contact[LEAVE_SPEED] = closing
-            mode[PHASE] = FLIGHT
-            mode[IN_IMPACT] = lets_go
-    elif is_soft(stop) and mode[IN_IMPACT] != NO_IMPACT:  # taken out of it from outside
-        memory.contact[LEAVE_SPEED] = closing_m_s(parts.wearer, parts.drive, y)
+        if stop_force_n(stop, elastic_force_n(stop, y[0]), closing, memory.contact[0].damping_s_m) < 0.0:
+            memory.contact[0].leave_m_s = closing
+            mode.phase = FLIGHT
+            mode.in_impact = lets_go
+    elif is_soft(stop) and mode.in_impact != NO_IMPACT:  # taken out of it from outside
+        memory.contact[0].leave_m_s = closing_m_s(parts.wearer, parts.drive, y)
         record_contact(parts, memory)
     if y[1] == 0.0:
         from_rest(parts, memory, time_s)
     elif y[0] == 0.0 and y[1] < 0.0:
-        mode[ZERO_DEPTH] = 1
+        mode.zero_depth = 1
 
 
 @subroutine
@@ -138,8 +131,8 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
         leave(parts, memory)
     elif event == CLEAR:
         memory.y[0] = 0.0
-        memory.mode[ZERO_DEPTH] = 1
-        if memory.mode[IN_IMPACT] == LET_GO:
+        memory.mode[0].zero_depth = 1
+        if memory.mode[0].in_impact == LET_GO:
             record_contact(parts, memory)
     elif event == HALT:
         memory.y[1] = 0.0
@@ -155,19 +148,19 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
 @subroutine
 def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     """Reach the stop from outside, at depth 0."""
-    y, mode = memory.y, memory.mode
+    y, mode = memory.y, memory.mode[0]
     y[0] = 0.0
     v = closing_m_s(parts.wearer, parts.drive, y)
     if v < 0.0:  # a graze that rounding made an event
-        mode[ZERO_DEPTH] = 1
+        mode.zero_depth = 1
     elif v == 0.0 and y[1] != 0.0:  # striker and plate side by side
-        mode[ZERO_DEPTH] = 2
+        mode.zero_depth = 2
     elif v == 0.0:
         from_rest(parts, memory, time_s)
     elif is_soft(parts.stop):
         open_contact(parts, memory, time_s, leaving_zeros(parts.stop))
     else:
         rebound(parts, probe, memory, time_s)
-        if y[1] > -memory.held[REST_SPEED]:
+        if y[1] > -memory.held[0].rest_m_s:
             come_to_rest(parts, memory)
             from_rest(parts, memory, time_s)

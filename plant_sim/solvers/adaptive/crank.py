@@ -29,12 +29,7 @@ from plant_sim.solvers.adaptive.event_location import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
-    CRANK_ANGLE,
-    CRANK_DIRECTION,
-    CRANK_STUCK,
     SPEED,
-    TURNS,
-    ZERO_CRANK,
     Crank,
     Flow,
     Memory,
@@ -54,7 +49,7 @@ def crank_now(drive: Drive, memory: Memory) -> Crank:
 
 @law(crank_now, IdealDrive)
 def _(drive: IdealDrive, memory: Memory) -> Crank:
-    return Crank(memory.held[CRANK_ANGLE], drive.omega_rad_s)
+    return Crank(memory.held[0].crank_rad, drive.omega_rad_s)
 
 
 @law(crank_now, MotorDrive)
@@ -102,16 +97,16 @@ def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
 
 @law(turn_crank, IdealDrive)
 def _(drive: IdealDrive, memory: Memory, h_s: float) -> None:
-    angle_rad, turns = within_a_turn(memory.held[CRANK_ANGLE] + drive.omega_rad_s * h_s)
-    memory.held[CRANK_ANGLE] = angle_rad
-    memory.mode[TURNS] += turns
+    angle_rad, turns = within_a_turn(memory.held[0].crank_rad + drive.omega_rad_s * h_s)
+    memory.held[0].crank_rad = angle_rad
+    memory.mode[0].turns += turns
 
 
 @law(turn_crank, MotorDrive)
 def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
     angle_rad, turns = within_a_turn(memory.y[ANGLE])
     memory.y[ANGLE] = angle_rad
-    memory.mode[TURNS] += turns
+    memory.mode[0].turns += turns
 
 
 @subroutine
@@ -212,21 +207,21 @@ def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) 
 
 @law(settle_crank, MotorDrive)
 def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    y, mode = memory.y, memory.mode
-    mode[CRANK_STUCK] = 0
-    mode[ZERO_CRANK] = 0
+    y, mode = memory.y, memory.mode[0]
+    mode.crank_stuck = 0
+    mode.zero_crank = 0
     if drive.dry_n_m == 0.0:
-        mode[CRANK_DIRECTION] = 0
+        mode.crank_direction = 0
         return
     if y[SPEED] != 0.0:
-        mode[CRANK_DIRECTION] = 1 if y[SPEED] > 0.0 else -1
+        mode.crank_direction = 1 if y[SPEED] > 0.0 else -1
         return
     net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
-    mode[ZERO_CRANK] = 1
+    mode.crank_direction = 1 if net > 0.0 else -1
+    mode.zero_crank = 1
     if abs(net) <= crank_limit_n_m(parts, drive.dry_n_m, torque_n_m, y[ANGLE], y):
-        mode[CRANK_DIRECTION] = 0
-        mode[CRANK_STUCK] = 1
+        mode.crank_direction = 0
+        mode.crank_stuck = 1
 
 
 @by_part
@@ -237,15 +232,15 @@ def halt_or_break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: 
 
 @law(halt_or_break_crank, MotorDrive)
 def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
-    y, mode = memory.y, memory.mode
+    y, mode = memory.y, memory.mode[0]
     if event == CRANK_HALT:
         y[SPEED] = 0.0
         settle_crank(drive, parts, memory, torque_n_m)
         return
     net = crank_net_n_m(parts, torque_n_m, y[ANGLE], y)
-    mode[CRANK_STUCK] = 0
-    mode[CRANK_DIRECTION] = 1 if net > 0.0 else -1
-    mode[ZERO_CRANK] = 2
+    mode.crank_stuck = 0
+    mode.crank_direction = 1 if net > 0.0 else -1
+    mode.zero_crank = 2
 
 
 @by_part

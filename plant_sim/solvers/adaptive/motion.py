@@ -21,12 +21,7 @@ from plant_sim.solvers.adaptive.crank import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
-    CRANK_DIRECTION,
-    CRANK_STUCK,
-    DAMPING,
-    DIRECTION,
     FLIGHT,
-    PHASE,
     Crank,
     Flow,
     Memory,
@@ -50,15 +45,15 @@ from plant_sim.solvers.adaptive.winding import is_voltage_limited, turning_torqu
 @subroutine
 def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> Flow:
     """What holds in the step that begins now."""
-    mode = memory.mode
+    mode = memory.mode[0]
     return Flow(
-        mode[PHASE],
-        float(mode[DIRECTION]),
-        memory.contact[DAMPING] if is_soft(parts.stop) else 0.0,
+        mode.phase,
+        float(mode.direction),
+        memory.contact[0].damping_s_m if is_soft(parts.stop) else 0.0,
         crank_now(parts.drive, memory).angle_rad,
         torque_n_m,
-        float(mode[CRANK_DIRECTION]),
-        mode[CRANK_STUCK] == 1,
+        float(mode.crank_direction),
+        mode.crank_stuck == 1,
         time_s,
         is_voltage_limited(parts.winding, memory),
     )

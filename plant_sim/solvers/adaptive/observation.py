@@ -14,30 +14,11 @@ from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
 from plant_sim.solvers.adaptive.crank import angle_at, crank_now
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import (
-    ACCELERATION,
-    ANGLE_NOW,
-    ANKLE_LOSS,
-    CURRENT,
     DEPTH,
-    DRIVE_WORK,
-    ELAPSED,
-    FELT_FORCE,
-    FRICTION_LOSS,
-    HOUSING_WORK,
-    IMPACT_LOSS,
-    MOTOR_TORQUE,
-    PEAK,
-    PEAK_FELT,
-    PHASE_NOW,
-    PLACE_NOW,
+    OBSERVED,
     REST,
-    SAMPLES,
-    SPEED_NOW,
     STICK,
-    STOP_FORCE,
-    STORED,
     VELOCITY,
-    VELOCITY_NOW,
     Flow,
     Memory,
     Vector,
@@ -94,8 +75,8 @@ def _(force: FeltForce, dense: Vector, s: float) -> float:
 @subroutine
 def follow_contact(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
     """The largest force of the contact so far, over the used share of a step."""
-    contact = memory.contact
-    contact[PEAK] = _largest(StopForce(parts, damping_s_m), memory.dense, share, contact[PEAK])
+    contact = memory.contact[0]
+    contact.peak_n = _largest(StopForce(parts, damping_s_m), memory.dense, share, contact.peak_n)
 
 
 @by_part
@@ -106,8 +87,8 @@ def follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> N
 
 @law(follow_felt, Ankle)
 def _(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
-    contact = memory.contact
-    contact[PEAK_FELT] = _largest(FeltForce(wearer, drive), memory.dense, share, contact[PEAK_FELT])
+    contact = memory.contact[0]
+    contact.peak_felt_n = _largest(FeltForce(wearer, drive), memory.dense, share, contact.peak_felt_n)
 
 
 @subroutine
@@ -134,12 +115,12 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
 @subroutine
 def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
     """Samples at times up to now, which the steps' have not reached: depth from the scene's stop, v, θ."""
-    mode = memory.mode
-    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] <= start_s + memory.held[ELAPSED]:
-        row = samples[mode[SAMPLES]]
+    mode = memory.mode[0]
+    while mode.samples < grid_s.size and grid_s[mode.samples] <= start_s + memory.held[0].elapsed_s:
+        row = samples[mode.samples]
         row[0], row[1] = from_stop_m(parts.wearer, parts.drive, memory.y), memory.y[1]
         row[2] = crank_now(parts.drive, memory).angle_rad
-        mode[SAMPLES] += 1
+        mode.samples += 1
 
 
 @subroutine
@@ -147,14 +128,14 @@ def sample_step(
     parts: Parts, memory: Memory, flow: Flow, h_s: float, used_s: float, grid_s: Vector, samples: Vector
 ) -> None:
     """Samples at times within the used part of a step."""
-    mode, dense = memory.mode, memory.dense
-    while mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < flow.time_s + used_s:
-        row = samples[mode[SAMPLES]]
-        s = (grid_s[mode[SAMPLES]] - flow.time_s) / h_s
+    mode, dense = memory.mode[0], memory.dense
+    while mode.samples < grid_s.size and grid_s[mode.samples] < flow.time_s + used_s:
+        row = samples[mode.samples]
+        s = (grid_s[mode.samples] - flow.time_s) / h_s
         row[0] = evaluate(dense[DEPTH], DEGREE, s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
         row[1] = evaluate(dense[VELOCITY], DEGREE, s)
         row[2] = angle_at(parts.drive, flow, s, h_s, dense)
-        mode[SAMPLES] += 1
+        mode.samples += 1
 
 
 @subroutine
@@ -162,37 +143,39 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     """What can be read off the module now."""
     y, observed = memory.y, memory.observed
     flow = flow_now(parts, memory, torque_n_m, time_s)
-    observed[PLACE_NOW] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
-    observed[VELOCITY_NOW] = y[1]
+    observed[OBSERVED.x_m] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
+    observed[OBSERVED.v_m_s] = y[1]
     derivative(parts, flow, 0.0, y, memory.k[0])
-    observed[ACCELERATION] = memory.k[0, 1]
-    observed[STOP_FORCE] = 0.0
+    observed[OBSERVED.accel_m_s2] = memory.k[0, 1]
+    observed[OBSERVED.stop_force_n] = 0.0
     if is_soft(parts.stop) and in_touch(flow.phase, y[0]):
-        observed[STOP_FORCE] = stop_force_n(
+        observed[OBSERVED.stop_force_n] = stop_force_n(
             parts.stop,
             elastic_force_n(parts.stop, y[0]),
             closing_m_s(parts.wearer, parts.drive, y),
             flow.damping_s_m,
         )
     crank, winding, place = crank_now(parts.drive, memory), parts.winding, current_place(parts)
-    observed[CURRENT] = turning_current_a(winding, parts.drive, torque_n_m, crank, y, place)
-    observed[MOTOR_TORQUE] = turning_torque_n_m(winding, parts.drive, torque_n_m, crank, y, place)
-    observed[FELT_FORCE] = felt_force_n(parts.wearer, parts.drive, y)
+    observed[OBSERVED.current_a] = turning_current_a(winding, parts.drive, torque_n_m, crank, y, place)
+    observed[OBSERVED.motor_torque_n_m] = turning_torque_n_m(
+        winding, parts.drive, torque_n_m, crank, y, place
+    )
+    observed[OBSERVED.felt_force_n] = felt_force_n(parts.wearer, parts.drive, y)
     work = work_place(parts)
-    observed[DRIVE_WORK] = y[work]
-    observed[STORED] = stored_energy_j(parts, flow.phase, y, crank)
-    observed[FRICTION_LOSS] = y[work + 1]
+    observed[OBSERVED.drive_work_j] = y[work]
+    observed[OBSERVED.stored_j] = stored_energy_j(parts, flow.phase, y, crank)
+    observed[OBSERVED.friction_j] = y[work + 1]
     if is_soft(parts.stop) or is_rigid(parts.stop):
-        observed[IMPACT_LOSS] = y[work + 2]
+        observed[OBSERVED.impact_loss_j] = y[work + 2]
     if not is_level(parts.housing):
-        observed[HOUSING_WORK] = y[housing_place(parts)]
+        observed[OBSERVED.housing_work_j] = y[housing_place(parts)]
     if is_worn(parts.wearer):
-        observed[ANKLE_LOSS] = y[ankle_place(parts)]
-    observed[ANGLE_NOW] = crank.angle_rad
-    observed[SPEED_NOW] = crank.speed_rad_s
-    observed[PHASE_NOW] = flow.phase
+        observed[OBSERVED.ankle_j] = y[ankle_place(parts)]
+    observed[OBSERVED.crank_rad] = crank.angle_rad
+    observed[OBSERVED.omega_rad_s] = crank.speed_rad_s
+    observed[OBSERVED.phase] = flow.phase
     if flow.phase == REST and held_force_n(parts, crank.angle_rad, y, time_s) < dry_limit_n(parts):
-        observed[PHASE_NOW] = STICK  # friction holds it there, the stop does not have to
+        observed[OBSERVED.phase] = STICK  # friction holds it there, the stop does not have to
 
 
 _PHASES = tuple(Phase)
@@ -201,7 +184,7 @@ _PHASES = tuple(Phase)
 def observation(memory: Memory, stored_before_j: float) -> Observation:
     """The module as `memory` has it; the ledger counts from when `stored_before_j` was stored."""
     *values, phase = memory.observed.tolist()
-    values[STORED] -= stored_before_j
+    values[OBSERVED.stored_j] -= stored_before_j
     return Observation._make((*values, _PHASES[int(phase)]))
 
 
@@ -224,7 +207,7 @@ def ledger(now: Observation) -> EnergyLedger:
 
 def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
     """Largest force on the wearer so far, N; None where nobody wears the module."""
-    return float(memory.contact[PEAK_FELT]) if is_worn(parts.wearer) else None
+    return float(memory.contact[0].peak_felt_n) if is_worn(parts.wearer) else None
 
 
 def electrical_ledger(parts: Parts, memory: Memory) -> ElectricalLedger | None:

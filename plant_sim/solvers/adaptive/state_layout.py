@@ -8,11 +8,12 @@ their terminals and the copper's loss. Depth is x − x_stop − p, so that it k
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.arrays import One, zeros_of
 from plant_sim.kernels import by_part, law, shared
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.friction import bend_m_s
@@ -22,7 +23,7 @@ from plant_sim.parts.stop import HuntCrossley, KelvinVoigt, RigidStop, Stop, is_
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, Wearer, is_worn
 from plant_sim.parts.winding import DqWinding, Winding
-from plant_sim.result import MotionState, Phase
+from plant_sim.result import Impact, MotionState, Observation, Phase
 from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE
 from plant_sim.solvers.double_double import TURN_RAD
 
@@ -111,73 +112,71 @@ def state_size(parts: Parts) -> int:
     return terminal_place(parts) + ledger_size(parts.winding)
 
 
-# Places in Memory.mode.
-(
-    PHASE,
-    DIRECTION,
-    CRANK_DIRECTION,
-    CRANK_STUCK,
-    ZERO_DEPTH,
-    ZERO_VELOCITY,
-    ZERO_CRANK,
-    TURNS,
-    IN_IMPACT,
-    IMPACTS,
-    SAMPLES,
-    SEEN,
-    VOLTAGE_LIMITED,
-    ZERO_VOLTAGE,
-) = range(14)
-"""`SEEN` has bit p set if phase p has taken time since it was cleared; the last two with windings only."""
-
 UNSETTLED = -1
 """Phase of a module whose first phase the solver has yet to find."""
 
-# Places in Memory.held; the crank's angle is there with an ideal drive only.
-(
-    ELAPSED,
-    ELAPSED_LOW,
-    STEP_FREE,
-    STEP_CONTACT,
-    REST_SPEED,
-    LAST_STEP,
-    LAST_MARGIN,
-    DEBT,
-    CRANK_ANGLE,
-) = range(9)
-"""`ELAPSED_LOW` is what rounding leaves out of `ELAPSED`: over 1e6 s of steps it would add up to 0.1 ms.
-
-`DEBT` is the cost (`plant_sim.solvers.cost`) that simulated time has not paid for.
-"""
-
 NO_IMPACT, IN_CONTACT, LET_GO = range(3)
-"""Values of IN_IMPACT; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
+"""Values of `in_impact`; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
 
-# Places in Memory.contact, which soft stops have; the last with a wearer only.
-TOUCH_TIME, TOUCH_SPEED, TOUCH_ANGLE, DAMPING, PEAK, IMPULSE_BEFORE, LEAVE_SPEED, PEAK_FELT = range(8)
 
-# Columns of Memory.impacts.
-IMPACT_TIME, APPROACH, REBOUND, IMPULSE, PEAK_FORCE, IMPACT_ANGLE = range(6)
+class Mode:
+    """The automaton's state, and counts."""
 
-(
-    PLACE_NOW,
-    VELOCITY_NOW,
-    ACCELERATION,
-    ANGLE_NOW,
-    SPEED_NOW,
-    MOTOR_TORQUE,
-    CURRENT,
-    STOP_FORCE,
-    FELT_FORCE,
-    DRIVE_WORK,
-    STORED,
-    FRICTION_LOSS,
-    IMPACT_LOSS,
-    HOUSING_WORK,
-    ANKLE_LOSS,
-    PHASE_NOW,
-) = range(16)
-"""Places in Memory.observed: the fields of `Observation`, in its order."""
+    phase: int
+    direction: int
+    crank_direction: int
+    crank_stuck: int
+    zero_depth: int
+    """As in `event_location.Zeros`, like the three others."""
+    zero_velocity: int
+    zero_crank: int
+    zero_voltage: int
+    turns: int
+    in_impact: int
+    impacts: int
+    samples: int
+    seen: int
+    """Bit p is set if phase p has taken time since it was cleared."""
+    voltage_limited: int
+
+
+class Held:
+    """What a step hands to the next."""
+
+    elapsed_s: float
+    elapsed_low_s: float
+    """What rounding leaves out of `elapsed_s`: over 1e6 s of steps it would add up to 0.1 ms."""
+    free_step_s: float
+    contact_step_s: float
+    last_step_s: float
+    last_margin: float
+    rest_m_s: float
+    """A slower rebound at a rigid stop is rest."""
+    debt: float
+    """The cost (`plant_sim.solvers.cost`) that simulated time has not paid for."""
+    crank_rad: float
+    """With an ideal drive; a motor's is in the integrated state."""
+
+
+class Contact:
+    """The present impact at a soft stop, and the largest force on a wearer so far."""
+
+    touch_s: float
+    touch_m_s: float
+    touch_rad: float
+    damping_s_m: float
+    peak_n: float
+    impulse_before_n_s: float
+    leave_m_s: float
+    peak_felt_n: float
+
+
+_NEW_MODE: One[Mode] = zeros_of(Mode, 1)
+_NEW_MODE[0].phase = UNSETTLED
+_NEW_CONTACT: One[Contact] = zeros_of(Contact, 1)
+
+OBSERVED: Any = Observation._make(range(len(Observation._fields)))
+"""Places in Memory.observed, by the names of `Observation`."""
 
 SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
 """A forcing period takes some twenty steps, those of a contact included; each may err by this share of it.
@@ -234,13 +233,17 @@ class Scratch(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and mode, bookkeeping, results, tolerances, and scratch from `k` on."""
+    """State and mode, bookkeeping, results, tolerances, and scratch from `k` on.
+
+    `contact` is empty without a soft stop; `impacts` are records as `Impact`, the first `mode.impacts` of
+    them in use.
+    """
 
     y: Vector
-    mode: NDArray[np.int64]
-    held: Vector
-    contact: Vector
-    impacts: Vector
+    mode: One[Mode]
+    held: One[Held]
+    contact: One[Contact]
+    impacts: Any
     observed: Vector
     scale: Vector
     contact_scale: Vector
@@ -253,20 +256,17 @@ class Memory(NamedTuple):
 
 def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
     """Memory of a module at `initial`: only what these parts need, and room for some impacts."""
-    striker, drive, stop = parts.striker, parts.drive, parts.stop
+    striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
-    has_motor = isinstance(drive, MotorDrive)
     has_winding = isinstance(parts.winding, DqWinding)
-    held = np.zeros(8 if has_motor else 9)
-    held[REST_SPEED] = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
     memory = Memory(
         y=np.zeros(size),
-        mode=np.zeros(14 if has_winding else 12, dtype=np.int64),
-        held=held,
-        contact=np.zeros((8 if is_worn(parts.wearer) else 7) if is_soft(stop) else 0),
-        impacts=np.zeros((impacts, 6)),
-        observed=np.zeros(PHASE_NOW + 1),
+        mode=zeros_of(Mode, 1),
+        held=zeros_of(Held, 1),
+        contact=zeros_of(Contact, 1 if is_soft(stop) else 0),
+        impacts=zeros_of(Impact, impacts),
+        observed=np.zeros(len(OBSERVED)),
         scale=_scale(parts, accuracy),
         contact_scale=SHARE_OF_A_CONTACT * _scale(parts, accuracy)[: None if is_soft(stop) else 0],
         k=np.zeros((STAGES, size)),
@@ -280,6 +280,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
             inner=np.zeros(motion if has_winding else 0),
         ),
     )
+    memory.held[0].rest_m_s = 0.01 * accuracy * natural  # such a rebound's height is far below the accuracy
     depth_m = initial.x_m - origin_m(stop, striker)
     restart(parts, memory, depth_m, initial.v_m_s, initial.crank_rad, initial.omega_rad_s)
     return memory
@@ -291,14 +292,13 @@ def restart(
 ) -> None:
     """Set a module to a start whose phase is to be found; nothing of an earlier run is left."""
     memory.y[:] = 0.0
-    memory.mode[:] = 0
-    memory.contact[:] = 0.0
+    memory.mode[:] = _NEW_MODE
+    memory.contact[:] = _NEW_CONTACT
     memory.y[0], memory.y[1] = depth_m, v_m_s
-    memory.mode[PHASE] = UNSETTLED
-    held, striker = memory.held, parts.striker
-    held[ELAPSED] = held[ELAPSED_LOW] = 0.0
-    held[STEP_FREE] = held[STEP_CONTACT] = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
-    held[LAST_STEP] = held[LAST_MARGIN] = held[DEBT] = 0.0
+    held, striker = memory.held[0], parts.striker
+    held.elapsed_s = held.elapsed_low_s = 0.0
+    held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
+    held.last_step_s = held.last_margin = held.debt = 0.0
     _set_crank(parts.drive, memory, crank_rad % TURN_RAD, omega_rad_s)
 
 
@@ -309,7 +309,7 @@ def _set_crank(drive: Drive, memory: Memory, angle_rad: float, omega_rad_s: floa
 
 @law(_set_crank, IdealDrive)
 def _(drive: IdealDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -> None:
-    memory.held[CRANK_ANGLE] = angle_rad
+    memory.held[0].crank_rad = angle_rad
 
 
 @law(_set_crank, MotorDrive)

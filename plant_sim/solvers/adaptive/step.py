@@ -18,19 +18,8 @@ from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
-    DEBT,
-    ELAPSED,
-    ELAPSED_LOW,
-    LAST_MARGIN,
-    LAST_STEP,
-    SAMPLES,
-    SEEN,
-    STEP_CONTACT,
-    STEP_FREE,
-    ZERO_CRANK,
-    ZERO_DEPTH,
-    ZERO_VELOCITY,
     Flow,
+    Held,
     Memory,
     Vector,
     state_size,
@@ -56,13 +45,12 @@ def take_step(
     samples: Vector,
 ) -> float:
     """One step, up to an event at most; returns its length, s, or −1 where no step is small enough."""
-    y, mode, held, new = memory.y, memory.mode, memory.held, memory.new
+    y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
     k, trial, dense = memory.k, memory.trial, memory.dense
-    begin_s = start_s + held[ELAPSED]
+    begin_s = start_s + held.elapsed_s
     flow = flow_now(parts, memory, torque_n_m, begin_s)
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
-    place = STEP_CONTACT if flow.phase == CONTACT else STEP_FREE
-    remaining = (duration_s - held[ELAPSED]) - held[ELAPSED_LOW]
+    remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s
     longest = 1.0 / max(
         math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg),
         abs(crank_now(parts.drive, memory).speed_rad_s),
@@ -70,24 +58,22 @@ def take_step(
     longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
     longest = min(longest, current_s(parts.winding, parts.drive))
     derivative(parts, flow, 0.0, y, k[0])
-    attempts = 0.0
+    attempts, next_s = 0.0, held.contact_step_s if flow.phase == CONTACT else held.free_step_s
     while True:
-        h = min(held[place], longest, remaining)
+        h = min(next_s, longest, remaining)
         attempts += 1.0
         error = attempt(parts, flow, h, y, scale, k, trial, new)
         if error <= 1.0:
             break
-        held[place] = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
-        if held[place] < 1e-12 * longest:
+        next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
+        if next_s < 1e-12 * longest:
             return -1.0
-    _choose_next(held, place, h, error)
+    _choose_next(held, flow.phase, next_s, h, error)
 
-    zeros = Zeros(
-        mode[ZERO_DEPTH], mode[ZERO_VELOCITY], mode[ZERO_CRANK], voltage_zeros(parts.winding, memory)
-    )
+    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, voltage_zeros(parts.winding, memory))
     used: float = h
     event = NONE
-    has_sample = mode[SAMPLES] < grid_s.size and grid_s[mode[SAMPLES]] < begin_s + h
+    has_sample = mode.samples < grid_s.size and grid_s[mode.samples] < begin_s + h
     is_checked = may_end(parts, flow, h, y, new, k, zeros)
     if is_sensing(probe) or has_sample or is_checked:
         extend(parts, flow, h, y, new, k, trial, dense)
@@ -106,30 +92,30 @@ def take_step(
     for i in range(state_size(parts)):
         y[i] = new[i]
     turn_crank(parts.drive, memory, used)
-    mode[ZERO_DEPTH] = mode[ZERO_VELOCITY] = mode[ZERO_CRANK] = 0
+    mode.zero_depth = mode.zero_velocity = mode.zero_crank = 0
     _pass_time(memory, flow.phase, used, remaining, duration_s)
     if used < remaining:  # what ends a call is as short as the caller asked for
-        held[DEBT] = debt(held[DEBT], attempts, used / longest)
+        held.debt = debt(held.debt, attempts, used / longest)
     if event != NONE:
-        held[LAST_STEP] = 0.0
-        apply(parts, probe, memory, torque_n_m, event, start_s + held[ELAPSED])
+        held.last_step_s = 0.0
+        apply(parts, probe, memory, torque_n_m, event, start_s + held.elapsed_s)
     return used
 
 
 @subroutine
 def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, duration_s: float) -> None:
     """Book `used_s` seconds in a phase, of the `remaining_s` up to `duration_s`."""
-    held = memory.held
+    held = memory.held[0]
     if used_s > 0.0:
-        memory.mode[SEEN] |= 1 << phase
-    elapsed_s, rest_s = two_sum(held[ELAPSED], held[ELAPSED_LOW] + used_s)
+        memory.mode[0].seen |= 1 << phase
+    elapsed_s, rest_s = two_sum(held.elapsed_s, held.elapsed_low_s + used_s)
     is_end = used_s == remaining_s
-    held[ELAPSED] = duration_s if is_end else elapsed_s
-    held[ELAPSED_LOW] = 0.0 if is_end else rest_s
+    held.elapsed_s = duration_s if is_end else elapsed_s
+    held.elapsed_low_s = 0.0 if is_end else rest_s
 
 
 @subroutine
-def _choose_next(held: Vector, place: int, h_s: float, error: float) -> None:
+def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: float) -> None:
     """Length of the next step: the error's, and no longer than the trend of the last two allows.
 
     Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): where friction stiffens towards rest
@@ -137,11 +123,15 @@ def _choose_next(held: Vector, place: int, h_s: float, error: float) -> None:
     """
     margin = _eighth_root(1.0 / max(error, LEAST_ERROR))
     growth = 0.9 * margin
-    if held[LAST_STEP] > 0.0:
-        growth *= min(h_s / held[LAST_STEP] * margin / held[LAST_MARGIN], 1.0)
+    if held.last_step_s > 0.0:
+        growth *= min(h_s / held.last_step_s * margin / held.last_margin, 1.0)
     growth = min(growth, 5.0)
-    held[place] = max(held[place], h_s * growth) if growth > 1.0 else h_s * growth
-    held[LAST_STEP], held[LAST_MARGIN] = h_s, margin
+    held.last_step_s, held.last_margin = h_s, margin
+    next_s = max(tried_s, h_s * growth) if growth > 1.0 else h_s * growth
+    if phase == CONTACT:
+        held.contact_step_s = next_s
+    else:
+        held.free_step_s = next_s
 
 
 @subroutine

@@ -19,15 +19,10 @@ from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, 
 from plant_sim.solvers.adaptive.event_location import Step, root
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
-    DIRECTION,
     FLIGHT,
     IN_CONTACT,
-    IN_IMPACT,
-    PHASE,
     REST,
     STICK,
-    ZERO_DEPTH,
-    ZERO_VELOCITY,
     Memory,
     Scratch,
     Vector,
@@ -142,7 +137,7 @@ def _break(pull: Vector, sign: float, limit_n: float, scratch: Scratch) -> float
 @subroutine
 def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
-    y, mode = memory.y, memory.mode
+    y, mode = memory.y, memory.mode[0]
     net = _set_off_force_n(parts.wearer, parts, memory, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
@@ -152,7 +147,7 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     breaks_forward = not is_on_stop and (net > dry + near or (net > dry - near and growth > 0.0))
     breaks_back = net < -dry - near or (net < near - dry and growth < 0.0)
     if not breaks_forward and not breaks_back and (is_on_stop or dry > 0.0):
-        mode[PHASE] = REST if is_on_stop else STICK
+        mode.phase = REST if is_on_stop else STICK
         return
     forward = breaks_forward
     if breaks_forward == breaks_back:  # free, and without a pull
@@ -207,21 +202,21 @@ def _(housing: Moving | Walking, parts: Parts, memory: Memory, time_s: float) ->
 def release(parts: Parts, memory: Memory, time_s: float) -> None:
     """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
     net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
-    forward = net > 0.0 and memory.mode[PHASE] == STICK
+    forward = net > 0.0 and memory.mode[0].phase == STICK
     _set_off(parts, memory, time_s, forward, 2)
 
 
 @subroutine
 def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
     """Slide on from v = 0, of whose derivatives, v included, `zeros` are zero."""
-    y, mode = memory.y, memory.mode
-    mode[DIRECTION] = 1 if forward else -1
-    mode[ZERO_VELOCITY] = zeros
-    if mode[IN_IMPACT] == IN_CONTACT:
-        mode[PHASE] = CONTACT
+    y, mode = memory.y, memory.mode[0]
+    mode.direction = 1 if forward else -1
+    mode.zero_velocity = zeros
+    if mode.in_impact == IN_CONTACT:
+        mode.phase = CONTACT
         return
-    mode[PHASE] = FLIGHT
+    mode.phase = FLIGHT
     if y[0] == 0.0 and not forward:
-        mode[ZERO_DEPTH] = zeros + 1
+        mode.zero_depth = zeros + 1
     elif is_soft(parts.stop) and y[0] == 0.0:
         open_contact(parts, memory, time_s, zeros + leaving_zeros(parts.stop))

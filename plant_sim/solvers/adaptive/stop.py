@@ -24,31 +24,13 @@ from plant_sim.solvers.adaptive.bernstein import DEGREE
 from plant_sim.solvers.adaptive.crank import crank_now
 from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier, root
 from plant_sim.solvers.adaptive.state_layout import (
-    APPROACH,
     CONTACT,
-    DAMPING,
     DEPTH,
-    DIRECTION,
     FLIGHT,
-    IMPACT_ANGLE,
-    IMPACT_TIME,
-    IMPACTS,
-    IMPULSE,
-    IMPULSE_BEFORE,
     IN_CONTACT,
-    IN_IMPACT,
-    LEAVE_SPEED,
     LET_GO,
     NO_IMPACT,
-    PEAK,
-    PEAK_FORCE,
-    PHASE,
-    REBOUND,
     STICK,
-    TOUCH_ANGLE,
-    TOUCH_SPEED,
-    TOUCH_TIME,
-    ZERO_DEPTH,
     Memory,
     work_place,
 )
@@ -121,8 +103,8 @@ def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
     v = memory.y[1]
     memory.y[1] = -k * v
     memory.y[work_place(parts) + 2] += 0.5 * mass * v * v * (1.0 - k * k)
-    memory.mode[DIRECTION] = -1
-    memory.mode[ZERO_DEPTH] = 1
+    memory.mode[0].direction = -1
+    memory.mode[0].zero_depth = 1
     _record(
         memory, time_s, v, -k * v, mass * (1.0 + k) * v, math.nan, crank_now(parts.drive, memory).angle_rad
     )
@@ -140,21 +122,21 @@ def come_to_rest(parts: Parts, memory: Memory) -> None:
 @subroutine
 def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
     """Meet a soft stop; `zeros` derivatives of what ends the contact are zero there."""
-    y, mode, contact = memory.y, memory.mode, memory.contact
-    mode[PHASE] = CONTACT
-    mode[IN_IMPACT] = IN_CONTACT
-    mode[ZERO_DEPTH] = zeros
+    y, mode, contact = memory.y, memory.mode[0], memory.contact[0]
+    mode.phase = CONTACT
+    mode.in_impact = IN_CONTACT
+    mode.zero_depth = zeros
     speed = max(closing_m_s(parts.wearer, parts.drive, y), 0.0)
-    contact[TOUCH_TIME] = time_s
-    contact[TOUCH_SPEED] = speed
-    contact[TOUCH_ANGLE] = crank_now(parts.drive, memory).angle_rad
-    contact[DAMPING] = damping_s_m(parts.stop, speed)
+    contact.touch_s = time_s
+    contact.touch_m_s = speed
+    contact.touch_rad = crank_now(parts.drive, memory).angle_rad
+    contact.damping_s_m = damping_s_m(parts.stop, speed)
     # In a stiff stop an error of position weighs as much as one of velocity does within the contact.
     mass = contact_mass_kg(parts.wearer, parts.striker.mass_kg)
     rate = contact_rate_rad_s(parts.stop, mass, speed)
     memory.contact_scale[0] = min(memory.scale[0], memory.contact_scale[1] / rate)
-    contact[PEAK] = 0.0
-    contact[IMPULSE_BEFORE] = y[work_place(parts) + 3]
+    contact.peak_n = 0.0
+    contact.impulse_before_n_s = y[work_place(parts) + 3]
 
 
 @subroutine
@@ -164,12 +146,12 @@ def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
     The contact that it had let go of goes on.
     """
     memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
-    if memory.mode[IN_IMPACT] == NO_IMPACT:
+    if memory.mode[0].in_impact == NO_IMPACT:
         open_contact(parts, memory, time_s, 1)
         return
-    memory.mode[PHASE] = CONTACT
-    memory.mode[IN_IMPACT] = IN_CONTACT
-    memory.mode[ZERO_DEPTH] = 1
+    memory.mode[0].phase = CONTACT
+    memory.mode[0].in_impact = IN_CONTACT
+    memory.mode[0].zero_depth = 1
 
 
 @subroutine
@@ -178,16 +160,16 @@ def leave(parts: Parts, memory: Memory) -> None:
 
     The impact ends where the striker clears the stop's surface: until then it may be pressed again.
     """
-    y, mode = memory.y, memory.mode
+    y, mode = memory.y, memory.mode[0]
     lets_go_early = leaving_zeros(parts.stop) == 0
     if not lets_go_early:
         y[0] = 0.0
     y[work_place(parts) + 2] += elastic_energy_j(parts.stop, y[0])
-    mode[PHASE] = FLIGHT
-    mode[IN_IMPACT] = LET_GO
+    mode.phase = FLIGHT
+    mode.in_impact = LET_GO
     closing = closing_m_s(parts.wearer, parts.drive, y)
-    mode[ZERO_DEPTH] = 1 if closing < 0.0 else 2
-    memory.contact[LEAVE_SPEED] = closing
+    mode.zero_depth = 1 if closing < 0.0 else 2
+    memory.contact[0].leave_m_s = closing
     if not lets_go_early:
         record_contact(parts, memory)
 
@@ -195,16 +177,16 @@ def leave(parts: Parts, memory: Memory) -> None:
 @subroutine
 def record_contact(parts: Parts, memory: Memory) -> None:
     """The impact that a contact was, once it is over."""
-    contact = memory.contact
-    memory.mode[IN_IMPACT] = NO_IMPACT
+    contact = memory.contact[0]
+    memory.mode[0].in_impact = NO_IMPACT
     _record(
         memory,
-        contact[TOUCH_TIME],
-        contact[TOUCH_SPEED],
-        contact[LEAVE_SPEED],
-        memory.y[work_place(parts) + 3] - contact[IMPULSE_BEFORE],
-        contact[PEAK],
-        contact[TOUCH_ANGLE],
+        contact.touch_s,
+        contact.touch_m_s,
+        contact.leave_m_s,
+        memory.y[work_place(parts) + 3] - contact.impulse_before_n_s,
+        contact.peak_n,
+        contact.touch_rad,
     )
 
 
@@ -218,7 +200,7 @@ def _record(
     peak_force_n: float,
     angle_rad: float,
 ) -> None:
-    row = memory.impacts[memory.mode[IMPACTS]]
-    row[IMPACT_TIME], row[APPROACH], row[REBOUND] = time_s, approach_m_s, rebound_m_s
-    row[IMPULSE], row[PEAK_FORCE], row[IMPACT_ANGLE] = impulse_n_s, peak_force_n, angle_rad
-    memory.mode[IMPACTS] += 1
+    row = memory.impacts[memory.mode[0].impacts]
+    row.t_s, row.v_m_s, row.v_after_m_s = time_s, approach_m_s, rebound_m_s
+    row.impulse_n_s, row.peak_force_n, row.crank_rad = impulse_n_s, peak_force_n, angle_rad
+    memory.mode[0].impacts += 1

@@ -31,8 +31,6 @@ from plant_sim.solvers.adaptive.event_location import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     SPEED,
-    VOLTAGE_LIMITED,
-    ZERO_VOLTAGE,
     Crank,
     Flow,
     Memory,
@@ -246,8 +244,8 @@ def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory,
 def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
     place, y = current_place(parts), memory.y
     excess = voltage_excess(winding, drive, torque_n_m, y[SPEED], y, place)
-    memory.mode[VOLTAGE_LIMITED] = 1 if excess > 0.0 else 0
-    memory.mode[ZERO_VOLTAGE] = 0
+    memory.mode[0].voltage_limited = 1 if excess > 0.0 else 0
+    memory.mode[0].zero_voltage = 0
 
 
 @by_part
@@ -258,8 +256,8 @@ def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
 
 @law(limit_voltage, DqWinding)
 def _(winding: DqWinding, memory: Memory, event: int) -> None:
-    memory.mode[VOLTAGE_LIMITED] = 1 if event == LIMIT else 0
-    memory.mode[ZERO_VOLTAGE] = 1
+    memory.mode[0].voltage_limited = 1 if event == LIMIT else 0
+    memory.mode[0].zero_voltage = 1
 
 
 @by_part
@@ -270,7 +268,7 @@ def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
 
 @law(is_voltage_limited, DqWinding)
 def _(winding: DqWinding, memory: Memory) -> bool:
-    limited: bool = memory.mode[VOLTAGE_LIMITED] == 1
+    limited: bool = memory.mode[0].voltage_limited == 1
     return limited
 
 
@@ -282,8 +280,8 @@ def voltage_zeros(winding: Winding, memory: Memory) -> int:
 
 @law(voltage_zeros, DqWinding)
 def _(winding: DqWinding, memory: Memory) -> int:
-    zeros: int = memory.mode[ZERO_VOLTAGE]
-    memory.mode[ZERO_VOLTAGE] = 0
+    zeros: int = memory.mode[0].zero_voltage
+    memory.mode[0].zero_voltage = 0
     return zeros
 
 

@@ -20,7 +20,7 @@ from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
 from plant_sim.solvers.adaptive.bernstein import NODES
-from plant_sim.solvers.adaptive.state_layout import VOLTAGE_LIMITED, Memory, allocate, current_place
+from plant_sim.solvers.adaptive.state_layout import OBSERVED, Memory, allocate, current_place
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
 COGGING = [{"order": 84, "amplitude_n_m": 2e-3}, {"order": 12, "amplitude_n_m": 1e-3, "phase_rad": 0.7}]
@@ -72,7 +72,7 @@ def test_agrees_with_motulator(changes: dict[str, Any], torque_n_m: float, spun_
     limited = False
     for t_s in times_s:
         run(parts, NoSensing(), memory, torque_n_m, 0.0, float(t_s), NO_GRID, NO_SAMPLES)
-        limited = limited or memory.mode[VOLTAGE_LIMITED] == 1
+        limited = limited or memory.mode[0].voltage_limited == 1
         i_d, i_q = memory.y[place : place + 2]
         torque = 1.5 * parts.drive.pole_pairs * (0.08 / 10.5 + (0.25e-3 - 0.35e-3) * i_d) * i_q
         ours.append([i_d, i_q, memory.y[3], torque])
@@ -117,7 +117,7 @@ def test_the_ledgers_balance() -> None:
     limited = 0
     for tick in range(4000):
         plant.advance(0.08 + 0.3 * math.sin(0.013 * tick) + 0.1 * math.sin(0.17 * tick), 1e-3)
-        limited += int(plant._memory.mode[VOLTAGE_LIMITED])
+        limited += int(plant._memory.mode[0].voltage_limited)
     assert 100 < limited < 3900
     assert plant.energy.drive_work_j > 1.0
     assert plant.energy.residual < 1e-9
@@ -200,7 +200,7 @@ def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() ->
     torques = []
     for tick in range(1, 2001):
         run(parts, NoSensing(), memory, 0.2, 0.0, 1e-3 * tick, NO_GRID, NO_SAMPLES)
-        torques.append(memory.observed[5])
+        torques.append(memory.observed[OBSERVED.motor_torque_n_m])
     # 2 % of 0.2 N m on either side; what the rippling back-EMF drives through the loop comes on top.
     ripple = 0.5 * (max(torques[200:]) - min(torques[200:]))
     assert ripple == pytest.approx(0.004, rel=0.1)
@@ -208,9 +208,9 @@ def test_cogging_holds_a_crank_in_its_teeth_and_ripple_shakes_a_turning_one() ->
 
 def test_the_state_has_what_the_scene_names() -> None:
     plain, dq = load_scene("table1-motor-soft"), scene({})
-    for module, size, motion, modes in ((plain, 8, 4, 12), (dq, 8 + 4 + 2, 8, 14)):
+    for module, size, motion in ((plain, 8, 4), (dq, 8 + 4 + 2, 8)):
         memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
-        assert (memory.y.size, memory.dense.shape[0], memory.mode.size) == (size, motion, modes)
+        assert (memory.y.size, memory.dense.shape[0]) == (size, motion)
         assert memory.scratch.inner.size == (0 if module is plain else motion)
     assert isinstance(plain.parts().winding, IdealCurrent)
     smooth, waving = dq.parts().winding, uneven({}).parts().winding

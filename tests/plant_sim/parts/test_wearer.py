@@ -136,7 +136,7 @@ def test_the_state_has_the_plate_and_the_ankles_account() -> None:
     memory = allocate(module.parts(), initial_state(module), 1e-9, 1)
     assert isinstance(module.parts().wearer, Ankle)
     assert memory.y.size == 6 + 2 + 1
-    assert memory.contact.size == 8
+    assert memory.contact.size == 1
     assert memory.dense.shape[0] == 4
 
 

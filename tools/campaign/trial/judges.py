@@ -11,7 +11,6 @@ from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
 from firmware_py.shell.builds import Build
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
-from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_ANGLE, IMPACT_TIME, IMPULSE
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.reference import (
@@ -59,7 +58,7 @@ def lost_by(done: Run, duration_s: float, omega_rad_s: float) -> str:
             f"ends in {last.mode.name.lower()} since {last.t_s:.2f} s"
             f"{': ' + last.fault.name.lower() if last.fault != Fault.NONE else ''}"
         )
-    if not goes_on(done.impacts[:, IMPACT_TIME], duration_s, min(omega_rad_s, kept_omega(done))):
+    if not goes_on(done.impacts["t_s"], duration_s, min(omega_rad_s, kept_omega(done))):
         return "in mode RUN, but without lasting impacts at the end"
     return ""
 
@@ -74,7 +73,7 @@ def kept_omega(done: Run) -> float:
 
 def steady_speed(done: Run) -> float:
     """Return the mean v⁻ of the last impacts, m/s."""
-    return float(np.mean(done.impacts[-LATE_IMPACTS:, APPROACH])) if len(done.impacts) else float("nan")
+    return float(np.mean(done.impacts[-LATE_IMPACTS:]["v_m_s"])) if len(done.impacts) else float("nan")
 
 
 def energy_j(done: Run, until_s: float) -> float:
@@ -89,7 +88,7 @@ def energy_j(done: Run, until_s: float) -> float:
 
 def largest_steady_speed(done: Run) -> float:
     """Return the largest v⁻ of the last impacts, m/s; on a moving housing the impacts differ."""
-    return float(np.max(done.impacts[-2 * LATE_IMPACTS :, APPROACH], initial=0.0))
+    return float(np.max(done.impacts[-2 * LATE_IMPACTS :]["v_m_s"], initial=0.0))
 
 
 def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
@@ -121,7 +120,7 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
         return
     outcome.metrics["capture"] = captured.t_s - RUN_S
     outcome.metrics["energy"] = energy_j(done, captured.t_s)
-    times, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
+    times, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     way = speeds[(times > RUN_S + TRANSIENT_S) & (times <= captured.t_s + SETTLE_S)]
     if outcome.why == "" and len(way):
         outcome.metrics["steady_v"] = steady_speed(done)
@@ -161,7 +160,7 @@ def detect(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Match detections with true touch-downs from power-up to the end, and judge the reported regime."""
     duration_s = trial.scenario.duration_s
     until_s = duration_s - detection.LONGEST_LATENCY_S
-    true_s, speeds = done.impacts[:, IMPACT_TIME], done.impacts[:, APPROACH]
+    true_s, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     pairs = detection.match(true_s, done.detected_s)
     due, hard = true_s <= until_s, speeds >= GRAZING_M_S
     found = np.zeros(len(true_s), bool)
@@ -212,8 +211,8 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     places = np.arange(0.0, len(turns) - 1.0, 0.125)
     t_s = np.interp(places, np.arange(len(turns)), turns)
     crank_rad = 2.0 * np.pi * (places % 1.0)
-    inside = (done.impacts[:, IMPACT_TIME] >= t_s[0]) & (done.impacts[:, IMPACT_TIME] <= t_s[-1])
-    times, speeds = done.impacts[inside, IMPACT_TIME], done.impacts[inside, APPROACH]
+    inside = (done.impacts["t_s"] >= t_s[0]) & (done.impacts["t_s"] <= t_s[-1])
+    times, speeds = done.impacts[inside]["t_s"], done.impacts[inside]["v_m_s"]
     truth = true_regime.decide(
         t_s, np.ones_like(t_s), true_regime.cut_periods(t_s, crank_rad, times), times, speeds
     )
@@ -233,14 +232,14 @@ def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a hold: lasting impacts, their impulse and phase, and the crank's speed."""
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     outcome.why = lost_by(done, duration_s, omega_rad_s)
-    held = done.impacts[done.impacts[:, IMPACT_TIME] >= SETTLED_S]
+    held = done.impacts[done.impacts["t_s"] >= SETTLED_S]
     lasts_s = duration_s - SETTLED_S
-    if outcome.why == "" and not goes_on(held[:, IMPACT_TIME], duration_s, omega_rad_s, lasts_s):
+    if outcome.why == "" and not goes_on(held["t_s"], duration_s, omega_rad_s, lasts_s):
         outcome.why = "impacts missing during the hold"
     if len(held) < 2:
         return
-    impulses = held[:, IMPULSE]
-    phase_deg = np.degrees((held[:, IMPACT_ANGLE] - 0.5 * np.pi + np.pi) % (2.0 * np.pi) - np.pi)
+    impulses = held["impulse_n_s"]
+    phase_deg = np.degrees((held["crank_rad"] - 0.5 * np.pi + np.pi) % (2.0 * np.pi) - np.pi)
     outcome.metrics["impulse"] = float(np.mean(impulses))
     outcome.metrics["cycle_variation"] = 100.0 * float(np.std(impulses) / np.mean(impulses))
     outcome.metrics["phase"] = float(np.median(phase_deg))
@@ -269,7 +268,7 @@ def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     kicked_s = trial.scenario.faults[0].at_s
-    times = done.impacts[:, IMPACT_TIME]
+    times = done.impacts["t_s"]
     if not goes_on(times[times < kicked_s], kicked_s, omega_rad_s, 5.0):
         outcome.eligible = False
         outcome.why = "no impacts before the kick"
@@ -295,7 +294,7 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     The speed that is kept differs from the target if the firmware keeps a distance from the fold.
     """
     target_s = 2.0 * np.pi / omega_rad_s
-    times = np.concatenate([[kicked_s], done.impacts[done.impacts[:, IMPACT_TIME] > kicked_s, IMPACT_TIME]])
+    times = np.concatenate([[kicked_s], done.impacts[done.impacts["t_s"] > kicked_s]["t_s"]])
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * target_s)
     from_s = times[gaps[-1] + 1] if len(gaps) else kicked_s
     turns = done.turns_s[done.turns_s > kicked_s]

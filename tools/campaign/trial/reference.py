@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hil.record.traces.plant_trace import PlantRecord
-from plant_sim.arrays import FloatArray
+from plant_sim.arrays import FloatArray, record_type
 from plant_sim.parts.drive import MotorDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import NoStop
@@ -20,7 +20,6 @@ from plant_sim.plant import Plant
 from plant_sim.result import Impact, MotionState, Phase
 from plant_sim.scene import Scene
 from plant_sim.simulation import initial_state
-from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
 from tools.output import BadInputError
 
 FLYWHEEL_KG_M2 = 1e4
@@ -91,7 +90,7 @@ def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s:
 
 def alone(
     scene: Scene, start: MotionState, from_rad_s: float, to_rad_s: float, ramp_s: float, duration_s: float
-) -> FloatArray:
+) -> NDArray[np.void]:
     """Return the impacts, with the columns of a `Run`, while the crank's speed ramps up and is then held.
 
     The speed goes from `from_rad_s` to `to_rad_s` in `ramp_s`; the whole run lasts `duration_s`.
@@ -100,7 +99,7 @@ def alone(
     if ramp_s > 0.0:
         plant.advance(FLYWHEEL_KG_M2 * (to_rad_s - from_rad_s) / ramp_s, ramp_s)
     plant.advance(0.0, duration_s - ramp_s)
-    return np.array(plant.take_impacts(), dtype=np.float64).reshape(-1, len(Impact._fields))
+    return np.array(plant.take_impacts(), record_type(Impact))
 
 
 def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
@@ -115,7 +114,7 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
     start = at(scene.striker.rest_length_m, 0.0, 0.0)
     until_s = RAMP_S + HELD_S
     impacts = alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
-    times, speeds = impacts[:, IMPACT_TIME], impacts[:, APPROACH]
+    times, speeds = impacts["t_s"], impacts["v_m_s"]
     if goes_on(times, until_s, omega_rad_s):
         hardest_m_s = float(np.max(speeds[times > until_s - JUDGED_S]))
         return Reference(True, hardest_m_s, float(np.max(speeds)))
@@ -128,7 +127,7 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
             float(more.uniform(0.0, 2.0 * np.pi)),
         )
         impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
-        times, speeds = impacts[:, IMPACT_TIME], impacts[:, APPROACH]
+        times, speeds = impacts["t_s"], impacts["v_m_s"]
         if goes_on(times, HELD_S, omega_rad_s):
             hardest_m_s = float(np.max(speeds[times > HELD_S - JUDGED_S]))
             return Reference(True, hardest_m_s, max(path_m_s, hardest_m_s))
@@ -139,7 +138,7 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
 def instant_start_captures(scene: Scene, omega_rad_s: float) -> bool:
     """Return whether the sampled initial state leads to lasting impacts if the crank starts at full speed."""
     impacts = alone(scene, initial_state(scene), omega_rad_s, omega_rad_s, 0.0, HELD_S)
-    return goes_on(impacts[:, IMPACT_TIME], HELD_S, omega_rad_s)
+    return goes_on(impacts["t_s"], HELD_S, omega_rad_s)
 
 
 def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
@@ -147,5 +146,5 @@ def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
     state = PlantRecord._make(record)
     start = at(state.x_m, state.v_m_s, state.crank_rad)
     impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
-    late = impacts[impacts[:, IMPACT_TIME] > HELD_S - JUDGED_S]
+    late = impacts[impacts["t_s"] > HELD_S - JUDGED_S]
     return len(late) == 0

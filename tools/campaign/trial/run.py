@@ -20,7 +20,6 @@ from hil.record.traces.trace import read
 from hil.scenario.scenario import Scenario
 from plant_sim.arrays import FloatArray
 from plant_sim.parts.parts import Parts
-from plant_sim.result import Impact
 
 SIGNALS = (
     "outputs.mode",
@@ -39,7 +38,7 @@ SIGNALS = (
 """Signals of the firmware that are kept in every tick for the judges."""
 
 
-Kept = tuple[FloatArray, NDArray[np.void], FloatArray]
+Kept = tuple[FloatArray, NDArray[np.void], NDArray[np.void]]
 """The truth and the kept signals of the firmware, a row a tick each, and the true impacts."""
 
 
@@ -55,14 +54,14 @@ class ModeChange(NamedTuple):
 class Run:
     """A finished run: the truth and the firmware's kept signals, a row a tick each, and the true impacts.
 
-    Impacts: columns (t_s, v, v after, impulse, peak force, crank angle), shape (n, 6), oldest first.
+    Impacts: records as `Impact`, oldest first.
     """
 
     parts: Parts
     tick_s: float
     plant: FloatArray
     firmware: NDArray[np.void]
-    impacts: FloatArray
+    impacts: NDArray[np.void]
 
     def true(self, name: str) -> FloatArray:
         """Return a column of the truth by its name in `PlantRecord`, shape (ticks,)."""
@@ -109,7 +108,7 @@ def run(scenario: Scenario, seed: int, more: Sequence[str] = (), firmware: Build
         scenario.period_s,
         plant,
         known,
-        impacts[np.argsort(impacts[:, 0], kind="stable")],
+        impacts[np.argsort(impacts["t_s"], kind="stable")],
     )
 
 
@@ -117,7 +116,7 @@ def in_stretches(scenario: Scenario, seed: int, columns: Any, firmware: Build) -
     """Run the scenario in the compiled closed loop, without a run folder."""
     plant = np.empty((scenario.ticks, len(PlantRecord._fields)))
     known = np.empty(scenario.ticks, columns)
-    impacts: list[FloatArray] = []
+    impacts: list[NDArray[np.void]] = []
     tick = 0
     for records in records_of(scenario, seed, columns, firmware):
         ticks = slice(tick, tick + len(records.plant))
@@ -138,7 +137,7 @@ def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) ->
     for name in columns.names:
         if name in (traced.dtype.names or ()):  # a run without a walker records no gait
             known[name] = traced[name]
-    return side_by_side(plant, PlantRecord._fields), known, side_by_side(impacts, Impact._fields)
+    return side_by_side(plant, PlantRecord._fields), known, impacts
 
 
 def side_by_side(records: NDArray[np.void], names: Sequence[str]) -> FloatArray:

@@ -13,7 +13,6 @@ from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.sensors.gait import phases_at
-from plant_sim.solvers.adaptive.state_layout import APPROACH, IMPACT_TIME
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.run import Run
@@ -79,7 +78,7 @@ def missing(done: Run, hold_s: tuple[float, float]) -> str:
     """Return since when impacts are missing in the hold, as text; empty if none are missing."""
     begin_s, end_s = hold_s[0] + SETTLED_S, hold_s[1]
     turns_s = done.turns_s[(done.turns_s >= begin_s) & (done.turns_s <= end_s)]
-    times = done.impacts[:, IMPACT_TIME]
+    times = done.impacts["t_s"]
     times = np.concatenate([[begin_s], times[(times > begin_s) & (times < end_s)], [end_s]])
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * np.max(np.diff(turns_s), initial=0.0))
     return f"impacts missing from {times[gaps[0]]:.1f} s on" if len(gaps) else ""
@@ -105,7 +104,7 @@ def judge_hold(done: Run, lock: LockConfig, hold_s: tuple[float, float], outcome
     error = (done.firmware["state.gait.phase"][ticks] - truth + 0.5) % 1.0 - 0.5
     outcome.metrics["phase_rmse"] = 100.0 * float(np.sqrt(np.mean(error**2)))
     strikes_s = ticks[1:][np.diff(truth) < -0.5] * done.tick_s
-    pulses_s = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S, IMPACT_TIME]
+    pulses_s = done.impacts[done.impacts["v_m_s"] >= WEAKEST_V_M_S]["t_s"]
     phases = phases_at(walking, pulses_s)
     inside = (phases >= lock.window_start) & (phases <= lock.window_end)
     if len(strikes_s) > 1:
@@ -119,8 +118,8 @@ def judge_end(
     done: Run, ends_s: float, hold_s: tuple[float, float], latest_s: float, outcome: Outcome
 ) -> None:
     """Judge the time from a stop or a stumble to the last pulse, and the largest v⁻ after it."""
-    pulses = done.impacts[done.impacts[:, APPROACH] >= WEAKEST_V_M_S]
-    times, speeds = pulses[:, IMPACT_TIME], pulses[:, APPROACH]
+    pulses = done.impacts[done.impacts["v_m_s"] >= WEAKEST_V_M_S]
+    times, speeds = pulses["t_s"], pulses["v_m_s"]
     follows = following(times, ends_s, float("inf"))
     steady = (times >= 0.5 * (sum(hold_s))) & (times <= ends_s)
     last_s = float(np.max(times[follows] - ends_s, initial=0.0))

@@ -6,7 +6,6 @@ Such a log differs from a run's: it has no candump text, and no frame is late or
 from typing import NamedTuple
 
 from plant_sim.arrays import FloatArray
-from plant_sim.solvers.adaptive.state_layout import IMPACT_TIME
 from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.run import run
 from tools.campaign.trial.sampling import Sampled
@@ -38,4 +37,4 @@ def record(cell: Cell, sampled: Sampled, duration_s: float) -> tuple[Ticks, Trut
     )
     done = run(scenario, scenario.seed, RECEIVED)
     ticks = Ticks(scenario.period_s, *(done.firmware[name].copy() for name in RECEIVED))
-    return ticks, Truth(done.true("x_m"), done.true("v_m_s"), done.impacts[:, IMPACT_TIME])
+    return ticks, Truth(done.true("x_m"), done.true("v_m_s"), done.impacts["t_s"])
