@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import jit, law, subroutine
 from plant_sim.orbits import sections
-from plant_sim.orbits.sections import Outcome, Protocol, Size
+from plant_sim.orbits.sections import Outcome, Period, Protocol, Size
 from plant_sim.parts.friction import static_limit_n
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import has_stop, is_rigid, is_soft, origin_m
@@ -93,21 +93,17 @@ def _(carrier: Stepwise, motion: float) -> tuple[float, float, float, float]:
 
 
 @law(sections.ends_clear, Stepwise)
-def _(carrier: Stepwise, motion: float, row: NDArray[np.float64]) -> bool:
+def _(carrier: Stepwise, motion: float, row: Period) -> bool:
     return False
 
 
 @law(sections.carry, Stepwise)
-def _(
-    carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: NDArray[np.float64]
-) -> tuple[float, bool]:
+def _(carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: Period) -> tuple[float, bool]:
     return until_s, _period(carrier, motion, until_s, looked_at, row)
 
 
 @subroutine
-def _period(
-    carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: NDArray[np.float64]
-) -> bool:
+def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: Period) -> bool:
     """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
     parts, memory, grid, samples = carrier
     sections.clear(row)
@@ -126,16 +122,16 @@ def _period(
             peak = one.peak_force_n if is_soft(parts.stop) else math.nan
             sections.count_impact(row, one.v_m_s, one.impulse_n_s, one.crank_rad, peak)
         mode.impacts = 0
-    row[sections.Y_END], row[sections.V_END] = y[0], y[1]
-    row[sections.DRIVE], row[sections.FRICTION] = y[work] - drive_j, y[work + 1] - friction_j
-    row[sections.LOSS] = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
-    row[sections.RESTED] = 1.0 if mode.seen & 1 << REST else 0.0
-    row[sections.MOVED] = 1.0 if _slid_m(parts, row[sections.FRICTION], mode.seen) > sections.STUCK_M else 0.0
+    row.y_end_m, row.v_end_m_s = y[0], y[1]
+    row.drive_j, row.friction_j = y[work] - drive_j, y[work + 1] - friction_j
+    row.loss_j = y[work + 2] - loss_j if has_stop(parts.stop) else 0.0
+    row.rested = mode.seen & 1 << REST != 0
+    row.moved = _slid_m(parts, row.friction_j, mode.seen) > sections.STUCK_M
     if looked_at and status == DONE:
         low, high = _extremes(samples, (end_s - begin_s) / LOOKS)
         if is_rigid(parts.stop):
-            high = 0.0 if row[sections.IMPACT_COUNT] > 0.0 else min(high, 0.0)
-        row[sections.Y_LOW], row[sections.Y_HIGH] = low + shift_m, high + shift_m
+            high = 0.0 if row.impacts > 0 else min(high, 0.0)
+        row.y_low_m, row.y_high_m = low + shift_m, high + shift_m
     return status != DONE
 
 

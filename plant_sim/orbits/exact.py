@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import jit, law, subroutine
 from plant_sim.orbits import sections
-from plant_sim.orbits.sections import Outcome, Protocol, Size
+from plant_sim.orbits.sections import Outcome, Period, Protocol, Size
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.friction import Coulomb, Viscous, is_dry
 from plant_sim.parts.stop import RigidStop
@@ -90,11 +90,12 @@ def ramp(
     """
     y, v, crank = 0.0, 0.0, crank_rad
     step_s = duration_s / steps
+    rows = np.zeros(1, sections.PERIOD)
     for step in range(steps):
         u = (step + 0.5) / steps
         speed = drive.omega_rad_s * u * u * (3.0 - 2.0 * u)
         o = oscillator(striker, IdealDrive(drive.amplitude_m, speed, drive.phase_rad), friction, stop)
-        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, np.zeros(sections.ROW))
+        motion, _ = _period(o, begin(o, 0.0, y, v, crank), step_s, False, rows[0])
         y, v, crank = motion.y_m, motion.v_m_s, motion.crank_rad
     return y, v, crank
 
@@ -117,7 +118,7 @@ def _(carrier: Closed, motion: Motion) -> tuple[float, float, float, float]:
 
 
 @law(sections.ends_clear, Closed)
-def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
+def _(carrier: Closed, motion: Motion, row: Period) -> bool:
     o = carrier.oscillator
     if is_dry(o.friction) or not _stays_clear(o, motion):
         return False
@@ -126,15 +127,13 @@ def _(carrier: Closed, motion: Motion, row: NDArray[np.float64]) -> bool:
 
 
 @law(sections.carry, Closed)
-def _(
-    carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
-) -> tuple[Motion, bool]:
+def _(carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: Period) -> tuple[Motion, bool]:
     return _period(carrier.oscillator, motion, until_s, looked_at, row)
 
 
 @subroutine
 def _period(
-    o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: NDArray[np.float64]
+    o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: Period
 ) -> tuple[Motion, bool]:
     """Carry the motion on to `until_s` and fill the row; also whether there were too many events."""
     sections.clear(row)
@@ -147,10 +146,10 @@ def _period(
         low, high = min(low, arrival.y_m), max(high, arrival.y_m)
         if motion.phase != Phase.FLIGHT:
             if motion.y_m >= o.gap_m and arrival.t_s > motion.t_s:
-                row[sections.RESTED] = 1.0
+                row.rested = True
         else:
             slid_m += abs(arrival.y_m - motion.y_m)
-            row[sections.MOVED] = 1.0 if slid_m > sections.STUCK_M or not is_dry(o.friction) else 0.0
+            row.moved = slid_m > sections.STUCK_M or not is_dry(o.friction)
         if looked_at:
             ledger = booked(o, ledger, motion, arrival, departure)
             if not is_dry(o.friction) and motion.phase == Phase.FLIGHT:
@@ -161,22 +160,22 @@ def _period(
             sections.count_impact(row, arrival.v_m_s, impulse, arrival.crank_rad, math.nan)
         motion = departure
         events += 1
-    row[sections.Y_END], row[sections.V_END] = motion.y_m, motion.v_m_s
-    row[sections.Y_LOW], row[sections.Y_HIGH] = low, high
-    row[sections.DRIVE] = ledger.drive_j + ledger.drive_low_j
-    row[sections.FRICTION] = ledger.friction_j + ledger.friction_low_j
-    row[sections.LOSS] = ledger.impact_j + ledger.impact_low_j
+    row.y_end_m, row.v_end_m_s = motion.y_m, motion.v_m_s
+    row.y_low_m, row.y_high_m = low, high
+    row.drive_j = ledger.drive_j + ledger.drive_low_j
+    row.friction_j = ledger.friction_j + ledger.friction_low_j
+    row.loss_j = ledger.impact_j + ledger.impact_low_j
     return motion, event != Event.HORIZON
 
 
 @subroutine
-def _steady_period(o: Oscillator, row: NDArray[np.float64]) -> None:
+def _steady_period(o: Oscillator, row: Period) -> None:
     """The row of a period of steady motion without impacts; drive and viscous friction exchange π b Ω Y²."""
     sections.clear(row)
-    row[sections.MOVED] = 1.0
-    row[sections.Y_LOW], row[sections.Y_HIGH] = -o.steady_m, o.steady_m
+    row.moved = True
+    row.y_low_m, row.y_high_m = -o.steady_m, o.steady_m
     work = math.pi * 2.0 * o.decay_1_s * o.mass_kg * o.drive_rad_s * o.steady_m * o.steady_m
-    row[sections.DRIVE], row[sections.FRICTION] = work, work
+    row.drive_j, row.friction_j = work, work
 
 
 @subroutine

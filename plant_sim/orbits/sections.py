@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.arrays import record_type
 from plant_sim.kernels import by_part, subroutine
 from plant_sim.solvers.double_double import TURN_RAD
 
@@ -30,28 +31,37 @@ CHATTER_IMPACTS = 16
 STUCK_M = 1e-9
 """A striker whose slides are all shorter than this is stuck."""
 
-(
-    Y_END,
-    V_END,
-    IMPACT_COUNT,
-    IMPULSE,
-    IMPULSE_SQUARES,
-    FASTEST,
-    SLOWEST,
-    APPROACHES,
-    CRANK_AT_IMPACT,
-    PEAK,
-    RESTED,
-    MOVED,
-    Y_LOW,
-    Y_HIGH,
-    DRIVE,
-    FRICTION,
-    LOSS,
-) = range(17)
-"""Columns of a period's row: section state, impacts and their sums, rest and motion, measured values."""
 
-ROW = 17
+class Period:
+    """What a drive period leaves: the state at its end, its impacts and their sums, what was measured."""
+
+    y_end_m: float
+    v_end_m_s: float
+    impacts: int
+    impulse_n_s: float
+    impulse_squares: float
+    fastest_m_s: float
+    slowest_m_s: float
+    approaches_m_s: float
+    """Sum of the impacts' v⁻."""
+    crank_rad: float
+    """At the last impact."""
+    peak_n: float
+    rested: bool
+    """The striker rested on the stop for some time, held there by the spring or by friction."""
+    moved: bool
+    """The striker moved; where friction is dry, slides added up to more than `STUCK_M`."""
+    y_low_m: float
+    y_high_m: float
+    drive_j: float
+    friction_j: float
+    loss_j: float
+
+
+PERIOD = record_type(Period)
+
+Periods: TypeAlias = Any
+"""An array of records as `Period`."""
 
 
 class Regime(IntEnum):
@@ -149,20 +159,16 @@ def set_out(carrier: Carrier, y_m: float, v_m_s: float, crank_rad: float) -> Any
 
 
 @by_part
-def carry(
-    carrier: Carrier, motion: Any, until_s: float, looked_at: bool, row: NDArray[np.float64]
-) -> tuple[Any, bool]:
+def carry(carrier: Carrier, motion: Any, until_s: float, looked_at: bool, row: Period) -> tuple[Any, bool]:
     """The motion at `until_s`, its row filled, and whether the solver could not get there.
 
-    `looked_at` asks for extremes and energies. RESTED: the striker rested on the stop for some time, held
-    there by the spring or by friction. MOVED: it moved; where friction is dry, slides added up to more than
-    `STUCK_M`.
+    `looked_at` asks for extremes and energies.
     """
     raise NotImplementedError
 
 
 @by_part
-def ends_clear(carrier: Carrier, motion: Any, row: NDArray[np.float64]) -> bool:
+def ends_clear(carrier: Carrier, motion: Any, row: Period) -> bool:
     """Whether the striker provably never reaches the stop again; `row` is then the steady period's."""
     raise NotImplementedError
 
@@ -180,7 +186,7 @@ def follow_orbit(
     v_m_s: float,
     crank_rad: float,
     protocol: Protocol,
-    rows: NDArray[np.float64],
+    rows: Periods,
 ) -> Outcome:
     """Run an orbit from y = x − l0, v and a crank angle, and say what became of it."""
     size = size_of(carrier)
@@ -242,42 +248,41 @@ def classify_starts(
 
 
 @subroutine
-def new_rows(protocol: Protocol, drive_rad_s: float) -> NDArray[np.float64]:
+def new_rows(protocol: Protocol, drive_rad_s: float) -> Periods:
     """A ring of rows that holds what the protocol records, and enough to recognise a cycle."""
     recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2
-    return np.zeros((max(recorded, 2 * LONGEST_CYCLE + 2), ROW))
+    return np.zeros(max(recorded, 2 * LONGEST_CYCLE + 2), PERIOD)
 
 
 @subroutine
-def clear(row: NDArray[np.float64]) -> None:
+def clear(row: Period) -> None:
     """Start a period."""
-    for column in range(ROW):
-        row[column] = 0.0
-    row[SLOWEST] = math.inf
-    row[Y_LOW] = math.inf
-    row[Y_HIGH] = -math.inf
-    row[PEAK] = math.nan
+    row.impacts, row.rested, row.moved = 0, False, False
+    row.y_end_m = row.v_end_m_s = row.crank_rad = 0.0
+    row.impulse_n_s = row.impulse_squares = row.approaches_m_s = row.fastest_m_s = 0.0
+    row.drive_j = row.friction_j = row.loss_j = 0.0
+    row.slowest_m_s = row.y_low_m = math.inf
+    row.y_high_m = -math.inf
+    row.peak_n = math.nan
 
 
 @subroutine
-def count_impact(
-    row: NDArray[np.float64], v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float
-) -> None:
+def count_impact(row: Period, v_m_s: float, impulse_n_s: float, crank_rad: float, peak_n: float) -> None:
     """Add an impact to its period."""
-    row[IMPACT_COUNT] += 1.0
-    row[IMPULSE] += impulse_n_s
-    row[IMPULSE_SQUARES] += impulse_n_s * impulse_n_s
-    row[APPROACHES] += v_m_s
-    row[FASTEST] = max(row[FASTEST], v_m_s)
-    row[SLOWEST] = min(row[SLOWEST], v_m_s)
-    row[CRANK_AT_IMPACT] = crank_rad
-    if not row[PEAK] >= peak_n:
-        row[PEAK] = peak_n
+    row.impacts += 1
+    row.impulse_n_s += impulse_n_s
+    row.impulse_squares += impulse_n_s * impulse_n_s
+    row.approaches_m_s += v_m_s
+    row.fastest_m_s = max(row.fastest_m_s, v_m_s)
+    row.slowest_m_s = min(row.slowest_m_s, v_m_s)
+    row.crank_rad = crank_rad
+    if not row.peak_n >= peak_n:
+        row.peak_n = peak_n
 
 
 @subroutine
 def follow_cycles(
-    rows: NDArray[np.float64],
+    rows: Periods,
     streaks: NDArray[np.int64],
     period: int,
     length_m: float,
@@ -298,9 +303,9 @@ def follow_cycles(
             break
         before = rows[(period - n) % size]
         distance = max(
-            abs(now[Y_END] - before[Y_END]) / length_m, abs(now[V_END] - before[V_END]) / speed_m_s
+            abs(now.y_end_m - before.y_end_m) / length_m, abs(now.v_end_m_s - before.v_end_m_s) / speed_m_s
         )
-        repeated = distance <= tolerance and now[IMPACT_COUNT] == before[IMPACT_COUNT]
+        repeated = distance <= tolerance and now.impacts == before.impacts
         streaks[n] = streaks[n] + 1 if repeated else 0
         if found == 0 and streaks[n] > max(n, 2):
             found, doubted = n, nearly > 0 and n % nearly == 0
@@ -311,7 +316,7 @@ def follow_cycles(
 
 @subroutine
 def summary(
-    rows: NDArray[np.float64],
+    rows: Periods,
     last: int,
     window: int,
     cycle: int,
@@ -321,32 +326,32 @@ def summary(
 ) -> Outcome:
     """The outcome of an orbit from its last `window` rows; `end` is y, v, crank and the time run."""
     size = len(rows)
-    impacts, impulse, squares, approaches, crank = 0.0, 0.0, 0.0, 0.0, 0.0
+    impacts, impulse, squares, approaches, crank = 0, 0.0, 0.0, 0.0, 0.0
     fastest, slowest, peak, low, high = 0.0, math.inf, math.nan, math.inf, -math.inf
     drive, friction, loss = 0.0, 0.0, 0.0
-    rested, moved, most = False, False, 0.0
+    rested, moved, most = False, False, 0
     for index in range(window):
         row = rows[(last - index) % size]
-        impacts += row[IMPACT_COUNT]
-        impulse += row[IMPULSE]
-        squares += row[IMPULSE_SQUARES]
-        approaches += row[APPROACHES]
-        if row[IMPACT_COUNT] > 0.0:
-            crank = row[CRANK_AT_IMPACT]
-        fastest, slowest = max(fastest, row[FASTEST]), min(slowest, row[SLOWEST])
-        if not peak >= row[PEAK]:
-            peak = row[PEAK]
-        low, high = min(low, row[Y_LOW]), max(high, row[Y_HIGH])
-        moved = moved or row[MOVED] > 0.0
-        drive += row[DRIVE]
-        friction += row[FRICTION]
-        loss += row[LOSS]
-        rested = rested or row[RESTED] > 0.0
-        most = max(most, row[IMPACT_COUNT])
+        impacts += row.impacts
+        impulse += row.impulse_n_s
+        squares += row.impulse_squares
+        approaches += row.approaches_m_s
+        if row.impacts > 0:
+            crank = row.crank_rad
+        fastest, slowest = max(fastest, row.fastest_m_s), min(slowest, row.slowest_m_s)
+        if not peak >= row.peak_n:
+            peak = row.peak_n
+        low, high = min(low, row.y_low_m), max(high, row.y_high_m)
+        moved = moved or row.moved
+        drive += row.drive_j
+        friction += row.friction_j
+        loss += row.loss_j
+        rested = rested or row.rested
+        most = max(most, row.impacts)
     count = max(window, 1)
     regime = Regime.UNCERTAIN
     mean, spread = math.nan, math.nan
-    if impacts == 0.0:
+    if impacts == 0:
         regime = Regime.NON_IMPACT if moved else Regime.STUCK
     else:
         mean = impulse / impacts
@@ -363,9 +368,9 @@ def summary(
         cycle,
         window,
         impacts / count,
-        approaches / impacts if impacts > 0.0 else math.nan,
-        fastest if impacts > 0.0 else math.nan,
-        slowest if impacts > 0.0 else math.nan,
+        approaches / impacts if impacts > 0 else math.nan,
+        fastest if impacts > 0 else math.nan,
+        slowest if impacts > 0 else math.nan,
         mean,
         spread,
         crank,

@@ -184,9 +184,10 @@ def test_the_kernel_holds_only_what_the_scene_names() -> None:
     assert arithmetic(rod) > arithmetic(plain)
     for code in (worn, shaken):
         assert arithmetic(code) > arithmetic(soft) > arithmetic(plain)
-    # A rod takes square roots; an ankle's frequency takes one, as does the growth of a swing's pull.
+    # A rod takes square roots; an ankle's frequency takes one, as does the growth of a swing's pull, which
+    # LLVM copies into each caller.
     assert calls(rod, "sqrt") > calls(worn, "sqrt") > calls(soft, "sqrt")
-    assert calls(plain, "sqrt") == calls(soft, "sqrt") == calls(shaken, "sqrt") - 1
+    assert calls(shaken, "sqrt") > calls(soft, "sqrt") == calls(plain, "sqrt")
     assert calls(shaken, "sin") > calls(soft, "sin") == calls(worn, "sin") == calls(plain, "sin")
 
 
