@@ -44,8 +44,8 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
     assert len(impacts) == len(done.impacts) > 10
     for name in PlantRecord._fields:
         np.testing.assert_array_equal(done.true(name), plant[name], err_msg=name)
-    for column, name in enumerate(Impact._fields):
-        np.testing.assert_array_equal(done.impacts[:, column], impacts[name], err_msg=name)
+    for name in Impact._fields:
+        np.testing.assert_array_equal(done.impacts[name], impacts[name], err_msg=name)
     for name in done.firmware.dtype.names or ():
         if name in firmware.dtype.names:  # a run in which nobody walks records no gait
             np.testing.assert_array_equal(done.firmware[name], firmware[name], err_msg=name)
@@ -75,7 +75,7 @@ def test_a_housing_that_swings_at_the_cranks_frequency_does_not_end_the_impacts(
     sampled = trial_of("start-up", cells, numbers, seed, trial)
     assert sampled.scenario.scene.housing is not None
     done = run_loop(sampled.scenario, sampled.scenario.seed)
-    times = done.impacts[:, 0]
+    times = done.impacts["t_s"]
     held = times[times > done.modes[-1].t_s]
     assert done.modes[-1].mode == Mode.RUN
     assert len(held) > 130
@@ -89,9 +89,9 @@ def test_a_led_crank_keeps_its_speed_and_reaches_it_by_its_ramp() -> None:
     moving = type(start)(start.t_s, start.x_m, start.v_m_s, start.crank_rad, 10.0, start.phase)
     wanted = adaptive.simulate(led(scene.parts()), moving, 8.0).impacts
     assert len(held) == len(wanted.t_s) > 4
-    np.testing.assert_allclose(held[:, 0], wanted.t_s, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(held[:, 1], wanted.v_m_s, rtol=0.0, atol=1e-9)
-    late = alone(scene, start, 5.0, 11.0, RAMP_S, RAMP_S + HELD_S)[-10:, 0]
+    np.testing.assert_allclose(held["t_s"], wanted.t_s, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(held["v_m_s"], wanted.v_m_s, rtol=0.0, atol=1e-9)
+    late = alone(scene, start, 5.0, 11.0, RAMP_S, RAMP_S + HELD_S)[-10:]["t_s"]
     np.testing.assert_allclose(np.diff(late), 2.0 * np.pi / 11.0, rtol=1e-3)
 
 
