@@ -1,7 +1,7 @@
 """The vibro-impact module (striker, drive, friction, stop, motor and sensors) and its solvers.
 
-`load_scene` reads a scene, `simulate` runs it on its own, `Plant` lives tick by tick. A name's module is
-imported when the name is first asked for: the solvers' take a second.
+`load_scene` reads a scene, `simulate` runs it from start to end, `Plant` advances it tick by tick. The module
+of a name is imported when the name is first used, because importing the solvers takes a second.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""The types of arrays, by what they hold, and arrays of records."""
+"""Types of arrays by their elements, and arrays of records."""
 
 from typing import Any, Literal, Protocol, TypeVar
 

@@ -1,8 +1,8 @@
-"""How this package compiles: one `jit`, and functions chosen by the type of a part at compile time.
+"""Compilation in this package: one `jit`, and functions that the type of a part selects at compile time.
 
-numba's cache looks only at the file of the function it caches. An edited callee in another file, a
-reordered record or a changed enum value would run stale machine code, so the cache folder is named by a
-hash of every source of the package: any edit opens a fresh folder.
+numba's cache checks only the file of the cached function. After an edit of a callee in another file, of the
+order of a record or of an enum's value, stale machine code would run. The cache folder is therefore named by
+a hash of all sources of the package, so that each edit starts a new folder.
 """
 
 import functools
@@ -33,7 +33,7 @@ class KernelCacheError(OSError):
 
 @functools.cache
 def cache_folder(name: str = "plant_sim", packages: tuple[Path, ...] = (_HERE,)) -> Path:
-    """Where kernels of these packages are kept: in $VIBROHIL_CACHE_DIR or `vibrohil` in the user's cache."""
+    """Folder of the compiled kernels of these packages, below $VIBROHIL_CACHE_DIR or the user's cache."""
     user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     root = Path(os.environ.get("VIBROHIL_CACHE_DIR") or user_cache / "vibrohil")
     folder = root / f"{name}-{_source_hash(packages)}"
@@ -62,7 +62,7 @@ def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callable[_P, _R]:
-    """Compile a kernel, with more of numba's options, and keep it in `folder`."""
+    """Compile a kernel with additional options of numba and cache it in `folder`."""
     # numba reads its global cache folder when it decorates; put back, for other packages have their own.
     settings: Any = numba_config
     previous, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
@@ -75,10 +75,10 @@ def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callabl
 
 
 def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that only kernels call, and are cached with.
+    """Compile a function that only kernels call; its code is cached with theirs.
 
-    Without the way in from Python, which for nested records is long, a scene's kernel compiles in two thirds
-    of the time.
+    It has no entry point for Python, which is long for nested records; this shortens the compile time of a
+    scene's kernel by a third.
     """
     njit: Any = numba.njit
     kernel: Callable[_P, _R] = njit(nogil=True, error_model="numpy", **_KERNELS_ONLY)(function)
@@ -86,17 +86,17 @@ def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """A function that kernels compile and Python calls as it stands."""
+    """Register a function that is compiled in kernels and interpreted when Python calls it."""
     decorate: Any = register_jitable(error_model="numpy", **_KERNELS_ONLY)
     plain: Callable[_P, _R] = decorate(function)
     return plain
 
 
 def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., _R]:
-    """The machine code of a kernel for arguments of these types, compiled or loaded now.
+    """Machine code of a kernel for arguments of these types, compiled or loaded now.
 
-    It skips the look-up of the arguments' types, which for nested records takes longer than a short kernel;
-    whoever calls it keeps to those types, but for a record's numbers, which it takes as they are declared.
+    A call of it skips the look-up of the arguments' types, which takes longer than a short kernel for nested
+    records. The caller must keep to these types; the numbers of a record count as declared.
     """
     dispatcher: Any = kernel
     typeof: Callable[[object], types.Type] = numba.typeof
@@ -107,8 +107,10 @@ def entry_point(kernel: Callable[..., _R], *arguments: object) -> Callable[..., 
 
 
 def _as_declared(value: object) -> Any:
-    """The value, with a float wherever a record declares one: a whole number in its place would else be
-    compiled as such, and later ones be cut down to whole numbers."""
+    """The value, with a float wherever a record declares one.
+
+    Otherwise an int in its place would be compiled as an int, and later floats would be truncated.
+    """
     if not isinstance(value, tuple):
         return value
     if not hasattr(value, "_fields"):
@@ -122,11 +124,11 @@ def _as_declared(value: object) -> Any:
 
 
 def by_part(generic: _Generic) -> _Generic:
-    """A function with one law per type of its first argument, chosen when a kernel is compiled.
+    """A function with one law per type of its first argument, selected when a kernel is compiled.
 
-    Laws are added with `@law(generic, PartType)`; a kernel that calls the generic function then holds only
-    the law of the scene's own part. The generic function's own body is what holds for every other part: where
-    it raises NotImplementedError, each part needs a law. The same call works interpreted.
+    Laws are added with `@law(generic, PartType)`; a kernel that calls the generic function then contains only
+    the law of the scene's own part. The body of the generic function is the law of all other parts; if it
+    raises NotImplementedError, each part needs a law. The same call also works interpreted.
 
     >>> from typing import NamedTuple
     >>> class Sphere(NamedTuple):
@@ -161,7 +163,7 @@ def by_part(generic: _Generic) -> _Generic:
 
 
 def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
-    """Register the decorated function as what `generic` does for these types of part."""
+    """Register the decorated function as the law of `generic` for these types of part."""
 
     def register(function: _Law) -> _Law:
         laws: dict[type, Callable[..., Any]] = generic.laws  # type: ignore[attr-defined]  # set by `by_part`
@@ -173,7 +175,7 @@ def law(generic: Callable[..., Any], *parts: type) -> Callable[[_Law], _Law]:
 
 
 def one_of(*parts: type) -> Callable[[Any], bool]:
-    """Whether a part is of one of these types; answered when a kernel is compiled."""
+    """A predicate: whether a part is of one of these types. Kernels evaluate it when they are compiled."""
 
     @by_part
     def is_one(part: Any) -> bool:
@@ -197,7 +199,8 @@ def _without_owner(_: Any, array: types.Array) -> Any:
 
 
 unowned: Any = intrinsic(_without_owner)
-"""In a kernel: the same array without its owner, so that no references to it are counted.
+"""In a kernel: the same array without its owner, so that references to it are not counted.
 
-The atomic counting costs a kernel of short rows as much as its arithmetic. The caller keeps the array alive.
+In a kernel of short rows the atomic counting costs as much as the arithmetic. The caller must keep the
+array alive.
 """

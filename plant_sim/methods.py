@@ -1,7 +1,7 @@
-"""Which solver a scene is given, and at what step: the cheapest measured one that is accurate enough.
+"""Selection of a solver and its step for a scene: the cheapest method that meets the accuracy.
 
-The costs are those that `vibrohil trade` prints, rounded up; they say which method is cheaper, not how long
-a run takes on some machine.
+The costs are the ones that `vibrohil trade` prints, rounded up. They rank the methods; they do not predict
+the time of a run on a particular machine.
 """
 
 import math
@@ -14,7 +14,7 @@ from plant_sim.scene import Scene
 
 
 class Choice(NamedTuple):
-    """A method with its step (stepping only), and why it was taken (`auto` only)."""
+    """A method with its step (stepping only) and the reason for it (`auto` only)."""
 
     method: str
     step_s: float | None = None
@@ -22,7 +22,7 @@ class Choice(NamedTuple):
 
 
 class SteppingCost(NamedTuple):
-    """What stepping costs at a step of `step_rad` of the faster of drive and free oscillation."""
+    """Error and cost of time stepping at a step of `step_rad` of the faster of drive and free oscillation."""
 
     step_rad: float
     error: float
@@ -39,19 +39,19 @@ STEPPING_COSTS = (
     SteppingCost(0.001, 0.001, 500.0),
     SteppingCost(0.0003, 0.0004, 1600.0),
 )
-"""Coarsest first. First order: the error falls as the step does."""
+"""Coarsest first. The method is of first order: the error is proportional to the step."""
 
 ADAPTIVE_COST_US_S = 17.0
-"""Of the adaptive solver at its loosest: a step is a radian at most."""
+"""Cost of the adaptive solver at the loosest accuracy, where a step is limited to a radian."""
 
 FINEST_STEP_RAD = 1e-4
-"""Below it time stepping takes longer than any other method does for rounding error."""
+"""With a smaller step, time stepping takes longer than any other method takes to reach rounding error."""
 
 
 def choose(scene: Scene, parts: Parts) -> Choice:
-    """The method of `scene.solver`; `auto` takes the cheapest that meets its accuracy.
+    """The method of `scene.solver`; `auto` selects the cheapest one that meets the accuracy.
 
-    `parts` are the scene's, a tilt taken off (`plant_sim.tilt`): how far it lets the striker sag counts.
+    `parts` are those of the level scene (`plant_sim.tilt`), because the sag by a tilt counts.
     """
     solver = scene.solver
     if solver.method == "stepping":
@@ -79,7 +79,8 @@ def choose(scene: Scene, parts: Parts) -> Choice:
 
 
 def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:
-    """The longest step, s, whose measured error is within `accuracy`; finer ones by first order."""
+    """The longest step, s, whose measured error is within `accuracy`; smaller steps are extrapolated to first
+    order."""
     length_m, fastest_rad_s = _length_m(scene, parts), _fastest_rad_s(scene, parts)
     for cost in STEPPING_COSTS:
         if cost.error * length_m <= accuracy:
@@ -90,7 +91,7 @@ def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:
 
 
 def _length_m(scene: Scene, parts: Parts) -> float:
-    """How far the striker swings, roughly and rather too much, m: drive, gap and start together."""
+    """An upper estimate of the striker's swing, m: the sum of drive, gap and start."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     gap_m = abs(stop.position_m - striker.rest_length_m) if isinstance(stop, RigidStop) else 0.0
     start_m = math.hypot(scene.initial_x_m - striker.rest_length_m, scene.initial.v_m_s / scene.natural_rad_s)

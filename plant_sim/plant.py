@@ -1,4 +1,4 @@
-"""The module as a thing that lives tick by tick: a torque goes in, readings come out."""
+"""The module advanced tick by tick: a torque as input, sensor readings as output."""
 
 import math
 from collections.abc import Callable
@@ -38,13 +38,13 @@ from plant_sim.solvers.adaptive.state_layout import OBSERVED, UNSETTLED, Memory,
 from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
-"""How often the gait sensors are read."""
+"""Period of the gait sensors."""
 
 SAMPLED_STREAM = 11
-"""The sampled sensors' noise is sampled separately, from this stream on, each its own."""
+"""First random stream of the sampled sensors; each has its own stream for its noise."""
 
 IMPACTS_A_CALL = 64
-"""Rows of the impacts' buffer: more than a tick holds, except in a chatter, which then takes two calls."""
+"""Rows of the impacts' buffer. Only during chatter does a tick have more; it then takes two calls."""
 
 
 class PlantError(ValueError):
@@ -52,7 +52,7 @@ class PlantError(ValueError):
 
 
 class Lent(NamedTuple):
-    """What compiled code needs to go on with a plant tick by tick; `noise` is the sensors'."""
+    """The data with which compiled code advances a plant tick by tick; `noise` is that of the sensors."""
 
     parts: Parts
     probe: Sensing
@@ -70,7 +70,7 @@ class Plant:
     def __init__(
         self, scene: Scene, seed: int, parts: Parts | None = None, initial: MotionState | None = None
     ) -> None:
-        """`parts` and `initial` in place of the scene's own."""
+        """`parts` and `initial` replace those of the scene."""
         if not (real(seed) >= 0.0 and real(seed).is_integer()):
             raise PlantError(f"seed = {seed!r}: wanted a whole number of at least 0")
         seed = int(seed)
@@ -99,10 +99,10 @@ class Plant:
         self._call(0.0, 0.0)
         self._stored_before_j = float(self._memory.observed[OBSERVED.stored_j])
         self.now: Observation = observation(self._memory, self._stored_before_j)
-        """What can be read off the module now."""
+        """The present observation of the module."""
 
     def advance(self, torque_n_m: float, dt_s: float) -> None:
-        """Move on by `dt_s` under a held motor torque command (an ideal drive takes no notice of it)."""
+        """Advance by `dt_s` under a constant motor torque command (an ideal drive ignores it)."""
         torque_n_m, dt_s = real(torque_n_m), real(dt_s)
         if not (math.isfinite(torque_n_m) and math.isfinite(dt_s) and dt_s >= 0.0):
             raise PlantError(
@@ -117,9 +117,9 @@ class Plant:
         self._t_s = t_s
 
     def replace_parts(self, parts: Parts) -> None:
-        """Go on with other numbers of the same kinds of parts, the motion as it is.
+        """Replace the parts by others of the same kinds; the motion continues from its present state.
 
-        What the change adds to the stored energy comes from outside and is in no ledger.
+        The change of stored energy comes from outside and is in no ledger.
         """
         if tuple(map(type, parts)) != tuple(map(type, self.parts)):
             kinds = [", ".join(type(part).__name__ for part in given) for given in (parts, self.parts)]
@@ -131,7 +131,7 @@ class Plant:
         self._disturb(in_contact_too=moved_m != 0.0)
 
     def kick(self, change_m_s: float) -> None:
-        """Change the striker's velocity at once, as a kick does, which the accelerometers feel.
+        """Change the striker's velocity at once, as a kick does; the accelerometers measure it.
 
         Its work is in no ledger.
         """
@@ -143,7 +143,7 @@ class Plant:
         self._disturb(in_contact_too=False)
 
     def _disturb(self, in_contact_too: bool) -> None:
-        """Find the phase anew after a change from outside, and leave its energy out of the ledger."""
+        """Determine the phase again after a change from outside, and exclude its energy from the ledger."""
         memory = self._memory
         stored_j = float(memory.observed[OBSERVED.stored_j])
         if in_contact_too or memory.mode[0].phase != Phase.CONTACT:
@@ -168,19 +168,19 @@ class Plant:
                 raise refusal(status, self.parts, memory, self.t_s)
 
     def sense(self) -> SensorReading:
-        """Sample every sensor now; each call samples new noise."""
+        """Sample every sensor now, with new noise in each call."""
         if self._sensors is None:
             raise PlantError("the scene has no sensors; add the table [sensors]")
         return self._sensors.read(self.now.crank_rad)
 
     @property
     def has_gait_sensors(self) -> bool:
-        """Whether somebody walks and is seen to."""
+        """Whether the scene has a walking wearer and gait sensors."""
         return self._gait_sensors is not None
 
     @property
     def observed(self) -> NDArray[np.float64]:
-        """What sampled sensors see now, as `plant_sim.solvers.adaptive.state_layout` names it."""
+        """The present observation for sampled sensors, with places as in `state_layout.OBSERVED`."""
         return self._memory.observed
 
     def sample_noise(self, which: int, signals: int) -> NDArray[np.float64]:
@@ -190,24 +190,24 @@ class Plant:
     def sense_gait(self, t_s: float) -> GaitReading | None:
         """Sample the gait sensors at `t_s`, every `GAIT_PERIOD_S`; None where the sample drops out.
 
-        Nothing that the module does changes the gait, so that times ahead may be sampled.
+        The module does not influence the gait, so that future times may be sampled.
         """
         if self._gait_sensors is None:
             raise PlantError("the scene has no gait sensors; add the tables [gait] and [sensors]")
         return self._gait_sensors.read(t_s)
 
     def gait_at(self, t_s: float) -> GaitTruth | None:
-        """The gait at `t_s`; None where nobody walks."""
+        """The gait at `t_s`; None without a walking wearer."""
         walking = self.parts.housing
         return gait_at(walking, t_s) if isinstance(walking, Walking) else None
 
     def gaits_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """The gait at these times, shape (n,), a row each as `GaitTruth` has it; None where nobody walks."""
+        """The gait at these times, shape (n,), as rows of `GaitTruth`; None without a walking wearer."""
         walking = self.parts.housing
         return gaits_at(walking, times_s) if isinstance(walking, Walking) else None
 
     def lend(self) -> Lent:
-        """Hand the module to compiled code; `take_back` ends that. Raise PlantError without sensors."""
+        """Hand the module to compiled code until `take_back`. Raises PlantError without sensors."""
         if self._sensors is None or isinstance(self._probe, NoSensing):
             raise PlantError("the scene has no sensors; add the table [sensors]")
         return Lent(
@@ -222,14 +222,14 @@ class Plant:
         )
 
     def take_back(self, t_s: float, t_rest_s: float, torque_n_m: float, status: int) -> None:
-        """Go on from where compiled code has left the module; raise SolverError where it could not go on."""
+        """Continue from the state that compiled code has reached. Raises SolverError if it failed."""
         self._t_s, self._t_rest_s, self._torque_n_m = t_s, t_rest_s, torque_n_m
         if status != DONE:
             raise refusal(status, self.parts, self._memory, self.t_s)
         self.now = observation(self._memory, self._stored_before_j)
 
     def take_impacts(self) -> list[Impact]:
-        """Impacts completed since the last call, oldest first (at a soft stop: those already separated)."""
+        """Impacts completed since the last call, oldest first (at a soft stop: after separation)."""
         impacts, self._impacts = self._impacts, []
         return impacts
 
@@ -250,22 +250,22 @@ class Plant:
 
     @property
     def peak_felt_force_n(self) -> float | None:
-        """The largest of these so far, N; None where nobody wears the module."""
+        """The largest felt force so far, N; None without a wearer."""
         return peak_felt_force_n(self.parts, self._memory)
 
     @property
     def energy(self) -> EnergyLedger:
-        """Where the energy went since the start."""
+        """Energy ledger since the start."""
         return ledger(self.now)
 
     @property
     def electrical(self) -> ElectricalLedger | None:
-        """Where that at the motor's terminals went; None where its windings are not modelled."""
+        """Electrical ledger since the start; None if the windings are not modelled."""
         return electrical_ledger(self.parts, self._memory)
 
 
 def warm(scene: Scene) -> None:
-    """Compile, or load from the cache, all that a plant of this scene runs, before any clock starts."""
+    """Compile all kernels of a plant of this scene, or load them from the cache, before any clock starts."""
     plant = Plant(scene, seed=0)
     plant.advance(0.0, 1e-3)
     plant.gait_at(0.0)
@@ -274,5 +274,5 @@ def warm(scene: Scene) -> None:
 
 
 def compiled_advance(plant: Plant) -> Callable[..., int]:
-    """The kernel for this plant's types, compiled or loaded now."""
+    """The kernel for the types of this plant, compiled or loaded now."""
     return entry_point(advance, plant.parts, plant._probe, plant._memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)

@@ -1,4 +1,4 @@
-"""What a simulation hands back, whichever solver ran."""
+"""Results of a simulation, the same for all solvers."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Phase(IntEnum):
-    """The striker's mode of motion; each has its own flow and its own exits."""
+    """The striker's mode of motion; each has its own equations and its own events that end it."""
 
     FLIGHT = 0
     STICK = 1
@@ -30,12 +30,12 @@ class MotionState:
 
 
 class Observation(NamedTuple):
-    """All that can be read off a module at one instant.
+    """The observable quantities of a module at one instant.
 
-    `accel_m_s2` is x'' as seen from the housing, `motor_torque_n_m` the motor's on the crank before its
-    losses, `current_a` its torque-producing current, `stop_force_n` a soft stop's on the striker,
-    `felt_force_n` that of ankle spring and damper on the wearer; 0 where there is none. From `drive_work_j`
-    on it is the ledger since the start.
+    `accel_m_s2` is x'' relative to the housing, `motor_torque_n_m` the motor's torque on the crank before
+    losses, `current_a` the torque-producing current, `stop_force_n` the force of a soft stop on the striker,
+    `felt_force_n` the force of ankle spring and damper on the wearer; 0 for a part that is missing. The
+    fields from `drive_work_j` on are the ledger since the start.
     """
 
     x_m: float
@@ -59,7 +59,7 @@ class Observation(NamedTuple):
 class Impact(NamedTuple):
     """One impact. `t_s` is the touch-down, `v_m_s` and `v_after_m_s` are the velocities before and after it.
 
-    `peak_force_n` is nan at a rigid stop, which has none.
+    `peak_force_n` is nan at a rigid stop, whose force is not finite.
     """
 
     t_s: float
@@ -74,8 +74,8 @@ class Impact(NamedTuple):
 class EnergyLedger:
     """drive_work + housing_work = stored_change + friction + impact_loss + ankle, all in joules.
 
-    `housing_work_j` is that of −m a_b, as seen from a tilted or moving housing; `ankle_j` is what the
-    wearer's ankle damps.
+    `housing_work_j` is the work of −m a_b in the frame of a tilted or moving housing; `ankle_j` is the energy
+    dissipated in the wearer's ankle.
     """
 
     drive_work_j: float
@@ -87,7 +87,7 @@ class EnergyLedger:
 
     @property
     def exchanged_j(self) -> float:
-        """The energy that went through the ledger: the scale of its residual."""
+        """The energy exchanged in the ledger: the scale of its residual."""
         moved_j = abs(self.drive_work_j) + abs(self.stored_change_j) + abs(self.housing_work_j)
         return moved_j + self.friction_j + self.impact_loss_j + self.ankle_j
 
@@ -103,8 +103,8 @@ class EnergyLedger:
 class ElectricalLedger:
     """work = shaft + copper + magnetic, all in joules since the start.
 
-    `work_j` is that at the motor's terminals, `shaft_j` the `drive_work_j` of the other ledger, `magnetic_j`
-    what the currents' own fields hold.
+    `work_j` is the work at the motor's terminals, `shaft_j` the `drive_work_j` of the other ledger,
+    `magnetic_j` the energy of the currents' magnetic fields.
     """
 
     work_j: float
@@ -122,10 +122,11 @@ class ElectricalLedger:
 
 @dataclass(frozen=True, slots=True)
 class Impacts:
-    """One entry an impact: touch-down time, approach velocity v⁻ > 0, velocity after it, impulse, peak force.
+    """One entry for each impact: touch-down time, approach velocity v⁻ > 0, velocity after it, impulse, peak
+    force.
 
-    `peak_force_n` is nan at a rigid stop, which has none. Against a wearer's foot plate both velocities are
-    those relative to it. Arrays share one shape (n,).
+    `peak_force_n` is nan at a rigid stop, whose force is not finite. Both velocities are relative to the foot
+    plate of a wearer. All arrays have the shape (n,).
     """
 
     t_s: NDArray[np.float64]
@@ -138,7 +139,7 @@ class Impacts:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """The motion on a grid of times the caller asked for; arrays of shape (n,)."""
+    """The motion at requested times; arrays of shape (n,)."""
 
     t_s: NDArray[np.float64]
     x_m: NDArray[np.float64]
@@ -157,6 +158,6 @@ class SimulationResult:
     samples: Samples | None = None
     notes: tuple[str, ...] = field(default=())
     peak_felt_force_n: float | None = None
-    """Largest force of ankle spring and damper on the wearer; None where nobody wears the module."""
+    """Largest force of ankle spring and damper on the wearer; None without a wearer."""
     electrical: ElectricalLedger | None = None
-    """None where the motor's windings are not modelled."""
+    """None if the motor's windings are not modelled."""

@@ -1,6 +1,6 @@
-"""A scene: which parts the module has and their numbers, read from TOML and refused where it makes no sense.
+"""A scene: the parts of the module and their parameters, read from TOML and checked for consistency.
 
-Lengths along the striker's axis, in metres, positive towards the stop; a table that is missing is a part that
+Lengths are in metres along the striker's axis, positive towards the stop. A missing table means that the part
 is not there.
 """
 
@@ -34,15 +34,15 @@ from plant_sim.validation_messages import messages_of, nearest
 SCENES = Path(__file__).parent / "scenes"
 
 STRIDES_STREAM = 9
-"""Strides are sampled separately from the sensors' noise, which is the seed's own."""
+"""Random stream of the strides; the sensors' noise uses the seed's own stream."""
 
 
 class SceneError(TextInputError):
-    """A scene that cannot be simulated; the message has one sentence for each thing wrong with it."""
+    """A scene that cannot be simulated; the message has one sentence for each error."""
 
 
 class Scene(Table):
-    """A whole scene; `parts()` is what solvers take of it."""
+    """A whole scene; solvers take its `parts()`."""
 
     striker: StrikerTable = Field(
         description="the table [striker] with mass_kg, spring_n_m and rest_length_m"
@@ -90,7 +90,8 @@ class Scene(Table):
         return self
 
     def _speeds_fit(self) -> None:
-        """Work per simulated second grows with the crank's speed and the striker's own."""
+        """Refuse speeds too high to simulate: work per simulated second grows with crank speed and natural
+        frequency."""
         speeds = {"sqrt(striker.spring_n_m / striker.mass_kg)": self.natural_rad_s}
         drive = self.drive.part(self.natural_rad_s, self.motor)
         if isinstance(drive, IdealDrive):
@@ -120,7 +121,7 @@ class Scene(Table):
 
     @property
     def beyond_closed_form(self) -> list[str]:
-        """The keys, with names' values, of which only the adaptive solver has what they ask for."""
+        """Keys, with the values of names, that only the adaptive solver can simulate."""
         beyond = [
             f"{key} = {value!r}"
             for key, value, possible in (
@@ -144,7 +145,7 @@ class Scene(Table):
 
     @property
     def beyond_stepping(self) -> list[str]:
-        """As `beyond_closed_form`, without friction: time stepping has every law."""
+        """As `beyond_closed_form`, without friction: time stepping supports every friction law."""
         return [fault for fault in self.beyond_closed_form if not fault.startswith("friction")]
 
     def _method_fits(self) -> None:
@@ -166,11 +167,11 @@ class Scene(Table):
 
     @property
     def initial_x_m(self) -> float:
-        """Where the striker starts, m."""
+        """Initial position of the striker, m."""
         return self.striker.rest_length_m if self.initial.x_m is None else self.initial.x_m
 
     def parts(self, seed: int = 1) -> Parts:
-        """The records that kernels are specialised for; of a walk the strides are sampled with `seed`."""
+        """The records for which kernels are specialised; `seed` samples the strides of a walk."""
         striker = self.striker.part(0.0 if self.housing is None else self.housing.tilt_rad)
         wearer = NoWearer() if self.wearer is None else self.wearer.part()
         return Parts(
@@ -203,21 +204,22 @@ class Scene(Table):
 
 
 def require_scene(scene: object) -> Scene:
-    """`scene` itself; raises `SceneError` where a caller gave something else."""
+    """Return `scene`; raise `SceneError` if it is not a Scene."""
     if not isinstance(scene, Scene):
         raise SceneError(f"scene = {scene!r}: wanted a Scene; make one with load_scene(name, path or tables)")
     return scene
 
 
 def scene_names() -> list[str]:
-    """The scenes that come with the package."""
+    """Names of the scenes that come with the package."""
     return sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     """The raw tables of a named scene, of a TOML file or of a mapping.
 
-    A text is a file's path if it has a slash or ends in `.toml`, else a scene's name. Raises TextInputError.
+    A text is a path if it has a slash or ends in `.toml`, otherwise the name of a scene. Raises
+    TextInputError.
     """
     if isinstance(source, Mapping):
         return dict(source)
@@ -237,7 +239,9 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
 
 
 def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
-    """A checked scene from a name, a TOML file or a mapping; raises SceneError, of a file TextInputError."""
+    """A checked scene from a name, a TOML file or a mapping.
+
+    Raises SceneError, and TextInputError for a file that cannot be read."""
     try:
         return Scene.model_validate(read_scene(source))
     except ValidationError as error:

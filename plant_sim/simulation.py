@@ -1,4 +1,4 @@
-"""A scene run on its own, by the solver that fits it."""
+"""Simulation of a scene by the solver that fits it."""
 
 import math
 from dataclasses import replace
@@ -19,15 +19,16 @@ from plant_sim.validation_messages import real
 
 
 class SimulationError(ValueError):
-    """A run that was asked for wrongly."""
+    """Invalid arguments of a simulation."""
 
 
 def simulate(
     scene: Scene, until_s: float, torque_n_m: float = 0.0, samples_s: float | None = None
 ) -> SimulationResult:
-    """Run a scene from its start to `until_s` under a held motor torque, N m.
+    """Simulate a scene from its start to `until_s` under a constant motor torque, N m.
 
-    `samples_s` asks for the motion at that spacing, both ends included. Any real numbers will do. Raises
+    `samples_s` requests samples of the motion at that spacing, both ends included. All arguments may be any
+    type of real number. Raises
     `SimulationError`, or the solver's `SolverError` or `UnsupportedSceneError`.
     """
     until_s = _real(until_s, "until_s", "time to run to, in s", above_zero=True)
@@ -54,11 +55,11 @@ def simulate(
 
 
 MOST_SAMPLES = 10_000_000
-"""Of one run: 400 MB."""
+"""Most samples of one run: 400 MB."""
 
 
 def _grid(until_s: float, samples_s: float) -> NDArray[np.float64]:
-    """Times from 0 to `until_s`, each once: one that rounds to the end is the end."""
+    """Times from 0 to `until_s`, each once; a time that rounds to the end is left out."""
     spacing_s = _real(samples_s, "samples_s", "spacing of samples, in s", above_zero=True)
     count = until_s / spacing_s
     if count > MOST_SAMPLES:
@@ -78,7 +79,8 @@ def _real(value: object, name: str, meaning: str, above_zero: bool = False) -> f
 
 
 def initial_state(scene: Scene, parts: Parts | None = None) -> MotionState:
-    """The module at t = 0; its phase is for the solver to find. `parts` are the scene's, if at hand."""
+    """State of the module at t = 0; the solver determines its phase. `parts`: those of the scene, if
+    available."""
     drive = (parts or scene.parts()).drive
     return MotionState(
         t_s=0.0,

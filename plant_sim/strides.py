@@ -1,9 +1,9 @@
 """The strides of a walk, sampled one after the other: rows for `plant_sim.parts.walking`.
 
-A stride's frequency, its size and its length differ from the wanted ones by a few per cent, at random and
-each for itself (stride times of healthy walkers vary by 1 to 3 %, after a stroke by more: Hausdorff et al.,
-J. Appl. Physiol. 80, 1996, and later work). Who starts or stops takes one stride for it. Who trips does so
-in mid-swing: puts the foot down early, waits, and finds back within three strides.
+Frequency, size and length of a stride differ from the desired ones by a few per cent, at random and
+independently (stride times of healthy walkers vary by 1 to 3 %, after a stroke by more: Hausdorff et al.,
+J. Appl. Physiol. 80, 1996, and later work). A start or a stop takes one stride. A walker trips in mid-swing,
+puts the foot down early, waits, and returns to the desired gait within three strides.
 """
 
 import math
@@ -15,50 +15,52 @@ import numpy as np
 from plant_sim.parts.walking import COLUMNS, Rows
 
 NATURAL_HZ = 0.9
-"""Strides a second of natural walking, at which the curves of `plant_sim.parts.walking` hold."""
+"""Stride frequency of natural walking, for which the curves of `plant_sim.parts.walking` hold."""
 SAMPLED_S = 600.0
-"""Strides are sampled for this long and until the script has ended; a longer walk then goes on evenly."""
+"""Strides are sampled for this duration and until the script has ended; a longer walk then continues
+evenly."""
 AFTER_SCRIPT_S = 30.0
-"""After the script's last pace or trip: the strides until it has happened, at the slowest cadence. Trips that
-follow each other faster than the strides take longer."""
+"""Time after the script's last pace or trip until it has happened at the slowest cadence. Trips that follow
+each other faster than the strides take longer."""
 STARTING_SHARE, STOPPING_SHARE = 0.8, 0.8
-"""The first and the last stride's frequency over that of the walk."""
+"""Frequency of the first and of the last stride, divided by that of the walk."""
 TRIP_PHASE = 0.75
-"""Mid-swing: where a foot trips."""
+"""Phase of mid-swing, at which a foot trips."""
 TRIP_FACTORS = ((1.6, 0.7), (0.6, 0.7), (0.85, 0.9))
-"""Frequency and size over the wanted ones at the end of the stride that trips, and of the two after it."""
+"""Frequency and size, divided by the desired ones, at the end of the stride with the trip and of the two
+after it."""
 
 
 class Pace(NamedTuple):
-    """From `at_s` on `stride_hz` strides a second; 0: standing."""
+    """Desired stride frequency from `at_s` on; 0: standing."""
 
     at_s: float
     stride_hz: float
 
 
 class Trip(NamedTuple):
-    """The first mid-swing after `at_s` is held up with `knock_m_s2` at most."""
+    """A trip in the first mid-swing after `at_s`, with a peak deceleration of `knock_m_s2`."""
 
     at_s: float
     knock_m_s2: float
 
 
 class Walk(NamedTuple):
-    """What a walk is like."""
+    """Parameters of a walk."""
 
     paces: Sequence[Pace]
     trips: Sequence[Trip]
     variability: float
-    """Standard deviation of frequency, size and length, each as a share of itself."""
+    """Relative standard deviation of frequency, size and length."""
     range_share: float
     walk_ratio_m_s: float
-    """Stride length over stride frequency, m s: nearly the same at all speeds."""
+    """Stride length divided by stride frequency, m s: nearly the same at all speeds."""
     strike_m_s2: float
     """Peak of a heel strike at the natural cadence; it grows as the square of the cadence."""
 
 
 class _Stride(NamedTuple):
-    """What holds at one heel strike."""
+    """State at one heel strike."""
 
     hertz: float
     size: float
@@ -69,7 +71,8 @@ STILL = _Stride(0.0, 0.0, 0.0)
 
 
 def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
-    """Strides a second at `t_s`: evenly from pace to pace where both walk, else held until the next."""
+    """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant until the
+    next."""
     now = max((i for i, pace in enumerate(paces) if pace.at_s <= t_s), default=0)
     here = paces[now]
     if now + 1 == len(paces) or here.stride_hz == 0.0 or paces[now + 1].stride_hz == 0.0 or t_s < here.at_s:
@@ -80,7 +83,7 @@ def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
 
 
 def sample_strides(walk: Walk, dice: np.random.Generator) -> Rows:
-    """Rows from t = 0 on, of which the last one lasts for ever."""
+    """Rows from t = 0 on; the last one has no end."""
     drawing = _Drawing(walk, dice)
     script_s = [pace.at_s for pace in walk.paces] + [trip.at_s for trip in walk.trips]
     until_s = max(SAMPLED_S, max(script_s) + AFTER_SCRIPT_S)
@@ -107,12 +110,12 @@ class _Drawing:
 
     @property
     def is_walking(self) -> bool:
-        """Whether the last stride has not ended in standing."""
+        """Whether the last stride ended in walking, not in standing."""
         return self._now is not STILL
 
     @property
     def is_tripping(self) -> bool:
-        """Whether somebody who walks has trips to come by now, or has yet to find back from one."""
+        """Whether a walker has a trip due by now, or has not yet recovered from one."""
         is_due = bool(self._trips) and self._trips[0].at_s <= self.t_s
         return self.is_walking and (is_due or self._now_factor != 1.0)
 
@@ -148,7 +151,7 @@ class _Drawing:
         self._cycles += cycles
 
     def stand(self) -> bool:
-        """Stand until the next pace; whether there is one."""
+        """Stand until the next pace; return whether there is one."""
         later = [pace.at_s for pace in self._walk.paces if pace.at_s > self.t_s and pace.stride_hz > 0.0]
         until_s = min(later, default=math.inf)
         self._row(until_s - self.t_s, STILL, STILL, 0.0, 0.0)
@@ -157,7 +160,7 @@ class _Drawing:
         return math.isfinite(until_s)
 
     def stride(self) -> None:
-        """One stride, from heel strike to heel strike."""
+        """Append one stride, from heel strike to heel strike."""
         here = self._now
         strike = self._walk.strike_m_s2 * (here.hertz / NATURAL_HZ) ** 2
         if here is STILL:
@@ -186,7 +189,7 @@ class _Drawing:
         self._now, self._now_factor = goal, factor
 
     def rows(self, endless: bool = False) -> Rows:
-        """All of them; `endless`: with one more that goes on as the last one ended."""
+        """All rows; `endless` adds one that continues as the last one ended."""
         if endless:
             self._row(math.inf, self._now, self._now, 0.0, 0.0)
         rows = np.array(self._rows)
@@ -195,7 +198,7 @@ class _Drawing:
 
 
 def range_of_motion(hertz: float) -> float:
-    """Size of the leg's motion at a cadence, over that of natural walking: less when slow, little more when
-    brisk (a straight line through 1 at 0.9 Hz and 0.85 at half of it, after the slow, natural and fast
-    curves of Winter 1991)."""
+    """Size of the leg's motion at a cadence, divided by that of natural walking: smaller at a slow, slightly
+    larger at a brisk cadence (a straight line through 1 at 0.9 Hz and 0.85 at half of it, after the slow,
+    natural and fast curves of Winter 1991)."""
     return min(0.7 + 0.3 * hertz / NATURAL_HZ, 1.1)

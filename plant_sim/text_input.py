@@ -1,6 +1,8 @@
-"""A user's text, read with limits: a regular file of bounded size, TOML of bounded depth and numbers.
+"""Reading a user's text with limits: a regular file of bounded size, TOML of bounded depth and bounded
+integers.
 
-A parser meets its text only after that: nested 100,000 deep, it would take gigabytes and its whole stack.
+The limits are checked before parsing: a parser would use gigabytes and its whole stack for a text that is
+nested 100,000 deep.
 """
 
 import re
@@ -11,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 LARGEST_BYTES = 1 << 20
-"""A thousand times the longest scenario."""
+"""Largest size of a file: a thousand times that of the longest scenario."""
 DEEPEST = 8
-"""Levels of brackets, and parts of a dotted key; scenes and scenarios have 4."""
+"""Most levels of brackets and parts of a dotted key; scenes and scenarios have 4."""
 LARGEST_INTEGER = 2**63 - 1
-"""What TOML asks every reader to hold, and no more."""
+"""Largest magnitude of an integer that TOML requires of a reader."""
 
 # Each alternative takes all it has begun, closed or not: no text is gone over twice.
 _TEXTS_AND_COMMENTS = re.compile(
@@ -31,13 +33,14 @@ _BRACKET = re.compile(r"[][{}]")
 
 
 class TextInputError(ValueError):
-    """A file or text that cannot be used; the message says what it is, what is wanted and what to do."""
+    """A file or text that cannot be used; the message states the error, the accepted input and the remedy."""
 
 
 def read_text(path: Path, what: str, remedy: str) -> str:
     """The UTF-8 text of a regular file of at most LARGEST_BYTES; `what` names it in messages.
 
-    Raises TextInputError. Nothing else is opened: a FIFO would wait for ever, a device has no end.
+    Raises TextInputError. Only regular files are opened: reading a FIFO might wait for ever, and a device has
+    no end.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -86,7 +89,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def refuse_deep(text: str) -> None:
-    """Raise TextInputError where brackets or a dotted key go deeper than DEEPEST."""
+    """Raise TextInputError if brackets or a dotted key are deeper than DEEPEST."""
     bare = _TEXTS_AND_COMMENTS.sub("s", text)
     deepest = depth = 0
     for bracket in _BRACKET.finditer(bare):
@@ -97,7 +100,7 @@ def refuse_deep(text: str) -> None:
 
 
 def refuse_large_integers(tables: dict[str, Any]) -> None:
-    """Raise TextInputError where a number is no 64-bit integer: arithmetic and printing would fail later."""
+    """Raise TextInputError if an integer exceeds 64 bits: arithmetic and printing would fail later."""
     left: list[Any] = [tables]
     while left:
         value = left.pop()

@@ -1,8 +1,9 @@
-"""A constant tilt taken off a scene and put back into its result, so that level solvers run it exactly.
+"""Removal of a constant tilt from a scene, and its restoration in the result, so that level solvers are
+exact.
 
 m (x'' + g sin α) + c (x − l0 − x_A) = F is the level module's equation with l0' = l0 − m g sin α / c. Only
-the energies differ: with F0 = m g sin α the drive has done F0 Δx_A more, the housing −F0 Δx, and
-F0 (Δx − Δx_A) less is stored.
+the energies differ: with F0 = m g sin α the drive's work is larger by F0 Δx_A, the housing's is −F0 Δx, and
+the stored energy is smaller by F0 (Δx − Δx_A).
 """
 
 import math
@@ -14,7 +15,7 @@ from plant_sim.result import MotionState, SimulationResult
 
 
 def levelled(parts: Parts) -> Parts:
-    """The level module that moves as this one does; parts that are not tilted as they are."""
+    """The level module with the same motion; parts without a tilt are returned unchanged."""
     if not isinstance(parts.housing, Tilted):
         return parts
     striker = parts.striker

@@ -1,4 +1,4 @@
-"""Says what is wrong with a table a user wrote: dotted key, what was got, what is wanted, what to do."""
+"""Messages about errors in a user's table: dotted key, value found, values accepted, remedy."""
 
 import difflib
 import math
@@ -40,7 +40,7 @@ def messages_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
-    """`did you mean …?` where one of the known words is close, else `listing`, or the words themselves."""
+    """`did you mean …?` if one of the known words is close, otherwise `listing` or the known words."""
     words = sorted(known)
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
     if close:
@@ -49,9 +49,9 @@ def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
 
 
 def real(value: object) -> float:
-    """A number a user gave as a float, whatever kind of real number it is; nan for anything else.
+    """A user's number of any real type as a float; nan for anything else.
 
-    One beyond all floats is infinite, whatever its sign.
+    A number outside the range of floats is infinite.
     """
     if type(value) is float:
         return value
@@ -86,7 +86,8 @@ def _message_of(detail: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
-    """Dotted key of a location, without the tags pydantic adds for unions, and the tables it may be in."""
+    """Dotted key of a location, without the tags that pydantic adds for unions, and the tables that may
+    contain it."""
     keys: list[str] = []
     tables, inner = [model], [model]
     for step in location:
