@@ -79,8 +79,7 @@ def choose(scene: Scene, parts: Parts) -> Choice:
 
 
 def _step_for(scene: Scene, parts: Parts, accuracy: float) -> float:
-    """The longest step, s, whose measured error is within `accuracy`; smaller steps are extrapolated to first
-    order."""
+    """The longest step, s, whose measured error is within `accuracy`; below, first order holds."""
     length_m, fastest_rad_s = _length_m(scene, parts), _fastest_rad_s(scene, parts)
     for cost in STEPPING_COSTS:
         if cost.error * length_m <= accuracy:

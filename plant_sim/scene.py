@@ -90,8 +90,7 @@ class Scene(Table):
         return self
 
     def _speeds_fit(self) -> None:
-        """Refuse speeds too high to simulate: work per simulated second grows with crank speed and natural
-        frequency."""
+        """Refuse speeds that are too high: the work per simulated second grows with them."""
         speeds = {"sqrt(striker.spring_n_m / striker.mass_kg)": self.natural_rad_s}
         drive = self.drive.part(self.natural_rad_s, self.motor)
         if isinstance(drive, IdealDrive):
@@ -241,7 +240,8 @@ def read_scene(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
 def load_scene(source: str | Path | Mapping[str, Any]) -> Scene:
     """A checked scene from a name, a TOML file or a mapping.
 
-    Raises SceneError, and TextInputError for a file that cannot be read."""
+    Raises SceneError, and TextInputError for a file that cannot be read.
+    """
     try:
         return Scene.model_validate(read_scene(source))
     except ValidationError as error:

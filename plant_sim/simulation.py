@@ -79,8 +79,7 @@ def _real(value: object, name: str, meaning: str, above_zero: bool = False) -> f
 
 
 def initial_state(scene: Scene, parts: Parts | None = None) -> MotionState:
-    """State of the module at t = 0; the solver determines its phase. `parts`: those of the scene, if
-    available."""
+    """State of the module at t = 0; the solver determines its phase. `parts`: the scene's, if known."""
     drive = (parts or scene.parts()).drive
     return MotionState(
         t_s=0.0,

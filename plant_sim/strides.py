@@ -17,8 +17,7 @@ from plant_sim.parts.walking import COLUMNS, Rows
 NATURAL_HZ = 0.9
 """Stride frequency of natural walking, for which the curves of `plant_sim.parts.walking` hold."""
 SAMPLED_S = 600.0
-"""Strides are sampled for this duration and until the script has ended; a longer walk then continues
-evenly."""
+"""Strides are sampled for this duration and until the script has ended; a longer walk continues evenly."""
 AFTER_SCRIPT_S = 30.0
 """Time after the script's last pace or trip until it has happened at the slowest cadence. Trips that follow
 each other faster than the strides take longer."""
@@ -27,8 +26,7 @@ STARTING_SHARE, STOPPING_SHARE = 0.8, 0.8
 TRIP_PHASE = 0.75
 """Phase of mid-swing, at which a foot trips."""
 TRIP_FACTORS = ((1.6, 0.7), (0.6, 0.7), (0.85, 0.9))
-"""Frequency and size, divided by the desired ones, at the end of the stride with the trip and of the two
-after it."""
+"""Frequency and size, relative to the desired ones, at the end of a stride with a trip and of two more."""
 
 
 class Pace(NamedTuple):
@@ -71,8 +69,7 @@ STILL = _Stride(0.0, 0.0, 0.0)
 
 
 def wanted_hz(paces: Sequence[Pace], t_s: float) -> float:
-    """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant until the
-    next."""
+    """Desired stride frequency at `t_s`: linear between two paces that walk, otherwise constant."""
     now = max((i for i, pace in enumerate(paces) if pace.at_s <= t_s), default=0)
     here = paces[now]
     if now + 1 == len(paces) or here.stride_hz == 0.0 or paces[now + 1].stride_hz == 0.0 or t_s < here.at_s:

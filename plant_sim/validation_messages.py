@@ -86,8 +86,7 @@ def _message_of(detail: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _walk(location: Sequence[int | str], model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
-    """Dotted key of a location, without the tags that pydantic adds for unions, and the tables that may
-    contain it."""
+    """Dotted key of a location, without pydantic's tags for unions, and the tables that may contain it."""
     keys: list[str] = []
     tables, inner = [model], [model]
     for step in location:

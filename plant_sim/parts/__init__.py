@@ -1,1 +1,1 @@
-"""The parts a scene composes, one concept a file: plain records that numba compiles by their type."""
+"""The parts of a scene, one in each file: plain records, for whose types numba compiles."""

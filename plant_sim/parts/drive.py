@@ -1,4 +1,4 @@
-"""What turns the crank. The piston follows x_A = A sin θ."""
+"""Drives of the crank. The piston follows x_A = A sin θ."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from plant_sim.tables.table import Table
 
 
 class IdealDrive(NamedTuple):
-    """The paper's drive: θ = Ω t + θ0, whatever the load."""
+    """The paper's drive: θ = Ω t + θ0, independent of the load."""
 
     amplitude_m: float
     omega_rad_s: float
@@ -43,7 +43,7 @@ Drive: TypeAlias = IdealDrive | MotorDrive
 
 @by_part
 def motor_current_a(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
-    """Current, A, that flows for a commanded torque: limited by the drive, then by what the supply can push.
+    """Current, A, for a commanded torque, limited by the drive and by the supply voltage.
 
     The winding's time constant L/R is below the control period, so R i + K_t ω stays within ± the supply.
     """
@@ -61,7 +61,7 @@ def _(drive: MotorDrive, torque_n_m: float, omega_rad_s: float) -> float:
 
 @by_part
 def motor_torque_n_m(drive: Drive, torque_n_m: float, omega_rad_s: float) -> float:
-    """Torque on the crank, N m, of the current that flows for a commanded one."""
+    """Torque on the crank, N m, for a commanded torque."""
     return 0.0
 
 
@@ -104,7 +104,7 @@ _Rod = Annotated[
 
 
 class CrankTable(Table):
-    """What every drive turns."""
+    """The crank, which every drive has."""
 
     amplitude_m: float = Field(ge=0.0, description="the piston's amplitude in m: the crank's radius")
     rod_m: _Rod = None
@@ -120,7 +120,7 @@ class CrankTable(Table):
 
 
 class IdealDriveTable(CrankTable):
-    """The paper's crank: constant speed, whatever the load."""
+    """The paper's crank: constant speed, independent of the load."""
 
     model: Literal["ideal"]
     ratio: float | None = Field(default=None, ge=0.0, description="the crank's speed as a ratio Ω/ω")
@@ -155,7 +155,7 @@ _SPEEDS = ("ratio", "frequency_hz", "speed_rad_s")
 
 
 class TorqueDriveTable(CrankTable):
-    """The crank on a motor that is commanded a torque."""
+    """The crank on a motor with a torque command."""
 
     phase_rad: float = Field(default=0.0, description="the crank's angle at the start in rad")
 
@@ -171,12 +171,12 @@ class TorqueDriveTable(CrankTable):
         return data
 
     def part(self, natural_rad_s: float, motor: MotorTable | None) -> MotorDrive:
-        """The drive on this motor, or on the one that is taken where none is given."""
+        """The drive on this motor, or on the default motor."""
         return MotorDrive(self.amplitude_m, self.phase_rad, **(motor or MotorTable()).model_dump())
 
 
 class MotorDriveTable(TorqueDriveTable):
-    """A motor whose current follows at once what is asked of it, as far as limit and supply allow."""
+    """A motor whose current follows its command at once, within the limits of drive and supply."""
 
     model: Literal["motor"]
 

@@ -1,7 +1,7 @@
 """Friction laws of the striker's guide. Dry ones are set-valued at rest: the striker sticks.
 
-Solvers know no law. The adaptive one asks for the force and its limit at rest; time stepping takes b v as it
-comes and the rest of the force as dry; the closed form has the laws of `ClosedForm` alone.
+Solvers name no law. The adaptive solver calls for the force and for its limit at rest; time stepping treats
+b v as viscous and the rest of the force as dry; the closed form supports only the laws of `ClosedForm`.
 """
 
 import math
@@ -13,8 +13,8 @@ from plant_sim.kernels import by_part, law, one_of
 from plant_sim.tables.table import Table
 
 ROUNDING = 1e-14
-"""Of a sum of forces or torques, as a share of the largest term: what holds at rest, be it friction, the dry
-loss of a crank or the stop, holds up to and including its limit and this much beyond it, in every solver."""
+"""Tolerance of every limit at rest (friction, dry loss of a crank, stop), as a share of the largest term in
+the sum of forces or torques: in every solver a part holds up to its limit plus this tolerance."""
 
 
 class NoFriction(NamedTuple):
@@ -50,7 +50,7 @@ ClosedForm: TypeAlias = NoFriction | Viscous | Coulomb
 
 @by_part
 def static_limit_n(friction: Friction, normal_n: float) -> float:
-    """Largest force, N, that holds the striker at rest under the normal force m g; 0 where nothing sticks."""
+    """Largest friction at rest, N, under the normal force m g; 0 for a law without sticking."""
     return 0.0
 
 
@@ -97,12 +97,12 @@ def _(friction: Stribeck, normal_n: float, v_m_s: float, direction: float) -> fl
 
 
 is_dry = one_of(Coulomb, Stribeck)
-"""Whether the law has a dry part: the striker can stick, and friction turns round with its direction."""
+"""Whether the law has a dry part: the striker can stick, and friction reverses with its direction."""
 
 
 @by_part
 def damping_n_s_m(friction: Friction) -> float:
-    """b, N s/m, of the part b v."""
+    """b, N s/m, of the viscous part b v."""
     return 0.0
 
 
@@ -113,7 +113,7 @@ def _(friction: Viscous | Coulomb | Stribeck) -> float:
 
 @by_part
 def dry_force_n(friction: Friction, normal_n: float, v_m_s: float) -> float:
-    """Size, N, of the friction at a speed, without b v."""
+    """Magnitude, N, of the friction at a speed, without b v."""
     speed = abs(v_m_s)
     return -friction_force_n(friction, normal_n, speed, 1.0) - damping_n_s_m(friction) * speed
 
@@ -125,7 +125,7 @@ def _(friction: Coulomb, normal_n: float, v_m_s: float) -> float:
 
 @by_part
 def bend_m_s(friction: Friction) -> float:
-    """Speed, m/s, within which the force bends near rest; infinite where it is straight."""
+    """Speed, m/s, below which the force curves near rest; infinite for a linear law."""
     return math.inf
 
 
@@ -136,7 +136,7 @@ def _(friction: Stribeck) -> float:
 
 @by_part
 def times(friction: Friction, factor: float) -> Friction:
-    """The law with its force times a factor, at every speed."""
+    """The law with its force multiplied by a factor at every speed."""
     raise NotImplementedError
 
 

@@ -1,8 +1,8 @@
 """The housing that carries guide, crank and stop: at rest and level, tilted, moving, or on a walking leg.
 
-Seen from the housing the striker feels −m a_b, with a_b the housing's acceleration along +x plus gravity's
-part along it: m (x'' + a_b) + c (x − l0 − x_A) = F. That sum is also what accelerometers read: x'' + a_b on
-the striker, a_b on the housing. Gravity's part across the axis presses on the guide (it is in `Striker`).
+In the frame of the housing the force −m a_b acts on the striker, with a_b the sum of the housing's
+acceleration and gravity along +x: m (x'' + a_b) + c (x − l0 − x_A) = F. Accelerometers read x'' + a_b on the
+striker and a_b on the housing. Gravity across the axis presses on the guide (see `Striker`).
 """
 
 import math
@@ -15,7 +15,7 @@ from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
 SAME_INSTANT_S = 1e-12
-"""A step that ends this close to where a shock begins or ends has ended there."""
+"""A step that ends this close to the beginning or end of a shock counts as ending there."""
 
 
 class Level(NamedTuple):
@@ -72,7 +72,7 @@ def _(housing: Walking, t_s: float) -> float:
 
 @by_part
 def housing_m_s3(housing: Housing, t_s: float) -> float:
-    """Growth of a_b, m/s³."""
+    """Time derivative of a_b, m/s³."""
     return 0.0
 
 
@@ -94,7 +94,7 @@ def _(housing: Walking, t_s: float) -> float:
 
 @by_part
 def smooth_for_s(housing: Housing, t_s: float) -> float:
-    """How long a step from `t_s` may be, s: a radian of the motion at most, and over no kink of it."""
+    """Longest step from `t_s`, s: a radian of the motion at most, and not across a kink."""
     return math.inf
 
 
@@ -116,14 +116,14 @@ def _(housing: Walking, t_s: float) -> float:
 
 
 moves = one_of(Moving, Walking)
-"""Whether what it does changes with time."""
+"""Whether a_b changes with time."""
 
 is_level = one_of(Level)
-"""Whether there is nothing to feel of it."""
+"""Whether a_b = 0."""
 
 
 class HarmonicTable(Table):
-    """The housing swings along the axis; ±20° of slow tilt is 3.4 m/s² of it."""
+    """The housing swings along the axis; a slow tilt of ±20° corresponds to 3.4 m/s²."""
 
     amplitude_m_s2: float = Field(gt=0.0, description="the amplitude in m/s²")
     frequency_hz: float = Field(gt=0.0, description="the frequency in Hz")
@@ -131,7 +131,7 @@ class HarmonicTable(Table):
 
 
 class ShockTable(Table):
-    """The housing is knocked along the axis once, as a half-sine."""
+    """A single shock of the housing along the axis, a half-sine."""
 
     peak_m_s2: float = Field(description="the largest acceleration in m/s², negative away from the stop")
     start_s: float = Field(ge=0.0, description="the shock's beginning in s")
@@ -139,7 +139,7 @@ class ShockTable(Table):
 
 
 class MotionTable(Table):
-    """[housing]: tilt and acceleration of what carries the module, along the striker's axis."""
+    """[housing]: tilt and acceleration of the module's housing along the striker's axis."""
 
     tilt_rad: float = Field(
         default=0.0,

@@ -1,7 +1,7 @@
-"""How the crank moves the piston: x_A(θ), and the torque that a force on the piston asks of the crank.
+"""The linkage of crank and piston: x_A(θ), and the crank's torque for a force on the piston.
 
-Both follow from one function: a force F on the piston takes the torque F dx_A/dθ, so that F x_A' = T θ' and
-no energy is lost or made between crank and piston.
+Both follow from one function: a force F on the piston requires the torque F dx_A/dθ, so that F x_A' = T θ'
+and energy is conserved between crank and piston.
 """
 
 import math
@@ -11,7 +11,7 @@ from plant_sim.kernels import by_part, law
 
 
 class Sine(NamedTuple):
-    """x_A = A sin θ: the paper's piston, as a Scotch yoke or an endlessly long rod moves it."""
+    """x_A = A sin θ: the paper's piston, moved by a Scotch yoke or an infinitely long rod."""
 
 
 class SliderCrank(NamedTuple):
@@ -48,7 +48,7 @@ def _(linkage: SliderCrank, amplitude_m: float, theta_rad: float) -> float:
 
 @by_part
 def crank_torque_n_m(linkage: Linkage, force_n: float, amplitude_m: float, theta_rad: float) -> float:
-    """F dx_A/dθ, N m: what a force on the piston along +x asks of the crank."""
+    """F dx_A/dθ, N m: the crank's torque for a force F on the piston along +x."""
     raise NotImplementedError
 
 
@@ -66,7 +66,7 @@ def _(linkage: SliderCrank, force_n: float, amplitude_m: float, theta_rad: float
 
 @by_part
 def sine_at(linkage: Linkage, amplitude_m: float, level_m: float) -> float:
-    """sin θ of the crank angles at which x_A = `level_m`; beyond ±1 where the piston never gets there."""
+    """sin θ of the crank angles at which x_A = `level_m`; beyond ±1 if the piston never reaches it."""
     raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""The parts of one scene, together: what a solver takes and is compiled for."""
+"""The parts of one scene, for whose types the solvers are compiled."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from plant_sim.parts.winding import IdealCurrent, Winding
 
 
 class Parts(NamedTuple):
-    """One of each; kernels are specialised by their types."""
+    """One part of each kind; kernels are specialised for their types."""
 
     striker: Striker
     drive: Drive

@@ -1,7 +1,7 @@
-"""What a soft stop must be made of to give a wanted coefficient of restitution and contact time.
+"""Parameters of a soft stop for a given coefficient of restitution and contact time.
 
-The formulas hold for a striker that meets the stop alone: the coupling spring and the drive are weak beside
-the stop's force. Speeds are approach speeds, m/s; k is the ratio of separation to approach speed.
+The formulas neglect the coupling spring and the drive, whose forces are small beside the stop's. Speeds are
+approach speeds, m/s; k is the ratio of separation to approach speed.
 """
 
 import math
@@ -77,7 +77,7 @@ def kelvin_voigt_restitution(zeta: float) -> float:
 
 
 def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: float) -> float:
-    """D in N s/m of F = K δ + D δ' ≥ 0 that gives the wanted restitution."""
+    """D in N s/m of F = K δ + D δ' ≥ 0 for a given restitution."""
     if restitution >= 1.0:
         return 0.0
 
@@ -89,9 +89,9 @@ def kelvin_voigt_damping(mass_kg: float, stiffness_n_m: float, restitution: floa
 
 
 def _root(falling: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function that falls from above zero to below crosses it: bisection down to two neighbours.
+    """Root of a function that falls from above zero to below: bisection down to two adjacent floats.
 
-    Not scipy.optimize's, whose import takes longer than all else that a scene needs.
+    scipy.optimize is not used because its import takes longer than everything else that a scene needs.
     """
     while low < (middle := low + 0.5 * (high - low)) < high:
         if falling(middle) > 0.0:

@@ -1,4 +1,4 @@
-"""The stop that the striker meets at x = position_m, approached with x' > 0."""
+"""The stop at x = position_m, which the striker approaches with x' > 0."""
 
 import math
 from typing import Annotated, Literal, NamedTuple, Self, TypeAlias
@@ -40,7 +40,7 @@ class KelvinVoigt(NamedTuple):
 class HuntCrossley(NamedTuple):
     """F = K δⁿ (1 + λ δ'), λ = dissipation / touch-down speed, so that k does not vary with speed.
 
-    Hunt & Crossley 1975. `dissipation` is the dimensionless λ·v⁻ that gives the wanted restitution.
+    Hunt & Crossley 1975. `dissipation` is the dimensionless λ·v⁻ for the given restitution.
     """
 
     position_m: float
@@ -52,12 +52,12 @@ class HuntCrossley(NamedTuple):
 Stop: TypeAlias = NoStop | RigidStop | KelvinVoigt | HuntCrossley
 
 LEAST_TOUCH_SPEED_M_S = 1e-3
-"""Below it λ no longer grows: a striker laid against the stop would else meet unbounded damping."""
+"""Below this speed λ is constant: a striker laid on the stop would meet unbounded damping."""
 
 
 @by_part
 def origin_m(stop: Stop, striker: Striker) -> float:
-    """Where depth is counted from, m: the stop, so that depths near it keep their digits."""
+    """Origin of the depth, m: the stop, so that depths near it keep their digits."""
     raise NotImplementedError
 
 
@@ -137,7 +137,7 @@ has_stop = one_of(RigidStop, KelvinVoigt, HuntCrossley)
 
 @by_part
 def stop_position_m(stop: Stop) -> float:
-    """Where a rigid stop is, m; infinitely far if there is none."""
+    """Position of a rigid stop, m; infinite without a stop."""
     return math.inf
 
 
@@ -150,7 +150,7 @@ is_rigid = one_of(RigidStop)
 """Whether an impact takes no time."""
 
 is_soft = one_of(KelvinVoigt, HuntCrossley)
-"""Whether an impact is a contact that lasts."""
+"""Whether an impact is a contact of finite duration."""
 
 
 @by_part
@@ -166,7 +166,7 @@ def _(stop: RigidStop) -> float:
 
 @by_part
 def contact_rate_rad_s(stop: Stop, mass_kg: float, touch_speed_m_s: float) -> float:
-    """Speed over greatest depth, rad/s, of an undamped contact: how fast things happen in it."""
+    """Approach speed over greatest depth of an undamped contact, rad/s: the rate of change in a contact."""
     return 0.0
 
 
@@ -185,7 +185,7 @@ def _(stop: HuntCrossley, mass_kg: float, touch_speed_m_s: float) -> float:
 
 
 CONTACT_REFERENCE_SPEED_M_S = 0.9
-"""`contact_s` holds at this approach speed: the module's at r = 1.3 (0.91 m/s)."""
+"""Approach speed for which `contact_s` holds: the module's at r = 1.3 (0.91 m/s)."""
 
 
 class NoStopTable(Table):
@@ -214,7 +214,7 @@ class RigidStopTable(Table):
 
 
 class SoftStopTable(Table):
-    """What every soft stop is given."""
+    """The keys of all soft stops."""
 
     position_m: _Position
     restitution: float = Field(

@@ -12,7 +12,7 @@ from plant_sim.tables.table import STANDARD_GRAVITY_M_S2, Table
 class Striker(NamedTuple):
     """m_B x'' + c (x − l0 − x_A) = F_f + F_stop.
 
-    `gravity_m_s2` is what presses on the guide, across the axis: it enters dry friction only.
+    `gravity_m_s2` is gravity across the axis, which presses on the guide: it enters dry friction only.
     """
 
     mass_kg: float
@@ -35,12 +35,12 @@ def spring_energy_j(striker: Striker, stretch_m: float) -> float:
 
 @shared
 def spring_stretch_m(striker: Striker, force_n: float) -> float:
-    """The stretch, m, at which the coupling spring pulls with a force."""
+    """Stretch, m, of the coupling spring under a force."""
     return force_n / striker.spring_n_m
 
 
 class StrikerTable(Table):
-    """The impact mass on its coupling spring."""
+    """The striker on its coupling spring."""
 
     mass_kg: float = Field(gt=0.0, description="the striker's mass in kg")
     spring_n_m: float = Field(gt=0.0, description="the coupling spring's stiffness in N/m")
@@ -52,6 +52,6 @@ class StrikerTable(Table):
     )
 
     def part(self, tilt_rad: float) -> Striker:
-        """The striker in a housing that rises by this much towards the stop."""
+        """The striker in a housing whose axis rises by this angle towards the stop."""
         across_m_s2 = self.gravity_m_s2 * math.cos(tilt_rad)
         return Striker(self.mass_kg, self.spring_n_m, self.rest_length_m, across_m_s2)

@@ -1,4 +1,4 @@
-"""The housing on the shank of somebody who walks: a_b(t) from the leg's motion over the gait cycle.
+"""The housing on the shank of a walker: a_b(t) from the leg's motion over the gait cycle.
 
 Sagittal plane: x forward, z up, ψ the shank's lean, positive where its top is in front of the ankle. With e
 the shank's direction upward, t across it forward, h the housing's height over the ankle and p the ankle:
@@ -12,14 +12,14 @@ Movement, 4th ed. 2009, appendix A): the shank leans 20° back at heel strike, 1
 after toe-off at 62 %, and swings back at 370 °/s; the ankle stays where it is until heel-off and then travels
 a stride at up to 3.2 times the walking speed; the calf pushes off with up to 1.6 N m/kg, at 47 %. Moments
 grow with the speed of walking (Lelas et al., Gait & Posture 17, 2003): here as much as the motion. The
-landmarks are rounded figures written down from memory, not Winter's tables: good for the size and the timing
-of what the module feels, not for a study of gait. Sideways motion (2° of tilt, 1 cm of sway) has the usual
-size and no published curve behind it. One leg walks on level ground. Dry friction in the guide goes on to see
-plain gravity as its load, whatever the axis does.
+landmarks are rounded figures, not Winter's tables: they are adequate for the size and the timing of the
+module's accelerations, not for a study of gait. Sideways motion (2° of tilt, 1 cm of sway) has the usual size
+and follows no published curve. The model has one leg on level ground. The normal force of dry friction in the
+guide remains m g, whatever the axis' direction.
 
-Time runs through `rows`: in each, frequency, size of the motion and length of the stride go over from one
-value to the next by 10 s³ − 15 s⁴ + 6 s⁵, so that a_b has no jump and no kink but where heel strikes and
-knocks begin and end.
+Time runs through `rows`: in each, frequency, size of the motion and length of the stride change from one
+value to the next by 10 s³ − 15 s⁴ + 6 s⁵, so that a_b is smooth except where heel strikes and knocks begin
+and end.
 """
 
 import math
@@ -48,18 +48,18 @@ Jet: TypeAlias = tuple[float, float, float, float]
     KNOCK_M_S2,
     COLUMNS,
 ) = range(12)
-"""Columns of `Walking.rows`: when it begins and how long it lasts, the cycles until then, from where to where
-frequency, size and stride go, and the peaks of a heel strike and of a knock at its beginning."""
+"""Columns of `Walking.rows`: begin and length of the row, cycles before it, first and last value of
+frequency, size and stride, and the peaks of a heel strike and of a knock at its beginning."""
 
 STRIKE_S = 0.03
-"""How long the shank feels a heel strike."""
+"""Duration of a heel strike at the shank."""
 KNOCK_S = 0.08
-"""How long a foot that trips is held."""
+"""Duration for which a tripping foot is held."""
 STRIKE_BACKWARD = 0.3
-"""A heel strike's share across the shank: the ground pushes up and back."""
+"""Share of a heel strike across the shank: the ground pushes up and back."""
 
 TOE_OFF = 0.62
-"""Where in the cycle the foot leaves the ground, in the curves below."""
+"""Phase of toe-off in the curves below."""
 
 ORDER = 6
 SHANK_RAD = (
@@ -71,27 +71,27 @@ RISE_M = (
     (0.0, -0.0175, -0.0236, 0.0078, 0.0045, -0.0009, 0.0003),
     (0.0, -0.0642, 0.0153, 0.0075, -0.0036, -0.0016, -0.0003),
 )
-"""The ankle's height over its mean."""
+"""Height of the ankle above its mean."""
 ADVANCE = (
     (0.0, 0.2378, 0.0355, -0.0001, 0.0016, 0.0008, -0.0008),
     (0.0, 0.0546, -0.0444, -0.0108, -0.0016, -0.0018, -0.0001),
 )
-"""The ankle's way in front of a point that goes on at walking speed, in strides."""
+"""Position of the ankle ahead of a point that moves at walking speed, in strides."""
 SWAY_M = (
     (0.0, 0.0019, -0.0028, 0.0, 0.0, 0.0, 0.0),
     (0.0, -0.0098, -0.0011, 0.0, 0.0, 0.0, 0.0),
 )
-"""The ankle's way outward: it passes the other leg at 78 %."""
+"""Outward position of the ankle: it passes the other leg at 78 %."""
 TILT_RAD = (
     (0.0, -0.0108, -0.0081, 0.0, 0.0, 0.0, 0.0),
     (0.0, 0.0333, -0.0059, 0.0, 0.0, 0.0, 0.0),
 )
-"""ρ: most in mid-stance."""
+"""ρ: largest in mid-stance."""
 ANKLE_N_M_KG = (
     (0.4279, -0.5735, 0.1686, -0.1418, 0.0916, -0.0470, 0.0349),
     (0.0, 0.3846, -0.2623, 0.0626, -0.0578, -0.0086, -0.0001),
 )
-"""The calf's moment about the ankle over the body's mass: −0.1 after heel strike, 1.6 at 47 %, 0 in swing."""
+"""Moment of the calf about the ankle per body mass: −0.1 after heel strike, 1.6 at 47 %, 0 in swing."""
 
 
 class Walking(NamedTuple):
@@ -110,7 +110,7 @@ class Walking(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """The shank: lean and its rates, and the specific force at the housing's place, with its growth."""
+    """The shank: lean and its rates, and the specific force at the housing with its time derivative."""
 
     lean_rad: float
     lean_rad_s: float
@@ -137,7 +137,7 @@ def row_at(rows: Rows, t_s: float) -> int:
 
 @shared
 def _going_over(first: float, last: float, into_s: float, length_s: float) -> Jet:
-    """From `first` to `last` with S = 10 s³ − 15 s⁴ + 6 s⁵: first and second derivatives end at 0."""
+    """Transition from `first` to `last` by S = 10 s³ − 15 s⁴ + 6 s⁵, with S' = S'' = 0 at both ends."""
     if first == last or into_s >= length_s:
         return last, 0.0, 0.0, 0.0
     s, change = into_s / length_s, last - first
@@ -206,7 +206,7 @@ def _curve(
 
 @shared
 def _times(p: Jet, q: Jet) -> Jet:
-    """Leibniz."""
+    """Product of two jets, by Leibniz' rule."""
     return (
         p[0] * q[0],
         p[1] * q[0] + p[0] * q[1],
@@ -217,7 +217,7 @@ def _times(p: Jet, q: Jet) -> Jet:
 
 @shared
 def _bump(peak: float, into_s: float, length_s: float) -> tuple[float, float]:
-    """peak · sin²(π t/T) for 0 < t < T, and its growth."""
+    """peak · sin²(π t/T) for 0 < t < T, and its time derivative."""
     if peak == 0.0 or into_s <= 0.0 or into_s >= length_s:
         return 0.0, 0.0
     angle = math.pi * into_s / length_s
@@ -226,7 +226,7 @@ def _bump(peak: float, into_s: float, length_s: float) -> tuple[float, float]:
 
 @shared
 def leg_at(walking: Walking, t_s: float) -> Leg:
-    """What the shank does and feels."""
+    """State of the shank at `t_s`."""
     row = walking.rows[row_at(walking.rows, t_s)]
     into_s, length_s, g, h = t_s - row[BEGIN_S], row[LENGTH_S], walking.gravity_m_s2, walking.mount_m
     hertz = _going_over(row[FROM_HZ], row[TO_HZ], into_s, length_s)
@@ -267,13 +267,13 @@ def leg_at(walking: Walking, t_s: float) -> Leg:
 
 @shared
 def ankle_n_m_kg(phase: float) -> float:
-    """The ankle's moment at χ in natural walking, N m/kg: positive where it pushes the toes down."""
+    """Moment of the ankle at χ in natural walking, N m/kg: positive if it pushes the toes down."""
     return _curve(ANKLE_N_M_KG, (phase, 0.0, 0.0, 0.0))[0]
 
 
 @shared
 def along_axis(walking: Walking, up: float, forward: float, outward: float) -> float:
-    """The part of a vector in the shank's directions along the striker's axis."""
+    """Component along the striker's axis of a vector given in the shank's directions."""
     return walking.axis_up * up + walking.axis_forward * forward + walking.axis_outward * outward
 
 
@@ -286,14 +286,14 @@ def felt_m_s2(walking: Walking, t_s: float) -> float:
 
 @shared
 def felt_m_s3(walking: Walking, t_s: float) -> float:
-    """Growth of a_b, m/s³."""
+    """Time derivative of a_b, m/s³."""
     leg = leg_at(walking, t_s)
     return along_axis(walking, leg.up_m_s3, leg.forward_m_s3, leg.outward_m_s3)
 
 
 @shared
 def unbroken_s(walking: Walking, t_s: float, same_s: float) -> float:
-    """A radian of the fastest wave from `t_s` on, and over no end of a row, a heel strike or a knock."""
+    """Longest smooth interval from `t_s`, s: a radian of the fastest wave, up to the end of a row or bump."""
     rows = walking.rows
     row = rows[row_at(rows, t_s + same_s)]
     into_s = t_s - row[BEGIN_S]

@@ -1,7 +1,7 @@
-"""The wearer behind the stop: a foot plate on the ankle, which gives way under an impact.
+"""The wearer behind the stop: a foot plate on the ankle, which yields under an impact.
 
-m_f p'' = F_stop − k_a p − d_a p' (− m_f a_b), with p the plate's way from where the scene puts the stop. The
-stop's law holds between striker and plate. What the wearer feels is k_a p + d_a p'.
+m_f p'' = F_stop − k_a p − d_a p' (− m_f a_b), with p the displacement of the plate from the stop's position
+in the scene. The law of the stop holds between striker and plate. The felt force is k_a p + d_a p'.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -28,12 +28,12 @@ Wearer: TypeAlias = NoWearer | Ankle
 
 
 is_worn = one_of(Ankle)
-"""Whether the stop gives way."""
+"""Whether the stop rests on a wearer."""
 
 
 @by_part
 def contact_mass_kg(wearer: Wearer, striker_kg: float) -> float:
-    """The mass that a contact accelerates: the striker's, or the reduced one of striker and plate."""
+    """Effective mass of a contact: the striker's, or the reduced mass of striker and plate."""
     return striker_kg
 
 

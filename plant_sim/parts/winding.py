@@ -1,4 +1,4 @@
-"""How a motor's current follows the torque asked of it: at once, or through windings in the rotor's frame.
+"""Current of a motor for a torque command: ideal, or through windings in the rotor's frame.
 
 Permanent-magnet synchronous motor, d-q frame, peak values (Krause et al., Analysis of Electric Machinery, 3rd
 ed. 2013, chapter 4), ω_e = p ω:
@@ -8,9 +8,10 @@ T = 3/2 p (ψ(θ) i_q + (L_d − L_q) i_d i_q), with ψ = K_t / (3/2 p) in the m
 
 Current loop, i_d* = 0, i_q* = T*/K_t within the drive's limit: PI with internal-model gains α L and α R
 (Harnefors, Nee, IEEE Trans. Ind. Appl. 34(1), 1998) and feed-forward of cross-coupling and mean back-EMF, so
-that i' = α (i* − i) while the voltage lasts. The voltage ends at the circle V/√3, in the direction asked for;
-what is missing is fed back to the integrals. The loop runs in continuous time: α is some thousand rad/s, and
-a loop of 20 kHz would add 75 µs of delay to a lag of 1 ms, yet cost twenty restarts of a solver every tick.
+that i' = α (i* − i) within the voltage limit. The voltage is clamped to the circle V/√3 in the commanded
+direction; the difference is fed back to the integrals (anti-windup). The loop runs in continuous time: α is
+some thousand rad/s, and a loop of 20 kHz would add 75 µs of delay to a lag of 1 ms, yet cost twenty restarts
+of a solver every tick.
 """
 
 import math
@@ -33,11 +34,11 @@ class Wave(NamedTuple):
 
 
 class Smooth(NamedTuple):
-    """No waves at all."""
+    """No waves."""
 
 
 class Waves(NamedTuple):
-    """A sum of waves, of at least one."""
+    """A sum of one or more waves."""
 
     waves: tuple[Wave, ...]
 
@@ -46,7 +47,7 @@ Unevenness: TypeAlias = Smooth | Waves
 
 
 class IdealCurrent(NamedTuple):
-    """The current is what the drive can give at once; an ideal drive has none."""
+    """An ideal current source within the drive's limits; an ideal drive has no current."""
 
 
 class DqWinding(NamedTuple):
@@ -56,9 +57,9 @@ class DqWinding(NamedTuple):
     q_inductance_h: float
     bandwidth_rad_s: float
     cogging: Unevenness
-    """Torque on the crank, N m, over its angle; it does no work in a turn."""
+    """Cogging torque on the crank, N m, over its angle; its work over a turn is 0."""
     ripple: Unevenness
-    """Of the flux ψ(θ), and with it of torque and back-EMF, as a share, over the electrical angle p θ."""
+    """Relative ripple of the flux ψ(θ), and with it of torque and back-EMF, over the electrical angle p θ."""
 
 
 Winding: TypeAlias = IdealCurrent | DqWinding
@@ -80,7 +81,7 @@ def _(waves: Waves, angle_rad: float) -> float:
 
 @by_part
 def wave_energy(waves: Unevenness, angle_rad: float) -> float:
-    """Σ a/n cos(n θ + φ): what falls as a torque Σ a sin(n θ + φ) does work."""
+    """Σ a/n cos(n θ + φ): the potential of the torque Σ a sin(n θ + φ)."""
     return 0.0
 
 
@@ -94,7 +95,7 @@ def _(waves: Waves, angle_rad: float) -> float:
 
 @by_part
 def cogging(winding: Winding) -> Unevenness:
-    """Its waves are the torque, N m, of the magnets on the slots, which turns the crank where positive."""
+    """Waves of the cogging torque, N m; positive torque accelerates the crank."""
     return Smooth()
 
 
@@ -118,7 +119,7 @@ def flux_wb(winding: DqWinding, drive: MotorDrive, angle_rad: float) -> float:
 
 @subroutine
 def voltage_limit_v(drive: MotorDrive) -> float:
-    """Largest voltage vector of a bus, V: the circle within the inverter's hexagon."""
+    """Largest voltage vector of a bus, V: the circle inscribed in the inverter's hexagon."""
     return drive.supply_v / math.sqrt(3.0)
 
 
@@ -146,7 +147,7 @@ class RippleTable(Table):
 
 
 class WindingTable(Table):
-    """[winding]: what a dq-motor has beside [motor], whose R and L are a phase's and K_t per peak ampere."""
+    """[winding]: a dq-motor's parameters beside [motor]; R and L are per phase, K_t per peak ampere."""
 
     d_inductance_h: float | None = Field(
         default=None, gt=0.0, description="the inductance along the magnets in H (default: the motor's)"
@@ -162,7 +163,7 @@ class WindingTable(Table):
     ripple: list[RippleTable] = Field(default=[], description="the tables [[winding.ripple]]")
 
     def part(self, inductance_h: float) -> DqWinding:
-        """The windings of a motor of this inductance."""
+        """The windings of a motor with this inductance."""
         return DqWinding(
             self.d_inductance_h or inductance_h,
             self.q_inductance_h or inductance_h,
@@ -173,6 +174,6 @@ class WindingTable(Table):
 
 
 def _unevenness(waves: Iterable[tuple[int, float, float]]) -> Unevenness:
-    """Waves of an order, an amplitude and a phase."""
+    """Waves, each with an order, an amplitude and a phase."""
     found = tuple(Wave(float(order), amplitude, phase_rad) for order, amplitude, phase_rad in waves)
     return Waves(found) if found else Smooth()

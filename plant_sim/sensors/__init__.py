@@ -1,1 +1,1 @@
-"""What the module's sensors see: physics, sampling, errors."""
+"""The module's sensors: physics, sampling, errors."""

@@ -1,4 +1,4 @@
-"""What somebody who walks shows of it: the truth of the gait, and what an IMU and two switches make of it."""
+"""The gait of a walker: its truth, and the readings of an IMU and two switches."""
 
 import math
 from enum import IntEnum
@@ -28,13 +28,13 @@ from plant_sim.parts.walking import (
 from plant_sim.tables.sensor_tables import GaitSensorsTable
 
 FULL_SHARE = 0.3
-"""Of its full size: a motion that is larger loads the foot as walking does, a smaller one as standing."""
+"""Share of the full motion from which on the foot is loaded as in walking."""
 STANDING_LOAD = 0.5
-"""Heel's and toe's share of the leg's load in standing."""
+"""Shares of heel and toe in the leg's load in standing."""
 
 
 class LegState(IntEnum):
-    """What the leg does."""
+    """Phase of the leg."""
 
     STANDING = 0
     STANCE = 1
@@ -46,7 +46,7 @@ class GaitTruth(NamedTuple):
     `tripping` is true while a stumble's knock acts.
 
     The specific force at the module's place: along the shank upward, across it, along the striker's axis.
-    `ankle_n_m_kg` is the calf's moment about the ankle over the body's mass, 0 in standing; it pushes off.
+    `ankle_n_m_kg` is the calf's moment about the ankle per body mass, positive in push-off, 0 in standing.
     """
 
     state: LegState
@@ -81,7 +81,7 @@ def _truths(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
 
 
 def gaits_at(walking: Walking, times_s: FloatArray) -> FloatArray:
-    """The truth at these times, shape (n,): a row each as `GaitTruth` has it, shape (n, 12)."""
+    """The truth at these times, shape (n,), as rows of `GaitTruth`, shape (n, 12)."""
     truths = np.empty((len(times_s), len(GaitTruth._fields)))
     _truths(walking, np.ascontiguousarray(times_s, dtype=np.float64), truths)
     return truths
@@ -130,7 +130,7 @@ def _cycles(walking: Walking, times_s: FloatArray, out: FloatArray) -> None:
 
 
 def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:
-    """Where in the cycle a leg that walks is, shape (n,) as the times."""
+    """Phase of a walking leg in its cycle, shape (n,) as the times."""
     cycles = np.empty(len(times_s))
     _cycles(walking, np.ascontiguousarray(times_s, dtype=np.float64), cycles)
     return cycles % 1.0
@@ -138,13 +138,13 @@ def phases_at(walking: Walking, times_s: FloatArray) -> FloatArray:
 
 @shared
 def heel_load(phase: float) -> float:
-    """Of the curves' cycle: from heel strike on, gone by heel-off at 42 %."""
+    """Load of the heel over the cycle: from heel strike on, 0 from heel-off at 42 % on."""
     return _rise(phase, 0.0, 0.06) * (1.0 - _rise(phase, 0.15, 0.42))
 
 
 @shared
 def toe_load(phase: float) -> float:
-    """From foot-flat on, largest in push-off, gone at toe-off."""
+    """Load of the toe over the cycle: from foot-flat on, largest in push-off, 0 from toe-off on."""
     return _rise(phase, 0.08, 0.45) * (1.0 - _rise(phase, 0.5, TOE_OFF))
 
 
@@ -155,7 +155,7 @@ def _rise(phase: float, begin: float, end: float) -> float:
 
 
 class _Switch:
-    """Closes above a load; bounces for a while after each change."""
+    """A switch that closes above a load and bounces after each change."""
 
     def __init__(self, threshold: float, bounce_s: float) -> None:
         self._threshold = threshold
@@ -210,4 +210,4 @@ class GaitSensors:
 
 
 GAIT_STREAM = 10
-"""The gait sensors' noise is sampled separately from the others', which is the same without them."""
+"""Random stream of the gait sensors, separate so that the noise of the others does not depend on them."""

@@ -1,4 +1,4 @@
-"""Readings: the low-passes' outputs with noise and bias, clipped and quantised.
+"""Readings: the outputs of the low-pass filters with noise and bias, clipped and quantised.
 
 The readers are pure and run interpreted and compiled; the noise is passed in.
 """
@@ -15,11 +15,11 @@ from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 TURN_RAD = 2.0 * math.pi
 NOISE_AT_ONCE = 256
-"""Samples whose noise is made together; the stream is that of single samples."""
+"""Number of samples whose noise is generated together; the sequence is the same as sample by sample."""
 
 
 class SensorReading(NamedTuple):
-    """One sample of everything. A housing that is level and at rest reads its bias and noise."""
+    """One sample of all sensors. A level housing at rest reads its bias and noise."""
 
     striker_low_m_s2: float
     striker_high_m_s2: float
@@ -29,7 +29,7 @@ class SensorReading(NamedTuple):
 
 
 class AccelerometerReader(NamedTuple):
-    """An accelerometer behind its low-pass, in its own counts. `most`: the largest count either way."""
+    """An accelerometer after its low-pass filter, in counts. `most`: the largest count of either sign."""
 
     count_m_s2: float
     bias: float
@@ -38,7 +38,7 @@ class AccelerometerReader(NamedTuple):
 
 
 class Readers(NamedTuple):
-    """All sensors behind their low-passes. The encoder has `encoder_counts` a turn."""
+    """All sensors after their low-pass filters. The encoder has `encoder_counts` per turn."""
 
     striker_low: AccelerometerReader
     striker_high: AccelerometerReader
@@ -48,7 +48,7 @@ class Readers(NamedTuple):
 
 
 def accelerometer_reader(table: AccelerometerTable) -> AccelerometerReader:
-    """The reader of an accelerometer of these numbers."""
+    """The reader of an accelerometer with these parameters."""
     # A Butterworth of second order passes the noise of π/(2√2) f_c.
     bandwidth_hz = math.pi / (2.0 * math.sqrt(2.0)) * table.bandwidth_hz
     return AccelerometerReader(
@@ -73,7 +73,7 @@ def readers(sensors: SensorsTable) -> Readers:
 
 @shared
 def read_accelerometer(reader: AccelerometerReader, filtered_m_s2: float, noise: float) -> float:
-    """One reading, m/s², of the low-passed truth and a standard normal; it saturates in counts."""
+    """One reading, m/s², from the filtered truth and a standard normal; it saturates in counts."""
     count = round(filtered_m_s2 / reader.count_m_s2 + reader.bias + reader.noise * noise)
     return min(max(count, -reader.most), reader.most) * reader.count_m_s2
 
@@ -87,7 +87,7 @@ def read_position_rev(readers: Readers, crank_rad: float) -> float:
 
 @shared
 def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -> float:
-    """The encoder's speed estimate of the low-passed truth and a standard normal."""
+    """The encoder's speed estimate, rev/s, from the filtered truth and a standard normal."""
     return (filtered_rad_s + readers.encoder_noise_rad_s * noise) / TURN_RAD
 
 
@@ -114,20 +114,20 @@ class Sensors:
 
 
 class Noise:
-    """Four standard normals a sample, for ever."""
+    """An endless sequence of four standard normals per sample."""
 
     def __init__(self, noise: np.random.Generator) -> None:
         self._noise = noise
         self._waiting: list[list[float]] = []
 
     def next(self) -> list[float]:
-        """A sample's."""
+        """The standard normals of one sample."""
         if not self._waiting:
             self._waiting = self._noise.standard_normal((NOISE_AT_ONCE, 4)).tolist()[::-1]
         return self._waiting.pop()
 
     def take(self, samples: int) -> NDArray[np.float64]:
-        """Those of the next samples, shape (samples, 4)."""
+        """The standard normals of the next samples, shape (samples, 4)."""
         first = [self._waiting.pop() for _ in range(min(samples, len(self._waiting)))]
         rest = self._noise.standard_normal((samples - len(first), 4))
         return np.concatenate([np.array(first).reshape(-1, 4), rest])

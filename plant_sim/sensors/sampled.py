@@ -1,7 +1,7 @@
 """Sensors that are sampled on the period of a CAN frame of their own: record, reading and table of each.
 
-A sensor has the name of its frame and reads the frame's signals, in the order of their bits. Whoever samples
-it knows the frame, its period and its counter; nothing else names a sensor.
+A sensor has the name of its frame and reads the frame's signals in the order of their bits. The caller that
+samples it knows the frame, its period and its counter; no other code names a sensor.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -25,12 +25,12 @@ class CoarsePosition(NamedTuple):
 
 SampledSensor: TypeAlias = CoarsePosition
 SAMPLED: tuple[type[SampledSensor], ...] = (CoarsePosition,)
-"""Each has noise of its own; a new one stands last, and the noise of those before stays as it is."""
+"""Each sensor has its own noise. A new one is appended, so that the noise of the others stays."""
 
 
 @by_part
 def signals(sensor: SampledSensor, observed: Vector, noise: Vector) -> tuple[float, ...]:
-    """A sample: the frame's signals, of what is observed (`plant_sim.solvers.adaptive.state_layout`) now.
+    """A sample: the frame's signals from the present observation (places as in `state_layout.OBSERVED`).
 
     `noise`: a standard normal for each signal.
     """
@@ -54,13 +54,13 @@ class CoarseTable(Table):
 
 
 class SampledTables(Table):
-    """The tables of these sensors, each where it is fitted."""
+    """The tables of the fitted sensors."""
 
     coarse: CoarseTable | None = Field(
         default=None, description="the table [sensors.coarse], if one is fitted"
     )
 
     def sampled(self) -> tuple[SampledSensor, ...]:
-        """The sensors that are fitted."""
+        """The fitted sensors."""
         tables = (getattr(self, name) for name in SampledTables.model_fields)
         return tuple(table.sensor() for table in tables if table is not None)

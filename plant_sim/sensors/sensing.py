@@ -1,13 +1,14 @@
-"""The sensors' low-passes between two readings, driven exactly by the polynomials of the solver's steps.
+"""The sensors' low-pass filters between two readings, driven exactly by the polynomials of the solver's
+steps.
 
-An accelerometer's is a second-order Butterworth, ω²/(s² + √2 ω s + ω²): one complex state z' = λ z + a with
-λ = ω (−1 + j)/√2 and reading 2 Re(r z), r = −j ω/√2. The encoder's speed estimate is of first order.
+An accelerometer has a second-order Butterworth filter, ω²/(s² + √2 ω s + ω²): one complex state z' = λ z + a
+with λ = ω (−1 + j)/√2 and reading 2 Re(r z), r = −j ω/√2. The encoder's speed estimate is of first order.
 
-At a rigid stop the velocity jumps by (1 + k) v⁻. An accelerometer is given a half-sine of that area over the
-contact time T instead: −(π/2T)(1 + k) v⁻ sin(π τ/T).
+At a rigid stop the velocity jumps by (1 + k) v⁻. The input of an accelerometer is then a half-sine of that
+area over the contact time T: −(π/2T)(1 + k) v⁻ sin(π τ/T).
 
 On a tilted or moving housing an accelerometer reads x'' + a_b, one on the housing a_b alone. The filters are
-linear: a_b, a polynomial over the step, drives them on top of what the motion does.
+linear: the response to a_b, a polynomial over the step, is added to that of the motion.
 """
 
 import cmath
@@ -29,13 +30,13 @@ from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 Complex = NDArray[np.complex128]
 
 LOW, HIGH, SPEED_ESTIMATE, HOUSING = range(4)
-"""Filters: the striker's two accelerometers, the encoder's speed, and the housing's, if it feels anything."""
+"""Filters: the striker's two accelerometers, the encoder's speed, and the housing's if a_b ≠ 0."""
 
 PULSES = 32
-"""Half-sines at work at once; a chatter's further ones join the last, of which they are a small part."""
+"""Most half-sines at once; during chatter, further small ones are added to the last."""
 
 AGE, JUMP = range(2)
-"""Columns of Sensing.pulses: time since the impact, s, and change of velocity, m/s; 0 where there is none."""
+"""Columns of Sensing.pulses: time since the impact, s, and change of velocity, m/s; 0 in an unused row."""
 
 
 class NoSensing(NamedTuple):
@@ -43,11 +44,11 @@ class NoSensing(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Poles λ and states z of the filters, shape (3,), and the half-sines at work, shape (PULSES, 2).
+    """Poles λ and states z of the filters, shape (3,), and the active half-sines, shape (PULSES, 2).
 
     `moments`: each filter's decay and moments of 1, s, s² … over a step of `step_s`, shape (3, DEGREE + 2).
-    A tilted or moving housing has its own, the fourth, and `shaken` of shape (2, DEGREE + 1), else (0, …).
-    `readings` are what the filters give: accelerations, m/s², and the speed, rad/s; 0 where there is none.
+    A tilted or moving housing has a fourth filter, and `shaken` of shape (2, DEGREE + 1), otherwise (0, …).
+    `readings` are the outputs of the filters: accelerations, m/s², and the speed, rad/s; 0 without a filter.
     """
 
     poles: Complex
@@ -67,7 +68,7 @@ Probe: TypeAlias = NoSensing | Sensing
 def allocate_sensing(
     sensors: SensorsTable, crank_speed_rad_s: float, housing: Housing | None = None
 ) -> Sensing:
-    """Filters that have seen a striker at rest, what the housing always does, and a steady crank."""
+    """Filters in steady state for a striker at rest, the constant part of a_b and a steady crank."""
     poles = [_pole(sensors.striker_low), _pole(sensors.striker_high), -sensors.encoder.bandwidth_rad_s + 0.0j]
     states = [0.0j, 0.0j, crank_speed_rad_s + 0.0j]
     is_felt = isinstance(housing, Tilted | Moving | Walking)
@@ -98,7 +99,7 @@ def _pole(table: AccelerometerTable) -> complex:
 
 @by_part
 def note_readings(probe: Probe) -> None:
-    """Read the filters: an accelerometer's is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
+    """Read the filters: an accelerometer's output is 2 Re(r z) with r = −j ω/√2 = −j Im λ."""
     return
 
 
@@ -111,12 +112,12 @@ def _(probe: Sensing) -> None:
 
 
 is_sensing = one_of(Sensing)
-"""Whether anything wants to know the motion within steps."""
+"""Whether there are sensors, which need the motion within steps."""
 
 
 @by_part
 def sense_jump(probe: Probe, jump_m_s: float) -> None:
-    """A rigid stop has taken this much velocity off the striker."""
+    """Start a half-sine for a loss of velocity by `jump_m_s` at a rigid stop."""
     return
 
 
@@ -160,7 +161,7 @@ def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, be
 
 @by_part
 def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
-    """Drive the accelerometers by a_b over a step, on top of what they hold already."""
+    """Add the response of the accelerometers to a_b over a step."""
     return
 
 
@@ -210,7 +211,7 @@ def to_power(b: Vector, share: float, power: Vector) -> None:
 
 @subroutine
 def _note_moments(probe: Sensing, h_s: float) -> None:
-    """Have every filter's moments over h at hand; most steps are as long as the one before."""
+    """Update the filters' moments if the step's length h has changed; most steps have equal length."""
     if probe.step_s[0] == h_s:
         return
     for which in range(probe.poles.size):
@@ -222,8 +223,8 @@ def _note_moments(probe: Sensing, h_s: float) -> None:
 def _moments(pole: complex, h_s: float, row: Complex) -> None:
     """e^(λh), and I_j = ∫ e^(λ(h−t)) (t/h)ʲ dt from j = 0 on.
 
-    By parts λh I_j + h = j I_(j−1): downwards this forgets a wrong start as (λh)ᵐ/m!, upwards it is stable
-    for large λh.
+    By parts λh I_j + h = j I_(j−1): downward recursion damps a wrong start value by (λh)ᵐ/m!, upward
+    recursion is stable for large λh.
     """
     x = pole * h_s
     row[0] = cmath.exp(x)
@@ -250,7 +251,7 @@ def _driven(moments: Complex, state: complex, power: Vector, degree: int) -> com
 
 @subroutine
 def _sense_pulse(probe: Sensing, pulse: Vector, used_s: float) -> None:
-    """Drive the accelerometers' filters by one half-sine, and let it age."""
+    """Drive the accelerometers' filters by one half-sine and advance its age."""
     age, jump, whole = pulse[AGE], pulse[JUMP], probe.pulse_s
     rate = math.pi / whole
     on_s = min(used_s, whole - age)

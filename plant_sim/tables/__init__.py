@@ -1,1 +1,1 @@
-"""The tables of a scene's file: their keys, and the bounds of each."""
+"""The tables of a scene file: their keys and the bounds of the values."""

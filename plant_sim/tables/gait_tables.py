@@ -1,4 +1,4 @@
-"""The tables of a scene in which somebody walks, as users write them."""
+"""The tables of a scene with a walker, as users write them."""
 
 from itertools import pairwise
 from typing import Literal, Self
@@ -11,7 +11,7 @@ from plant_sim.tables.table import Table
 
 
 class PaceTable(Table):
-    """[[gait.pace]]: how fast somebody walks from then on."""
+    """[[gait.pace]]: the walker's cadence from a time on."""
 
     at_s: float = Field(
         ge=0.0, le=1e6, description="from when in s; between two paces that walk it changes evenly"
@@ -35,7 +35,7 @@ _SLOWEST_HZ = 0.2
 
 
 class StumbleTable(Table):
-    """[[gait.stumble]]: the foot trips in the next mid-swing, and the walk finds back in three strides."""
+    """[[gait.stumble]]: the foot trips in the next mid-swing; the walk recovers in three strides."""
 
     at_s: float = Field(ge=0.0, le=1e6, description="after when in s")
     # 15 m/s² for 80 ms take 0.6 m/s off a foot that swings at 4.
@@ -96,7 +96,7 @@ class GaitTable(Table):
         return self
 
     def walk(self) -> Walk:
-        """Plain record for the drawing of strides."""
+        """The walk as a plain record, for the sampling of strides."""
         return Walk(
             tuple(Pace(pace.at_s, pace.stride_hz) for pace in self.pace),
             tuple(Trip(stumble.at_s, stumble.knock_m_s2) for stumble in self.stumble),
@@ -108,7 +108,7 @@ class GaitTable(Table):
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """The axis in the shank's directions: up, forward, outward."""
+        """Direction of the axis in the shank's frame: up, forward, outward."""
         return _DIRECTIONS[self.axis]
 
 

@@ -1,14 +1,14 @@
-"""The sizes that numbers of a scene may have, by the unit at the end of their key.
+"""Ranges of a scene's numbers, by the unit at the end of the key.
 
-Each range is wider than any module of this kind by orders of magnitude. Beyond it, squares and products leave
-what a double holds, or a solver takes steps without end.
+Each range exceeds the values of any module of this kind by orders of magnitude. Outside it, squares and
+products overflow a double, or a solver would need an unbounded number of steps.
 """
 
 from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """The unit as keys end in it, the smallest size of what has to be above 0, the largest size, and why."""
+    """Unit as a suffix of keys, smallest value if it must be above 0, largest magnitude, and the reason."""
 
     suffix: str
     smallest: float
@@ -40,14 +40,14 @@ QUANTITIES = (
     Quantity("_s", 1e-9, 1e7, "from a nanosecond to months"),
     Quantity("", 1e-15, 1e9, "what has no unit: shares, ratios, exponents, counts"),
 )
-"""The first that fits holds."""
+"""The first one whose unit fits applies."""
 
 LARGEST_SPEED_RAD_S = 1e5
-"""Of the crank and of the free oscillation; the solvers' work per simulated second grows with both."""
+"""Limit of crank speed and natural frequency; the solvers' work per simulated second grows with both."""
 
 
 def quantity_of(key: str) -> Quantity:
-    """The quantity that a key is given in.
+    """The quantity of a key.
 
     >>> quantity_of("mass_kg").largest
     1000000.0

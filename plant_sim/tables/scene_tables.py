@@ -17,7 +17,7 @@ class InitialTable(Table):
 
 
 class SolverTable(Table):
-    """Which solver, and how accurate."""
+    """The solver and its accuracy."""
 
     method: Literal["auto", "exact", "adaptive", "stepping"] = Field(
         default="auto", description="one of auto, exact, adaptive, stepping"
@@ -43,7 +43,7 @@ class SolverTable(Table):
 
 
 class AxisTable(Table):
-    """[axis]: what a client may configure of the drive, an ODrive axis."""
+    """[axis]: the client's configuration of the drive, an ODrive axis."""
 
     # Half of the 100 ms in which the motor is to be free of torque.
     watchdog_s: float = Field(

@@ -32,7 +32,7 @@ class LowRangeTable(AccelerometerTable):
 
 
 class HighRangeTable(AccelerometerTable):
-    """±200 g (ADXL375 class): clips at none of a default stop's impacts (32 g)."""
+    """±200 g (ADXL375 class): the impacts at a default stop (32 g) do not clip."""
 
     range_m_s2: float = Field(default=200.0 * STANDARD_GRAVITY_M_S2, gt=0.0, description="the range in m/s²")
     # 49 mg per count.
@@ -101,7 +101,7 @@ class GaitSensorsTable(Table):
 
 
 class SensorsTable(SampledTables):
-    """What the firmware can know."""
+    """The sensors that the firmware reads."""
 
     striker_low: LowRangeTable = LowRangeTable()
     striker_high: HighRangeTable = HighRangeTable()

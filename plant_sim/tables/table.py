@@ -1,4 +1,4 @@
-"""What every table of a scene file is: how its keys are checked, and how the tables in it are found."""
+"""Base class of the tables of a scene file, with the checks of keys and the search for nested tables."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
@@ -11,11 +11,12 @@ from plant_sim.tables.quantities import quantity_of
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 SMALLEST_BESIDE_0 = 1e-15
-"""Of what may be 0: less is lost in rounding, and a solver would look for it without end."""
+"""Smallest magnitude of a value other than 0: smaller ones are lost in rounding, and solvers would not
+end."""
 
 
 class Table(BaseModel):
-    """Unknown keys, wrong types, NaN, infinity and unphysical sizes are refused; a table never changes."""
+    """A table refuses unknown keys, wrong types, NaN, infinity and unphysical magnitudes; it is immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -48,7 +49,8 @@ class Table(BaseModel):
 
 
 def tables_in(kind: Any) -> Iterator[type[Table]]:
-    """A table and all that are within it, each once, in the order of their keys; of a union, its members'."""
+    """A table and all tables nested in it, each once, in the order of their keys; for a union, its
+    members."""
     found: dict[type[Table], None] = {}
 
     def look(one: Any) -> None:
