@@ -1,1 +1,1 @@
-"""Long motions turn by turn, at a Poincaré section, with bounded memory."""
+"""Long motions at a Poincaré section, period by period, in bounded memory."""

@@ -25,11 +25,11 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 
 LOOKS = 64
-"""Times per drive period at which the motion is looked at for its extremes."""
+"""Samples per drive period for the extremes of the motion."""
 
 
 class Stepwise(NamedTuple):
-    """What carries any other scene on; scratch of shapes (LOOKS + 1,) and (LOOKS + 1, 3)."""
+    """Carrier of any other scene, with scratch of shapes (LOOKS + 1,) and (LOOKS + 1, 3)."""
 
     parts: Parts
     memory: Memory
@@ -104,7 +104,7 @@ def _(carrier: Stepwise, motion: float, until_s: float, looked_at: bool, row: Pe
 
 @subroutine
 def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, row: Period) -> bool:
-    """Carry the motion on to `end_s` and fill the row; whether the solver could not."""
+    """Advance the motion to `end_s` and fill the row; return whether the solver failed."""
     parts, memory, grid, samples = carrier
     sections.clear(row)
     y, mode, shift_m = memory.y, memory.mode[0], _shift_m(parts)
@@ -137,7 +137,8 @@ def _period(carrier: Stepwise, begin_s: float, end_s: float, looked_at: bool, ro
 
 @subroutine
 def _slid_m(parts: Parts, friction_j: float, seen: int) -> float:
-    """How far dry friction was overcome, m; without any, ∞ if the striker was free at all."""
+    """Distance over which dry friction was overcome, m; without dry friction ∞ if the striker was ever
+    free."""
     limit_n = static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
     if limit_n > 0.0:
         return friction_j / limit_n

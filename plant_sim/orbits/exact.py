@@ -23,19 +23,21 @@ from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_even
 from plant_sim.solvers.exact.oscillator import Flight, Oscillator, flow, launch, oscillator
 
 REST_SPEED_M_S = 1e-9
-"""Chatter that is certain to end is ended below this speed; later motion does not depend on it."""
+"""Chatter that is certain to end at rest ends below this speed; the later motion does not depend on the
+value."""
 
 MOST_EVENTS = 10_000
-"""In one drive period; beyond it the period is not followed to its end, and the orbit is uncertain."""
+"""Most events in one drive period; a period with more is not followed to its end, and the orbit is
+uncertain."""
 
 LOOKS = 16
-"""Times per drive period at which a flight is looked at for its turning points."""
+"""Samples per drive period for the turning points of a flight."""
 
 MOST_CUTS = 40
 
 
 class Closed(NamedTuple):
-    """What carries a scene of the closed form on."""
+    """Carrier of a scene with a closed form."""
 
     oscillator: Oscillator
     rest_length_m: float
@@ -135,7 +137,7 @@ def _(carrier: Closed, motion: Motion, until_s: float, looked_at: bool, row: Per
 def _period(
     o: Oscillator, motion: Motion, until_s: float, looked_at: bool, row: Period
 ) -> tuple[Motion, bool]:
-    """Carry the motion on to `until_s` and fill the row; also whether there were too many events."""
+    """Advance the motion to `until_s` and fill the row; also whether there were too many events."""
     sections.clear(row)
     ledger = empty_ledger()
     low, high, slid_m = motion.y_m, motion.y_m, 0.0
@@ -180,9 +182,9 @@ def _steady_period(o: Oscillator, row: Period) -> None:
 
 @subroutine
 def _stays_clear(o: Oscillator, motion: Motion) -> bool:
-    """Whether a striker without dry friction can be seen never to reach the stop again.
+    """Whether a striker without dry friction provably never reaches the stop again.
 
-    The free part's envelope only shrinks, so steady amplitude and envelope together bound all that follows.
+    The envelope of the free part decreases, so that steady amplitude plus envelope bound the future motion.
     """
     room = o.gap_m - o.steady_m
     if o.resonant or room <= 0.0 or not o.ringing_rad_s > 0.1 * o.natural_rad_s:

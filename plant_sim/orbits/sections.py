@@ -1,9 +1,9 @@
-"""Whole orbits of an ideal drive, followed from drive period to drive period and summed up, not stored.
+"""Orbits of an ideal drive, followed from drive period to drive period and summarised without being stored.
 
 Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
 is then far from the stop, so that an impact never falls on the border between two of them. A row per period
-holds what studies want to know. What carries the motion on is a solver's `Carrier` (`exact`: the closed
-form; `adaptive`: any scene with an ideal drive). All of it runs without the interpreter's lock.
+holds the quantities that studies use. A solver's `Carrier` advances the motion (`exact`: the closed form;
+`adaptive`: any scene with an ideal drive). All of this runs without the interpreter's lock.
 """
 
 import math
@@ -20,20 +20,20 @@ from plant_sim.solvers.double_double import TURN_RAD
 SECTION_RAD = -0.5 * math.pi
 
 LONGEST_CYCLE = 8
-"""Cycles of up to this many drive periods are recognised."""
+"""Longest recognised cycle, in drive periods."""
 
 DOUBT = 100.0
-"""A longer cycle is in doubt while a shorter one is kept within this number of tolerances."""
+"""A longer cycle is in doubt while a shorter one repeats within this multiple of the tolerance."""
 
 CHATTER_IMPACTS = 16
-"""As many impacts in a drive period are chatter, even if the striker does not come to rest on the stop."""
+"""From this number of impacts in a drive period on, a motion is chatter even without rest on the stop."""
 
 STUCK_M = 1e-9
-"""A striker whose slides are all shorter than this is stuck."""
+"""A striker is stuck if its slides add up to less than this."""
 
 
 class Period:
-    """What a drive period leaves: the state at its end, its impacts and their sums, what was measured."""
+    """Record of a drive period: state at its end, impacts and their sums, measured values."""
 
     y_end_m: float
     v_end_m_s: float
@@ -45,12 +45,12 @@ class Period:
     approaches_m_s: float
     """Sum of the impacts' v⁻."""
     crank_rad: float
-    """At the last impact."""
+    """Crank angle at the last impact."""
     peak_n: float
     rested: bool
     """The striker rested on the stop for some time, held there by the spring or by friction."""
     moved: bool
-    """The striker moved; where friction is dry, slides added up to more than `STUCK_M`."""
+    """The striker moved; with dry friction: its slides added up to more than `STUCK_M`."""
     y_low_m: float
     y_high_m: float
     drive_j: float
@@ -65,7 +65,7 @@ Periods: TypeAlias = Any
 
 
 class Regime(IntEnum):
-    """What an orbit ends as."""
+    """Regime at the end of an orbit."""
 
     NON_IMPACT = 0
     IMPACT = 1
@@ -77,7 +77,7 @@ class Regime(IntEnum):
 
 
 class Protocol(NamedTuple):
-    """How long an orbit runs and what is looked at.
+    """Duration of an orbit and the quantities to record.
 
     With `stop_early` it ends once it has repeated itself within `tolerance` (of gap and amplitude together,
     in position and in velocity over ω) for longer than its own cycle, or provably never meets the stop again.
@@ -88,27 +88,27 @@ class Protocol(NamedTuple):
     tolerance: float
     stop_early: bool
     measure: bool
-    """Extremes and energies of what is recorded; they take longer than the motion itself."""
+    """Whether extremes and energies are recorded; they take longer than the motion itself."""
 
 
 PAPER = Protocol(settle_s=30.0, record_s=20.0, tolerance=1e-4, stop_early=False, measure=True)
-"""50 s, the first 30 s discarded."""
+"""The paper's protocol: 50 s, the first 30 s discarded."""
 
 CLASSIFY = Protocol(settle_s=50.0, record_s=0.0, tolerance=1e-7, stop_early=True, measure=False)
-"""The attractor alone."""
+"""Protocol for the attractor alone."""
 
 
 class Outcome(NamedTuple):
-    """An orbit's end, and means over the last cycle (if certain) or over what was recorded."""
+    """Regime and end of an orbit, and means over the last cycle (if certain) or over the recorded periods."""
 
     regime: Regime
     certain: bool
     cycle: int
-    """Drive periods after which it repeats; 0 if it does not."""
+    """Drive periods after which the orbit repeats; 0 if it does not."""
     periods: int
-    """Whole drive periods that the figures below are taken over."""
+    """Number of drive periods over which the values below are means."""
     impacts: float
-    """Per drive period."""
+    """Impacts per drive period."""
     v_mean_m_s: float
     v_max_m_s: float
     v_min_m_s: float
@@ -118,27 +118,27 @@ class Outcome(NamedTuple):
     crank_rad: float
     """Crank angle at the impact, meaningful with one impact per period."""
     peak_n: float
-    """nan at a rigid stop."""
+    """Peak force, N; nan at a rigid stop."""
     x_low_m: float
     x_high_m: float
     drive_j: float
     """Work of the drive per period."""
     friction_j: float
     loss_j: float
-    """In the stop."""
+    """Loss in the stop per period."""
     end_y_m: float
-    """Position less rest length."""
+    """Position minus rest length."""
     end_v_m_s: float
     end_crank_rad: float
     duration_s: float
 
 
 Carrier: TypeAlias = Any
-"""What carries one scene's motion on: a solver's own record, with a law for each of the functions below."""
+"""Record of a solver that advances the motion of one scene, with a law for each of the functions below."""
 
 
 class Size(NamedTuple):
-    """A scene as orbits see it: crank speed, rest length, and the scales that a cycle is judged by."""
+    """Size of a scene: crank speed, rest length, and the scales by which cycles are recognised."""
 
     drive_rad_s: float
     rest_length_m: float
@@ -154,15 +154,15 @@ def size_of(carrier: Carrier) -> Size:
 
 @by_part
 def set_out(carrier: Carrier, y_m: float, v_m_s: float, crank_rad: float) -> Any:
-    """The motion at t = 0 from y = x − l0, v and a crank angle: whatever the carrier keeps between calls."""
+    """The motion at t = 0 from y = x − l0, v and a crank angle, in the carrier's own representation."""
     raise NotImplementedError
 
 
 @by_part
 def carry(carrier: Carrier, motion: Any, until_s: float, looked_at: bool, row: Period) -> tuple[Any, bool]:
-    """The motion at `until_s`, its row filled, and whether the solver could not get there.
+    """Advance the motion to `until_s` and fill its row; return the motion and whether the solver failed.
 
-    `looked_at` asks for extremes and energies.
+    `looked_at` requests extremes and energies.
     """
     raise NotImplementedError
 
@@ -188,7 +188,7 @@ def follow_orbit(
     protocol: Protocol,
     rows: Periods,
 ) -> Outcome:
-    """Run an orbit from y = x − l0, v and a crank angle, and say what became of it."""
+    """Follow an orbit from y = x − l0, v and a crank angle to its outcome."""
     size = size_of(carrier)
     streaks = np.zeros(64, dtype=np.int64)
     turn_s = TURN_RAD / size.drive_rad_s
@@ -249,14 +249,14 @@ def classify_starts(
 
 @subroutine
 def new_rows(protocol: Protocol, drive_rad_s: float) -> Periods:
-    """A ring of rows that holds what the protocol records, and enough to recognise a cycle."""
+    """A ring of rows, long enough for the protocol's record and for recognising a cycle."""
     recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2
     return np.zeros(max(recorded, 2 * LONGEST_CYCLE + 2), PERIOD)
 
 
 @subroutine
 def clear(row: Period) -> None:
-    """Start a period."""
+    """Reset the row for a new period."""
     row.impacts, row.rested, row.moved = 0, False, False
     row.y_end_m = row.v_end_m_s = row.crank_rad = 0.0
     row.impulse_n_s = row.impulse_squares = row.approaches_m_s = row.fastest_m_s = 0.0
@@ -289,11 +289,13 @@ def follow_cycles(
     speed_m_s: float,
     tolerance: float,
 ) -> tuple[int, bool]:
-    """The shortest cycle kept for longer than itself, 0 if none, and whether it is beyond doubt.
+    """The shortest cycle that has repeated for longer than its own length (0: none), and whether it is
+    certain.
 
-    `streaks[n]` counts the latest periods that ended where the n-th before them did, with as many impacts. An
-    orbit that closes in on a short cycle from alternating sides repeats every other time before it repeats
-    every time: a cycle is in doubt while one of its divisors is nearly kept as well.
+    `streaks[n]` counts the latest consecutive periods that ended in the state of the n-th period before, with
+    the same number of impacts. An orbit that converges to a short cycle from alternating sides repeats every
+    second period before it repeats every period: a cycle is in doubt while one of its divisors nearly
+    repeats.
     """
     size = len(rows)
     now = rows[period % size]

@@ -1,1 +1,1 @@
-"""One solver a file; `plant_sim.simulation` chooses among them."""
+"""The solvers; `plant_sim.simulation` selects one of them."""

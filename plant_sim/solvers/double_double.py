@@ -1,4 +1,4 @@
-"""Sums and angles carried in two floats, so that a long run costs no precision.
+"""Sums and angles in two floats, so that a long run loses no precision.
 
 A pair (high, low) stands for the unevaluated sum high + low with |low| ≤ ulp(high)/2: about 32 digits. Sums
 after Knuth (The Art of Computer Programming 2, 4.2.2), products after Dekker (Numerische Mathematik 18,
@@ -17,7 +17,7 @@ _SPLIT = 134217729.0  # 2²⁷ + 1 halves a significand
 
 @jit
 def two_sum(a: float, b: float) -> tuple[float, float]:
-    """a + b and what rounding left over, exactly."""
+    """a + b and its rounding error, exactly."""
     high = a + b
     part = high - a
     return high, (a - (high - part)) + (b - part)
@@ -25,7 +25,7 @@ def two_sum(a: float, b: float) -> tuple[float, float]:
 
 @jit
 def two_product(a: float, b: float) -> tuple[float, float]:
-    """a b and what rounding left over, exactly (no overflow up to 1e300)."""
+    """a b and its rounding error, exactly (no overflow up to 1e300)."""
     high = a * b
     scaled = _SPLIT * a
     a_high = scaled - (scaled - a)
@@ -63,7 +63,7 @@ def square_root(high: float, low: float) -> tuple[float, float]:
 def turned(
     angle_rad: float, angle_low_rad: float, rate_rad_s: float, rate_low_rad_s: float, duration_s: float
 ) -> tuple[float, float]:
-    """The angle after turning at a rate for a while, modulo 2π into [−π, π]."""
+    """The angle after turning at a constant rate for a duration, modulo 2π in [−π, π]."""
     product, product_low = two_product(rate_rad_s, duration_s)
     high, low = two_sum(angle_rad, product)
     low += angle_low_rad + (product_low + rate_low_rad_s * duration_s)

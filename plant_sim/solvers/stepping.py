@@ -1,6 +1,6 @@
-"""The stepping solver: Moreau–Jean time stepping at a fixed step, first order and hard to upset.
+"""The stepping solver: Moreau–Jean time stepping with a fixed step, of first order and robust.
 
-One step of the θ-scheme solves for the velocity with the impulses of stop and dry friction on board, so that
+One step of the θ-scheme solves for the velocity together with the impulses of stop and dry friction, so that
 impact, stick and rest need no events (Jean, Comput. Methods Appl. Mech. Eng. 177, 1999; Acary & Brogliato,
 Numerical Methods for Nonsmooth Dynamical Systems, 2008, ch. 10):
 
@@ -8,7 +8,8 @@ Numerical Methods for Nonsmooth Dynamical Systems, 2008, ch. 10):
     P_f ∈ −h μ m g Sgn(v₁)
     0 ≥ P_n ⊥ v₁ + k v₀ ≤ 0   where y₀ + h v₀ / 2 reaches the stop
 
-At ϑ = 1/2 the energies of a step balance to rounding. The striker may enter the stop by the way of one step.
+At ϑ = 1/2 the energies of a step balance to rounding. The striker may penetrate the stop by the path of one
+step.
 """
 
 import math
@@ -32,7 +33,7 @@ THETA = 0.5
 
 
 class _Rig(NamedTuple):
-    """What a step needs of the scene."""
+    """The scene's constants of a step."""
 
     friction: Friction
     stop: Stop
@@ -139,7 +140,7 @@ def simulate(
 ) -> SimulationResult:
     """Run the module from `initial` to the absolute time `until_s` in steps of `step_s`.
 
-    Positions and times are good to the order of one step; samples between steps are interpolated.
+    The errors of positions and times are of the order of one step; samples between steps are interpolated.
     """
     striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     require_plain(parts)

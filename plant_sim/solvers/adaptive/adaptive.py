@@ -1,4 +1,4 @@
-"""Any scene: DOP853 with error control from event to event."""
+"""The adaptive solver for any scene: DOP853 with error control, from event to event."""
 
 import math
 
@@ -38,10 +38,10 @@ from plant_sim.solvers.cost import ALLOWANCE, SolverError, too_costly
 from plant_sim.solvers.double_double import TURN_RAD
 
 DONE, BUFFER_FULL, STEP_TOO_SMALL, TOO_COSTLY = range(4)
-"""What `advance` returns."""
+"""Status returned by `advance`."""
 
 IMPACTS_AT_ONCE = 4096
-"""Rows of the impacts' buffer; a fuller run empties it in between."""
+"""Rows of the impacts' buffer; a run with more impacts empties it in between."""
 
 NO_GRID = np.empty(0)
 NO_SAMPLES = np.empty((0, 3))
@@ -58,10 +58,11 @@ def advance(
     grid_s: Vector,
     samples: Vector,
 ) -> int:
-    """Carry `memory` on to `duration_s` after `start_s` under a held torque; continues where it left off.
+    """Advance `memory` to `duration_s` after `start_s` under a constant torque; another call continues the
+    run.
 
-    `memory.held[0].elapsed_s` says how far it got. Depth, velocity and crank angle at the times of `grid_s`
-    (ascending, absolute) go into the rows of `samples`.
+    `memory.held[0].elapsed_s` is the time reached. Depth, velocity and crank angle at the times of `grid_s`
+    (ascending, absolute) are written into the rows of `samples`.
     """
     memory = _borrowed(memory)
     grid_s, samples = unowned(grid_s), unowned(samples)
@@ -122,7 +123,7 @@ def simulate(
     torque_n_m: float = 0.0,
     accuracy: float = 1e-9,
 ) -> SimulationResult:
-    """Run from `initial` (whose phase is found anew) to `until_s` under a held motor torque.
+    """Simulate from `initial` (whose phase is determined again) to `until_s` under a constant motor torque.
 
     `samples_t_s` ascends within the run. `accuracy` is the largest error per forcing period, m.
     """
@@ -167,7 +168,7 @@ def run(
     grid_s: Vector,
     samples: Vector,
 ) -> NDArray[np.void]:
-    """`advance`, its failures raised; returns (and forgets) the impacts so far, records as `Impact`."""
+    """Call `advance` and raise its failures; return and clear the impacts so far, records as `Impact`."""
     status = advance(parts, probe, memory, torque_n_m, start_s, duration_s, grid_s, samples)
     if status in (STEP_TOO_SMALL, TOO_COSTLY):
         raise refusal(status, parts, memory, start_s)
@@ -177,7 +178,7 @@ def run(
 
 
 def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> SolverError:
-    """What went wrong where, and what to do."""
+    """The error for a failed run: cause, time and motion, remedy."""
     x_m = from_stop_m(parts.wearer, parts.drive, memory.y) + origin_m(parts.stop, parts.striker)
     place = f"at t = {start_s + memory.held[0].elapsed_s:.9g} s, x = {x_m:.9g} m, v = {memory.y[1]:.6g} m/s"
     if status == TOO_COSTLY:
@@ -188,7 +189,7 @@ def refusal(status: int, parts: Parts, memory: Memory, start_s: float) -> Solver
 
 
 def _remedy(parts: Parts, memory: Memory) -> str:
-    """The keys that most likely make a run so costly."""
+    """Remedy that names the most likely keys for a run that is too costly."""
     if memory.mode[0].phase == CONTACT:
         return (
             "make the stop softer (stop.contact_s, stop.stiffness), start the striker outside it "

@@ -1,6 +1,6 @@
-"""The hybrid automaton of striker, crank and current loop: phases, the events that end them, what follows.
+"""The hybrid automaton of striker, crank and current loop: phases, the events that end them, transitions.
 
-FLIGHT ── touch ──▶ impact at a rigid stop ──▶ FLIGHT, or REST_ON_STOP once the rebound is spent
+FLIGHT ── touch ──▶ impact at a rigid stop ──▶ FLIGHT, or REST_ON_STOP after the last rebound
        ── touch ──▶ CONTACT with a soft stop ── leave ──▶ FLIGHT
 FLIGHT, CONTACT ── halt ──▶ STICK, or sliding the other way
 STICK, REST_ON_STOP ── release ──▶ FLIGHT or CONTACT
@@ -62,7 +62,7 @@ from plant_sim.solvers.adaptive.winding import limit_voltage, voltage_events, vo
 
 @subroutine
 def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
-    """Find the first phase of a module that has just been set up."""
+    """Determine the phase of a module after a restart or a change from outside."""
     y, mode, stop = memory.y, memory.mode[0], parts.stop
     settle_crank(parts.drive, parts, memory, torque_n_m)
     mode.phase = FLIGHT
@@ -90,9 +90,9 @@ def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> No
 
 @subroutine
 def may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, zeros: Zeros) -> bool:
-    """Whether an event could lie in the step: bounds from its ends and twice its stages' largest slopes.
+    """Whether an event may occur in the step, by bounds from its ends and twice its stages' largest slopes.
 
-    Of slopes within ± S, g between g0 and g1 is at least (g0 + g1 − S h) / 2.
+    A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
     if is_worn(parts.wearer) or flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
         return True
@@ -122,7 +122,7 @@ def first_event(parts: Parts, step: Step) -> Found:
 
 @subroutine
 def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: int, time_s: float) -> None:
-    """What an event does."""
+    """Apply an event to the state."""
     if event == TOUCH:
         _touch(parts, probe, memory, time_s)
     elif event == PRESS:
@@ -147,7 +147,7 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
 
 @subroutine
 def _touch(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
-    """Reach the stop from outside, at depth 0."""
+    """Treat the striker's arrival at the stop's surface, depth 0, from outside."""
     y, mode = memory.y, memory.mode[0]
     y[0] = 0.0
     v = closing_m_s(parts.wearer, parts.drive, y)

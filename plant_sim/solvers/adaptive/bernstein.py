@@ -1,9 +1,9 @@
-"""Polynomials on [0, 1] by their Bernstein coefficients, and roots that cannot be stepped over.
+"""Polynomials on [0, 1] in Bernstein form, with root finding that cannot miss a root.
 
 p(s) = Σ b_i C(n, i) sⁱ (1 − s)ⁿ⁻ⁱ lies in the hull of its coefficients and has at most as many roots in
 (0, 1) as they have sign changes, with the same parity (Farin, Curves and Surfaces for CAGD, 5th ed. 2002,
-chapter 5): no change proves that there is no root, one change brackets exactly one, more are halved until
-that is so.
+chapter 5): no change proves that there is no root, one change brackets exactly one; with more changes the
+interval is halved.
 """
 
 import math
@@ -16,17 +16,17 @@ from plant_sim.kernels import subroutine
 Coefficients = NDArray[np.float64]
 
 DEGREE = 7
-"""Of a step's continuous extension."""
+"""Degree of a step's continuous extension."""
 
 NO_ROOT = 2.0
-"""Returned where there is no root in [0, 1]."""
+"""Returned if there is no root in [0, 1]."""
 
 DEEPEST_HALVING = 40
 """An excursion narrower than 2⁻⁴⁰ of a step is below rounding: it is no crossing."""
 
 
 NODES: Coefficients = 0.5 - 0.5 * np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-"""Where a function is looked at to be replaced by a polynomial: Chebyshev's points, both ends included."""
+"""Interpolation nodes: Chebyshev points of the second kind, with both ends."""
 
 
 def _basis(s: float) -> list[float]:
@@ -113,7 +113,7 @@ def _reaches_zero(b: Coefficients, degree: int) -> bool:
 
 @subroutine
 def _is_zero(b: Coefficients, degree: int) -> bool:
-    """Whether p = 0 throughout: what stays on a surface does not cross it."""
+    """Whether p = 0 throughout: a quantity that stays on a surface does not cross it."""
     largest = 0.0
     for i in range(degree + 1):
         largest = max(largest, abs(b[i]))
@@ -148,7 +148,8 @@ def _halve(stack: Coefficients, top: int, degree: int) -> None:
 def _only_root(b: Coefficients, degree: int) -> float:
     """The one root of p in (0, 1], p(0) < 0 ≤ p(1), by regula falsi with Illinois weights.
 
-    No try is closer than a rounding to an end, so that a root beside one is closed in from both sides.
+    No trial point is closer to an end than a rounding, so that the bracket of a root near an end shrinks from
+    both sides.
     """
     low, high = 0.0, 1.0
     p_low, p_high = b[0], b[degree]

@@ -1,8 +1,8 @@
-"""The crank: its angle and speed, its share of the derivative, its rest under a dry loss, and leaving it.
+"""The crank: its angle and speed, its part of the derivative, rest under a dry loss, and breakaway.
 
-J θ'' = T − T_viscous − T_dry − c (x_A + l0 − x) dx_A/dθ. A motor's crank is part of the integrated state; an
-ideal drive's turns as the time does. One with a dry loss sticks: from phase to phase as the striker does, but
-beside it.
+J θ'' = T − T_viscous − T_dry − c (x_A + l0 − x) dx_A/dθ. With a motor the crank is part of the integrated
+state; with an ideal drive its angle follows from time. A crank with a dry loss can stick; its phases are
+independent of the striker's.
 """
 
 import math
@@ -91,7 +91,7 @@ def _(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> flo
 
 @by_part
 def turn_crank(drive: Drive, memory: Memory, h_s: float) -> None:
-    """Carry the crank's angle over a step, within [0, 2π)."""
+    """Update the crank's angle after a step, within [0, 2π)."""
     raise NotImplementedError
 
 
@@ -111,7 +111,7 @@ def _(drive: MotorDrive, memory: Memory, h_s: float) -> None:
 
 @subroutine
 def within_a_turn(angle_rad: float) -> tuple[float, int]:
-    """The angle in [0, 2π) and the whole turns taken off: many of them leave no drift."""
+    """The angle in [0, 2π) and the number of whole turns removed; many turns cause no drift."""
     turns = math.floor(angle_rad / TURN_RAD)
     if turns == 0:
         return angle_rad, 0
@@ -132,7 +132,7 @@ def coupling_n(parts: Parts, angle_rad: float, place_m: float) -> float:
 
 @subroutine
 def crank_load_n_m(parts: Parts, angle_rad: float, place_m: float) -> float:
-    """Torque, N m, that the coupling spring takes from the crank, the striker `place_m` from the stop.
+    """Load torque, N m, of the coupling spring on the crank, with the striker `place_m` from the stop.
 
     c (x_A + l0 − x) dx_A/dθ.
     """
@@ -174,7 +174,7 @@ def _(
 
 @by_part
 def rotor_energy_j(drive: Drive, omega_rad_s: float) -> float:
-    """Kinetic energy, J, of what the motor turns; an ideal drive's is its own affair."""
+    """Kinetic energy, J, of the rotor; 0 for an ideal drive, which has no inertia."""
     return 0.0
 
 
@@ -194,14 +194,15 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
 
 @subroutine
 def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
-    """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss and a net's rounding."""
+    """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss plus a rounding of the
+    net torque."""
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
     return dry_n_m + ROUNDING * (abs(torque_n_m) + abs(load) + dry_n_m)
 
 
 @by_part
 def settle_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    """Whether a resting crank stays at rest under this torque, and else which way it turns."""
+    """Determine whether a crank at rest stays there under this torque, otherwise its direction."""
     return
 
 
@@ -226,7 +227,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float) -> Non
 
 @by_part
 def halt_or_break_crank(drive: Drive, parts: Parts, memory: Memory, torque_n_m: float, event: int) -> None:
-    """The crank comes to rest, or breaks away from it."""
+    """Apply the halt of the crank, or its breakaway."""
     return
 
 
@@ -245,7 +246,7 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event:
 
 @by_part
 def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
-    """Whether the crank could come to rest, or break away, in a step; bounds as in `automaton.may_end`."""
+    """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
     return False
 
 
@@ -261,7 +262,7 @@ def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vect
 
 @by_part
 def crank_events(drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
-    """The earlier of `found` and the crank's coming to rest, or breaking away from it."""
+    """The earlier of `found` and the crank's halt or breakaway."""
     return found
 
 
@@ -278,9 +279,9 @@ def _(drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
 
 @by_part
 def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) -> float:
-    """First s at which the torque on a resting crank passes `crank_limit_n_m`; the loss holds at it.
+    """First s at which the torque on a crank at rest exceeds `crank_limit_n_m`; at the limit the loss holds.
 
-    At rest the net torque is linear in the striker's place: net(0) + slope (place − place(0)).
+    At rest the net torque is linear in the striker's position: net(0) + slope (place − place(0)).
     """
     flow, y, scratch = step.flow, step.y, step.scratch
     place = place_within(parts.wearer, drive, step.dense, scratch.press)

@@ -1,7 +1,7 @@
-"""One step of DOP853, its error and its continuous extension, for the equations of `motion`.
+"""A step of DOP853 with its error and its continuous extension, for the equations of `motion`.
 
 Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed. 1993, sections II.5, 6 and 10. A
-test holds the numbers equal to scipy's, which are not imported because that takes as long as a run's motion.
+test compares the numbers with scipy's; importing scipy's would take as long as the motion of a run.
 """
 # ruff: noqa: E501
 
@@ -45,18 +45,18 @@ A = _table("""
 0.03183464816350214 0 0 0 0 0.028300909672366776 0.053541988307438566 -0.05492374857139099 0 0 -0.00010834732869724932 0.0003825710908356584 -0.00034046500868740456 0.1413124436746325 0 0
 -0.42889630158379194 0 0 0 0 -4.697621415361164 7.683421196062599 4.06898981839711 0.3567271874552811 0 0 0 -0.0013990241651590145 2.9475147891527724 -9.15095847217987 0
 """)
-"""Weights of the slopes: the twelve stages, the step itself, three more stages of the continuous extension."""
+"""Weights of the slopes: twelve stages, the step itself, three more stages for the continuous extension."""
 
 C = _table("""
 0 0.05260015195876773 0.0789002279381516 0.1183503419072274 0.2816496580927726 0.3333333333333333 0.25 0.3076923076923077 0.6512820512820513 0.6 0.8571428571428571 1.0 1.0 0.1 0.2 0.7777777777777778
 """)[0]
-"""Times of the stages, as parts of the step."""
+"""Times of the stages, as shares of the step."""
 
 E3, E5 = _table("""
 -0.18980075407240762 0 0 0 0 4.450312892752409 1.8915178993145003 -5.801203960010585 -0.4226823213237919 -0.1521609496625161 0.20136540080403034 0.02265179219836082 0
 0.01312004499419488 0 0 0 0 -1.2251564463762044 -0.4957589496572502 1.6643771824549864 -0.35032884874997366 0.3341791187130175 0.08192320648511571 -0.022355307863886294 0
 """)
-"""Errors of third and fifth order."""
+"""Weights of the error estimates of third and fifth order."""
 
 D = _table("""
 -8.428938276109013 0 0 0 0 0.5667149535193777 -3.0689499459498917 2.38466765651207 2.117034582445028 -0.871391583777973 2.2404374302607883 0.6315787787694688 -0.08899033645133331 18.148505520854727 -9.194632392478356 -4.436036387594894
@@ -64,14 +64,14 @@ D = _table("""
 19.985053242002433 0 0 0 0 -387.0373087493518 -189.17813819516758 527.8081592054236 -11.57390253995963 6.8812326946963 -1.0006050966910838 0.7777137798053443 -2.778205752353508 -60.19669523126412 84.32040550667716 11.99229113618279
 -25.69393346270375 0 0 0 0 -154.18974869023643 -231.5293791760455 357.6391179106141 93.40532418362432 -37.45832313645163 104.0996495089623 29.8402934266605 -43.53345659001114 96.32455395918828 -39.17726167561544 -149.72683625798564
 """)
-"""The continuous extension."""
+"""Weights of the continuous extension."""
 
 
 @subroutine
 def attempt(
     parts: Parts, flow: Flow, h_s: float, y: Vector, scale: Vector, k: Vector, trial: Vector, new: Vector
 ) -> float:
-    """Step from `y` to `new`; returns the error, 1 at the tolerance `scale`. `k[0]` is the derivative at `y`.
+    """Step from `y` to `new`; return the error, relative to the tolerance `scale`. `k[0]` is the derivative at `y`.
 
     `k` has shape (STAGES, n), all others (n,).
     """

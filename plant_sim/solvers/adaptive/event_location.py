@@ -1,7 +1,7 @@
-"""Where in a step an event lies, located on the step's continuous extension.
+"""Location of events on the continuous extension of a step.
 
-Every condition is a polynomial of the step: depth, velocity, crank speed, or how far the pull on what rests
-is from what holds it. A quantity that starts at zero is divided by s first: its own zero is no event.
+Every condition is a polynomial over the step: depth, velocity, crank speed, or the distance of a force at
+rest from its limit. A quantity that starts at zero is first divided by s, because that zero is not an event.
 """
 
 from typing import NamedTuple
@@ -11,12 +11,12 @@ from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate, first_rise, w
 from plant_sim.solvers.adaptive.state_layout import Flow, Scratch, Vector
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
-"""Reach the stop; leave it; clear one that let go early, or press into it again; halt; slide; the crank's;
-the bus limits a current loop, or no longer does."""
+"""Events: touch-down; end of contact; clearing a stop that released early, or pressing it again; halt;
+breakaway; the same for the crank; begin and end of the voltage limit of a current loop."""
 
 
 class Zeros(NamedTuple):
-    """How many derivatives, the value included, are zero at the step's start."""
+    """Number of leading derivatives, the value included, that are zero at the step's start."""
 
     depth: int
     velocity: int
@@ -25,7 +25,7 @@ class Zeros(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step that has been tried: what holds in it, its length, the state before it, the motion within it."""
+    """A computed step: its constants, its length, the state before it and the motion within it."""
 
     flow: Flow
     zeros: Zeros
@@ -36,7 +36,7 @@ class Step(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The first event of a step and where in the step it is, 0 to 1."""
+    """The first event of a step and its place in the step, 0 to 1."""
 
     event: int
     s: float
@@ -44,7 +44,7 @@ class Found(NamedTuple):
 
 @subroutine
 def earlier(found: Found, event: int, s: float) -> Found:
-    """`found`, or this event where it comes first."""
+    """The earlier one of `found` and this event."""
     if s < found.s:
         return Found(event, s)
     return found

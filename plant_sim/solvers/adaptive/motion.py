@@ -1,6 +1,6 @@
-"""The equations of motion within one phase: what the parts say together.
+"""The equations of motion of all parts within one phase.
 
-m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, beside the crank's, the windings' and the foot plate's own.
+m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, and those of crank, windings and foot plate.
 """
 
 from plant_sim.kernels import by_part, law, subroutine
@@ -44,7 +44,7 @@ from plant_sim.solvers.adaptive.winding import is_voltage_limited, turning_torqu
 
 @subroutine
 def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> Flow:
-    """What holds in the step that begins now."""
+    """Constants of the step that begins now."""
     mode = memory.mode[0]
     return Flow(
         mode.phase,

@@ -1,4 +1,4 @@
-"""What is read off a module: samples and the largest forces within a step, state and ledgers at its end."""
+"""Observations of a module: samples and largest forces within a step, state and ledgers at its end."""
 
 from typing import NamedTuple
 
@@ -35,7 +35,7 @@ from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_curren
 
 GOLDEN = 0.6180339887498949
 GOLDEN_CUTS = 20
-"""They narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
+"""Number of cuts: they narrow half a step to 3e-5 of it, where the force is 1e-9 below its peak."""
 
 
 class StopForce(NamedTuple):
@@ -74,14 +74,14 @@ def _(force: FeltForce, dense: Vector, s: float) -> float:
 
 @subroutine
 def follow_contact(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
-    """The largest force of the contact so far, over the used share of a step."""
+    """Update the largest force of the contact by the used share of a step."""
     contact = memory.contact[0]
     contact.peak_n = _largest(StopForce(parts, damping_s_m), memory.dense, share, contact.peak_n)
 
 
 @by_part
 def follow_felt(wearer: Wearer, drive: Drive, memory: Memory, share: float) -> None:
-    """The largest force on the wearer so far, over the used share of a step."""
+    """Update the largest force on the wearer by the used share of a step."""
     return
 
 
@@ -93,7 +93,7 @@ def _(wearer: Ankle, drive: Drive, memory: Memory, share: float) -> None:
 
 @subroutine
 def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n: float) -> float:
-    """The largest force so far: the largest of five on the step, refined by golden section."""
+    """The largest force so far: the largest of five samples on the step, refined by golden section."""
     best, best_s = -1.0, 0.0
     for i in range(5):
         s = share * 0.25 * i
@@ -114,7 +114,7 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
 
 @subroutine
 def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, samples: Vector) -> None:
-    """Samples at times up to now, which the steps' have not reached: depth from the scene's stop, v, θ."""
+    """Fill samples at times up to now that no step has covered: depth from the scene's stop, v, θ."""
     mode = memory.mode[0]
     while mode.samples < grid_s.size and grid_s[mode.samples] <= start_s + memory.held[0].elapsed_s:
         row = samples[mode.samples]
@@ -127,7 +127,7 @@ def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, sam
 def sample_step(
     parts: Parts, memory: Memory, flow: Flow, h_s: float, used_s: float, grid_s: Vector, samples: Vector
 ) -> None:
-    """Samples at times within the used part of a step."""
+    """Fill samples at times within the used part of a step."""
     mode, dense = memory.mode[0], memory.dense
     while mode.samples < grid_s.size and grid_s[mode.samples] < flow.time_s + used_s:
         row = samples[mode.samples]
@@ -140,7 +140,7 @@ def sample_step(
 
 @subroutine
 def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> None:
-    """What can be read off the module now."""
+    """Write the present observation of the module."""
     y, observed = memory.y, memory.observed
     flow = flow_now(parts, memory, torque_n_m, time_s)
     observed[OBSERVED.x_m] = from_stop_m(parts.wearer, parts.drive, y) + origin_m(parts.stop, parts.striker)
@@ -182,7 +182,7 @@ _PHASES = tuple(Phase)
 
 
 def observation(memory: Memory, stored_before_j: float) -> Observation:
-    """The module as `memory` has it; the ledger counts from when `stored_before_j` was stored."""
+    """The present observation; the ledger starts where the stored energy was `stored_before_j`."""
     *values, phase = memory.observed.tolist()
     values[OBSERVED.stored_j] -= stored_before_j
     return Observation._make((*values, _PHASES[int(phase)]))
@@ -206,12 +206,12 @@ def ledger(now: Observation) -> EnergyLedger:
 
 
 def peak_felt_force_n(parts: Parts, memory: Memory) -> float | None:
-    """Largest force on the wearer so far, N; None where nobody wears the module."""
+    """Largest force on the wearer so far, N; None without a wearer."""
     return float(memory.contact[0].peak_felt_n) if is_worn(parts.wearer) else None
 
 
 def electrical_ledger(parts: Parts, memory: Memory) -> ElectricalLedger | None:
-    """Where the energy at the motor's terminals went so far; None where its windings are not modelled."""
+    """Electrical ledger so far; None if the windings are not modelled."""
     if not isinstance(parts.winding, DqWinding):
         return None
     terminal, currents = terminal_place(parts), current_place(parts)

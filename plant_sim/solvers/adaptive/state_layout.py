@@ -1,10 +1,11 @@
-"""What an advancing module carries from step to step, in arrays that kernels change in place.
+"""State of a module from step to step, in arrays that kernels change in place.
 
-The integrated state holds only what the parts have: depth and velocity; the crank's angle and speed with a
-motor; the foot plate's place and velocity with a wearer; with windings their currents and the current loop's
-integrals; then the ledger's integrals: work of the drive, friction, with a stop its loss, with a soft one its
-impulse, with a tilted or moving housing its work, with a wearer the ankle's loss, with windings the work at
-their terminals and the copper's loss. Depth is x − x_stop − p, so that it keeps its digits at the stop.
+The integrated state holds only the quantities of the scene's parts: depth and velocity; with a motor the
+crank's angle and speed; with a wearer position and velocity of the foot plate; with windings their currents
+and the integrals of the current loop; then the integrals of the ledger: work of the drive, friction loss,
+with a stop its loss, with a soft stop its impulse, with a tilted or moving housing its work, with a wearer
+the ankle's loss, with windings the work at their terminals and the copper loss. Depth is x − x_stop − p, so
+that it keeps its digits at the stop.
 """
 
 import math
@@ -32,15 +33,15 @@ Vector = NDArray[np.float64]
 FLIGHT, STICK, REST, CONTACT = (int(phase) for phase in Phase)
 
 STAGES = 16
-"""Derivatives a step takes: 12 of the step, 1 at its end, 3 of the continuous extension."""
+"""Evaluations of the derivative in a step: 12 stages, 1 at its end, 3 for the continuous extension."""
 
 DEPTH, VELOCITY, ANGLE, SPEED = range(4)
-"""Places of the motion; those of the ledger's integrals follow from `work_place` on."""
+"""Places of the motion in the state; the integrals of the ledger follow from `work_place` on."""
 
 
 @by_part
 def motion_size(part: Drive | Wearer | Winding) -> int:
-    """How many quantities of motion a part adds to the striker's two."""
+    """Number of quantities of motion that a part adds to the striker's two."""
     return 0
 
 
@@ -56,7 +57,7 @@ def _(part: DqWinding) -> int:
 
 @by_part
 def ledger_size(part: Stop | Housing | Wearer | Winding) -> int:
-    """How many integrals a part adds to the ledger's two, of drive and friction."""
+    """Number of integrals that a part adds to the ledger's two, of drive and friction."""
     return 0
 
 
@@ -72,13 +73,13 @@ def _(part: KelvinVoigt | HuntCrossley | DqWinding) -> int:
 
 @shared
 def plate_place(drive: Drive) -> int:
-    """Place of the foot plate's way in the state, which its velocity follows, where there is a wearer."""
+    """Place of the foot plate's position in the state, followed by its velocity, if there is a wearer."""
     return 2 + motion_size(drive)
 
 
 @shared
 def current_place(parts: Parts) -> int:
-    """Place of the windings' currents in the state, where it has them."""
+    """Place of the windings' currents in the state, if they are modelled."""
     return plate_place(parts.drive) + motion_size(parts.wearer)
 
 
@@ -90,19 +91,19 @@ def work_place(parts: Parts) -> int:
 
 @shared
 def housing_place(parts: Parts) -> int:
-    """Place of the housing's work in the state, where it is not level and at rest."""
+    """Place of the housing's work in the state, if it is tilted or moves."""
     return work_place(parts) + 2 + ledger_size(parts.stop)
 
 
 @shared
 def ankle_place(parts: Parts) -> int:
-    """Place of the ankle's loss in the state, where there is a wearer."""
+    """Place of the ankle's loss in the state, if there is a wearer."""
     return housing_place(parts) + ledger_size(parts.housing)
 
 
 @shared
 def terminal_place(parts: Parts) -> int:
-    """Place of the work at a motor's terminals in the state, where it has windings."""
+    """Place of the work at a motor's terminals in the state, if its windings are modelled."""
     return ankle_place(parts) + ledger_size(parts.wearer)
 
 
@@ -113,21 +114,21 @@ def state_size(parts: Parts) -> int:
 
 
 UNSETTLED = -1
-"""Phase of a module whose first phase the solver has yet to find."""
+"""Phase of a module before the solver has determined it."""
 
 NO_IMPACT, IN_CONTACT, LET_GO = range(3)
-"""Values of `in_impact`; LET_GO: the stop no longer presses, and the striker has yet to clear its surface."""
+"""Values of `in_impact`; LET_GO: the stop's force has ended, but the striker has not cleared its surface."""
 
 
 class Mode:
-    """The automaton's state, and counts."""
+    """State of the automaton, and counters."""
 
     phase: int
     direction: int
     crank_direction: int
     crank_stuck: int
     zero_depth: int
-    """As in `event_location.Zeros`, like the three others."""
+    """The four zeros: as in `event_location.Zeros`."""
     zero_velocity: int
     zero_crank: int
     zero_voltage: int
@@ -141,21 +142,21 @@ class Mode:
 
 
 class Held:
-    """What a step hands to the next."""
+    """Values that a step passes on to the next."""
 
     elapsed_s: float
     elapsed_low_s: float
-    """What rounding leaves out of `elapsed_s`: over 1e6 s of steps it would add up to 0.1 ms."""
+    """Rounding error of `elapsed_s`; over 1e6 s of steps it would add up to 0.1 ms."""
     free_step_s: float
     contact_step_s: float
     last_step_s: float
     last_margin: float
     rest_m_s: float
-    """A slower rebound at a rigid stop is rest."""
+    """A rebound at a rigid stop below this speed ends in rest."""
     debt: float
-    """The cost (`plant_sim.solvers.cost`) that simulated time has not paid for."""
+    """Cost (`plant_sim.solvers.cost`) that simulated time has not yet paid off."""
     crank_rad: float
-    """With an ideal drive; a motor's is in the integrated state."""
+    """Crank angle with an ideal drive; with a motor it is in the integrated state."""
 
 
 class Contact:
@@ -176,20 +177,22 @@ _NEW_MODE[0].phase = UNSETTLED
 _NEW_CONTACT: One[Contact] = zeros_of(Contact, 1)
 
 OBSERVED: Any = Observation._make(range(len(Observation._fields)))
-"""Places in Memory.observed, by the names of `Observation`."""
+"""Places in Memory.observed by the field names of `Observation`."""
 
 SHARE_OF_A_STEP, SHARE_OF_A_MOTOR_STEP = 0.05, 0.02
-"""A forcing period takes some twenty steps, those of a contact included; each may err by this share of it.
+"""Share of the accuracy that each of some twenty steps per forcing period may contribute as error.
 
-Errors of a motor's speed add up in its angle, so that they are kept smaller.
+Errors of a motor's speed accumulate in its angle; their share is smaller.
 """
 
 SHARE_OF_A_CONTACT = 0.1
-"""An orbit can amplify the errors of a contact's few steps, so each may have only this share of others."""
+"""An orbit can amplify the errors of a contact's few steps, so each may contribute only this share of
+another's."""
 
 
 SHARE_OF_BEND = 1e-3
-"""Of `bend_m_s`, however loose the accuracy: a larger error would undo the bend of friction near rest."""
+"""Largest error of the velocity as a share of `bend_m_s`, for any accuracy: a larger one would hide the curve
+of friction near rest."""
 
 
 class Crank(NamedTuple):
@@ -200,30 +203,30 @@ class Crank(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """What does not change within one step."""
+    """Constants of one step."""
 
     phase: int
     direction: float
-    """Of the striker's sliding, ±1."""
+    """Direction of the striker's sliding, ±1."""
     damping_s_m: float
     """λ of the present contact."""
     angle_rad: float
-    """Of the crank at the step's start."""
+    """Crank angle at the step's start."""
     torque_n_m: float
-    """Commanded to a motor."""
+    """Torque command of a motor."""
     crank_direction: float
-    """Of a turning crank with dry loss, ±1; else 0."""
+    """Direction of a turning crank with dry loss, ±1; otherwise 0."""
     crank_stuck: bool
     time_s: float
-    """At the step's start."""
+    """Time at the step's start."""
     voltage_limited: bool
     """Whether the bus limits a current loop."""
 
 
 class Scratch(NamedTuple):
-    """Arrays that only event location writes: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3).
+    """Scratch arrays of event location: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3).
 
-    `inner` is the motion within a step, which only windings ask for.
+    `inner` is the motion within a step; only windings use it.
     """
 
     poly: Vector
@@ -233,7 +236,7 @@ class Scratch(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and mode, bookkeeping, results, tolerances, and scratch from `k` on.
+    """Integrated state, mode, values between steps, results, tolerances, and scratch from `k` on.
 
     `contact` is empty without a soft stop; `impacts` are records as `Impact`, the first `mode.impacts` of
     them in use.
@@ -255,7 +258,7 @@ class Memory(NamedTuple):
 
 
 def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
-    """Memory of a module at `initial`: only what these parts need, and room for some impacts."""
+    """Memory of a module at `initial`, with the arrays that these parts need and room for `impacts`."""
     striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
@@ -290,7 +293,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
 def restart(
     parts: Parts, memory: Memory, depth_m: float, v_m_s: float, crank_rad: float, omega_rad_s: float
 ) -> None:
-    """Set a module to a start whose phase is to be found; nothing of an earlier run is left."""
+    """Set a module to a start of undetermined phase; nothing of an earlier run is left."""
     memory.y[:] = 0.0
     memory.mode[:] = _NEW_MODE
     memory.contact[:] = _NEW_CONTACT
@@ -318,7 +321,8 @@ def _(drive: MotorDrive, memory: Memory, angle_rad: float, omega_rad_s: float) -
 
 
 def _scale(parts: Parts, accuracy: float) -> Vector:
-    """Error of one step in each quantity that weighs as much as a step's share of `accuracy` in position."""
+    """Tolerated error of one step in each quantity, equivalent to a step's share of `accuracy` in
+    position."""
     striker, drive, stop = parts.striker, parts.drive, parts.stop
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     length = max(drive.amplitude_m, 1e-3)

@@ -1,7 +1,7 @@
-"""One step: as long as its error and the parts allow, up to an event at most, and what is noted of it.
+"""A step of the adaptive solver: its length, its end at the first event, and the quantities recorded from it.
 
-A step ends at the first event on its continuous extension, which Bernstein coefficients find however many
-there are; it is then repeated up to there, so that the state at an event has the step's own accuracy.
+Bernstein coefficients of the continuous extension locate the first of any number of events. The step is then
+repeated up to that event, so that the state there has the accuracy of a step.
 """
 
 import math
@@ -30,7 +30,7 @@ from plant_sim.solvers.cost import debt
 from plant_sim.solvers.double_double import two_sum
 
 LEAST_ERROR = 1e-6
-"""Of a step, in tolerances; a smaller one, as of rest, says nothing of the next step."""
+"""Smallest error of a step, in tolerances, that influences the next step; at rest the error may be 0."""
 
 
 @subroutine
@@ -44,7 +44,7 @@ def take_step(
     grid_s: Vector,
     samples: Vector,
 ) -> float:
-    """One step, up to an event at most; returns its length, s, or −1 where no step is small enough."""
+    """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
     y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
     k, trial, dense = memory.k, memory.trial, memory.dense
     begin_s = start_s + held.elapsed_s
@@ -104,7 +104,7 @@ def take_step(
 
 @subroutine
 def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, duration_s: float) -> None:
-    """Book `used_s` seconds in a phase, of the `remaining_s` up to `duration_s`."""
+    """Advance the time by `used_s` in a phase, of the `remaining_s` up to `duration_s`."""
     held = memory.held[0]
     if used_s > 0.0:
         memory.mode[0].seen |= 1 << phase
@@ -116,10 +116,10 @@ def _pass_time(memory: Memory, phase: int, used_s: float, remaining_s: float, du
 
 @subroutine
 def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: float) -> None:
-    """Length of the next step: the error's, and no longer than the trend of the last two allows.
+    """Set the length of the next step from the error of this one and the trend of the last two.
 
-    Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): where friction stiffens towards rest
-    every second step would else be refused.
+    Predictive control (Gustafsson, ACM Trans. Math. Softw. 20, 1994): without it every second step would be
+    refused where friction stiffens towards rest.
     """
     margin = _eighth_root(1.0 / max(error, LEAST_ERROR))
     growth = 0.9 * margin
@@ -136,13 +136,13 @@ def _choose_next(held: Held, phase: int, tried_s: float, h_s: float, error: floa
 
 @subroutine
 def _eighth_root(value: float) -> float:
-    """By how much a step may grow for an error of the method's order that shrinks to 1/value."""
+    """The eighth root: growth of a step whose error, of the method's order 8, may grow by `value`."""
     return math.sqrt(math.sqrt(math.sqrt(value)))
 
 
 @subroutine
 def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) -> float:
-    """Step again, up to the event only; a touch-down is then polished on the step itself."""
+    """Repeat the step up to the event; the time of a touch-down is then corrected by Newton's method."""
     y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
     used = found.s * h_s
     attempt(parts, flow, used, y, memory.scale, k, trial, new)

@@ -1,6 +1,7 @@
-"""A striker at rest: what holds it, when it breaks away, and which way it sets off.
+"""A striker at rest: the forces that hold it, its breakaway, and the direction of the motion that follows.
 
-It sticks by dry friction, or rests on a rigid stop. The law of friction is in `plant_sim.parts.friction`.
+The striker sticks by dry friction, or rests on a rigid stop. The law of friction is in
+`plant_sim.parts.friction`.
 """
 
 import math
@@ -32,18 +33,18 @@ from plant_sim.solvers.adaptive.wearer import from_stop_m
 from plant_sim.solvers.double_double import TURN_RAD
 
 NEAR_RAD = 1e-9
-"""A crank this close to where a striker breaks away is there."""
+"""A crank within this angle of a breakaway counts as having reached it."""
 
 
 @subroutine
 def dry_limit_n(parts: Parts) -> float:
-    """Largest force, N, by which dry friction holds the striker; 0 where nothing sticks."""
+    """Largest dry friction at rest, N; 0 for a law without sticking."""
     return static_limit_n(parts.friction, parts.striker.mass_kg * parts.striker.gravity_m_s2)
 
 
 @subroutine
 def held_force_n(parts: Parts, angle_rad: float, y: Vector, time_s: float) -> float:
-    """Force, N, on a striker at rest there, without dry friction and a rigid stop."""
+    """Force, N, on a striker at rest, without dry friction and the force of a rigid stop."""
     spring = coupling_n(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
     inertia = parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
     return spring - elastic_force_n(parts.stop, max(y[0], 0.0)) - inertia
@@ -67,7 +68,7 @@ def _release_angles(parts: Parts, phase: int, angle_rad: float, depth_m: float) 
 
     The spring's pull c (x_A + l0 − x) must pass the friction limit outwards (and, on a rigid stop, only
     away from it), by more than its rounding where the piston turns round. Angles within NEAR_RAD are passed
-    over: whoever comes to rest there has been dealt with. For a housing that does not move, whatever its
+    over: their breakaway has already been treated. For a housing that does not move, whatever its
     tilt.
     """
     striker, stop, amplitude = parts.striker, parts.stop, parts.drive.amplitude_m
@@ -113,7 +114,7 @@ def _(housing: Level | Tilted, parts: Parts, step: Step) -> float:
 
 @law(release_event, Moving, Walking)
 def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
-    """The pull and the housing's push together, as a polynomial: over a radian good to 1e-9 of them."""
+    """The sum of spring and housing force is approximated by a polynomial, to 1e-9 over a radian."""
     flow, h_s = step.flow, step.h_s
     values, pull = step.scratch.poly, step.scratch.press
     largest = 0.0
@@ -129,14 +130,16 @@ def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
 
 @subroutine
 def _break(pull: Vector, sign: float, limit_n: float, scratch: Scratch) -> float:
-    """First s at which sign · pull passes the limit; one that is held beyond it has to grow for that."""
+    """First s at which sign · pull exceeds the limit; a pull that is held above the limit must grow
+    further."""
     beyond_n = max(sign * pull[0] - limit_n, 0.0)
     return root(pull, sign, -limit_n - beyond_n, 1 if beyond_n > 0.0 else 0, scratch)
 
 
 @subroutine
 def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
-    """What a striker at v = 0 does next: stick, rest on a rigid stop, or move the way it is pulled."""
+    """Set the phase of a striker at v = 0: stick, rest on a rigid stop, or motion in the direction of the
+    force."""
     y, mode = memory.y, memory.mode[0]
     net = _set_off_force_n(parts.wearer, parts, memory, time_s)
     dry = dry_limit_n(parts)
@@ -157,7 +160,7 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
 
 @by_part
 def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float) -> float:
-    """Force, N, that says which way a striker at rest sets off."""
+    """Force, N, whose sign is the direction in which a striker at rest sets off."""
     return held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
 
 
@@ -171,10 +174,11 @@ def _(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
 
 @by_part
 def _pull_growth(housing: Housing, parts: Parts, memory: Memory, time_s: float) -> tuple[float, float]:
-    """Growth of the pull on a resting striker with time, N/s, and how much it changes near by, N.
+    """Time derivative of the pull on a striker at rest, N/s, and the change of the pull within twice
+    NEAR_RAD, N.
 
-    So near the limit the growth decides; it is twice NEAR_RAD, so that no release is passed over. Where the
-    piston turns round there is no growth to speak of: nothing breaks away there on its own.
+    Within that distance of the limit the derivative decides, so that no release is missed. At the piston's
+    dead centres the derivative vanishes, and no breakaway begins.
     """
     raise NotImplementedError
 
@@ -200,7 +204,7 @@ def _(housing: Moving | Walking, parts: Parts, memory: Memory, time_s: float) ->
 
 @subroutine
 def release(parts: Parts, memory: Memory, time_s: float) -> None:
-    """The spring's pull has just passed what held the striker: it sets off with no acceleration yet."""
+    """Release a striker whose pull has just reached its limit: it sets off with zero acceleration."""
     net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
     forward = net > 0.0 and memory.mode[0].phase == STICK
     _set_off(parts, memory, time_s, forward, 2)
@@ -208,7 +212,7 @@ def release(parts: Parts, memory: Memory, time_s: float) -> None:
 
 @subroutine
 def _set_off(parts: Parts, memory: Memory, time_s: float, forward: bool, zeros: int) -> None:
-    """Slide on from v = 0, of whose derivatives, v included, `zeros` are zero."""
+    """Slide from v = 0; the first `zeros` derivatives, v included, are zero."""
     y, mode = memory.y, memory.mode[0]
     mode.direction = 1 if forward else -1
     mode.zero_velocity = zeros

@@ -1,6 +1,6 @@
-"""What a stop adds: the events that begin and end an impact, what each does, and the impact's record.
+"""Impacts at a stop: the events that begin and end an impact, their effects, and the impact's record.
 
-A rigid stop's impact takes no time; a soft one's is a contact. The stop's law of force is in
+An impact at a rigid stop takes no time; one at a soft stop is a contact. The law of the stop's force is in
 `plant_sim.parts.stop`.
 """
 
@@ -87,7 +87,7 @@ def _(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
 
 @by_part
 def leaving_zeros(stop: Stop) -> int:
-    """How many derivatives of what ends a contact are zero where it begins, at depth 0 with some speed."""
+    """Number of leading zero derivatives, at the begin of a contact, of the quantity whose root ends it."""
     return 1
 
 
@@ -113,7 +113,7 @@ def rebound(parts: Parts, probe: Probe, memory: Memory, time_s: float) -> None:
 
 @subroutine
 def come_to_rest(parts: Parts, memory: Memory) -> None:
-    """A rebound at a rigid stop is spent: its energy goes with the impacts'."""
+    """End a rebound at a rigid stop in rest; its energy counts as loss of the impact."""
     loss = 0.5 * parts.striker.mass_kg * memory.y[1] * memory.y[1]
     memory.y[work_place(parts) + 2] += loss
     memory.y[1] = 0.0
@@ -121,7 +121,7 @@ def come_to_rest(parts: Parts, memory: Memory) -> None:
 
 @subroutine
 def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> None:
-    """Meet a soft stop; `zeros` derivatives of what ends the contact are zero there."""
+    """Begin a contact with a soft stop; `zeros` is as in `leaving_zeros`."""
     y, mode, contact = memory.y, memory.mode[0], memory.contact[0]
     mode.phase = CONTACT
     mode.in_impact = IN_CONTACT
@@ -141,9 +141,9 @@ def open_contact(parts: Parts, memory: Memory, time_s: float, zeros: int) -> Non
 
 @subroutine
 def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
-    """Meet a stop that let go early and has not yet been cleared: it holds its spring's energy again.
+    """Press a stop again that released early and has not been cleared: its spring stores energy again.
 
-    The contact that it had let go of goes on.
+    The earlier contact continues.
     """
     memory.y[work_place(parts) + 2] -= elastic_energy_j(parts.stop, memory.y[0])
     if memory.mode[0].in_impact == NO_IMPACT:
@@ -156,9 +156,9 @@ def press_again(parts: Parts, memory: Memory, time_s: float) -> None:
 
 @subroutine
 def leave(parts: Parts, memory: Memory) -> None:
-    """The stop no longer presses; what one that lets go early still holds is lost in its relaxing.
+    """End the stop's force; the elastic energy of a stop that releases early is lost as it relaxes.
 
-    The impact ends where the striker clears the stop's surface: until then it may be pressed again.
+    The impact ends where the striker clears the stop's surface; until then the stop may be pressed again.
     """
     y, mode = memory.y, memory.mode[0]
     lets_go_early = leaving_zeros(parts.stop) == 0
@@ -176,7 +176,7 @@ def leave(parts: Parts, memory: Memory) -> None:
 
 @subroutine
 def record_contact(parts: Parts, memory: Memory) -> None:
-    """The impact that a contact was, once it is over."""
+    """Record the impact of a contact that has ended."""
     contact = memory.contact[0]
     memory.mode[0].in_impact = NO_IMPACT
     _record(

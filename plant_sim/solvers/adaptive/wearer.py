@@ -1,6 +1,6 @@
-"""What a wearer adds: the foot plate's place p and velocity, m_f (p'' + a_b) = F_stop − k_a p − d_a p'.
+"""The wearer's foot plate: position p and velocity, m_f (p'' + a_b) = F_stop − k_a p − d_a p'.
 
-Without one the stop is fixed to the housing, and p = 0.
+Without a wearer the stop is fixed to the housing, and p = 0.
 """
 
 import math
@@ -15,7 +15,7 @@ from plant_sim.solvers.adaptive.state_layout import DEPTH, Vector, ankle_place, 
 
 @by_part
 def from_stop_m(wearer: Wearer, drive: Drive, y: Vector) -> float:
-    """The striker's place from where the scene puts the stop, m."""
+    """The striker's position relative to the stop's position in the scene, m."""
     depth_m: float = y[0]
     return depth_m
 
@@ -28,7 +28,7 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 
 @by_part
 def closing_m_s(wearer: Wearer, drive: Drive, y: Vector) -> float:
-    """The striker's velocity against the stop's surface, m/s: how fast depth grows."""
+    """The striker's velocity relative to the stop's surface, m/s: the time derivative of depth."""
     v_m_s: float = y[1]
     return v_m_s
 
@@ -55,7 +55,7 @@ def _(wearer: Ankle, drive: Drive, dense: Vector, out: Vector) -> Vector:
 
 @by_part
 def plate_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
-    """The plate's place, m, and velocity, m/s, within a step."""
+    """The plate's position, m, and velocity, m/s, within a step."""
     return 0.0, 0.0
 
 
@@ -120,7 +120,7 @@ def _(wearer: Ankle, parts: Parts, push_n: float, a_b: float, y: Vector, out: Ve
 
 @by_part
 def ankle_s(wearer: Wearer) -> float:
-    """How long a step may be for the ankle's sake, s: a radian of its oscillation at most."""
+    """Longest step for the ankle, s: a radian of its oscillation."""
     return math.inf
 
 

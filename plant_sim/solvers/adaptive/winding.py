@@ -1,7 +1,7 @@
-"""What windings add: their currents, the torque that turns the crank, and the bus that limits their loop.
+"""Windings: their currents, the torque on the crank, and the voltage limit of the current loop.
 
 Windings in the rotor's frame have i_d, i_q and the two integrals of the current loop at `current_place` of
-the state; at `terminal_place` the work at their terminals and what of it heats the copper.
+the state; at `terminal_place` the work at their terminals and the copper loss.
 """
 
 import math
@@ -40,11 +40,11 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 
 STABLE = 4.5
-"""h |λ| at which DOP853 damps a real pole well; its stability ends at about 6."""
+"""h |λ| for which DOP853 damps a real pole well; its limit of stability is about 6."""
 
 
 class Voltages(NamedTuple):
-    """In the rotor's frame, V."""
+    """Voltages in the rotor's frame, V."""
 
     d: float
     q: float
@@ -54,7 +54,7 @@ class Voltages(NamedTuple):
 def turning_current_a(
     winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
 ) -> float:
-    """The current, A, that makes torque: i_q; it settles at once where the windings are not modelled."""
+    """The torque-producing current i_q, A; it settles at once if the windings are not modelled."""
     return motor_current_a(drive, torque_n_m, crank.speed_rad_s)
 
 
@@ -68,7 +68,7 @@ def _(winding: DqWinding, drive: Drive, torque_n_m: float, crank: Crank, y: Vect
 def turning_torque_n_m(
     winding: Winding, drive: Drive, torque_n_m: float, crank: Crank, y: Vector, place: int
 ) -> float:
-    """The torque of the motor's current on the crank, N m, where `torque_n_m` is asked for."""
+    """The torque of the motor's current on the crank, N m, for the command `torque_n_m`."""
     return motor_torque_n_m(drive, torque_n_m, crank.speed_rad_s)
 
 
@@ -86,7 +86,7 @@ def _(winding: DqWinding, drive: MotorDrive, torque_n_m: float, crank: Crank, y:
 def asked_voltages(
     winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
 ) -> Voltages:
-    """What the current loop asks of the inverter, V."""
+    """The current loop's voltage command to the inverter, V."""
     i_d, i_q, u_d, u_q = y[place], y[place + 1], y[place + 2], y[place + 3]
     electrical = drive.pole_pairs * omega_rad_s
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
@@ -102,7 +102,7 @@ def asked_voltages(
 def voltage_excess(
     winding: DqWinding, drive: MotorDrive, torque_n_m: float, omega_rad_s: float, y: Vector, place: int
 ) -> float:
-    """|v*|² − V²/3, V²: above 0 where the bus limits the current loop."""
+    """|v*|² − V²/3, V²: positive if the bus limits the current loop."""
     asked = asked_voltages(winding, drive, torque_n_m, omega_rad_s, y, place)
     limit = voltage_limit_v(drive)
     return asked.d * asked.d + asked.q * asked.q - limit * limit
@@ -146,9 +146,9 @@ def _(
 def voltage_may_end(
     winding: Winding, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
 ) -> bool:
-    """Whether the loop could ask for more than the bus has within a step: bounds as of other events.
+    """Whether the voltage command may exceed the bus within a step, by bounds as for other events.
 
-    Of slopes within ± S, |g| is at most (|g0| + |g1| + S h) / 2.
+    A function with slopes within ± S and values g0 and g1 at the ends has |g| ≤ (|g0| + |g1| + S h) / 2.
     """
     return False
 
@@ -193,7 +193,7 @@ def _(
 
 @by_part
 def current_s(winding: Winding, drive: Drive) -> float:
-    """How long a step may be for the windings' sake, s: the method is stable to h λ = −6 or so."""
+    """Longest step for the windings, s: the method is stable to about h λ = −6."""
     return math.inf
 
 
@@ -208,7 +208,7 @@ def _(winding: DqWinding, drive: MotorDrive) -> float:
 def stays_within_voltage(
     winding: DqWinding, drive: MotorDrive, torque_n_m: float, dense: Vector, place: int
 ) -> bool:
-    """Whether a step's Bernstein coefficients, in whose hull it lies, prove that the bus never limits it."""
+    """Whether the hull of a step's Bernstein coefficients proves that the bus never limits the loop."""
     i_d, i_q = _largest(dense[place]), _largest(dense[place + 1])
     u_d, u_q = _largest(dense[place + 2]), _largest(dense[place + 3])
     electrical = drive.pole_pairs * _largest(dense[SPEED])
@@ -230,13 +230,13 @@ def _largest(b: Vector) -> float:
 
 
 def magnetic_energy_j(winding: DqWinding, i_d: float, i_q: float) -> float:
-    """Energy of the currents' own fields, J: 3/4 (L_d i_d² + L_q i_q²)."""
+    """Energy of the currents' magnetic fields, J: 3/4 (L_d i_d² + L_q i_q²)."""
     return 0.75 * (winding.d_inductance_h * i_d * i_d + winding.q_inductance_h * i_q * i_q)
 
 
 @by_part
 def settle_voltage(winding: Winding, drive: Drive, parts: Parts, memory: Memory, torque_n_m: float) -> None:
-    """Whether the bus limits the current loop from now on, the torque asked for being this."""
+    """Determine whether the bus limits the current loop from now on under this torque command."""
     return
 
 
@@ -250,7 +250,7 @@ def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torqu
 
 @by_part
 def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
-    """The bus begins, or ends, to limit the current loop."""
+    """Begin or end the voltage limit of the current loop."""
     return
 
 
@@ -274,7 +274,7 @@ def _(winding: DqWinding, memory: Memory) -> bool:
 
 @by_part
 def voltage_zeros(winding: Winding, memory: Memory) -> int:
-    """How many derivatives of the voltage's excess are zero at the step's start; forgets them."""
+    """Number of leading zero derivatives of the voltage's excess at the step's start; reset to 0."""
     return 0
 
 
@@ -287,7 +287,7 @@ def _(winding: DqWinding, memory: Memory) -> int:
 
 @by_part
 def voltage_events(winding: Winding, drive: Drive, parts: Parts, step: Step, found: Found) -> Found:
-    """The earlier of `found` and the bus's beginning, or ending, to limit the current loop."""
+    """The earlier of `found` and the begin or end of the current loop's voltage limit."""
     return found
 
 

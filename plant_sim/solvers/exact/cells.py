@@ -1,4 +1,4 @@
-"""A flight in cells of one length: a linear step from cell to cell, and proofs that nothing happens in one.
+"""A flight in cells of equal length: a linear step from cell to cell, and proofs that a cell has no event.
 
 The motion z'' + 2σ z' + ω² z = ω² A sin θ, θ' = Ω, with z counted from the offset of dry friction, is linear
 in (z, z', A sin θ, A cos θ): one matrix carries it over a cell, without sine or exponential.
@@ -18,23 +18,23 @@ from typing import NamedTuple
 from plant_sim.kernels import jit, subroutine
 
 SHARE = 4e-3
-"""Uncertainty within a cell, as a share of the motion; near a stop longer cells are subdivided more often."""
+"""Uncertainty within a cell as a share of the motion; near a stop, longer cells are subdivided more often."""
 
 STRONGEST_DRAG = 0.5
-"""2σ / ω up to which the bounds on derivatives are worth their while."""
+"""Largest 2σ / ω for which the bounds on derivatives are useful."""
 
 LONGEST_RAD = 4.0
-"""Of the drive's angle in a cell: power series then lose a digit at most."""
+"""Largest angle of the drive in a cell, for which power series lose a digit at most."""
 
 TERMS, TERMS_PER_RAD = 16, 6.0
-"""Of those series: what follows is below a rounding."""
+"""Number of terms of these series; the remainder is below a rounding."""
 
 BLUR = 1e-13
-"""Rounding over many cells, as a share of the motion's size."""
+"""Rounding error over many cells, as a share of the motion's size."""
 
 
 class Cells(NamedTuple):
-    """A scene's cells; `span_s` is 0 where there are none."""
+    """The cells of a scene; `span_s` is 0 for a scene without cells."""
 
     span_s: float
     z_z: float
@@ -68,7 +68,7 @@ class Place(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """What is uncertain over a cell: E of a place and of a speed, and the rounding of either."""
+    """Uncertainty over a cell: E of position and of speed, and the rounding of each."""
 
     place_m: float
     speed_m_s: float
@@ -85,7 +85,7 @@ def cells(
     piston_m: float,
     gap_m: float,
 ) -> Cells:
-    """The cells of a scene whose striker swings by about gap and piston together."""
+    """The cells of a scene whose striker swings by about the sum of gap and piston stroke."""
     w, w2, Omega = natural_rad_s, stiffness_1_s2, drive_rad_s
     A = abs(piston_m)
     length = A + (abs(gap_m) if math.isfinite(gap_m) else 0.0)
@@ -159,7 +159,7 @@ def _bounds(
 
 @jit
 def onward(c: Cells, p: Place) -> Place:
-    """The motion one cell on."""
+    """The motion one cell later."""
     z = (c.z_z * p.z_m + c.z_v * p.v_m_s) + (c.z_sin * p.sin_m + c.z_cos * p.cos_m)
     v = (c.v_z * p.z_m + c.v_v * p.v_m_s) + (c.v_sin * p.sin_m + c.v_cos * p.cos_m)
     sine = c.turn_cos * p.sin_m + c.turn_sin * p.cos_m
@@ -169,7 +169,7 @@ def onward(c: Cells, p: Place) -> Place:
 
 @jit
 def doubt(c: Cells, z_m: float, v_m_s: float, natural_rad_s: float) -> Doubt:
-    """What is uncertain over the cell that begins here."""
+    """Uncertainty over the cell that begins here."""
     free = natural_rad_s * z_m
     norm = math.sqrt(free * free + v_m_s * v_m_s)
     blur = BLUR * (norm + natural_rad_s * c.length_m)
@@ -182,7 +182,8 @@ def doubt(c: Cells, z_m: float, v_m_s: float, natural_rad_s: float) -> Doubt:
 def bends_below(start: float, slope: float, end: float, end_slope: float, span: float, slack: float) -> bool:
     """Whether a guard that is ≤ 0 at both ends of a span is < 0 within it: b₁, b₂ < −E.
 
-    One that starts with neither value nor slope has b₀ = b₁ = 0; its whole doubt, 2 E, is then B₂'s.
+    A guard that starts with value and slope 0 has b₀ = b₁ = 0; its whole uncertainty, 2 E, then belongs to
+    B₂.
     """
     third = span / 3.0
     if start == 0.0 and slope == 0.0:

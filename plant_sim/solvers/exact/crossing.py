@@ -1,4 +1,4 @@
-"""A flight crossed in cells: up to where it is clear of stop and turn, and the event that ends it.
+"""A flight in cells: the time up to which it is clear of stop and turn, and the event that ends it.
 
 The guards are the striker's overlap with the stop and, with dry friction, its speed against the direction it
 slides in: both are ≤ 0 in a flight, and the first to reach zero ends it.
@@ -20,7 +20,8 @@ STRAIGHT = 1e-3  # change of slope up to which a root's series is exact to round
 
 
 class Crossing(NamedTuple):
-    """How far a flight is clear, and the event at its end if one is found: on the stop, else a turn."""
+    """Time up to which a flight is clear, and the event at its end if one is found: on the stop, otherwise a
+    turn."""
 
     clear_s: float
     found: bool
@@ -31,7 +32,7 @@ class Crossing(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A cell of a flight that begins `start_s` after the flight does."""
+    """A cell that begins `start_s` after the start of its flight."""
 
     start_s: float
     left: Place
@@ -61,7 +62,7 @@ def sets_off(o: Oscillator, here: Point, direction: float) -> bool:
 
 @subroutine
 def cross_cells(o: Oscillator, flight: Flight, here: Point, direction: float, last_s: float) -> Crossing:
-    """Go on from cell to cell while they are clear, and find the event in the one that is not."""
+    """Advance from cell to cell while they are clear, and find the event in the first that is not."""
     span = o.cells.span_s
     left = Place(here.y_m - flight.offset_m, here.v_m_s, here.a_m_s2, here.piston_m, here.piston_cos_m)
     for index in range(MOST_CELLS):
@@ -98,7 +99,7 @@ def _is_clear(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> bo
 def _event_within(o: Oscillator, flight: Flight, cell: Cell, direction: float) -> Crossing:
     """The event in a cell: a root that Newton's method finds and up to which the cell is proved clear.
 
-    None is found where the guard passes zero twice or hardly: that is for closer looks.
+    No event is returned where the guard passes zero twice or grazes it; finer methods then decide.
     """
     s, span, gap = -direction, o.cells.span_s, o.gap_m - flight.offset_m
     left, right, nothing = cell.left, cell.right, clear_up_to(cell.start_s)

@@ -1,7 +1,7 @@
 """The exact solver: ideal drive, piecewise-linear friction, rigid stop or none; closed form between events.
 
-Impact times and states are those of the equations to rounding, whatever the grid of samples and however a
-run is cut.
+Impact times and states are exact to rounding, independent of the grid of samples and of the division of a run
+into calls.
 """
 
 import math
@@ -28,11 +28,12 @@ from plant_sim.solvers.exact.modes import Event, Motion, after, begin, next_even
 from plant_sim.solvers.exact.oscillator import Oscillator, flow, launch, oscillator
 
 REST_SPEED_M_S = 1e-9
-"""Chatter that is certain to end is ended below this speed; later motion does not depend on it."""
+"""Chatter that is certain to end at rest ends below this speed; the later motion does not depend on the
+value."""
 
 
 class UnsupportedSceneError(ValueError):
-    """The scene has no closed form, or the start makes no sense."""
+    """The scene has no closed form, or its start is invalid."""
 
 
 @jit
@@ -100,7 +101,7 @@ def _run(
 
 
 _compiled_runs: dict[tuple[type, type], Callable[..., Any]] = {}
-"""`_run` by kinds of friction and stop, the only ones of its arguments' types that differ."""
+"""`_run` compiled for each kind of friction and stop, the only types of its arguments that differ."""
 
 
 @subroutine
@@ -113,7 +114,7 @@ def _sample(
     samples: NDArray[np.float64],
     index: int,
 ) -> int:
-    """Fill the samples of one flow; one at the very instant of an event sees what comes after it."""
+    """Fill the samples of one flow; a sample at the instant of an event shows the state after it."""
     if index >= len(samples_t_s):
         return index
     flight = launch(o, motion.y_m, motion.v_m_s, motion.sin_crank, motion.cos_crank, motion.direction)
@@ -143,9 +144,9 @@ def simulate(
     """Run the module from `initial` to the absolute time `until_s`.
 
     The crank starts at `initial.crank_rad` and turns at the drive's speed; the mode follows from the state.
-    `samples_t_s`, shape (n,), ascending within the run, asks for the motion at those times; a sample at the
-    very instant of an event sees what comes after it. The bounces of chatter below `rest_speed_m_s` that are
-    certain to end at rest are one plastic impact.
+    `samples_t_s`, shape (n,), ascending within the run, requests the motion at those times; a sample at
+    the instant of an event shows the state after it. The bounces of chatter below `rest_speed_m_s` that are
+    certain to end at rest count as one plastic impact.
     """
     striker, drive, friction, stop = parts.striker, parts.drive, parts.friction, parts.stop
     require_plain(parts)
@@ -184,7 +185,7 @@ def simulate(
 
 
 def require_plain(parts: Parts) -> None:
-    """Refuse what these solvers have no form for; a tilt is taken off beforehand (`plant_sim.tilt`)."""
+    """Refuse parts that these solvers do not support; a tilt has been removed before (`plant_sim.tilt`)."""
     linkage, housing, wearer = parts.linkage, parts.housing, parts.wearer
     if not (isinstance(linkage, Sine) and isinstance(housing, Level) and isinstance(wearer, NoWearer)):
         raise UnsupportedSceneError(
@@ -196,7 +197,7 @@ def require_plain(parts: Parts) -> None:
 def sample_times(
     initial: MotionState, until_s: float, asked_t_s: NDArray[np.float64] | None
 ) -> NDArray[np.float64]:
-    """The times of a run's samples, s, shape (n,); refuses numbers that make no run."""
+    """The times of a run's samples, s, shape (n,); refuses invalid times."""
     samples_t_s = np.zeros(0) if asked_t_s is None else np.ascontiguousarray(asked_t_s, dtype=np.float64)
     numbers = (initial.t_s, initial.x_m, initial.v_m_s, initial.crank_rad, until_s)
     if not all(map(math.isfinite, numbers)):
@@ -220,7 +221,7 @@ def sample_times(
 def start_of(
     striker: Striker, stop: NoStop | RigidStop, initial: MotionState
 ) -> tuple[float, float, float, float]:
-    """t, y, v and crank angle at the start; refuses one beyond the stop."""
+    """t, y, v and crank angle at the start; refuses a start beyond the stop."""
     y_m = initial.x_m - striker.rest_length_m
     if isinstance(stop, RigidStop):
         if initial.x_m > stop.position_m:

@@ -1,10 +1,10 @@
-"""Where the energy went, each account integrated on its own over every flow.
+"""The energy ledger, each account integrated separately over every flow.
 
     drive    ∫ c (x_A − y) x_A' dt
     friction ∫ b y'² dt + μ m g ∫ |y'| dt
     impacts  m (y'⁻² − y'⁺²) / 2
 
-Motion is a free part z plus a steady one in sin θ, cos θ; products of the two integrate by parts twice,
+The motion is a free part z plus a steady part in sin θ, cos θ; products of the two integrate by parts twice,
 products of z alone by the free part's own decay. Where the steady amplitude dwarfs the motion these terms
 would cancel, and Gauss–Legendre quadrature is used instead, exact to rounding on panels of half a period.
 """
@@ -32,11 +32,11 @@ def _gauss_legendre(points: int) -> Rule:
 
 PANEL_RAD, PANEL_RULE = 3.2, _gauss_legendre(12)
 SHORT_RAD, SHORT_RULE = 0.1, _gauss_legendre(4)
-"""Spans of the fastest rate's angle over which a rule is exact to rounding."""
+"""Angle of the fastest rate over which a rule is exact to rounding."""
 
 
 class Ledger(NamedTuple):
-    """Sums in two floats each, joules."""
+    """The accounts, each a sum in two floats, J."""
 
     drive_j: float
     drive_low_j: float
@@ -48,13 +48,13 @@ class Ledger(NamedTuple):
 
 @subroutine
 def empty_ledger() -> Ledger:
-    """Nothing booked yet."""
+    """A ledger without entries."""
     return Ledger(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @subroutine
 def booked(o: Oscillator, ledger: Ledger, motion: Motion, arrival: Motion, departure: Motion) -> Ledger:
-    """The ledger after the flow from `motion` to `arrival` and its event, which made it `departure`."""
+    """The ledger after the flow from `motion` to `arrival` and the event that changed it to `departure`."""
     drive, friction = _flow_energies(o, motion, arrival)
     lost = 0.5 * o.mass_kg * (arrival.v_m_s - departure.v_m_s) * (arrival.v_m_s + departure.v_m_s)
     drive_sum, drive_rest = two_sum(ledger.drive_j, drive)

@@ -16,7 +16,7 @@ compiled, so that studies can run this loop inside kernels of their own:
     motion = begin(o, t_s, x − l0, v, crank)
     while True:
         arrival, event = next_event(o, motion, until_s)
-        …what a study wants to know of `motion`, `arrival` and `event`…
+        …a study's evaluation of `motion`, `arrival` and `event`…
         if event == Event.HORIZON: break
         motion = after(o, arrival, event, rest_speed_m_s)
 """
@@ -53,7 +53,7 @@ HALF_PI = 0.5 * math.pi
 
 
 class Event(IntEnum):
-    """What ends a flow."""
+    """The event that ends a flow."""
 
     HORIZON = 0
     IMPACT = 1
@@ -121,7 +121,7 @@ def _moving(
 
 @subroutine
 def _doubt_m(o: Oscillator, y: float) -> float:
-    """The rounding of a push on a striker at rest, which does not set it in motion."""
+    """The rounding error of a force on a striker at rest, which does not set it in motion."""
     return HELD_ROUNDING * (o.amplitude_m + abs(y) + o.dry_offset_m)
 
 
@@ -238,7 +238,7 @@ def _derivative_bounds(o: Oscillator, p: Point, span: float) -> tuple[float, flo
 
 @subroutine
 def _quiet_from(o: Oscillator, flight: Flight) -> float:
-    """Seconds into a flight without dry friction after which it stays clear of the stop for good."""
+    """Time after the start of a flight without dry friction from which on it stays clear of the stop, s."""
     room = o.gap_m - o.steady_m
     if o.resonant or not room > 0.0 or not o.ringing_rad_s > 0.1 * o.natural_rad_s:
         return math.inf
@@ -250,10 +250,11 @@ def _quiet_from(o: Oscillator, flight: Flight) -> float:
 
 @subroutine
 def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
-    """Fly to the stop or the turn: prove a span clear, pass over it, settle the event once it is close.
+    """Fly to the stop or the turn: prove a span clear, advance over it, and locate the event once it is
+    close.
 
-    Cells do most of it. What they cannot prove a step by the bounds on derivatives does; after one that is
-    as long as a cell, cells are tried again.
+    Cells cover most of a flight. Where their proof fails, a step by the bounds on derivatives is taken; after
+    a step that is as long as a cell, cells are tried again.
     """
     direction = motion.direction
     end = (until_s - motion.t_s) - motion.t_low_s
@@ -290,7 +291,7 @@ def _fly(o: Oscillator, motion: Motion, until_s: float) -> tuple[Motion, Event]:
 
 @subroutine
 def _step_on(o: Oscillator, here: Point, direction: float, last: float) -> Crossing:
-    """One step by the bounds on derivatives."""
+    """Advance by one step from the bounds on derivatives."""
     settled = SETTLED / o.fastest_1_s
     step, event = _look_ahead(o, here, direction, min(last - here.h_s, SCAN_SPAN / o.natural_rad_s))
     if event != Event.HORIZON and step <= settled:
@@ -311,7 +312,7 @@ def _without_force(p: Point) -> Point:
 
 @subroutine
 def _look_ahead(o: Oscillator, p: Point, direction: float, span: float) -> tuple[float, Event]:
-    """A step over which nothing happens, and the event that may come right after it."""
+    """A span without an event, and the event that may follow it."""
     b4, b5, b6 = _derivative_bounds(o, p, span)
     step, event = span, Event.HORIZON
     if has_stop(o.stop):
@@ -417,9 +418,9 @@ def _rebound(o: Oscillator, m: Motion, rest_speed_m_s: float) -> Motion:
     """Newton's impact, y'⁺ = −k y'⁻. Chatter that is certain to end is ended at `rest_speed_m_s`.
 
     While the spring presses, bounces follow each other in geometric progression: out at a⁻ = push + μ g,
-    back at a⁺ = push − μ g, so that speeds shrink by ρ = k √(a⁺/a⁻) and all remaining bounces take v (1/a⁻
+    back at a⁺ = push − μ g, so that speeds decrease by ρ = k √(a⁺/a⁻) and all remaining bounces take v (1/a⁻
     + √(a⁺/a⁻)/a⁺) / (1 − ρ). Where the push hardly changes in that time the striker is at rest by its end
-    whatever the cutoff, and rest has no memory of when it began: later motion does not depend on the
+    for any cutoff, and the motion after rest does not depend on when the rest began, hence not on the
     cutoff. With dry friction the turn of a bounce below a few roundings of the position counts as rest, too.
     """
     k = o.restitution

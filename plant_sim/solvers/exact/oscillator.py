@@ -27,13 +27,14 @@ from plant_sim.solvers.double_double import quotient, square_root, turned, two_p
 from plant_sim.solvers.exact.cells import Cells, cells
 
 RESONANT_GAIN = 40.0
-"""Steady amplitude over A from which on the steady motion is left alone: its cancellation costs digits."""
+"""Ratio of steady amplitude to A above which the steady motion is not used, because cancellation loses
+digits."""
 
 LONG_ANGLE_RAD = 32.0  # beyond this an angle is reduced in two floats
 
 
 class Oscillator(NamedTuple):
-    """Constants of one scene; `friction` and `stop` choose at compile time what the kernel holds."""
+    """Constants of one scene; the types of `friction` and `stop` select the kernel's code at compile time."""
 
     friction: ClosedForm
     stop: Stop
@@ -65,7 +66,7 @@ class Oscillator(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """One flight's own constants, fixed at its start."""
+    """Constants of one flight, fixed at its start."""
 
     free_m: float  # free part and its rate at the start
     free_m_s: float
@@ -260,7 +261,8 @@ class Point(NamedTuple):
 def point(
     o: Oscillator, flight: Flight, h: float, y: float, v: float, sin_drive: float, cos_drive: float
 ) -> Point:
-    """The derivatives, from the equation of motion and its own, given y, y' and the drive's turn."""
+    """The derivatives from the equation of motion and its time derivatives, given y, y' and the drive's
+    angle."""
     drag, w2, Omega = 2.0 * o.decay_1_s, o.stiffness_1_s2, o.drive_rad_s
     x_A = flight.piston_sin_m * sin_drive + flight.piston_cos_m * cos_drive
     x_cos = flight.piston_sin_m * cos_drive - flight.piston_cos_m * sin_drive

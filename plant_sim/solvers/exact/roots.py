@@ -1,12 +1,12 @@
-"""Event finding that cannot step over a root: proofs of absence first, polishing last.
+"""Event location that cannot miss a root: proofs of absence first, Newton's method last.
 
 A guard g < 0 is known at one instant with its first derivatives and a bound M on the next one. By Taylor's
 theorem
 
     g(s) ≤ g + g' s + g'' s²/2 + g''' s³/6 + M s⁴/24
 
-as far as M holds, so g has no root before the right-hand side has one. Steps of that length close in on a
-root from the left at high order and pass a near miss without inventing one.
+within the validity of M, so g has no root before the right-hand side has one. Steps of that length converge
+to a root from the left at high order, and pass a near miss without a false root.
 """
 
 import math
@@ -30,7 +30,7 @@ def clear_span(
     fifth_bound: float,
     limit: float,
 ) -> float:
-    """A span in [0, limit] over which the guard g ≤ 0 provably has no root after its start.
+    """Length of a span in [0, limit] in which the guard g ≤ 0 provably has no root after its start.
 
     `slope` to `fourth` are g' to g'''' at the start; the bounds are those of g'''' and g''''' up to `limit`.
     """
@@ -111,7 +111,7 @@ def polish(
 
 @jit
 def guess_between(g: float, slope: float, end: float, end_slope: float, span: float) -> float:
-    """About where in a span a guard passes zero, known at both ends: a root of Hermite's cubic.
+    """Estimate of the root of a guard in a span from its values at both ends: a root of Hermite's cubic.
 
     Newton's method starts from the same cubic for the inverse and then needs one step, or from the chord.
     """
@@ -134,10 +134,10 @@ def guess_between(g: float, slope: float, end: float, end_slope: float, span: fl
 
 @jit
 def near_root(g: float, slope: float, bend: float, third: float, fourth: float) -> float:
-    """Way to the root of the Taylor polynomial close by, where it is nearly straight.
+    """Distance to a close root of a nearly linear Taylor polynomial.
 
-    The reversed series (Abramowitz & Stegun 3.6.25) in r = −g / slope; where |bend r| ≤ slope / 1000 what is
-    left out is less than 1e-12 of r.
+    The reversed series (Abramowitz & Stegun 3.6.25) in r = −g / slope; for |bend r| ≤ slope / 1000 its
+    remainder is below 1e-12 of r.
     """
     per_slope = 1.0 / slope
     r = -g * per_slope
