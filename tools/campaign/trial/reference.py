@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.record.traces.plant_trace import PlantRecord
 from plant_sim.arrays import FloatArray, record_type
