@@ -1,4 +1,4 @@
-"""The beginning of a run: the cleared folder, with the scenario as run and a first `run.json`."""
+"""The beginning of a run: clears its folder and writes the scenario as run and a first `run.json`."""
 
 import time
 from pathlib import Path
@@ -11,12 +11,12 @@ from hil.timing.realtime import is_user_mode_linux
 
 
 def key_of(scenario: Scenario, clock: str, seed: int) -> str:
-    """A digest of all that a run's verdict depends on: scenario, clock, seed, sources, packages, kernel."""
+    """A digest of all inputs of a run's verdict: scenario, clock, seed, sources, packages, kernel."""
     return provenance.key(tomli_w.dumps(scenario.document), clock, seed, provenance.versions()["kernel"])
 
 
 def begin(run_dir: Path, scenario: Scenario, clock: str, seed: int) -> None:
-    """Clear a claimed folder, and write the scenario as run and `run.json` but for bus and start."""
+    """Clear a claimed folder, and write the scenario as run and `run.json` without bus and start."""
     run_folder.clear(run_dir)
     run_folder.note(
         run_dir,

@@ -1,8 +1,8 @@
 """A whole run: folder, bus, processes, common start, supervision, and the finished log.
 
-In real time this process plays the operator, 100 times a second, and watches the others in between: a child
-that ends early is named within 100 ms, the others go on for half a second so that their reaction is in
-the log, then all are stopped in order and the run folder is finished as after any run.
+In real time this process acts as the operator at 100 Hz and monitors the other processes in between: a child
+that ends early is reported within 100 ms, the others continue for half a second so that their reaction is
+logged, then all are stopped in order and the run folder is completed as after any run.
 """
 
 import gc
@@ -42,20 +42,20 @@ from hil.timing.processes import Child, Start
 from hil.timing.realtime import OPERATOR_PRIORITY, fixed_priority, settle_garbage
 
 READY_TIMEOUT_S = 120.0
-"""For imports and kernels that have never been compiled, on a busy machine."""
+"""Longest start of a child, with imports and kernels to compile, on a busy machine."""
 START_DELAY_S = 0.3
 RECORDER = "recorder"
 RECORDER_AT_WORK_S = 120.0
-"""It writes what it has not come to while the nodes had the CPU; a busy machine may leave it a whole run."""
+"""Time for the recorder to write frames left over from the run; on a busy machine this may be a whole run."""
 LIVE = "live"
-"""The child that shows the run in a viewer."""
+"""Name of the child that shows the run in a viewer."""
 PERIODS_A_LOOK = 10
-"""Of the operator's, from one look at the other processes to the next."""
+"""Operator's periods between two checks of the other processes."""
 REACTION_S = 0.5
 """Time for which the surviving nodes are recorded after a node has died."""
 END_TIMEOUT_S = 5.0
 END_SLACK_S = 0.1
-"""A loop that has done all its ticks may end this long before the operator's last period."""
+"""A loop may complete its ticks and end by this time before the operator's last period."""
 
 
 def again_name(process: str) -> str:
@@ -69,11 +69,11 @@ ROWS = {
     again_name("firmware"): Row.FIRMWARE_AGAIN,
     again_name("plant"): Row.PLANT_AGAIN,
 }
-"""The nodes' places in what patient clocks share."""
+"""The nodes' rows in the patient clocks' shared memory."""
 
 
 class BenchError(RuntimeError):
-    """A run that could not be started."""
+    """A run could not be started."""
 
 
 def run_scenario(
@@ -89,11 +89,11 @@ def run_scenario(
     of_a_suite: bool = False,
     keep_traces: bool = True,
 ) -> dict[str, Any]:
-    """Run `scenario` and give its verdict; everything about the run is in its folder.
+    """Run `scenario` and return its verdict; all files of the run are in its folder.
 
-    An open viewer, given by its URL, is shown the run: in real time while it goes on, in lockstep at its end.
-    `only_if_failed`: a run that has passed leaves its verdict and nothing else. `of_a_suite`: an interrupted
-    run is not judged. `keep_traces`: otherwise a run that has passed keeps its log in their place.
+    `viewer`: URL of an open viewer, which shows the run: in real time during the run, in lockstep at its end.
+    `only_if_failed`: a run that has passed leaves only its verdict. `of_a_suite`: an interrupted run is not
+    judged. `keep_traces`: if False, the traces of a run that has passed are removed; its log remains.
     """
     prepare(firmware, clock)
     if clock != "lockstep":
@@ -126,7 +126,7 @@ def run_scenario(
 
 
 def prepare(firmware: Build, clock: ClockName) -> None:
-    """Make what a build needs beside this process; raise BoardError where it cannot run here."""
+    """Make the image of an emulated build; raises BoardError if the build cannot run here."""
     match firmware:
         case "python" | "compiled" | "host-single":
             return
@@ -151,7 +151,7 @@ def in_processes(
     viewer: str | None,
     firmware: Build,
 ) -> None:
-    """Run on the wall clock or on patient clocks, on a bus that is made for it or named."""
+    """Run on the wall clock or on patient clocks, on the bus that `bus` requests or names."""
     run_folder.note(run_dir, bus=bus, kernel_can=False)
     with provide(bus) as provided:
         holders = provided.processes
@@ -172,7 +172,7 @@ def in_processes(
 
 
 def program() -> str:
-    """The installed `vibrohil`, by which its nodes are known in the list of processes."""
+    """Path of the installed `vibrohil`, so that the list of processes shows the nodes by this name."""
     beside = Path(sys.executable).with_name("vibrohil")
     found = str(beside) if beside.exists() else shutil.which("vibrohil")
     if found is None:
@@ -241,20 +241,20 @@ class ProcessesRun:
                 self.outcome.wall_s = max(0.0, time.monotonic() - began_s)
 
     def start_of(self, name: str, t0_ns: int, first_tick: int = 0) -> Start:
-        """The arguments of a child process."""
+        """The start message of a child process."""
         if not self.patient:
             return Start(t0_ns, first_tick)
         return Start(t0_ns, first_tick, self.shared, ROWS.get(name, -1))
 
     def restart(self, name: str, t0_ns: int, first_tick: int) -> None:
-        """Let a process begin that takes the place of another."""
+        """Start a process that replaces another."""
         if isinstance(self.clock, PatientClock):
             self.clock.expect(ROWS[name], t0_ns + round(first_tick * self.scenario.period_s * NS_PER_S))
         self.children[name].start(self.start_of(name, t0_ns, first_tick))
 
     @property
     def watched(self) -> dict[str, Child]:
-        """Every process whose end would end the run; a viewer may be closed."""
+        """Every process whose end ends the run; the viewer is excluded, since it may be closed."""
         needed = {name: child for name, child in self.children.items() if name != LIVE}
         return {**needed, **self.provided.processes}
 
@@ -284,7 +284,7 @@ class ProcessesRun:
         }
 
     def start_all(self) -> None:
-        """Start the children together and wait until each is warm and on the bus."""
+        """Start the children together and wait until each is warmed up and on the bus."""
         self.progress(0.0, f"starting on {self.provided.name}")
         descriptors = [self.shared] if self.patient else []
         for name, command in self.commands().items():
@@ -298,7 +298,7 @@ class ProcessesRun:
         run_folder.note(self.run_dir, realtime=allowed)
 
     def attend(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
-        """Play the operator to the end of the script, or until some time after a child has died."""
+        """Act as the operator to the end of the script, or until `REACTION_S` after a child has ended."""
         with nullcontext() if self.patient else fixed_priority(OPERATOR_PRIORITY):
             try:
                 self.play(operator, set_time, t0_ns)
@@ -306,7 +306,7 @@ class ProcessesRun:
                 self.clock.leave()
 
     def play(self, operator: OperatorRunner, set_time: Callable[[float], None], t0_ns: int) -> None:
-        """The operator's loop, with a look at the others now and then."""
+        """Run the operator's loop, with periodic checks of the other processes."""
         period_ns = round(OPERATOR_PERIOD_S * NS_PER_S)
         loop = FixedRateLoop(self.clock, t0_ns, period_ns)
         periods = round(self.scenario.duration_s / OPERATOR_PERIOD_S)
@@ -338,7 +338,7 @@ class ProcessesRun:
                 loop.stop()
 
         def look(period: int) -> None:
-            """At the others: what costs more than a command has its turn less often."""
+            """Check the other processes and sample their memory, less often than commands are sent."""
             nonlocal last_period, next_sample_s
             t_s = period * OPERATOR_PERIOD_S
             for name, child in watched.items():
@@ -360,13 +360,13 @@ class ProcessesRun:
         self.outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * self.scenario.duration_s
 
     def continue_paused(self) -> None:
-        """End nodes that the script has paused beyond its own end: as in lockstep, they tick no more."""
+        """End the nodes that are paused beyond the end of the script; as in lockstep, they tick no more."""
         for process in ProcessFaults(self.scenario.faults).paused_at(self.scenario.duration_s):
             self.children[process].signal(signal.SIGTERM)
             self.children[process].signal(signal.SIGCONT)
 
     def await_ends(self) -> None:
-        """The loops end by themselves within a tick or two of the script."""
+        """Wait for the loops, which end by themselves within a tick or two after the script."""
         scripted = ProcessFaults(self.scenario.faults)
         later = [again_name(process) for _, process, _ in scripted.restarts()]
         for name, child in self.children.items():
@@ -380,7 +380,7 @@ class ProcessesRun:
                 self.outcome.reasons.append(f"{child.how_it_ended()}{child.why()}")
 
     def note_dead_recorder(self) -> None:
-        """Of a recorder that was killed between the last look at it and its end."""
+        """Add a reason if the recorder was killed between its last check and its end."""
         recorder = self.children.get(RECORDER)
         has_run = self.outcome.wall_s > 0.0
         if recorder is None or not has_run or recorder.succeeded or recorder.killed_at_stop:
@@ -389,7 +389,7 @@ class ProcessesRun:
             self.outcome.reasons.append(f"{recorder.how_it_ended()} at the end{recorder.why()}")
 
     def stop_all(self) -> None:
-        """Stop what still runs, nodes before the recorder, and note what each said of itself at its end."""
+        """Stop the children that still run, nodes before the recorder, and record their final reports."""
         said = {
             name: child.stop(RECORDER_AT_WORK_S if name == RECORDER else 0.0).strip()
             for name, child in self.children.items()

@@ -1,12 +1,11 @@
-"""The effect of a change: the checks of two suites with their margins, and whether each is better or worse.
+"""The effect of a change of the code: the checks of two suites with their margins, better or worse.
 
-Runs are paired by scenario and seed. A figure is better where its margin, its distance to the nearest limit,
-has grown. Whether that is more than chance is judged from the seeds, for figures that differ at all: by
-Wilcoxon's signed-rank test of the paired differences, two-sided, then by Benjamini and Hochberg's bound on
-the share of false alarms among all of them.
+Runs are paired by scenario and seed. A figure is better if its margin, the distance to its nearest limit, has
+grown significantly over the seeds: by Wilcoxon's two-sided signed-rank test of the paired differences, then
+by Benjamini and Hochberg's bound on the false discovery rate among all figures that differ.
 
-The time of a tick is judged beside the plant's in the same run, as the machine's own speed varies; all runs
-together make one figure of it.
+The firmware's time per tick is divided by the plant's in the same run, since the machine's speed varies; all
+runs together give one figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,23 +16,23 @@ from numpy.typing import NDArray
 from scipy import stats
 
 FALSE_ALARMS = 0.01
-"""Share of false alarms among what is called better or worse; of equal builds, the chance of any."""
+"""False discovery rate among the figures called better or worse; for equal builds, probability of any."""
 FEWEST_PAIRS = 8
-"""The test's least p-value is 2^(1 − n) of n pairs: fewer cannot be distinguished from chance."""
+"""Lowest number of pairs n: the test's least p-value is 2^(1 − n), and fewer cannot be significant."""
 TICK_TIME = "firmware's work / plant's, p50"
 BEYOND = 1e300
-"""Stands for an infinite margin, that of a missing figure, where differences are ranked."""
+"""Replaces the infinite margin of a missing figure when differences are ranked."""
 
 Numbers = NDArray[np.float64]
 
 
 def numbers(values: Sequence[float | None]) -> Numbers:
-    """Margins with those that are missing last of all."""
+    """Margins as numbers; a missing margin becomes the lowest."""
     return np.array([-BEYOND if value is None else value for value in values])
 
 
 def p_value(before: Numbers, after: Numbers) -> float | None:
-    """Of the paired differences being chance; None: too few pairs to say.
+    """p-value of the paired differences; None if there are too few pairs.
 
     >>> p_value(np.arange(10.0), np.arange(10.0))
     1.0
@@ -48,14 +47,14 @@ def p_value(before: Numbers, after: Numbers) -> float | None:
 
 
 def middle(values: Sequence[Any]) -> Any:
-    """The median of numbers; of words and missing values the most frequent one."""
+    """The median of numbers, or the most frequent of other values."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return float(np.median(values))
     return max(values, key=list(values).count)
 
 
 def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[int, int]]:
-    """The places of the seeds that both suites have."""
+    """Indices in both suites of the seeds that both have."""
     of_before = {seed: place for place, seed in enumerate(before["seeds"])}
     return [(of_before[seed], place) for place, seed in enumerate(after["seeds"]) if seed in of_before]
 
@@ -63,7 +62,7 @@ def paired(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[in
 def row(
     scenario: str, check: Mapping[str, Any], sides: Sequence[Sequence[Any]], margins: Any
 ) -> dict[str, Any]:
-    """One figure before and after; its verdict follows when all p-values are known."""
+    """One figure before and after; `judge` adds the verdict when all p-values are known."""
     before, after = map(middle, sides)
     margin_before, margin_after = margins
     return {
@@ -92,7 +91,7 @@ def size(one: Mapping[str, Any]) -> float:
 
 
 def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The firmware's work beside the plant's, over all runs; None where no loop was timed."""
+    """The ratio of the firmware's to the plant's work over all runs; None if no loop was timed."""
     of_before = {one["name"]: one for one in before["scenarios"]}
     pairs = [
         (of_before[one["name"]]["work_ratios"][first], one["work_ratios"][second])
@@ -110,7 +109,7 @@ def tick_times(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str,
 
 
 def judge(rows: Sequence[dict[str, Any]]) -> None:
-    """Give each row its verdict: better, worse, same, or differs where there are too few seeds to say."""
+    """Add each row's verdict: better, worse, same, or differs if there are too few seeds for a test."""
     tested = [one for one in rows if one["p"] is not None and not one["equal"]]
     adjusted = stats.false_discovery_control([one["p"] for one in tested]).tolist() if tested else []
     for one in rows:
@@ -121,9 +120,9 @@ def judge(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every check of scenarios and seeds that both suites have, what changed most first.
+    """Every check of scenarios and seeds that both suites have, the largest change first.
 
-    Both are what `run_suite` gives. A check is known by its figure and its limit.
+    Both arguments are results of `run_suite`. A check is identified by its figure and its limit.
     """
     places = paired(before, after)
     of_before = {one["name"]: one for one in before["scenarios"]}

@@ -1,4 +1,4 @@
-"""Two suites side by side: the verdicts of each scenario and of each check in both."""
+"""Compares two suites by the verdicts of each scenario and each check."""
 
 import json
 from collections.abc import Mapping
@@ -10,16 +10,16 @@ from hil.record.damage import reading
 
 
 class SuiteError(ValueError):
-    """A folder without a suite's result."""
+    """A folder has no suite's result."""
 
 
 def is_suite(folder: Path) -> bool:
-    """Whether a suite has left its result there."""
+    """Whether the folder has a suite's result."""
     return (folder / RESULT).is_file()
 
 
 def read_suite(folder: Path) -> dict[str, Any]:
-    """A suite's result."""
+    """Read a suite's result; raises SuiteError or DamagedFileError."""
     if not is_suite(folder):
         raise SuiteError(f"{folder} has no {RESULT}; wanted the folder of a `vibrohil suite`")
     with reading(folder / RESULT, "run the suite again"):
@@ -31,12 +31,12 @@ def read_suite(folder: Path) -> dict[str, Any]:
 
 
 def figures_of(scenario: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """A scenario's checks by name and limit, of which there is one each."""
+    """A scenario's checks by name and limit, which identify a check."""
     return {f"{check['name']} {check['limit']}": check for check in scenario["checks"]}
 
 
 def compare(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
-    """Which verdicts differ, of scenarios that both have run; values beside them may differ freely."""
+    """List the verdicts that differ in scenarios that both suites have run; measured values may differ."""
     of_a, of_b = ({one["name"]: one for one in suite["scenarios"]} for suite in (a, b))
     both = [name for name in of_a if name in of_b]
     differences = []

@@ -1,8 +1,8 @@
-"""The end of a run. This module alone makes sure that every ending leaves a verdict with its reason.
+"""The end of a run. This module ensures that every ending leaves a verdict with its reason.
 
-A verdict that blames a kill is written before the run begins, so it stands where nothing else can be written.
-Signals that ask for an end are raised as `Interrupted` while the run goes on; once it is over they are only
-noted, so that they cannot cut the judgement short.
+A verdict that names a kill as its reason is written before the run begins, and remains if no other can be
+written. Signals that request an end are raised as `Interrupted` during the run; after the run they are only
+recorded, so that they cannot interrupt the judgement.
 """
 
 import errno
@@ -27,35 +27,35 @@ class Outcome:
     """The end of a run, as stored in outcome.json."""
 
     wall_s: float = 0.0
-    """Elapsed from the start to the end of the loops."""
+    """Elapsed time from the start to the end of the loops."""
     reasons: list[str] = field(default_factory=list)
-    """Why the run is no good whatever its checks say: one sentence each."""
+    """Reasons why the run fails regardless of its checks, one sentence each."""
     baseline_overruns: int | None = None
     memory_growth_mb: dict[str, float] = field(default_factory=dict)
-    """By process since it had settled, in runs that are long enough."""
+    """Growth by process after it has settled, in runs that are long enough."""
     memory_watched_s: float = 0.0
-    """The time from then on."""
+    """Time over which the growth was measured."""
 
 
 def was_cut_short(verdict: Mapping[str, Any]) -> bool:
-    """Whether a run was not judged, or interrupted: what it would have come to is not known."""
+    """Whether a run was interrupted or not judged, so that its result is unknown."""
     reasons = verdict.get("reasons", [KILLED])
     return any(reason == KILLED or reason.startswith("interrupted by") for reason in reasons)
 
 
 def is_no_room(error: BaseException) -> bool:
-    """Whether it blames a full disk or a used-up quota."""
+    """Whether the error is a full disk or an exceeded quota."""
     return isinstance(error, OSError) and error.errno in NO_ROOM
 
 
 def is_verdict(error: BaseException) -> bool:
-    """Whether it is a failed run like any other: the disk is full, or a process has died at its start."""
+    """Whether the error only makes the run fail: the disk is full, or a process has ended at its start."""
     died = isinstance(error, ChildError) and not isinstance(error, ChildRefusalError)
     return died or is_no_room(error)
 
 
 def reason_of(error: BaseException) -> str:
-    """Why a run ended that something was raised in, as a sentence of its verdict."""
+    """The reason for a run's end by an exception, as a sentence of its verdict."""
     if isinstance(error, Interrupted | KeyboardInterrupt):
         return str(error) or interruption(signal.SIGINT)
     if is_no_room(error):
@@ -67,7 +67,7 @@ def reason_of(error: BaseException) -> str:
 
 @dataclass
 class Ending:
-    """A run's outcome while it goes on, and its verdict afterwards."""
+    """A run's outcome, filled during the run, and its verdict afterwards."""
 
     outcome: Outcome = field(default_factory=Outcome)
     verdict: dict[str, Any] = field(default_factory=dict)
@@ -77,13 +77,12 @@ class Ending:
 def ending_with_a_verdict(
     run_dir: Path, only_if_failed: bool = False, of_a_suite: bool = False
 ) -> Iterator[Ending]:
-    """Run in the block; after it, however it ended, the run in `run_dir` is judged.
+    """Judge the run in `run_dir` after the block, however the block ended.
 
-    What ended the block early, or broke off the judgement, is raised again once the verdict is written,
-    unless it is a verdict like any other (`is_verdict`). If the disk is full at the start, the block is not
-    entered. `only_if_failed`: a run that has
-    passed keeps its verdict alone. `of_a_suite`: an interrupted run is not judged, since its suite has to be
-    gone at once and runs it again.
+    An exception that ended the block or the judgement is raised again after the verdict is written, unless it
+    only makes the run fail (`is_verdict`). If the disk is full at the start, the block is not entered.
+    `only_if_failed`: a run that has passed keeps only its verdict. `of_a_suite`: an interrupted run is not
+    judged, since its suite must end at once and runs it again.
     """
     ending = Ending()
     reasons = ending.outcome.reasons
@@ -125,7 +124,7 @@ def take_room(run_dir: Path) -> None:
 
 
 def close(run_dir: Path, outcome: Outcome, only_if_failed: bool = False) -> dict[str, Any]:
-    """Bring together what a run has left that is over, and judge it."""
+    """Collect the files of a run that has ended, and judge it."""
     run_folder.free_reserve(run_dir)
     trace.bring_home(run_dir)
     run_folder.write_json(run_dir / "outcome.json", vars(outcome))

@@ -27,10 +27,10 @@ def run(
     `firmware` is the build: `python`, `compiled`, `host-single` or, in lockstep, `cortex-m7` or `cortex-m4f`.
     `set` changes values by dotted keys, such as `{"scene.striker.spring_n_m": 72.0}`; `parameters` are files
     of `vibrohil tune`; `out` is the run's folder, by default a new one under runs/. A run whose checks fail
-    returns all the same, with `passed` False.
+    is also returned, with `passed` False.
 
     Raises `TextInputError` (`ScenarioError`, `SceneError`), `ParameterError`, `RunFolderError` or `BusError`
-    for input that cannot be run, each with a sentence that says what was wrong and what to do.
+    for invalid input, each with a sentence that states the error and the remedy.
     """
     loaded = load_scenario(scenario, set, [Path(file) for file in parameters])
     folder = None if out is None else Path(out)
@@ -39,4 +39,4 @@ def run(
 
 
 def _silent(_fraction: float, _doing: str) -> None:
-    """Nobody watches."""
+    """Show no progress."""

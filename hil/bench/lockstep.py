@@ -1,8 +1,8 @@
-"""Lockstep: all nodes in one process, in exactly the order that real time gives them, as fast as it goes.
+"""Lockstep: all nodes in one process, in exactly the order of real time, as fast as possible.
 
-At t_k the plant publishes and moves on under the frames that arrived before t_k; the operator sends. At
-t_k + T/2 the firmware ticks on what has arrived; its torque acts from t_{k+1}. The nodes, their frames and
-the codec between them are those of real time.
+At t_k the plant publishes and advances under the frames that arrived before t_k; the operator sends. At
+t_k + T/2 the firmware ticks on the frames that have arrived; its torque acts from t_{k+1}. The nodes, their
+frames and the codec between them are those of real time.
 """
 
 import os
@@ -32,17 +32,17 @@ from hil.timing.loop import LoopTiming
 from plant_sim.scene import Scene
 
 Progress = Callable[[float, str], None]
-"""Called with how much of the run is done, 0…1, and what is being done."""
+"""Called with the completed share of the run, 0…1, and the present activity."""
 
 WARM_TICKS = 50
 WARM: list[tuple[Scene, bool, Build]] = []
-"""What this process has compiled or loaded: scenes, whether on the ideal bus, and builds."""
+"""Compiled or loaded combinations in this process: scene, whether the bus is ideal, and build."""
 PROGRESS_S = 0.5
-"""Of simulated time, from one call to the next at most twice that."""
+"""Simulated time between two reports of progress, at most twice this."""
 TIME_RESOLUTION_S = 1e-9
 NS_PER_US = 1000
 UNTIMED = LoopTiming(0, 0.0, 0.0, 0)
-"""The plant takes no time in lockstep."""
+"""Timing of the plant, which is not measured in lockstep."""
 
 
 def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
@@ -53,9 +53,9 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
     build: Build = "python",
     make: MakeNode | None = None,
 ) -> int:
-    """Run the whole scenario; traces and can.log go to `run_dir`. Times in can.log are simulated ones.
+    """Run the whole scenario; write traces and can.log to `run_dir`. Times in can.log are simulated times.
 
-    `make` makes another firmware node than that of `build`, such as one that measures. Gives the number of
+    `make` replaces the firmware node of `build`, for example by one that measures. Returns the number of
     records for which the disk had no room.
     """
     bus: LockstepBus = IdealBus() if scenario.bitrate is None else BusAsModelled(scenario.bitrate, run_dir)
@@ -138,7 +138,7 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
 def in_lockstep(
     scenario: Scenario, out_dir: Path | None, seed: int, progress: Progress, firmware: Build = "python"
 ) -> tuple[Path, Outcome]:
-    """Run in this process and leave the judging to the caller; gives the run folder and how it ended."""
+    """Run in this process without a judgement; return the run folder and the outcome."""
     outcome = Outcome()
     with run_folder.claimed(scenario.name, out_dir) as run_dir:
         beginning.begin(run_dir, scenario, "lockstep", seed)
@@ -155,7 +155,7 @@ def simulate(
     progress: Progress,
     firmware: Build = "python",
 ) -> None:
-    """Run in this process; times are simulated ones from 0, so that two runs of one seed are alike."""
+    """Run in this process; times are simulated from 0, so that two runs with the same seed are identical."""
     bus = {"bus": "in-process", "bus_reason": "lockstep", "kernel_can": False, "counts_losses": True}
     run_folder.note(run_dir, **bus, t0_ns=0, wall_start_s=0.0)
     run_folder.write_json(run_dir / "processes.json", {"lockstep": os.getpid()})
@@ -179,9 +179,9 @@ def simulate(
 
 
 def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:
-    """Compile or load all that a run needs, by a run of a moment that is thrown away.
+    """Compile or load all code that a run needs, by a short run whose records are discarded.
 
-    Once a process for each scene, kind of bus and build: a second moment would find nothing to compile.
+    This takes place once per process for each scene, kind of bus and build.
     """
     kind = scenario.scene, scenario.bitrate is None, firmware
     if kind in WARM:

@@ -1,4 +1,4 @@
-"""The bus of lockstep: without delay, or by the bus model if a scenario requests it."""
+"""The bus of lockstep: ideal, or the bus model if a scenario requests it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,19 +29,19 @@ def in_ns(time_s: float) -> int:
 
 
 class LockstepBus(Protocol):
-    """Nodes join it by name; between their turns time passes."""
+    """The bus between the nodes of lockstep, which join by name; time advances between their steps."""
 
     def join(self, name: str) -> NodeBus:
         """The connection of one of the nodes."""
 
     def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
-        """Let the faults act that are the bus's own; gives the others, which act where frames leave nodes."""
+        """Add the faults that act on the bus itself; return the others, which act at nodes' connections."""
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
-        """Let time pass; gives what was on the bus meanwhile, for the log."""
+        """Advance the time; return the frames on the bus in this interval, for the log."""
 
     def close(self) -> None:
-        """The run is over."""
+        """End the run."""
 
 
 class IdealBus:
@@ -52,25 +52,25 @@ class IdealBus:
         self._log = self._bus.join()
 
     def join(self, name: str) -> InProcessNode:
-        """The connection of one of the nodes; an operator only speaks."""
+        """The connection of one of the nodes; the operator's only sends."""
         return self._bus.join(listening=name != OPERATOR)
 
     def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
-        """Nothing is this bus's own."""
+        """Return all faults: none acts on an ideal bus."""
         return list(faults)
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
-        """Frames are logged when they are sent."""
+        """Return the frames sent since the last call, logged at `from_ns`."""
         return [(from_ns, self._log.receive())]
 
     def close(self) -> None:
-        """Nothing is kept."""
+        """Do nothing: the ideal bus has no files."""
 
 
 class BusAsModelled:
-    """Frames take their time, the lowest identifier first; the bus's own faults act in the model.
+    """The bus model: frames take time, the lowest identifier first; bus faults act in the model.
 
-    `bus_errors.trace` in `out_dir` keeps the error counters.
+    The error counters are recorded in `bus_errors.trace` in `out_dir`.
     """
 
     def __init__(self, bitrate: int, out_dir: Path) -> None:
@@ -85,7 +85,7 @@ class BusAsModelled:
         return self._bus.join(name)
 
     def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
-        """Bus-off, destroyed transmissions and babbling are the bus's own."""
+        """Add bus-off, destroyed transmissions and babbling to the model; return the other faults."""
         self._faults = [fault for fault in faults if isinstance(fault, get_args(ModelledFault))]
         for fault in faults:
             if isinstance(fault, Babbling):
@@ -95,7 +95,7 @@ class BusAsModelled:
         return [fault for fault in faults if not isinstance(fault, Babbling)]
 
     def pass_time(self, from_ns: int, to_ns: int) -> list[Logged]:
-        """Frames are logged when they have arrived."""
+        """Advance the model; return the frames that have arrived, logged at their arrival."""
         if self._faults:
             self._break(from_ns / NS_PER_S)
         logged = [(delivery.t_ns, [delivery.frame]) for delivery in self._bus.move_to(to_ns)]
@@ -105,7 +105,7 @@ class BusAsModelled:
         return logged
 
     def close(self) -> None:
-        """End the trace."""
+        """Close the trace."""
         self._errors.close()
 
     def _note_errors(self, t_s: float) -> None:

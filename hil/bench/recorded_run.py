@@ -1,4 +1,4 @@
-"""A run read back from its log alone: figures, impacts, verdict, and every signal as an array or a table.
+"""A run read from its log alone: figures, impacts, verdict, and every signal as an array or a table.
 
 >>> from pathlib import Path
 >>> open_run(Path("runs/nowhere.rrd"))
@@ -39,11 +39,11 @@ TABLES_ARE_LEFT = "its tables may still be read: vibrohil inspect RUN --table NA
 
 
 class RunError(ValueError):
-    """There is no such run, table or signal; the sentence says what there is."""
+    """A run, table or signal does not exist; the message names those that do."""
 
 
 def newest_run() -> Path:
-    """The run folder that was begun last."""
+    """The run folder of the run that began last."""
     begun = sorted(RUNS.glob("*/run.json"), key=lambda path: path.stat().st_mtime)
     if not begun:
         raise RunError(f"no run in {RUNS}/; make one with `vibrohil run soft-start-multistable`, or name one")
@@ -51,9 +51,9 @@ def newest_run() -> Path:
 
 
 def log_of(run: Path | None) -> Path:
-    """The log to open: of a folder, a file, or the newest run; whole, whatever was killed.
+    """Path of a run's log, by its folder, its file, or the newest run; an incomplete log is repaired.
 
-    A run that has not ended is still written to; a copy of its log is opened, which ends with this process.
+    For a run that has not ended this is a copy of its log, which is removed at the end of this process.
     """
     place = newest_run() if run is None else run
     if place.suffix == ".rrd":
@@ -80,13 +80,13 @@ def log_of(run: Path | None) -> Path:
 
 
 def rebuilt(run_dir: Path) -> Path:
-    """The log made anew from the traces of a run."""
+    """Rebuild a run's log from its traces and return its path."""
     with reading(run_dir, "its traces make no run; import its can.log to see the frames"):
         return rebuild(run_dir)
 
 
 def named(name: str, among: list[str], what: str) -> str:
-    """`name` if it is there, else an error that says which ones come near."""
+    """Return `name` if it exists; otherwise raise RunError with similar names."""
     if name in among:
         return name
     near = ", ".join(difflib.get_close_matches(name, among, n=3, cutoff=0.4)) or ", ".join(among)
@@ -94,7 +94,7 @@ def named(name: str, among: list[str], what: str) -> str:
 
 
 def single(values: pa.Array) -> pa.Array:
-    """A component's column with its lists of one taken out; longer lists stay."""
+    """A component's column, flattened if all its lists have one element."""
     if not pa.types.is_list(values.type) or values.null_count:
         return values
     lengths = np.diff(values.offsets.to_numpy())
@@ -102,7 +102,7 @@ def single(values: pa.Array) -> pa.Array:
 
 
 def columns_of(name: str, values: pa.Array) -> list[tuple[str, pa.Array]]:
-    """The columns within a struct, by dotted names; any other array is its own."""
+    """The columns within a struct by dotted names; any other array is returned as one column."""
     if not pa.types.is_struct(values.type):
         return [(name, values)]
     found: list[tuple[str, pa.Array]] = []
@@ -112,7 +112,7 @@ def columns_of(name: str, values: pa.Array) -> list[tuple[str, pa.Array]]:
 
 
 def flat(table: pa.Table) -> pa.Table:
-    """One entity's rows with a plain column a signal; `t_s` is simulated time in seconds."""
+    """One entity's rows with one plain column per signal; `t_s` is simulated time in seconds."""
     seconds = contiguous(table["sim_time"]).cast(pa.int64()).to_numpy() / 1e9
     columns: dict[str, pa.Array] = {"t_s": pa.array(seconds), "wall_time": contiguous(table["wall_time"])}
     for component in table.column_names:
@@ -128,30 +128,30 @@ def flat(table: pa.Table) -> pa.Table:
 
 @dataclass(frozen=True)
 class Run:
-    """One recorded run; tables and figures are read from its log when they are asked for."""
+    """One recorded run; tables and figures are read from its log at first use."""
 
     log: Path
 
     @cached_property
     def names(self) -> list[str]:
-        """The tables there are: `plant`, `firmware`, `impacts/truth`, `can/Accelerometer`, …"""
+        """Names of the tables: `plant`, `firmware`, `impacts/truth`, `can/Accelerometer`, …"""
         with reading(self.log, "make it again from the traces, by deleting it and naming the run folder"):
             return [name.removeprefix("/") for name in log_reader.names(self.log)]
 
     def table(self, name: str) -> pa.Table:
-        """One table, a row a tick (an impact, a frame, an event), a column a signal."""
+        """One table with a row per tick (impact, frame, event) and a column per signal."""
         entity = f"/{named(name, self.names, 'table')}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
             return flat(log_reader.table(self.log, entity))
 
     def blocks(self, name: str) -> Iterator[pa.Table]:
-        """The rows of a table of the log's own in order of time, some at a time."""
+        """Yield the rows of a table in order of time, in blocks."""
         entity = f"/{named(name, self.names, 'table')}"
         with reading(self.log, f"other tables may still be read; {name} may not"):
             yield from map(flat, log_reader.ordered_blocks(self.log, entity))
 
     def frame(self, name: str) -> "pandas.DataFrame":
-        """One table as a pandas frame, its index the simulated time in seconds; needs pandas."""
+        """One table as a pandas frame with the simulated time in seconds as index; needs pandas."""
         table: pandas.DataFrame = self.table(name).to_pandas()
         return table.set_index("t_s")
 
@@ -184,30 +184,30 @@ class Run:
 
     @property
     def passed(self) -> bool:
-        """Whether every check was met and nothing went wrong."""
+        """Whether every check passed and the run has no other reason to fail."""
         return bool(self.verdict["passed"])
 
     @cached_property
     def traces(self) -> RunTraces:
-        """The contents of the run folder's traces."""
+        """The run's traces, read from its log."""
         with reading(self.log, TABLES_ARE_LEFT):
             return read_traces(self.log)
 
     @cached_property
     def figures(self) -> Figures:
-        """All figures, computed anew."""
+        """All figures, computed from the log."""
         traces = self.traces
         with reading(self.log, TABLES_ARE_LEFT):
             return figures_from(traces)
 
     @cached_property
     def verdict(self) -> dict[str, Any]:
-        """The verdict, computed anew: the keys of `verdict.json`."""
+        """The verdict, computed from the log, with the keys of `verdict.json`."""
         traces, figures = self.traces, self.figures
         with reading(self.log, TABLES_ARE_LEFT):
             return judge(traces, figures, self.log.parent)[0]
 
 
 def open_run(run: str | Path | None = None) -> Run:
-    """Open a run by its folder or .rrd file, the newest one without a name; a log cut by a kill is mended."""
+    """Open a run by its folder or .rrd file, by default the newest run; an incomplete log is repaired."""
     return Run(log_of(None if run is None else Path(run)))

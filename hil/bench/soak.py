@@ -1,4 +1,4 @@
-"""Long runs: extends any scenario, and checks whether its processes grow."""
+"""Long runs: extends any scenario, and checks the memory growth of its processes."""
 
 import copy
 import re
@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 
 SETTLED_SHARE = 0.25
-"""Of a run's samples, those at its start in which processes may still grow: caches fill, pools are made."""
+"""Share of a run's samples, at its start, in which processes may still grow by filling caches and pools."""
 FEWEST_SAMPLES = 40
 SAMPLE_S = 1.0
-"""Of simulated time, from one sample to the next at most."""
+"""Sampling period of memory in simulated seconds."""
 SHORTEST_S = FEWEST_SAMPLES * SAMPLE_S
-"""Of a run whose memory is judged."""
+"""Shortest run whose memory growth is judged."""
 LARGEST_GROWTH_MB = 1.0
-"""Over a whole run; what grows with each frame would be tens of times that in ten minutes."""
+"""Largest growth over a whole run; growth with each frame would reach tens of times this in ten minutes."""
 LARGEST_RECORDER_GROWTH_MB_MIN = 10.0
-"""The recorder keeps the index of the log that it writes at its end: some 80 kB for each second of log."""
+"""Largest growth of the recorder, which keeps the log's index in memory: about 80 kB per second of log."""
 UNITS_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def duration_s(text: str) -> float:
-    """Seconds of `90s`, `10m` or `1.5h`; raises `ValueError`.
+    """Convert `90s`, `10m` or `1.5h` to seconds; raises `ValueError`.
 
     >>> duration_s("10m")
     600.0
@@ -36,10 +36,10 @@ def duration_s(text: str) -> float:
 
 
 def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str, Any]:
-    """A scenario's tables with more time before the script's last command.
+    """Extend a scenario by `by_s` before the script's last command.
 
-    That command and faults from then on come later; checks hold the growth of memory beside the others. In
-    lockstep there is one process, and no recorder. Raises `ValueError` where the run would be too short.
+    The last command and all faults from its time on are delayed; checks on the growth of memory are added. In
+    lockstep there is one process and no recorder. Raises `ValueError` if the run would be too short.
     """
     longer = copy.deepcopy(dict(document))
     script = longer["script"]
@@ -65,12 +65,12 @@ def prolonged(document: Mapping[str, Any], by_s: float, clock: str) -> dict[str,
 
 
 def status_of(pid: int) -> Path:
-    """The kernel's page on a process."""
+    """Path of the kernel's status file of a process."""
     return Path(f"/proc/{pid}/status")
 
 
 def own_memory_mb(status: Path) -> float | None:
-    """Private memory of the process with this page, without mapped files, in MB; None if unknown."""
+    """Private memory in MB of the process with this status file, without mapped files; None if unknown."""
     try:
         text = status.read_text()
     except OSError:
@@ -80,10 +80,10 @@ def own_memory_mb(status: Path) -> float | None:
 
 
 class MemoryWatch:
-    """Samples of some processes' own memory, taken without growing the process that takes them.
+    """Samples the private memory of processes without growth of the sampling process.
 
-    A `Path` made anew for each sample would: pathlib interns its parts, and the table of interned strings
-    doubles after some ten thousand of them, by 1.8 MB in the bench.
+    A new `Path` for each sample would cause growth: pathlib interns its parts, and the table of interned
+    strings doubles after some ten thousand strings, by 1.8 MB in the bench.
     """
 
     def __init__(self, pids: Mapping[str, int]) -> None:
@@ -91,14 +91,14 @@ class MemoryWatch:
         self._samples = {name: array("d") for name in pids}
 
     def sample(self) -> None:
-        """Look at all of them."""
+        """Take a sample of each process."""
         for name, page in self._pages.items():
             memory_mb = own_memory_mb(page)
             if memory_mb is not None:
                 self._samples[name].append(memory_mb)
 
     def growth_mb(self) -> dict[str, float]:
-        """Growth of each process after its start; without processes with too few samples."""
+        """Growth of each process after settling, in MB; without processes with too few samples."""
         return {
             name: grown_mb(samples)
             for name, samples in self._samples.items()
@@ -107,7 +107,7 @@ class MemoryWatch:
 
 
 def grown_mb(samples_mb: Sequence[float]) -> float:
-    """The last samples' median above that of the first ones after settling.
+    """Median of the last samples minus the median of the first samples after settling, in MB.
 
     >>> grown_mb([1.0] * 10 + [50.0] * 30)
     0.0

@@ -1,11 +1,11 @@
-"""Stretches of lockstep in one compiled call, with single ticks of lockstep between.
+"""Stretches: sequences of lockstep ticks in one compiled call, with single ticks of lockstep in between.
 
 A stretch ends before a fault begins, and the next one starts some time after the fault has ended. Faults that
-only change the module's parts or the drive's configuration begin and end between two stretches. There is
-none while a node's clock differs from the bench's, and none in runs with a modelled bus or an encoder with a
-period of its own. Frames, traces and can.log are those of lockstep tick by tick.
+only change the module's parts or the drive's configuration begin and end between two stretches. There is no
+stretch while a node's clock differs from the bench's, nor in runs with a modelled bus or an encoder with a
+period of its own. Frames, traces and can.log equal those of tick-by-tick lockstep.
 
-`records_of` runs a whole scenario so, without a folder: what campaigns do.
+`records_of` runs a whole scenario in stretches without a run folder, for campaigns.
 """
 
 import math
@@ -57,26 +57,26 @@ from plant_sim.sensors.gait import GaitTruth
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES
 
 STEADY = (FrictionChanged, Kick, MotorStall, ParametersDamaged, StiffnessChanged, StopMoved, SupplySag)
-"""Faults that do nothing from tick to tick between their begin and their end."""
+"""Faults that act only at their beginning and their end, not from tick to tick."""
 AHEAD_S = 0.005
-"""A stretch ends this long before any other fault begins."""
+"""Time from the end of a stretch to the beginning of any other fault."""
 BEHIND_S = 0.25
-"""A stretch begins this long after it has ended: by then nothing of it is under way."""
+"""Time from the end of a fault to the next stretch, after which no delayed frame of the fault remains."""
 SAME_INSTANT_S = 1e-9
 LONGEST_TICKS = 4096
-"""What the buffers hold."""
+"""Longest stretch in ticks; the size of the buffers."""
 LINES_A_TICK = 8
 
 
 def has_stretches(scenario: Scenario) -> bool:
-    """Whether any part of a run of the scenario may be compiled."""
+    """Whether any part of a run of the scenario may use compiled stretches."""
     scene = scenario.scene
     encoder_has_period = scene.axis is not None and scene.axis.encoder_s is not None
     return scenario.bitrate is None and not encoder_has_period
 
 
 def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
-    """Until when nothing of the faults happens, from `t_s` on; `t_s` itself where something does."""
+    """The end of the interval from `t_s` on in which no fault changes or acts; `t_s` if there is none."""
     until_s = math.inf
     for fault in faults:
         if isinstance(fault, STEADY):
@@ -90,21 +90,21 @@ def quiet_until_s(faults: Sequence[Fault], t_s: float) -> float:
 
 
 def word_frame(frame: Frame) -> WordFrame:
-    """The frame as compiled code handles it."""
+    """Convert a frame of the bus to a frame of the compiled code."""
     return WordFrame(frame.can_id, len(frame.data), word_of(frame.data))
 
 
 def byte_frame(frame: WordFrame) -> Frame:
-    """The frame as the bus handles it."""
+    """Convert a frame of the compiled code to a frame of the bus."""
     return Frame(frame.can_id, bytes_of(frame.word, frame.length))
 
 
 class Records(NamedTuple):
-    """What a stretch leaves; views of buffers that the next stretch writes over.
+    """The records of a stretch: views of buffers that the next stretch overwrites.
 
-    plant: numbers in the order of `PlantRecord`, a row a tick. firmware: the columns that were asked for, a
-    record a tick. impacts: records as `Impact`, one for each that has ended, times from when the
-    plant was switched on. can_log: lines.
+    `plant`: numbers in the order of `PlantRecord`, one row per tick. `firmware`: the requested columns, one
+    record per tick. `impacts`: records of type `Impact`, one per finished impact, with times from the plant's
+    power-up. `can_log`: lines.
     """
 
     plant: NDArray[np.float64]
@@ -114,7 +114,7 @@ class Records(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """The nodes of lockstep; `to_plant` is where the bus keeps the frames that the plant takes next."""
+    """The nodes of lockstep; `to_plant` holds the frames that the plant receives next."""
 
     plant: PlantRunner
     firmware: FirmwareRunner
@@ -126,7 +126,7 @@ class Stretches:
     """Runs stretches of one scenario on the nodes of lockstep."""
 
     def __init__(self, scenario: Scenario, nodes: Nodes, columns: Any, is_logged: bool) -> None:
-        """`columns`: what is kept of the firmware, a packed type as in `hil.record.traces.firmware_trace`."""
+        """`columns`: packed type of the firmware's recorded columns (`hil.record.traces.firmware_trace`)."""
         self._scenario = scenario
         self._plant, self._firmware, self._operator, self._to_plant = nodes
         self._period_ns = round(scenario.period_s * NS_PER_S)
@@ -154,13 +154,13 @@ class Stretches:
         return min(until - tick, LONGEST_TICKS) if is_ready and not is_asked else 0
 
     def _native_node(self) -> NativeNode:
-        """The firmware's node, a new one after a restart."""
+        """The firmware's present node, which a restart replaces."""
         node = self._firmware.node
         assert isinstance(node, NativeNode)
         return node
 
     def run(self, tick: int, ticks: int, operator_period: int) -> tuple[Records, int]:
-        """Run `ticks` from `tick` on; what they leave, and the operator's next period."""
+        """Run `ticks` from `tick` on; return their records and the operator's next period."""
         period_s, buffers = self._scenario.period_s, self._buffers
         plant = self._plant.node
         plant.act()
@@ -225,7 +225,7 @@ class Stretches:
         return records, operator_period
 
     def _gait_frames(self, tick: int, ticks: int) -> NDArray[np.int64]:
-        """What the gait sensors send in these ticks."""
+        """The gait sensors' frames in these ticks, rows of tick, identifier, length and word."""
         node = self._plant.node
         rows: list[tuple[int, int, int, int]] = []
         if node.plant.has_gait_sensors:
@@ -234,7 +234,7 @@ class Stretches:
         return np.array(rows, dtype=np.int64).reshape(-1, 4)
 
     def _commands(self, until_tick: int, period: int) -> tuple[NDArray[np.int64], int]:
-        """What the operator sends before `until_tick`, and its next period."""
+        """The operator's frames before `until_tick`, rows as of the gait sensors, and its next period."""
         rows: list[tuple[int, int, int, int]] = []
         period_s = self._scenario.period_s
         while True:
@@ -246,10 +246,10 @@ class Stretches:
 
 
 class RecordedStretches:
-    """Stretches whose records go into the traces and the log of lockstep."""
+    """Stretches whose records are appended to the traces and the log of lockstep."""
 
     def __init__(self, scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog) -> None:
-        """`turns`: those of the nodes with a fault of the clock or a restart."""
+        """`turns`: the nodes with a clock fault or a restart."""
         self._period_s = scenario.period_s
         self._plant = nodes.plant
         self._firmware = nodes.firmware
@@ -265,7 +265,7 @@ class RecordedStretches:
         return self._stretches.ticks_from(tick)
 
     def run(self, tick: int, ticks: int, operator_period: int) -> int:
-        """Run `ticks` from `tick` on; the operator's next period."""
+        """Run `ticks` from `tick` on; return the operator's next period."""
         records, operator_period = self._stretches.run(tick, ticks, operator_period)
         rows, node = self._plant_rows[:ticks], self._plant.node
         for column, name in enumerate(PlantRecord._fields):
@@ -285,10 +285,10 @@ class RecordedStretches:
 
 
 def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "compiled") -> Iterator[Records]:
-    """A whole compiled run without a folder, stretch by stretch; of the firmware `columns` are kept.
+    """Yield the records of a whole compiled run without a folder, stretch by stretch.
 
-    `build` is one of `firmware_py.shell.builds.NATIVE`. Raise ValueError for faults that act from tick to
-    tick, which need lockstep's nodes.
+    `columns`: the firmware's recorded columns. `build`: one of `firmware_py.shell.builds.NATIVE`. Raises
+    ValueError for faults that act from tick to tick, which need lockstep's nodes.
     """
     if not has_stretches(scenario) or not all(isinstance(fault, STEADY) for fault in scenario.faults):
         kinds = ", ".join(fault.kind for fault in scenario.faults)
@@ -317,5 +317,5 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
 def stretches_of(
     scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog
 ) -> RecordedStretches | None:
-    """The stretches of a run on these nodes; None where it has none."""
+    """The stretches of a run on these nodes; None if the scenario cannot have any."""
     return RecordedStretches(scenario, nodes, turns, can_log) if has_stretches(scenario) else None

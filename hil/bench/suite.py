@@ -1,4 +1,4 @@
-"""Many scenarios, one verdict, in one seed or many: in lockstep two at a time, in real time one by one."""
+"""Runs scenarios with one or several seeds for one verdict: in parallel in lockstep, else one by one."""
 
 import time
 import traceback
@@ -27,15 +27,15 @@ from hil.timing.clock import ClockName
 from hil.timing.signals import Interrupted, ending_signals
 
 PROCESSES = 2
-"""Runs at once in lockstep; more gain little on two cores."""
+"""Parallel runs in lockstep; more gain little on two cores."""
 
 RESULT = run_folder.SUITE_NOTE
-"""The record of a suite in its folder, for comparison with another suite."""
+"""File with a suite's result in its folder, for comparison with another suite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One run of a suite; of one in many seeds only a failed run leaves more than its verdict."""
+    """One run of a suite; with several seeds, a run that has passed keeps only its verdict."""
 
     scenario: Scenario
     seed: int
@@ -46,9 +46,10 @@ class Case:
 def scenarios_for(
     names: Sequence[str], clock: ClockName, settings: Settings = (), parameter_files: Sequence[Path] = ()
 ) -> tuple[list[Scenario], list[str]]:
-    """The scenarios of these names, all without one, and those left out: real time has no modelled bus.
+    """The scenarios with these names (all without a name), and the names of those left out.
 
-    `settings` and `parameter_files` change each of them, as `load_scenario` does.
+    In real time, scenarios with a modelled bus are left out. `settings` and `parameter_files` change each
+    scenario, as in `load_scenario`.
     """
     scenarios: list[Scenario] = []
     given: dict[str, str] = {}
@@ -65,7 +66,7 @@ def scenarios_for(
 
 
 def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) -> list[Case]:
-    """A run for each scenario and seed, each in a folder of its own."""
+    """One run per scenario and seed, each in a folder of its own."""
     if len(seeds) == 1:
         return [Case(one, seeds[0], folder / one.name, False) for one in scenarios]
     return [
@@ -76,11 +77,11 @@ def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) 
 
 
 def silent(_: float, __: str) -> None:
-    """One run's own progress is not shown."""
+    """Show no progress of a single run."""
 
 
 def judged(case: Case, clock: ClockName, bus: str, firmware: Build = "compiled") -> dict[str, Any]:
-    """One run's verdict; a run that breaks off has failed, and says why."""
+    """Run a case and return its verdict; a run that raises an exception has failed for this reason."""
     try:
         return run_scenario(
             case.scenario,
@@ -108,12 +109,12 @@ def verdicts(
     processes: int = PROCESSES,
     firmware: Build = "compiled",
 ) -> Generator[tuple[Case, dict[str, Any]]]:
-    """The runs' verdicts as they come."""
+    """Run the cases and yield their verdicts in the order of completion."""
     if clock != "lockstep":
         for case in cases:
             yield case, judged(case, clock, bus, firmware)
         return
-    # Long ones first, so that no process is left with one at the end.
+    # Long runs first, so that no process still has a long run at the end.
     ordered = sorted(cases, key=lambda case: -case.scenario.duration_s) if processes > 1 else cases
     for case, found in workers.results(
         partial(judged, clock=clock, bus=bus, firmware=firmware), ordered, processes
@@ -122,7 +123,7 @@ def verdicts(
 
 
 def broken_off(case: Case, clock: ClockName, death: workers.Died) -> dict[str, Any]:
-    """The verdict on a run whose process has died, from what it has left."""
+    """The verdict on a run whose process was killed, from the files that it left."""
     with run_folder.claimed(case.scenario.name, case.run_dir) as run_dir:
         if not run_folder.is_own(run_dir):
             beginning.begin(run_dir, case.scenario, clock, case.seed)
@@ -133,7 +134,7 @@ def broken_off(case: Case, clock: ClockName, death: workers.Died) -> dict[str, A
 
 
 def taken_over(case: Case, clock: ClockName) -> dict[str, Any] | None:
-    """The verdict of a run of a suite that was cut short, if it was judged and nothing has changed since."""
+    """The verdict of a case in an earlier, interrupted suite; None if not judged or its inputs changed."""
     described = read_json(case.run_dir / run_folder.RUN_NOTE)
     if described.get("key") != beginning.key_of(case.scenario, clock, case.seed):
         return None
@@ -142,7 +143,7 @@ def taken_over(case: Case, clock: ClockName) -> dict[str, Any] | None:
 
 
 def not_run(case: Case, clock: ClockName, why: str) -> dict[str, Any]:
-    """The verdict on a run that a suite has not come to or not ended; what is left of it is removed."""
+    """The verdict on a run that an interrupted suite has not completed; its files are removed."""
     run_folder.discard(case.run_dir)
     return without_verdict(case, clock, f"{why} before its end")
 
@@ -154,7 +155,7 @@ def without_verdict(case: Case, clock: ClockName, reason: str) -> dict[str, Any]
 
 
 def prejudge(path: Path, cases: Sequence[Case], clock: ClockName) -> None:
-    """Leave a JUnit file that blames a kill; it stands if nobody can write another."""
+    """Write a JUnit file that names a kill as the reason; it remains if no other can be written."""
     first: dict[str, Case] = {}
     for case in cases:
         first.setdefault(case.scenario.name, case)
@@ -194,8 +195,8 @@ def run_suite(
 ) -> dict[str, Any]:
     """Run scenarios and write junit.xml, index.html and suite.json beside their folders.
 
-    Gives what `--json` prints, which is also what suite.json holds. An interrupted suite keeps what is
-    finished; in its folder the next one goes on where it stopped. `baseline`: another suite's result, with
+    Returns the result that `--json` prints and suite.json holds. An interrupted suite keeps its finished
+    runs; the next suite in the same folder continues from there. `baseline`: another suite's result, with
     which this one is compared (`hil.bench.changes`).
     """
     prepare(firmware, clock)
@@ -265,7 +266,7 @@ def run_suite(
             result["changes"] = changes(baseline, result)
         xml.write_text(junit.document(ordered), encoding="utf-8")
         write_suite_report(page, ordered, result["requirements"], result["changes"])
-        if interruption is None and signals.came:  # all is kept, and is not run again
+        if interruption is None and signals.came:  # all runs are kept and not repeated
             interruption = Interrupted(signals.came[0])
         run_folder.write_note(folder / RESULT, {**result, "asked": asked, "complete": interruption is None})
     if interruption is not None:

@@ -1,11 +1,11 @@
 """Makes the verdict from a run folder.
 
-run.json       what was run: scenario, clock, bus, seed, versions, start
+run.json       scenario, clock, bus, seed, versions and start of the run
 scenario.toml  the scenario as run
-*.trace        what each process knew at each tick; can.log, what was on the bus
-losses.json    when the recorder lost frames, if it did
-outcome.json   how it ended: elapsed time, a bare loop's overruns, and reasons why it is no proper run
-run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, again and again if need be
+*.trace        each process's signals at each tick; can.log, the frames on the bus
+losses.json    intervals in which the recorder lost frames; absent without a loss
+outcome.json   end of the run: elapsed time, a bare loop's overruns, and reasons for failure
+run.rrd, verdict.json, junit.xml, report.html   made from the above by `finish`, repeatedly if required
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,9 +32,9 @@ KILLED = "the run is still going on, or its process was killed before it could b
 def verdict_of(
     figures: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str], out: Path
 ) -> dict[str, Any]:
-    """The verdict as it is written and printed: all figures, the checks, and whether all is well.
+    """The verdict as it is written and printed: all figures, the checks, and whether the run has passed.
 
-    `passed` is None where nothing was checked and nothing else went wrong.
+    `passed` is None without checks and without another reason to fail.
     """
     nothing_checked = not results and not reasons
     passed = None if nothing_checked else not reasons and all(result.passed for result in results)
@@ -49,9 +49,9 @@ def verdict_of(
 
 
 def host_stall(traces: RunTraces, figures: Figures) -> str | None:
-    """The longest time for which the machine held up a loop, where that disturbed a run in real time.
+    """A sentence on the longest stall of a loop caused by the machine; None without a relevant stall.
 
-    A pause that the scenario itself asks for is none of the machine's.
+    Only runs in real time are examined, and only if the scenario itself has no pause or restart.
     """
     faults = traces.scenario.get("script", {}).get("faults", [])
     if figures.clock != "real" or any(fault["kind"] in ("paused", "restarted") for fault in faults):
@@ -68,7 +68,7 @@ def host_stall(traces: RunTraces, figures: Figures) -> str | None:
 
 
 def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any], list[CheckResult]]:
-    """The verdict on a run from what it left behind, and its checks' results."""
+    """The verdict on a run from its traces and figures, and the results of its checks."""
     content = figures.as_json() | {"provenance": {key: traces.run.get(key) for key in provenance.KEYS}}
     results = evaluate(checks_of(traces.scenario), content, traces)
     failed = not all(result.passed for result in results)
@@ -78,10 +78,10 @@ def judge(traces: RunTraces, figures: Figures, out: Path) -> tuple[dict[str, Any
 
 
 def finish(run_dir: Path, only_if_failed: bool = False) -> dict[str, Any]:
-    """Judge the run in `run_dir`, also one that was cut short, and write its log, report and verdict.
+    """Judge the run in `run_dir`, also an interrupted one, and write its log, report and verdict.
 
-    Until log and report are whole, the verdict blames a kill.
-    `only_if_failed`: a run that has passed keeps its verdict and `run.json`, and nothing else.
+    Until log and report are complete, the verdict names a kill as the reason.
+    `only_if_failed`: a run that has passed keeps only its verdict and `run.json`.
     """
     traces = read_run(run_dir)
     figures = figures_from(traces)
@@ -104,20 +104,20 @@ def write(run_dir: Path, verdict: Mapping[str, Any]) -> None:
 
 
 def unjudged(run: Mapping[str, Any], scenario: Mapping[str, Any], reason: str, out: Path) -> dict[str, Any]:
-    """The failed verdict on a run that has left nothing; `run` is what its `run.json` says or would say."""
+    """The failed verdict on a run without records; `run` is the content of its `run.json`."""
     nothing = RunTraces(NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_RECORDS, NO_BUS, run=run, scenario=scenario)
     verdict, _ = judge(nothing, figures_from(nothing), out)
     return {**verdict, "reasons": [reason], "passed": False}
 
 
 def prejudge(run_dir: Path, reason: str) -> None:
-    """Leave a failed verdict of a run that has not yet begun; it stands if nobody can write another."""
+    """Write a failed verdict for a run that has not begun; it remains if no other can be written."""
     run = read_json(run_dir / RUN_NOTE)
     write(run_dir, unjudged(run, read_scenario(run_dir), reason, run_dir))
 
 
 def amend(run_dir: Path, reasons: Sequence[str]) -> dict[str, Any]:
-    """Fail the run in `run_dir` for these reasons, with the figures that its verdict has."""
+    """Change the verdict in `run_dir` to failed for these reasons, with the same figures."""
     verdict = {**read_json(run_dir / VERDICT), "reasons": list(reasons), "passed": False}
     write(run_dir, verdict)
     return verdict

@@ -1,7 +1,7 @@
-"""Worker processes for tasks that do not depend on each other.
+"""Worker processes for independent tasks.
 
-The death of a worker, for memory perhaps, costs only the task it was at. When the program ends or gives up
-early, all workers end at once, with whatever they were doing. Ctrl-C reaches the program alone.
+If a worker is killed, for example for lack of memory, only its present task is lost. When the program ends,
+all workers end at once, even during a task. Ctrl-C reaches the program alone.
 """
 
 import os
@@ -30,37 +30,37 @@ JOIN_TIMEOUT_S = 1.0
 LOOK_S = 1.0
 """Period at which the workers are checked."""
 MOST_LOOKS_STOPPED = 10
-"""One that a signal has stopped is killed then, unless all of the program was stopped."""
+"""Successive checks after which a stopped worker is killed; none takes place while the program is stopped."""
 PROGRAM = "from hil.bench.workers import main; main()"
 
 
 class WorkerDiedError(RuntimeError):
-    """A worker died at a task that cannot be done without."""
+    """A worker ended during a task whose result is required."""
 
 
 class Died(NamedTuple):
-    """In place of a result: how the worker ended that was at the task."""
+    """Replaces the result of a task whose worker ended; `how` describes the end."""
 
     how: str
 
 
 @dataclass(eq=False)
 class Worker:
-    """One process, and our end of its pipe."""
+    """A worker process, and the program's end of its pipe."""
 
     process: "subprocess.Popen[bytes]"
     pipe: Connection
     looks_stopped: int = 0
-    """One after the other."""
+    """Successive checks that found the process stopped."""
 
     def look(self) -> None:
-        """Kill it where it has been stopped for too long."""
+        """Check the process, and kill it if it has been stopped for too long."""
         self.looks_stopped = self.looks_stopped + 1 if has_stopped(self.process.pid) else 0
         if self.looks_stopped > MOST_LOOKS_STOPPED:
             self.process.kill()
 
     def death(self) -> Died:
-        """The way in which the worker ended."""
+        """Describe the worker's end."""
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(JOIN_TIMEOUT_S)
         status = self.process.returncode
@@ -72,22 +72,22 @@ class Worker:
 
 
 def main() -> None:
-    """A worker; its arguments are the number of its pipe's descriptor and the program's process number."""
+    """Run a worker; its arguments are the descriptor of its pipe and the program's process id."""
     pipe, program = Connection(int(sys.argv[1])), int(sys.argv[2])
-    if os.getppid() != program:  # it was killed while this process began
+    if os.getppid() != program:  # the program was killed while this process started
         return
     try:
         spawn.prepare(pipe.recv())
         serve(pipe, *pipe.recv())
-    except (EOFError, ConnectionError):  # the program has closed the pipe, or is gone
+    except (EOFError, ConnectionError):  # the program has closed the pipe, or has ended
         return
-    except Interrupted:  # all is put in order; how this process ended is seen by the program
+    except Interrupted:  # the task has cleaned up; the program sees the signal by which this process ends
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTERM)
 
 
 def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[], None] | None) -> None:
-    """In a worker: take tasks and give results until the pipe's end is raised."""
+    """In a worker: receive tasks and send results until the end of the pipe raises an exception."""
     if prepare is not None:
         prepare()
     while True:
@@ -101,19 +101,19 @@ def serve(pipe: Connection, function: Callable[[Any], Any], prepare: Callable[[]
 
 
 def own_modules() -> dict[str, Any]:
-    """Where this program finds its modules, its main one too, for `spawn.prepare`."""
+    """The program's main module and search path for `spawn.prepare`."""
     data: dict[str, Any] = spawn.get_preparation_data("worker")
-    del data["authkey"]  # a pipe needs none
+    del data["authkey"]  # a pipe needs no key
     return data
 
 
 killed_with_parent = partial(end_with_parent, signal.SIGKILL)
-"""Called in a worker before its program begins, so that not even its start outlives the program."""
+"""Called in a worker before its program begins, so that the worker ends with the program from the outset."""
 
 
 @contextmanager
 def deaf_children() -> Iterator[None]:
-    """Processes that start meanwhile leave a terminal's Ctrl-C and its end to this one."""
+    """Let processes that start within the block ignore SIGINT and SIGHUP, which are left to this process."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
@@ -122,9 +122,9 @@ def deaf_children() -> Iterator[None]:
 
 
 class Workers(Generic[Task, Result]):
-    """At most `processes` that run `function` on one task after the other; `prepare` is called in each.
+    """At most `processes` workers that run `function` on one task after another; each calls `prepare` first.
 
-    They start as they are needed and stay, with what they have compiled, until the block ends.
+    They start when needed and remain, with their compiled code, until the block ends.
     """
 
     def __init__(
@@ -143,16 +143,16 @@ class Workers(Generic[Task, Result]):
 
     def __exit__(self, *_: object) -> None:
         self._give_up()
-        for worker in self._idle:  # let them go in order, all at once: they wait for a task
+        for worker in self._idle:  # idle workers end when their pipe closes, all at once
             worker.pipe.close()
         for worker in self._idle:
             worker.process.wait()
         self._idle.clear()
 
     def results(self, tasks: Sequence[Task]) -> Generator[tuple[Task, Result | Died]]:
-        """Each task with its result as they come.
+        """Yield each task with its result in the order of completion.
 
-        What `function` raises is raised here. Closing the iterator ends the workers that are at a task.
+        An exception of `function` is raised here. Closing the iterator kills the workers with a task.
         """
         waiting = deque(tasks)
         due_s = time.monotonic() + LOOK_S
@@ -214,13 +214,13 @@ class Workers(Generic[Task, Result]):
 def results(
     function: Callable[[Task], Result], tasks: Sequence[Task], processes: int
 ) -> Generator[tuple[Task, Result | Died]]:
-    """The same, by workers for these tasks alone."""
+    """Like `Workers.results`, with workers for these tasks only."""
     with Workers(function, processes) as workers:
         yield from workers.results(tasks)
 
 
 def alive(result: Result | Died) -> Result:
-    """The result; raise WorkerDiedError where there is none."""
+    """Return the result; raises WorkerDiedError if the worker ended without one."""
     if isinstance(result, Died):
         raise WorkerDiedError(
             f"a worker process {result.how}; if the machine ran out of memory, run fewer at the same time"

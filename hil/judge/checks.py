@@ -1,7 +1,7 @@
-"""Checks: limits of figures, and whether a run meets them.
+"""Checks: limits of figures, and their evaluation on a run.
 
-A figure that is missing, NaN, or rests on a log that lacks frames never passes; nor does any where a node has
-left no tick: a firmware that never ran has latched no fault.
+A figure that is missing, NaN, or computed from an incomplete log never passes. If a node has recorded no
+tick, no figure passes: a firmware that never ran has latched no fault.
 """
 
 import math
@@ -17,18 +17,18 @@ from hil.record.run_traces import NOTHING_LEFT, RunTraces
 from plant_sim.validation_messages import nearest
 
 LONGEST_S = 86_400.0
-"""No run lasts longer."""
+"""Longest duration of a run."""
 
 Value = bool | int | float | str
 
 
 class Check(BaseModel):
-    """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the value wanted.
+    """A figure by its dotted name, and either inclusive bounds (`low`, `high`, both) or the required value.
 
-    With an `expression` it is a figure of one's own (`hil.judge.figures.own`), of any name and unit, taken
-    from `from_s` to `to_s`.
+    With an `expression` the figure is the user's own (`hil.judge.figures.own`), with any name and unit,
+    evaluated from `from_s` to `to_s`.
 
-    `unit`, where given, must be the figure's own: a bound in millimetres on a figure in metres is refused.
+    `unit`, if given, must be the figure's unit: a bound in millimetres on a figure in metres is refused.
 
     >>> Check(name="detector.recall", low=0.9).limit
     '≥ 0.9'
@@ -44,7 +44,7 @@ class Check(BaseModel):
     equals: Value | None = None
     unit: str | None = None
     requirement: str | None = None
-    """The id of the requirement that it proves; see docs/requirements.md."""
+    """Id of the requirement that the check proves; see docs/requirements.md."""
     expression: str | None = None
     from_s: float = 0.0
     to_s: float = LONGEST_S
@@ -88,7 +88,7 @@ class Check(BaseModel):
 
     @property
     def limit(self) -> str:
-        """The limit as people read it."""
+        """The limit as text, such as `≥ 0.9`."""
         if self.equals is not None:
             return f"= {str(self.equals).lower() if isinstance(self.equals, bool) else self.equals}"
         if self.low is None:
@@ -98,7 +98,7 @@ class Check(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """One check's outcome: what was measured, in which unit, against which limit."""
+    """Result of one check: measured value, unit and limit."""
 
     name: str
     passed: bool
@@ -109,7 +109,7 @@ class CheckResult:
 
 
 def within(check: Check, value: Any) -> bool:
-    """Whether `value` meets the check; what is missing or not finite does not."""
+    """Whether `value` meets the check; a missing value or one that is not finite does not."""
     if check.equals is not None:
         alike = isinstance(value, bool) == isinstance(check.equals, bool)
         return alike and bool(value == check.equals)
@@ -119,7 +119,7 @@ def within(check: Check, value: Any) -> bool:
 
 
 def own_value(check: Check, traces: RunTraces) -> float | None:
-    """The value of a figure of one's own."""
+    """The value of a check's own expression."""
     from hil.judge.figures.own import Window, own_figure  # noqa: PLC0415 - most scenarios have none
 
     assert check.expression is not None
@@ -127,14 +127,14 @@ def own_value(check: Check, traces: RunTraces) -> float | None:
 
 
 def left_no_tick(figures: Mapping[str, Any]) -> bool:
-    """Whether the loop of plant or firmware has left no tick."""
+    """Whether the loop of plant or firmware has recorded no tick."""
     return any(loop["ticks"] == 0 for loop in figures["loops"].values())
 
 
 def evaluate(
     checks: Iterable[Check], figures: Mapping[str, Any], traces: RunTraces = NOTHING_LEFT
 ) -> list[CheckResult]:
-    """Each check against the figures, given as `Figures.as_json()`; figures of one's own are of `traces`."""
+    """Evaluate each check on the figures, given as `Figures.as_json()`, and own expressions on `traces`."""
     doubtful, nothing_ran = incomplete(figures), left_no_tick(figures)
     results = []
     for check in checks:
@@ -150,5 +150,5 @@ def evaluate(
 
 
 def checks_of(scenario: Mapping[str, Any]) -> list[Check]:
-    """The checks of a scenario as its file gives it."""
+    """The checks in a scenario's raw tables."""
     return [Check.model_validate(table) for table in scenario.get("checks", [])]

@@ -1,4 +1,4 @@
-"""The decisions of a firmware in a run, and their differences from another run's."""
+"""The decisions of a firmware in a run, and their differences from the decisions in another run."""
 
 from itertools import zip_longest
 from typing import NamedTuple
@@ -11,7 +11,7 @@ TOLERANCE_TICKS = 1
 
 
 class Decisions(NamedTuple):
-    """Changes of mode or fault, rows of (tick, mode, fault), and impacts' detections, rows of (tick,)."""
+    """Changes of mode or fault, rows of (tick, mode, fault), and detections of impacts, rows of (tick,)."""
 
     modes: NDArray[np.int64]
     impacts: NDArray[np.int64]
@@ -30,7 +30,7 @@ def decisions_of(trace: NDArray[np.void]) -> Decisions:
 
 
 def differences(python: Decisions, compiled: Decisions) -> list[str]:
-    """Each decision that the other has not made within its time's tolerance; the first of each kind first."""
+    """A sentence for each decision without an equal decision of the other build within the tolerance."""
     found = []
     for kind, ours, others in zip(Decisions._fields, python, compiled, strict=True):
         for one, other in zip_longest(ours.tolist(), others.tolist()):

@@ -1,8 +1,8 @@
 """Quality of the impact detection: detections matched one to one with the true touch-downs.
 
-A detection belongs to the touch-down it follows by no more than `LONGEST_LATENCY_S`. Of all one-to-one
-matchings the one with most pairs, and of those with the least total latency, is taken: an assignment problem,
-solved in each group of neighbours on its own.
+A detection can belong to a touch-down that it follows by at most `LONGEST_LATENCY_S`. The matching is the
+one with the most pairs and, among these, with the least total latency: an assignment problem, solved
+separately in each group of neighbouring events.
 """
 
 from collections.abc import Iterator
@@ -13,13 +13,14 @@ import numpy as np
 from plant_sim.arrays import BoolArray, FloatArray, IntArray
 
 WEAKEST_V_M_S = 0.05
-"""A touch-down slower than this need not be seen; seeing it is no false alarm either."""
+"""Lowest approach speed that must be detected; the detection of a slower touch-down is no false alarm."""
 WEAKEST_PEAK_N = 5.0
-"""Nor one that a soft stop answers with less: 0.05 m/s on the default one are 8 N, a felt pulse has 10."""
+"""Lowest peak force on a soft stop that must be detected: 0.05 m/s on the default stop give 8 N, and a
+felt pulse has at least 10 N."""
 LONGEST_LATENCY_S = 0.040
-"""A detection later than this is not of that impact: four contact times of the default stop."""
+"""Largest latency of a detection that belongs to an impact: four contact times of the default stop."""
 ASLEEP_S = 0.005
-"""Half a contact of the default stop: an impact whose first half falls between two ticks need not be seen."""
+"""Half a contact time of the default stop: an impact whose first half has no tick need not be detected."""
 LARGEST_LEAD_S = 0.001
 """A detection may precede the located touch-down by a tick: the sensors are sampled, the event is not."""
 
@@ -33,13 +34,13 @@ class Matching:
 
 
 def due(v_m_s: FloatArray, peak_force_n: FloatArray) -> BoolArray:
-    """Which touch-downs have to be seen; shapes (n,). A rigid stop has no force, nan."""
+    """Mask of the touch-downs that must be detected; shapes (n,). The force on a rigid stop is NaN."""
     strong: BoolArray = (v_m_s >= WEAKEST_V_M_S) & ~(peak_force_n < WEAKEST_PEAK_N)
     return strong
 
 
 def slept_through(touch_down_s: FloatArray, tick_t_s: FloatArray) -> BoolArray:
-    """Which touch-downs, shape (n,), no tick of the sorted `tick_t_s` follows within `ASLEEP_S`."""
+    """Mask of the touch-downs, shape (n,), that no tick in sorted `tick_t_s` follows within `ASLEEP_S`."""
     following = np.searchsorted(tick_t_s, touch_down_s)
     after_s = np.append(tick_t_s, np.inf)[following] - touch_down_s
     asleep: BoolArray = after_s > ASLEEP_S
@@ -61,7 +62,7 @@ def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
             continue
         latency = detection_t_s[detections][None, :] - truth_t_s[truths][:, None]
         allowed = (latency >= -LARGEST_LEAD_S) & (latency <= LONGEST_LATENCY_S)
-        forbidden = LONGEST_LATENCY_S * (1 + min(latency.shape))  # dearer than any set of allowed pairs
+        forbidden = LONGEST_LATENCY_S * (1 + min(latency.shape))  # costs more than any set of allowed pairs
         for row, at in _cheapest(np.where(allowed, np.abs(latency), forbidden)):
             if allowed[row, at]:
                 truth_pairs.append(int(truths[row]))
@@ -73,10 +74,10 @@ def match(truth_t_s: FloatArray, detection_t_s: FloatArray) -> Matching:
 
 
 def _cheapest(cost: FloatArray) -> Iterator[tuple[int, int]]:
-    """Row and column of each pair of the cheapest assignment."""
+    """Row and column of each pair of the assignment with the least total cost."""
     if cost.size == 1:
         return iter([(0, 0)])
-    # Imported here because it takes a fifth of a run's start, and most runs leave nothing to choose.
+    # Imported here because the import takes a fifth of a run's start, and most runs need no assignment.
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415
 
     return zip(*linear_sum_assignment(cost), strict=True)

@@ -1,4 +1,4 @@
-"""The error of the estimate: the estimate of tick k minus the truth at t_k, when its sensors were sampled."""
+"""Error of the estimate: the estimate of tick k minus the truth at t_k, when its sensors are sampled."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from plant_sim.arrays import FloatArray
 
 
 class EstimateErrors(NamedTuple):
-    """At the ticks that both processes had, by the plant's time; shapes (n,)."""
+    """Errors at the ticks that both plant and firmware have, with the plant's times; shapes (n,)."""
 
     t_s: FloatArray
     x_m: FloatArray
@@ -18,7 +18,7 @@ class EstimateErrors(NamedTuple):
 
 
 def estimate_errors(plant: Records, firmware: Records) -> EstimateErrors:
-    """Estimate less truth, of position and velocity."""
+    """Estimate minus truth of position and velocity."""
     _, of_plant, of_firmware = np.intersect1d(
         column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
     )

@@ -1,4 +1,4 @@
-"""The hold of a run: its window, the motion in it, and when the impacts were captured."""
+"""The hold of a run: its window, the motion in it, and the capture time of the impact regime."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from plant_sim.arrays import BoolArray, FloatArray
 
 
 class Window(NamedTuple):
-    """A span of simulated time, seconds."""
+    """An interval of simulated time in seconds."""
 
     start_s: float
     end_s: float
@@ -27,7 +27,7 @@ class Window(NamedTuple):
 
 
 def hold_window(firmware: Records) -> Window | None:
-    """The longest unbroken stretch of mode RUN, which begins where the run-up ends."""
+    """The longest uninterrupted interval of mode RUN, which begins at the end of the run-up."""
     mode, t_s = column(firmware, "outputs.mode"), column(firmware, "t_s")
     running = np.flatnonzero(mode == Mode.RUN)
     if len(running) == 0:
@@ -72,7 +72,7 @@ def hold_motion(plant: Records, impacts: Records, hold: Window | None) -> HoldMo
 
 
 def capture(impacts_t_s: FloatArray, hold: Window, period_s: float) -> float | None:
-    """The first impact from which on, to the end of the hold, none lies 1.5 drive periods from the last."""
+    """Time of the first impact after which every gap to the end of the hold is at most 1.5 drive periods."""
     if len(impacts_t_s) == 0 or hold.end_s - impacts_t_s[-1] > 1.5 * period_s:
         return None
     breaks = np.flatnonzero(np.diff(impacts_t_s) > 1.5 * period_s)

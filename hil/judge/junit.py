@@ -6,11 +6,11 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What XML 1.0 cannot hold in any way: a process may write escape sequences to its standard error."""
+"""Characters that XML 1.0 cannot hold, such as escape sequences from a process's standard error."""
 
 
 def measured(check: Mapping[str, Any]) -> str:
-    """The measured value and its limit, in a sentence."""
+    """The measured value and its limit as text."""
     value, unit = check["value"], check["unit"]
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     found = "not there" if value is None else f"{text} {unit}".rstrip()
@@ -18,7 +18,7 @@ def measured(check: Mapping[str, Any]) -> str:
 
 
 def suite(verdict: Mapping[str, Any]) -> Element:
-    """One run: its checks, and one case for the run itself."""
+    """The element of one run: a case per check, and one for the run itself."""
     checks, reasons = verdict["checks"], verdict["reasons"]
     failures = sum(not check["passed"] for check in checks)
     element = Element(
@@ -51,7 +51,7 @@ def suite(verdict: Mapping[str, Any]) -> Element:
 
 
 def document(verdicts: Sequence[Mapping[str, Any]]) -> str:
-    """The file for one run or for a suite of them."""
+    """The file for one run or for a suite of runs."""
     root = Element("testsuites", name="vibrohil")
     root.extend(suite(verdict) for verdict in verdicts)
     indent(root)

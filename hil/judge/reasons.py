@@ -3,11 +3,11 @@
 from hil.record.run_traces import RunTraces
 
 IMPORTED = "imported"
-"""The clock of a log that came from a real bench: it has no truth and no scenario."""
+"""Clock name of a log imported from a real bench, which has no truth and no scenario."""
 
 
 def reasons_of(traces: RunTraces) -> list[str]:
-    """Why this is no proper run, whatever its checks say."""
+    """The reasons why this run fails regardless of its checks, one sentence each."""
     reasons = [*traces.outcome.get("reasons", []), *traces.damage]
     if not traces.outcome:
         reasons.append("the run was cut short: it left no outcome.json")

@@ -1,4 +1,4 @@
-"""The requirements that checks prove, from requirements.toml, and the trace between the two."""
+"""The requirements in requirements.toml, and their traceability to the checks that prove them."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -10,13 +10,13 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Requirement(BaseModel):
-    """One sentence that must hold; `tests` are the test files that prove what no scenario can."""
+    """A requirement in one sentence; `tests`: test files that prove it where no scenario can."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     text: str
     source: str
-    """The page under docs that says so, with its section."""
+    """The page under docs that states the requirement, with its section."""
     tests: tuple[str, ...] = ()
 
 
@@ -28,9 +28,9 @@ def requirements() -> Mapping[str, Requirement]:
 
 
 def trace(verdicts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """For each requirement the checks that prove it, and whether all passed; None where none did run.
+    """For each requirement the checks that prove it, and whether all passed (None if none has run).
 
-    A run that fails whatever its checks say proves nothing.
+    A run that fails regardless of its checks proves no requirement.
     """
     proofs: dict[str, list[dict[str, Any]]] = {name: [] for name in requirements()}
     for verdict in verdicts:

@@ -1,8 +1,8 @@
 """The striker's true regime in a window, from the plant's impacts and crank angle.
 
-The firmware decides its regime on line from what it senses; this is the bench's own answer, which it is held
-against. A drive period is one turn of the crank, cut half a turn away from where the impacts gather, so that
-jitter in their phase never moves one into the neighbouring period.
+The firmware decides its regime on line from its sensors; the bench compares that decision with this regime.
+A drive period is one turn of the crank, cut half a turn away from the mean phase of the impacts, so that
+jitter in the phase never moves an impact into the neighbouring period.
 """
 
 from typing import NamedTuple
@@ -13,17 +13,17 @@ from firmware_py.interface.enums import Regime
 from plant_sim.arrays import FloatArray, IntArray
 
 TAIL = 0.5
-"""The fraction of the window, at its end, that decides; what came before says whether impacts were lost."""
+"""Share of the window, at its end, that decides the regime; the earlier part shows lost impacts."""
 FEWEST_PERIODS = 4
-"""Fewer whole drive periods than this decide nothing."""
+"""Lowest number of whole drive periods for a decision."""
 STEADY = 0.95
 """The fraction of periods that must agree; the rest may be disturbed by a gust or a kick."""
 LARGEST_N = 8
-"""Orbits that need more periods than this to repeat are called uncertain."""
+"""Largest number of periods after which an orbit may repeat; a longer orbit is uncertain."""
 SPEED_SCATTER = 0.10
 """Relative change of v⁻ from one cycle to the next up to which two cycles count as equal."""
 CHATTER_COUNT = 4
-"""Impacts in one drive period from which on the striker bounces itself to rest on the stop."""
+"""Impacts in one drive period from which on the striker counts as chattering."""
 STILL_M_S = 1e-3
 """Largest speed of a striker that counts as stuck."""
 
@@ -34,7 +34,7 @@ def circular_mean(angles_rad: FloatArray) -> float:
 
 
 def period_edges(crank_rad: FloatArray, t_s: FloatArray, cut_rad: float) -> FloatArray:
-    """Times at which the unwrapped crank passes `cut_rad` modulo 2π; both inputs of shape (n,)."""
+    """Times at which the unwrapped crank angle passes `cut_rad` modulo 2π; inputs of shape (n,)."""
     turns = (np.unwrap(crank_rad) - cut_rad) / (2.0 * np.pi)
     forward = np.maximum.accumulate(turns)
     wanted = np.arange(np.ceil(forward[0]), np.floor(forward[-1]) + 1.0)
@@ -92,7 +92,7 @@ def decide(
     """The regime of one window of motion.
 
     `t_s` and `v_m_s` (striker) are sampled, shape (n,); the impacts, shape (m,), are those of the same window
-    with an approach speed that counts.
+    above the lowest approach speed.
     """
     edges, counts = periods
     if len(counts) < FEWEST_PERIODS:
@@ -106,14 +106,14 @@ def decide(
 
 
 def without_impacts(earlier_counts: IntArray, still: np.bool_ | bool) -> Regime:
-    """The regime of a window whose deciding part saw no impact."""
+    """The regime of a window whose deciding part has no impact."""
     if np.count_nonzero(earlier_counts) >= 2:
         return Regime.LOST
     return Regime.STUCK if still else Regime.NON_IMPACT
 
 
 def with_impacts(counts: IntArray, speeds: FloatArray) -> Regime:
-    """The regime of impacts counted, with their mean speeds, in each period; shapes (periods,)."""
+    """The regime from the number and the mean speed of the impacts in each period; shapes (periods,)."""
     if np.median(counts) >= CHATTER_COUNT:
         return Regime.CHATTERING
     for n in range(1, LARGEST_N + 1):

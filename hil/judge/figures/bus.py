@@ -8,7 +8,7 @@ from hil.record.candump import TENTH_S, BusCounts
 from plant_sim.arrays import FloatArray
 
 BITRATE_BIT_S = 1e6
-"""Of the bench's classic CAN bus."""
+"""Bit rate of the bench's classic CAN bus."""
 HEAD_BITS, BITS_A_BYTE = 55.0, 10.0
 """Worst-case length in bits of a frame and of each data byte, with stuffing and the space between frames.
 
@@ -17,13 +17,13 @@ HEAD_BITS, BITS_A_BYTE = 55.0, 10.0
 
 
 def mean_load(counts: BusCounts, duration_s: float) -> float | None:
-    """Mean fraction of the bus's time that frames take, of a run of `duration_s`."""
+    """Mean share of the bus's time taken by frames in a run of `duration_s`; None without frames."""
     bits = sum(bits_by_tenth(counts).values())
     return bits / (BITRATE_BIT_S * duration_s) if counts.total and duration_s > 0.0 else None
 
 
 def bits_by_tenth(counts: BusCounts) -> dict[int, float]:
-    """Bits in each tenth of a second that holds a frame, by its number."""
+    """Bits in each tenth of a second with a frame, by its number."""
     bits = HEAD_BITS * counts.frames + BITS_A_BYTE * counts.frame_bytes
     return dict(zip(counts.tenth.tolist(), bits.tolist(), strict=True))
 

@@ -1,4 +1,4 @@
-"""Figures of faults and of the way to the safe state."""
+"""Figures of faults and of the transition to the safe state."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -18,23 +18,23 @@ from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
 NO_TORQUE_N_M = 1e-3
-"""Below this the motor is off: 1/5 of its dry friction, which then holds it."""
+"""Largest torque of a motor that counts as off: 1/5 of its dry friction, which then holds it."""
 
 
 SETTLE_S = 0.1
-"""Time the motor has to become torque-free after a stop, a fault or a node's death."""
+"""Time for the motor to become torque-free after a stop, a fault or the end of a node."""
 
 
 BEFORE_FAULT_S = 0.2
-"""The time before a fault in which its cause is looked for: some of the watchdogs on sensors."""
+"""Time before a fault in which its cause is searched: several watchdog times of the sensors."""
 
 
 SILENT_S = 0.2
-"""A node whose trace ends this long before its partner's has died; ordinary ends lie closer together."""
+"""A node whose trace ends by this time before the other node's has failed; regular ends are closer."""
 
 
 def zero_after(t_s: FloatArray, torque_n_m: FloatArray, since_s: float) -> float | None:
-    """Seconds after `since_s` until |torque| stays below what counts as none; None if it never does."""
+    """Time in s after `since_s` until |torque| stays below `NO_TORQUE_N_M`; None if it never does."""
     later = t_s >= since_s
     if not later.any():
         return None
@@ -47,14 +47,14 @@ def zero_after(t_s: FloatArray, torque_n_m: FloatArray, since_s: float) -> float
 
 
 class DriveEnd(NamedTuple):
-    """Why and when the drive was to be off for good."""
+    """Cause and time from which the drive must stay off."""
 
     cause: str
     at_s: float
 
 
 def drive_end(plant: Records, firmware: Records) -> DriveEnd | None:
-    """The last end of driving: by a node's death, a fault, an E-stop or a stop; None while still driving."""
+    """The last end of driving, by a failed node, a fault, an E-stop or a stop; None if the drive stays on."""
     t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
     driving = np.flatnonzero(np.isin(mode, MOVING))
     if len(driving) == 0:
@@ -94,7 +94,7 @@ def safe_state_figures(
 
 
 def first_of_the_script(scenario: Mapping[str, Any]) -> Window | None:
-    """The first fault's begin and end; None where the script has no fault."""
+    """Beginning and end of the script's first fault; None without a fault."""
     faults = scenario.get("script", {}).get("faults", [])
     if not faults:
         return None
@@ -138,7 +138,7 @@ def fault_figures(traces: RunTraces, hold: Window | None) -> FaultFigures:
 
 
 def torque_after(plant: Records, end: DriveEnd | None) -> float | None:
-    """The largest |motor torque| from `SETTLE_S` after the end of driving."""
+    """The largest |motor torque| from `SETTLE_S` after the end of driving on, in N m."""
     if end is None:
         return None
     settled = column(plant, "motor_torque_n_m")[column(plant, "t_s") >= end.at_s + SETTLE_S]
@@ -146,14 +146,14 @@ def torque_after(plant: Records, end: DriveEnd | None) -> float | None:
 
 
 def first_fault(firmware: Records) -> Fault:
-    """The first fault the firmware latched."""
+    """The first fault that the firmware latched."""
     fault = column(firmware, "outputs.fault")
     latched = fault[fault != Fault.NONE]
     return Fault(int(latched[0])) if len(latched) else Fault.NONE
 
 
 def held_ms(records: Records, until_s: float, period_s: float) -> float | None:
-    """The longest a loop was held up in the time before `until_s`; None without two ticks there."""
+    """The longest stall of a loop before `until_s` in ms; None without two ticks in `BEFORE_FAULT_S`."""
     t_s = column(records, "t_s")
     near = (t_s > until_s - BEFORE_FAULT_S) & (t_s <= until_s + period_s)
     ticks = column(records, "tick")[near]

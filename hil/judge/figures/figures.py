@@ -1,7 +1,7 @@
-"""Every figure of a run, from its traces alone; the same code for lockstep and real time.
+"""Computes all figures of a run from its traces alone, with the same code for lockstep and real time.
 
-Truth is the plant's trace and its located impacts; the estimate is the firmware's trace. Nothing is taken
-from the firmware's word but when it says it holds (mode RUN), what it commands, and what it estimates.
+Truth is the plant's trace and its located impacts; the estimate is the firmware's trace. Of the firmware's
+signals the figures use only the hold (mode RUN), its commands, faults, detections and estimates.
 """
 
 from collections.abc import Mapping
@@ -45,23 +45,23 @@ from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
 DEFAULT_PERIOD_S = 1e-3
-"""The bus's tick, where the run does not say otherwise."""
+"""Tick of a run whose record states none: that of the bus."""
 LONGEST_WORK_P99_US = 500.0
-"""Half a tick: what a loop may need and still leave its partner the other half."""
+"""Longest work of a loop: half a tick, which leaves the other half to the other loop."""
 LONGEST_HOLD_MS = 3.0
-"""A loop that is held up for this long has disturbed what it controls, however rarely that happens: an impact
-lasts 10 ms, and its detection a few ticks."""
+"""Shortest stall that disturbs the controlled motion even if it is rare: an impact lasts 10 ms, and its
+detection takes a few ticks."""
 OVERRUN_FRACTION = 1e-3
-"""Overruns granted beside twice those of a bare sleep loop, as a fraction of the ticks due."""
+"""Allowed overruns in addition to twice those of a bare sleep loop, as a share of the ticks due."""
 OVERRUN_FRACTION_UML = 1e-2
-"""Overruns granted under user-mode Linux, where each system call costs some 12 µs and a bare loop slips."""
+"""The same share under user-mode Linux, where a system call takes about 12 µs and a bare loop overruns."""
 
 
 # --- parts -------------------------------------------------------------------------------------------
 
 
 def spread(values: FloatArray) -> Spread:
-    """Quantiles of what is finite."""
+    """Quantiles of the finite values."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
         return Spread(None, None, None)
@@ -70,12 +70,12 @@ def spread(values: FloatArray) -> Spread:
 
 
 def rms(errors: FloatArray) -> float | None:
-    """Root mean square; None of nothing."""
+    """Root mean square; None without errors."""
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
 
 
 def loop_timing(records: Records, period_s: float) -> LoopTiming:
-    """A loop's timing from its own trace; skipped ticks are what its tick numbers, from 0 on, leave out."""
+    """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on."""
     tick = column(records, "tick")
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
@@ -94,7 +94,7 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
 
 
 def met_its_timing(loops: Loops, baseline_overruns: int | None, under_uml: bool) -> bool:
-    """Whether both loops kept up, beside a bare sleep loop, and neither was held up for long at once."""
+    """Whether both loops met their overrun and work limits, and neither stalled for `LONGEST_HOLD_MS`."""
     for loop in (loops.plant, loops.firmware):
         due = loop.ticks + loop.overruns
         granted = OVERRUN_FRACTION_UML * due if under_uml else OVERRUN_FRACTION * due
@@ -108,7 +108,7 @@ def met_its_timing(loops: Loops, baseline_overruns: int | None, under_uml: bool)
 
 
 def peak_force(plant: Records, impacts: Records) -> float | None:
-    """The largest force on the stop, of the located impacts or between them; None at a rigid stop."""
+    """The largest force on the stop in N, in located impacts or between them; None with a rigid stop."""
     located = column(impacts, "peak_force_n")
     if len(located) and not np.isfinite(located).any():
         return None
@@ -118,7 +118,7 @@ def peak_force(plant: Records, impacts: Records) -> float | None:
 
 
 def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
-    """Peaks of the force on the wearer: of the run, and from turn to turn of the crank once settled."""
+    """Peak force on the wearer in the run, and per turn of the crank in the settled half of the hold."""
     plant = traces.plant
     if not traces.is_worn or len(plant) == 0:
         return FeltFigures(None, None, None)
@@ -137,8 +137,8 @@ def felt_figures(traces: RunTraces, hold: Window | None) -> FeltFigures:
 
 
 def energy_residual(plant: Records) -> float | None:
-    """Work of drive and housing − stored energy − all losses, divided by the sum of their magnitudes."""
-    plant = slow_rows(plant)  # the log has the energies in these
+    """|Work of drive and housing − change of stored energy − losses| over the sum of their magnitudes."""
+    plant = slow_rows(plant)  # the records in which the log has the energies
     if len(plant) == 0:
         return None
     names = ("drive_work_j", "stored_j", "friction_j", "impact_loss_j", "housing_work_j", "ankle_j")
@@ -150,7 +150,7 @@ def energy_residual(plant: Records) -> float | None:
 
 
 def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> EstimateFigures:
-    """Errors of the estimate at tick k against the truth that its sensors were sampled from, at t_k."""
+    """Errors of the estimate at tick k against the truth at t_k, the sampling instant of its sensors."""
     if hold is None or len(plant) == 0:
         return EstimateFigures(None, None, None, None)
     inside = firmware[hold.holds(column(firmware, "t_s"))]
@@ -165,7 +165,7 @@ def estimate_figures(plant: Records, firmware: Records, hold: Window | None) -> 
 
 
 def detector_figures(plant: Records, impacts: Records, firmware: Records) -> DetectorFigures:
-    """Detections, timed by the tick that reports them, against touch-downs while the firmware was alive."""
+    """Compare detections, timed by the reporting tick, with the touch-downs while the firmware ran."""
     nothing = DetectorFigures(None, None, Latency(None, None), None, 0)
     if len(plant) == 0 or len(firmware) == 0:
         return nothing
@@ -219,7 +219,7 @@ def speed_figures(plant: Records, firmware: Records, hold: Window | None) -> Spe
 
 
 def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:
-    """The growth of memory that the bench has noted, if the run was long enough."""
+    """Growth of memory as recorded by the bench, if the run was long enough."""
     growth_mb = dict(outcome.get("memory_growth_mb", {}))
     recorder_mb = growth_mb.pop("recorder", None)
     return MemoryFigures(

@@ -1,10 +1,10 @@
 """Figures of a walk: phase error, pulses inside and outside of the window, the end of the walk.
 
-With the crank off the leg alone may shake the striker against the stop. Such pulses are counted separately,
-and are none of those that follow a stop: the last of these is followed by a pause.
+With the crank off, the leg's motion alone may drive the striker against the stop. These pulses are counted
+separately from the pulses that follow a stop; the last of the latter is followed by a pause.
 
-A pulse is a true impact of at least `detection.WEAKEST_V_M_S`; its phase is the true one at touch-down. The
-window is the firmware's own, from its parameters.
+A pulse is a true impact of at least `detection.WEAKEST_V_M_S`; its phase is the true gait phase at
+touch-down. The window is taken from the firmware's parameters.
 """
 
 from collections.abc import Mapping
@@ -23,15 +23,15 @@ from plant_sim.arrays import BoolArray, FloatArray
 from plant_sim.sensors.gait import LegState
 
 SETTLING_STRIDES = 4
-"""Strides of a hold that its crank may take to get into step."""
+"""Strides at the beginning of a hold in which the crank may still be locking to the gait."""
 
 
 PAUSE_S = 2.0
-"""Pulses after a pause of this length are no longer the drive's."""
+"""Shortest pause after which pulses are no longer caused by the drive."""
 
 
 class PushOff(NamedTuple):
-    """The firmware's window, in shares of the gait cycle."""
+    """The firmware's window for pulses, in shares of the gait cycle."""
 
     start: float
     end: float
@@ -42,7 +42,7 @@ class PushOff(NamedTuple):
 
 
 class Pulses(NamedTuple):
-    """Impacts with the true phase at touch-down, nan where nobody walks; shapes (n,)."""
+    """Impacts with the true gait phase at touch-down, NaN without a walk; shapes (n,)."""
 
     t_s: FloatArray
     v_m_s: FloatArray
@@ -63,7 +63,7 @@ def push_off(scenario: Mapping[str, Any]) -> PushOff:
 
 
 def phase_at(plant: Records, t_s: FloatArray) -> FloatArray:
-    """The true phase at the ticks before `t_s`: a tick is a thousandth of a cycle."""
+    """The true phase at the last tick before each of `t_s`; a tick is about a thousandth of a gait cycle."""
     if len(plant) == 0:
         return np.full(len(t_s), np.nan)
     at = np.searchsorted(column(plant, "t_s"), t_s, side="right") - 1
@@ -78,7 +78,7 @@ def pulses_of(plant: Records, impacts: Records) -> Pulses:
 
 
 def phase_error(plant: Records, firmware: Records) -> tuple[FloatArray, FloatArray]:
-    """Times and errors of the estimated phase on the circle, in cycles, where both have one."""
+    """Times in s and circular errors in cycles of the estimated phase, where estimate and truth exist."""
     _, of_plant, of_firmware = np.intersect1d(
         column(plant, "tick"), column(firmware, "tick"), return_indices=True, assume_unique=True
     )
@@ -89,7 +89,7 @@ def phase_error(plant: Records, firmware: Records) -> tuple[FloatArray, FloatArr
 
 
 def heel_strikes(plant: Records) -> FloatArray:
-    """The times at which the true phase begins anew."""
+    """The times in s at which a new cycle of the true phase begins."""
     phase, t_s = column(plant, "gait.phase"), column(plant, "t_s")
     return t_s[1:][np.diff(np.nan_to_num(phase, nan=1.0)) < -0.5]
 
@@ -106,7 +106,7 @@ def gait_end(plant: Records, since_s: float) -> GaitEnd | None:
 
 
 def restarted_s(firmware: Records, after_s: float) -> float:
-    """The time at which the crank is started again after `after_s`; inf if it is not."""
+    """The time in s of the first start of the crank after `after_s`; infinite without a start."""
     t_s, mode = column(firmware, "t_s"), column(firmware, "outputs.mode")
     begins = np.flatnonzero((mode[1:] == Mode.SOFT_START) & (mode[:-1] != Mode.SOFT_START)) + 1
     later = t_s[begins][t_s[begins] > after_s]
@@ -114,7 +114,7 @@ def restarted_s(firmware: Records, after_s: float) -> float:
 
 
 def following(pulses_s: FloatArray, at_s: float, until_s: float) -> BoolArray:
-    """Which pulses follow `at_s` without a pause, up to `until_s`."""
+    """Mask of the pulses that follow `at_s` without a pause, up to `until_s`."""
     later = np.flatnonzero((pulses_s > at_s) & (pulses_s < until_s))
     gaps = np.diff(np.concatenate([[at_s], pulses_s[later]])) > PAUSE_S
     end = int(np.argmax(gaps)) if gaps.any() else len(later)
@@ -133,7 +133,7 @@ def undriven(firmware: Records, pulses_s: FloatArray) -> int:
 
 
 def gait_figures(traces: RunTraces, hold_s: tuple[float, float] | None) -> GaitFigures:
-    """All figures of a walk over the hold; none where nobody walks or nothing was held."""
+    """All figures of a walk over the hold; all None without a walk or a hold."""
     plant, firmware = traces.plant, traces.firmware
     if not traces.is_walked or len(plant) == 0 or len(firmware) == 0 or hold_s is None:
         return GaitFigures(*[None] * len(fields(GaitFigures)))

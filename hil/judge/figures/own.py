@@ -1,8 +1,8 @@
-"""Figures of a user: an expression of the logged signals of a run, within a time window.
+"""Figures defined by a user: an expression of a run's logged signals within a time window.
 
 Signals are named as in the log, `plant.omega_rad_s`, `firmware.outputs.torque_n_m`, and are arrays over the
-plant's instants; the firmware's are those of its newest tick by then. `FUNCTIONS` make numbers of them. The
-figures of a step response are python-control's, of the signal from its first value in the window on.
+plant's instants; firmware signals have the value of the last tick by each instant. `FUNCTIONS` reduce them to
+numbers. Figures of a step response are python-control's, for the signal minus its first value in the window.
 """
 
 import difflib
@@ -24,7 +24,7 @@ from hil.record.traces.trace import flatten
 Signal = NDArray[np.float64]
 
 SETTLED_SHARE: Final = 0.1
-"""The last part of a window, whose median is where a step response ends up."""
+"""Share of a window, at its end, whose median is the final value of a step response."""
 SAMPLES_TO_TRY: Final = 200
 
 FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
@@ -40,22 +40,22 @@ FUNCTIONS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "sqrt": np.sqrt,
 }
 OF_A_STEP: Final = {"rise_s": "RiseTime", "settling_s": "SettlingTime", "overshoot": "Overshoot"}
-"""Our names of what python-control finds in a step response; the overshoot is in percent of the step."""
+"""Our names for python-control's figures of a step response; the overshoot is in percent of the step."""
 
 
 class ExpressionError(ValueError):
-    """An expression that cannot be worked out, and why."""
+    """An expression cannot be evaluated; the message says why."""
 
 
 class Window(NamedTuple):
-    """From when to when a figure is taken, in simulated seconds; the end is not in it."""
+    """Time window of a figure in simulated seconds, without its end."""
 
     from_s: float
     to_s: float
 
 
 class Columns(Mapping[str, Signal]):
-    """Columns by name, each read when it is asked for: a long run's would not all fit into memory."""
+    """Columns by name, each read at first use, since those of a long run may not fit into memory together."""
 
     def __init__(self, names: Iterable[str], read: Callable[[str], Signal]) -> None:
         self._names = tuple(names)
@@ -74,7 +74,7 @@ class Columns(Mapping[str, Signal]):
 
 
 class Signals:
-    """The columns of a trace, or those under a dotted name of it, as attributes."""
+    """The columns of a trace, or of one of its dotted prefixes, as attributes."""
 
     def __init__(self, name: str, columns: Mapping[str, Signal]) -> None:
         self._name = name
@@ -107,7 +107,7 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
 
 
 def worked_out(expression: str, t_s: Signal, signals: Mapping[str, Mapping[str, Signal]]) -> float:
-    """The expression's number on signals over `t_s`; raises ExpressionError."""
+    """Evaluate the expression on signals over `t_s`; raises ExpressionError."""
     names = {name: Signals(name, columns) for name, columns in signals.items()}
     steps = {name: step_figure(key, t_s) for name, key in OF_A_STEP.items()}
     interpreter = Interpreter(symtable={**FUNCTIONS, **steps, **names, "pi": math.pi}, minimal=True)
@@ -126,7 +126,7 @@ def worked_out(expression: str, t_s: Signal, signals: Mapping[str, Mapping[str, 
 
 
 def refuse_unknown(expression: str) -> None:
-    """Raise ExpressionError where no run could work it out: a name or a form that is not known."""
+    """Raise ExpressionError if the expression has an unknown name or form and no run could evaluate it."""
     t_s = np.linspace(0.0, 1.0, SAMPLES_TO_TRY)
     rising = 1.0 - np.exp(-10.0 * t_s)
     columns = {
@@ -137,7 +137,7 @@ def refuse_unknown(expression: str) -> None:
 
 
 def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
-    """The columns at `instants_s`: each as it was last recorded by then, NaN before the first record."""
+    """The columns at `instants_s`, each with its last recorded value; NaN before the first record."""
     newest = np.searchsorted(column(records, "t_s"), instants_s, side="right") - 1
     return Columns(
         records.dtype.names or (),
@@ -146,7 +146,7 @@ def held(records: Records, instants_s: Signal) -> Mapping[str, Signal]:
 
 
 def own_figure(expression: str, window: Window, plant: Records, firmware: Records) -> float | None:
-    """The figure of a run; None where it has nothing in the window, or cannot be worked out on it."""
+    """The figure of a run; None without records in the window, or if it cannot be evaluated on them."""
     t_s = column(plant, "t_s")
     if len(firmware) == 0 or len(t_s) == 0:
         return None

@@ -1,8 +1,8 @@
 """The figures of a finished run, each with its unit and meaning.
 
-A figure that the run cannot give (no impact, no hold, no soft stop) is None, and a check on it fails. Checks,
-report and tables take units and meanings from here. Times are simulated seconds from the run's start unless a
-name says otherwise.
+A figure that a run does not have (no impact, no hold, no soft stop) is None, and a check on it fails. Checks,
+report and tables take units and meanings from here. Times are simulated seconds from the start of the run
+unless a name says otherwise.
 """
 
 import math
@@ -14,12 +14,12 @@ from hil.record.run_traces import LogLoss
 
 
 class Quantity(NamedTuple):
-    """A figure's unit, empty for numbers without one and for names, and its meaning."""
+    """A figure's unit (empty for names and dimensionless numbers) and its meaning."""
 
     unit: str
     meaning: str
     from_log: bool = False
-    """Whether it rests on can.log, and is incomplete where frames are missing there."""
+    """Whether the figure is computed from can.log, and thus incomplete if frames are missing there."""
 
 
 def plain(value: Any) -> Any:
@@ -33,7 +33,7 @@ def plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Two quantiles and the largest of a sample."""
+    """Two quantiles and the largest value of a sample."""
 
     p50: Annotated[float | None, Quantity("µs", "median")]
     p99: Annotated[float | None, Quantity("µs", "99th percentile")]
@@ -42,7 +42,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """From a touch-down to the tick that reports it."""
+    """Time from a touch-down to the tick that reports it."""
 
     p50: Annotated[float | None, Quantity("ms", "median latency of a detection")]
     p95: Annotated[float | None, Quantity("ms", "95th percentile of the detections' latency")]
@@ -50,7 +50,7 @@ class Latency:
 
 @dataclass(frozen=True, slots=True)
 class LoopTiming:
-    """One loop's own clockwork."""
+    """Timing of one loop."""
 
     ticks: Annotated[int, Quantity("", "ticks run")]
     overruns: Annotated[int, Quantity("", "ticks skipped because the next deadline had passed")]
@@ -80,7 +80,7 @@ class TrueImpact:
 
 @dataclass(frozen=True, slots=True)
 class MemoryFigures:
-    """Growth since the processes had settled; none in short runs and in lockstep."""
+    """Growth of memory after the processes have settled; None in short runs."""
 
     nodes_growth_mb: Annotated[
         float | None, Quantity("MB", "largest growth of a process, without the recorder")
@@ -130,7 +130,7 @@ class SpeedFigures:
 
 @dataclass(frozen=True, slots=True)
 class LatchedFigures:
-    """Before the first fault the firmware latched: loops held up look like silent sensors."""
+    """Stalls of the loops before the firmware latched its first fault; a stall looks like a silent sensor."""
 
     at_s: Annotated[float | None, Quantity("s", "time at which the first fault was latched")]
     firmware_held_ms: Annotated[
@@ -165,7 +165,7 @@ class SafeStateFigures:
 
 @dataclass(frozen=True, slots=True)
 class FaultFigures:
-    """Torque, speed and impacts after the first fault of the script, on the truth; none without a fault."""
+    """True torque, speed and impacts after the first fault of the script; None without a fault."""
 
     torque_zero_after_s: Annotated[
         float | None, Quantity("s", "from the fault's beginning until the motor's torque was finally zero")
@@ -195,7 +195,7 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class FeltFigures:
-    """The force of ankle spring and damper on the wearer, at the ticks; none where there is no wearer."""
+    """The force of ankle spring and damper on the wearer, at the ticks; None without a wearer."""
 
     peak_n: Annotated[float | None, Quantity("N", "largest force on the wearer, in either direction")]
     settled_low_n: Annotated[
@@ -209,7 +209,7 @@ class FeltFigures:
 
 @dataclass(frozen=True, slots=True)
 class GaitFigures:
-    """Somebody walks: over the hold; strides from its fifth whole one on, until a stop or a stumble."""
+    """Figures of a walk over the hold; strides count from the fifth whole one to a stop or a stumble."""
 
     phase_rmse_percent: Annotated[
         float | None, Quantity("%", "RMS error of the estimated gait phase, as a share of the cycle")
@@ -323,7 +323,7 @@ class Figures:
     ]
 
     def as_json(self) -> dict[str, Any]:
-        """Nested dictionaries of JSON's own types; what is not finite is None, as what is not there."""
+        """Nested dictionaries of JSON's types; values that are missing or not finite are None."""
         content: dict[str, Any] = plain(asdict(self))
         return content
 
@@ -348,11 +348,11 @@ def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
 
 
 CATALOGUE: Mapping[str, FigureSpec] = {spec.name: spec for spec in walk(Figures)}
-"""Every figure a check may name."""
+"""Every figure that a check may name."""
 
 
 def incomplete(figures: Mapping[str, Any]) -> list[str]:
-    """Names of the figures that rest on a log which lacks frames; of `Figures.as_json()`."""
+    """Names of the figures in `Figures.as_json()` that are computed from a log which lacks frames."""
     if not figures["log"]["frames_lost"]:
         return []
     return [spec.name for spec in CATALOGUE.values() if spec.from_log]
