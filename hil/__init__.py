@@ -1,7 +1,7 @@
 """The bench: buses, clocks and loops, the plant's CAN node, scenarios, checks, traces, recorder, report.
 
-From Python: `hil.run(scenario)` and `hil.open_run(folder)` return a `hil.Run`. They are looked up when first
-asked for, so that a node's process does not load the log and the report.
+From Python: `hil.run(scenario)` and `hil.open_run(folder)` return a `hil.Run`. These names are imported at
+first use, so that a node's process does not load the log and the report.
 """
 
 from typing import TYPE_CHECKING, Any

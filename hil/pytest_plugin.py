@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from hil.timing.clock import ClockName
 
 KEPT = pytest.StashKey[list[Path]]()
-"""The run folders of a test."""
+"""Key of the run folders of a test."""
 FAILED = pytest.StashKey[bool]()
 
 
 class Bench:
-    """The fixture's object: `hil.run` on the clock, bus and build of pytest's options."""
+    """The fixture's object: calls `hil.run` with the clock, bus and build of pytest's options."""
 
     def __init__(self, clock: "ClockName", bus: str, firmware: "Build", folders: list[Path]) -> None:
         self.clock: ClockName = clock
@@ -61,7 +61,7 @@ class Bench:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The clock, the bus and the build of all tests of this session."""
+    """Add the options for the clock, the bus and the build of all tests of a session."""
     group = parser.getgroup("vibrohil", "vibrohil: runs on the bench")
     group.addoption(
         "--vibrohil-clock",

@@ -1,7 +1,7 @@
-"""A moving picture of the module: crank, yoke, spring, striker and stop, the estimated striker as a ghost.
+"""An animation of the module: crank, yoke, spring, striker and stop, and the estimated striker's outline.
 
-Shapes are drawn once and moved by transforms at 50 Hz. Lengths are in millimetres, seen from the side, with
-the striker's axis pointing right. The crank is drawn as the Scotch yoke that x_A = A sin θ describes exactly.
+Shapes are drawn once and moved by transforms at 50 Hz. It is a side view in millimetres, with the striker's
+axis pointing right. The crank is drawn as a Scotch yoke, which x_A = A sin θ describes exactly.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ METAL, FLASH = 0xB8BCC4FF, 0xFFD60AFF
 
 
 def color(rgba: int) -> NDArray[np.uint32]:
-    """One colour, as the SDK takes it without guessing."""
+    """One colour in the SDK's own format."""
     return np.array([rgba], np.uint32)
 
 
@@ -64,12 +64,12 @@ class Drawing:
         self._declared: set[str] = set()
 
     def _strips(self, entity: str, lines: list[Any], rgba: int, width: float) -> None:
-        """Lines of `width` points on the screen, whatever they are stretched by."""
+        """Declare lines that are `width` points wide on the screen at any scale."""
         shape = rr.LineStrips2D(lines, colors=color(rgba), radii=rr.Radius.ui_points(0.5 * width))
         self.recording.log(f"module/{entity}", shape, static=True)
 
     def _declare_truth(self) -> None:
-        """The shapes, which do not change."""
+        """Declare the shapes of the true module, which do not change."""
         a, slot = self.amplitude_mm, self.amplitude_mm + 6.0
         angle = np.linspace(0.0, 2.0 * np.pi, 48)
         circle = np.column_stack([CRANK_MM + a * np.cos(angle), a * np.sin(angle)])
@@ -85,11 +85,11 @@ class Drawing:
             self._strips("wall", [[[x, -28.0], [x, 28.0]], *hatching], ALARM, 2.0)
 
     def _declare_estimate(self) -> None:
-        """The ghost; alone in the picture where a log holds no truth."""
+        """Declare the outline of the estimated striker, the only shape if a log holds no truth."""
         self._strips("ghost", [box(-STRIKER_MM, 0.0, 20.0)], ESTIMATE, 2.0)
 
     def _once(self, declare: Callable[[], None]) -> None:
-        """Draw the shapes of a part before it first moves."""
+        """Declare the shapes of a part before its first motion."""
         if declare.__name__ not in self._declared:
             self._declared.add(declare.__name__)
             declare()
@@ -99,7 +99,7 @@ class Drawing:
         self.recording.send_columns(f"module/{entity}", self.time(t_s), [*columns])
 
     def truth(self, plant: Records) -> None:
-        """Crank, yoke, spring and striker where they truly are."""
+        """Move crank, yoke, spring and striker to their true positions."""
         shown = plant[column(plant, "tick") % EVERY_TICKS == 0]
         if len(shown) == 0:
             return
@@ -116,7 +116,7 @@ class Drawing:
         self._move("striker", t_s, translation=moved(striker_mm))
 
     def estimate(self, firmware: Records) -> None:
-        """The striker at its estimated place."""
+        """Move the outline of the striker to its estimated position."""
         shown = firmware[column(firmware, "tick") % EVERY_TICKS == 0]
         if len(shown):
             self._once(self._declare_estimate)
@@ -124,7 +124,7 @@ class Drawing:
             self._move("ghost", column(shown, "t_s"), translation=moved(ghost_mm))
 
     def flashes(self, impacts: Records) -> None:
-        """A flash at the stop from each touch-down on."""
+        """Show a flash at the stop for `FLASH_S` from each touch-down."""
         if len(impacts) == 0 or self.stop_mm is None:
             return
         lit_s = column(impacts, "t_s")

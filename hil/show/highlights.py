@@ -1,4 +1,4 @@
-"""The highlights of a run: the run-up, a close-up, and the moment of each failed check."""
+"""The highlights of a run: the run-up, a close-up, and the time of each failed check."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -13,7 +13,7 @@ from hil.show.layout import Highlights, Mark
 from hil.show.verdict_text import measured
 
 CLOSE_UP_S = 3.0
-"""Some four to twelve drive periods."""
+"""Duration of the close-up: about four to twelve drive periods."""
 
 
 def first(records: Records, name: str) -> float | None:
@@ -31,7 +31,7 @@ def largest(records: Records, name: str) -> float | None:
 
 
 def first_missed(traces: RunTraces) -> float | None:
-    """The first touch-down that was to be seen and was not."""
+    """Time of the first touch-down that should have been detected and was not."""
     touch_down_s = column(traces.impacts, "t_s")
     seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
     pairs = detection.match(touch_down_s, column(seen, "t_s"))
@@ -41,7 +41,7 @@ def first_missed(traces: RunTraces) -> float | None:
 
 
 def first_false_alarm(traces: RunTraces) -> float | None:
-    """The first detection that belongs to no touch-down."""
+    """Time of the first detection that belongs to no touch-down."""
     seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
     detected_s = column(seen, "t_s")
     pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
@@ -81,9 +81,9 @@ def moment_of(name: str, traces: RunTraces, figures: Figures) -> float:
 
 
 def usual_innovation(traces: RunTraces) -> float:
-    """The median σ of the innovation where the model corrects the estimate, m/s²; 1 without such a record."""
+    """The median σ of the innovation at the corrections of the estimate, in m/s²; 1 without a correction."""
     if "state.estimator.nis" not in (traces.firmware.dtype.names or ()):
-        return 1.0  # a real bench's log has what was on the bus, and no covariance is
+        return 1.0  # a log of a real bench has only frames, and none carries a covariance
     corrected = traces.firmware[column(traces.firmware, "state.estimator.nis") > 0.0]
     if len(corrected) == 0:
         return 1.0
@@ -103,12 +103,12 @@ def marks(
 
 
 def in_words(result: CheckResult) -> str:
-    """The measured value and the limit."""
+    """The measured value and the limit as text."""
     return f"{result.name} is {measured(result)}, wanted {result.limit} {result.unit}".rstrip()
 
 
 def highlights(traces: RunTraces, figures: Figures, failed: Sequence[Mark]) -> Highlights:
-    """What the log opens on: the first failed check, else the end of the run-up, else the end of the run."""
+    """The log's initial view: the first failed check, else the end of the run-up, else the end of the run."""
     end_s = figures.duration_s
     at_s = min((mark.t_s for mark in failed), default=figures.hold_start_s)
     start_s = first(traces.operator, "request")

@@ -8,7 +8,7 @@ NONE = "none"
 
 
 class Injected(NamedTuple):
-    """One fault: when it acts, in simulated seconds, and what it is."""
+    """One fault: its interval in simulated seconds, and its description."""
 
     from_s: float
     to_s: float
@@ -36,7 +36,7 @@ def _one(fault: Mapping[str, Any]) -> Injected:
 
 
 def timeline(faults: list[Injected], end_s: float) -> list[tuple[float, str]]:
-    """Which faults act, from which time on; those after the run's end are left out.
+    """The times in s at which the set of acting faults changes, with its description, to the run's end.
 
     >>> timeline([Injected(1.0, 3.0, "a"), Injected(2.0, math.inf, "b")], 9.0)
     [(0.0, 'none'), (1.0, 'a'), (2.0, 'a + b'), (3.0, 'b')]

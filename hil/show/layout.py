@@ -1,6 +1,6 @@
-"""The layout that comes with a log: what one wants to see first, legible at 1280 × 800.
+"""The layout stored with a log: its tabs and plots, legible at 1280 × 800.
 
-Plots pick fields out of the traces' records, so names, units and colours of the series live here.
+Plots select fields of the traces' records, so names, units and colours of the series are defined here.
 """
 
 from typing import Any, NamedTuple
@@ -25,14 +25,15 @@ from hil.show.views import (
 )
 
 LARGEST_NIS = 9.0
-"""Of an honest filter 0.3 % lie beyond; a contact not yet found goes into the thousands."""
+"""Upper end of the NIS plot: 0.3 % of a consistent filter's values exceed it, and an undetected contact
+reaches thousands."""
 
 DARK_TRUTH, DARK_ESTIMATE = 0x2E6DA8FF, 0xA8691EFF
 
 
 class Highlights(NamedTuple):
-    """What to open on, in simulated seconds: the run-up, a few drive periods close up; the fastest impact,
-    and the innovation's usual σ in flight.
+    """The initial view: run-up and close-up in simulated seconds, the fastest impact, and the median σ of the
+    innovation in flight.
     """
 
     run_up_s: tuple[float, float]
@@ -42,7 +43,7 @@ class Highlights(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What a run's log holds that not every log does: a panel appears where it has something to show."""
+    """Optional contents of a run's log, which determine the panels of its layout."""
 
     worn: bool = False
     walked: bool = False
@@ -51,16 +52,16 @@ class Contents(NamedTuple):
     failed: bool = False
     injected: bool = False
     measured: bool = True
-    """The loops' times, which are not measured in lockstep."""
+    """Whether the loops' times are measured, which they are not in lockstep."""
     bus_errors: bool = False
     imported: bool = False
-    """From a real bench: of its sensors there are frames, and no inputs of the firmware."""
+    """Whether the log was imported from a real bench: it has the sensors' frames, but no firmware inputs."""
     refused: bool = True
-    """Frames that could not be decoded."""
+    """Whether frames could not be decoded."""
 
 
 class Mark(NamedTuple):
-    """A moment worth finding again: that of a failed check."""
+    """A marked time: that of a failed check."""
 
     t_s: float
     text: str
@@ -94,7 +95,7 @@ def overview(
 def start_up(
     run_up_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, contents: Contents
 ) -> Any:
-    """The start-up: how the striker reached its orbit."""
+    """The start-up of the striker to its orbit."""
     impact_plots = [plot("Impacts", *IMPACTS, span_s=run_up_s, range_y=speeds_m_s)] * contents.impacts
     return shares(
         rrb.Vertical,
@@ -108,7 +109,7 @@ def start_up(
 
 
 def sensed(imported: bool) -> list[Line | Whole]:
-    """The accelerometer's signals as the firmware received them; of an imported log as they were sent."""
+    """The accelerometer's signals as received by the firmware, or as sent if the log is imported."""
     entity = "/can/Accelerometer" if imported else "/firmware"
     high, low = ("striker_high", "striker_low") if imported else ("high", "low")
     group = "" if imported else "inputs.accelerometer."
@@ -122,7 +123,7 @@ def sensed(imported: bool) -> list[Line | Whole]:
 def estimator(
     detail_s: tuple[float, float] | None, innovations_m_s2: tuple[float, float] | None, imported: bool
 ) -> Any:
-    """Whether the filter is right and honest about it."""
+    """The estimator: its errors and the consistency of its covariance."""
     innovation = "state.estimator.innovation_m_s2"
     deviation = "state.estimator.innovation_std_m_s2"
 
@@ -171,7 +172,7 @@ def estimator(
 
 
 def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float] | None, worn: bool) -> Any:
-    """The impacts: how fast, how hard, what the wearer feels of them, and what they cost."""
+    """The impacts: approach speed, impulse and peak force, felt force, and energy."""
     forces: list[Line | Whole] = [Line("/plant", "stop_force_n", "on the stop", "N", TRUTH)]
     if worn:
         forces += [Line("/plant", "felt_force_n", "felt by the wearer", "N", OTHER), Whole("/limits/felt/**")]
@@ -204,11 +205,12 @@ def impacts(detail_s: tuple[float, float] | None, speeds_m_s: tuple[float, float
 
 
 OUTSIDE = "outside: the impact of another turn of the stride"
-"""A stride has two turns of the crank or more, each with its impact; one of them is for the window."""
+"""Legend of pulses outside of the window: a stride has several crank turns with an impact each, and only one
+of them belongs to the window."""
 
 
 def gait(detail_s: tuple[float, float] | None) -> Any:
-    """The wearer's cycle, true and estimated, and where in it the pulses come."""
+    """The wearer's gait cycle, true and estimated, and the phases of the pulses."""
 
     def close_up(name: str, *lines: Line) -> rrb.TimeSeriesView:
         return plot(f"{name}, close up [{lines[0].unit}]", *lines, span_s=detail_s, legend=None)
@@ -263,7 +265,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
 
 
 def bus_and_timing(contents: Contents) -> Any:
-    """Whether the clockwork ran."""
+    """The loops' timing, the bus load, and the states of the drive."""
     loops = (
         rrb.Horizontal(
             plot(
@@ -299,7 +301,7 @@ def bus_and_timing(contents: Contents) -> Any:
 
 
 def bus_errors() -> Any:
-    """The destroyed frames, and the error states of the nodes' controllers."""
+    """Destroyed transmissions, and the error counters and error states of the nodes' controllers."""
     nodes = (("plant", TRUTH), ("firmware", ESTIMATE), ("operator", OTHER))
     return rrb.Horizontal(
         plot("Transmissions destroyed so far", Line("/bus_errors", "destroyed", "destroyed", "", ALARM)),
@@ -313,7 +315,7 @@ def bus_errors() -> Any:
 
 
 def about() -> Any:
-    """The run in words: scenario, set-up and outcome."""
+    """Texts on the run: scenario, set-up and outcome."""
     return rrb.Horizontal(
         rrb.TextDocumentView(origin="/about/scenario", name="Scenario"),
         rrb.TextDocumentView(origin="/about/run", name="Run"),
@@ -323,9 +325,9 @@ def about() -> Any:
 
 
 def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
-    """The tabs of a run's log, opened on `highlights`; without them, as while recording, on all there is.
+    """The tabs of a run's log, opened on `highlights`; without them, as during a recording, on the whole run.
 
-    After a failed check the cursor goes round and round in the close-up of it.
+    After a failed check the cursor loops through its close-up.
     """
     detail_s = highlights.detail_s if highlights else None
     run_up_s = highlights.run_up_s if highlights else None
@@ -347,7 +349,7 @@ def layout(highlights: Highlights | None, contents: Contents) -> rrb.Blueprint:
 
 
 def time_panel(detail_s: tuple[float, float] | None, failed: bool) -> rrb.TimePanel:
-    """The cursor: with the newest data, through the whole run, or round and round where a check failed."""
+    """The time cursor: at the newest data, through the whole run, or in a loop around a failed check."""
     if detail_s is None:
         return rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following")
     if not failed:
@@ -373,7 +375,7 @@ def both(name: str, entity: str, field: str, unit: str, **options: Any) -> rrb.T
 
 
 def overlay(difference_s: float | None) -> rrb.Blueprint:
-    """The layout of two runs in one recording, close up on their first difference."""
+    """The layout of two runs in one recording, with a close-up of their first difference."""
     close_up_s = None if difference_s is None else (max(difference_s - 0.5, 0.0), difference_s + 2.5)
     sides = [
         rrb.StateTimelineView(

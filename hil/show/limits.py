@@ -1,6 +1,6 @@
-"""Where plots draw the limits of a scenario's checks: the plot and the time window.
+"""The limits of a scenario's checks in plots: for each figure the plot and the time window.
 
-Only figures that are an extreme of what a plot shows have a place; a mean or a share has none.
+Only figures that are an extreme or a typical value of a plotted signal have a place; a share has none.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ WHOLE, HOLD, AFTER_FAULT, AFTER_STOP = "whole run", "hold", "after the fault", "
 
 
 class Place(NamedTuple):
-    """A plot by its name under `limits/`, and the stretch of the run.
+    """A plot by its name under `limits/`, and the part of the run.
 
-    `typical`: not the largest of what the plot shows, so that a lower bound has a meaning there too.
-    `signed`: the largest on both sides of 0.
+    `typical`: the figure is a typical value of the plotted signal, not its largest, so that a lower bound is
+    also drawn. `signed`: the figure is the largest magnitude, so that its bound is drawn on both sides of 0.
     """
 
     plot: str
@@ -43,7 +43,7 @@ PLACES = {
 
 
 class Limit(NamedTuple):
-    """One bound of a check: its plot, its check, its value, and from when to when it is drawn, in s."""
+    """One bound of a check: plot, name of the check, value, and the interval in s in which it is drawn."""
 
     plot: str
     name: str
@@ -53,7 +53,7 @@ class Limit(NamedTuple):
 
 
 def limits(checks: Sequence[Check], figures: Figures, fault_s: float | None) -> list[Limit]:
-    """The bounds that have a place; `fault_s`: when the first injected fault began."""
+    """The bounds of figures that have a place; `fault_s`: beginning of the first injected fault."""
     stretches = {
         WHOLE: (0.0, figures.duration_s),
         HOLD: (figures.hold_start_s, figures.hold_end_s),

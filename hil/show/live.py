@@ -1,10 +1,10 @@
-"""The live view, a process of its own beside a run: what is new, to an open viewer.
+"""The live view: a separate process that sends the new records of a run to an open viewer.
 
-`python -m hil.show.live RUN_DIR --to URL` waits for the start like the nodes and then reads along, as the
-recorder does, some times a second; with `--whole` it sends a run that is over. It shares nothing with the
-others but the files they write anyway: a viewer that is slow, stopped or closed holds up neither the loops,
-nor the recorder, nor the verdict, and costs at most this view. The SDK waits without end for a viewer that is
-gone while it connects or disconnects: both have a bound here, and this process ends without its leave.
+`python -m hil.show.live RUN_DIR --to URL` waits for the start like the nodes and then reads new records
+several times a second, as the recorder does; with `--whole` it sends a run that has ended. It shares only the
+run's files with the other processes: a viewer that is slow, stopped or closed delays neither the loops, nor
+the recorder, nor the verdict. The SDK waits without limit for a viewer that disappears while it connects or
+disconnects, so both have a time limit here, after which this process ends.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from hil.timing.processes import READY, read_start, stop_requests
 
 APPEND_PERIOD_S = 0.25
 NICENESS = 15
-"""Below the recorder."""
+"""A lower priority than the recorder's."""
 
 
 def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
@@ -44,7 +44,7 @@ def follow(run_dir: Path, url: str, wakers: list[int]) -> None:
 
 
 def send(run_dir: Path, url: str) -> None:
-    """Show a run that is over."""
+    """Show a run that has ended."""
     traces, figures, results = judged(run_dir)
     with bounded(f"connecting to {url}"):
         log = RunLog(url, traces.run, traces.scenario)
@@ -56,7 +56,7 @@ def send(run_dir: Path, url: str) -> None:
 
 
 def show(run_dir: Path, url: str) -> None:
-    """Show a run that is over in an open viewer; that it is gone is reported on standard error."""
+    """Show a run that has ended in an open viewer; a failed connection is reported on standard error."""
     command = [sys.executable, "-m", "hil.show.live", str(run_dir), "--to", url, "--whole"]
     subprocess.run(command, check=False)
 
@@ -73,14 +73,14 @@ def bounded(what: str) -> Iterator[None]:
 
 
 def give_up(reason: str) -> NoReturn:
-    """End at once, without the SDK's own goodbye to a viewer that may be gone."""
+    """End at once, without the SDK's disconnection, which could wait for a closed viewer."""
     sys.stderr.write(f"the live view ended: {reason}\n")
     sys.stderr.flush()
     os._exit(1)
 
 
 def main() -> None:
-    """Show the run in a folder until asked to stop, or until the viewer is gone."""
+    """Show the run in a folder until a stop is requested or the viewer is closed."""
     parser = argparse.ArgumentParser(description="Show a run that is going on.")
     parser.add_argument("run_dir", type=Path)
     parser.add_argument("--whole", action="store_true", help="a run that is over, all at once")

@@ -1,4 +1,4 @@
-"""A stream of a log, to a file or an open viewer: columns over two timelines, states, changes, events."""
+"""Writes a log to a file or to an open viewer: columns over two timelines, states, changes, events."""
 
 import hashlib
 import math
@@ -21,17 +21,17 @@ from plant_sim.arrays import FloatArray
 
 APPLICATION_ID = "vibrohil"
 VIEWER_TIMEOUT_S = 5.0
-"""A viewer that accepts nothing for this time is given up."""
+"""Time after which a viewer that accepts no data is given up."""
 
 
 def recording_id(run: Mapping[str, Any]) -> str:
-    """The same for the same run, however often its log is written."""
+    """Identifier of a run's recording, the same each time its log is written."""
     parts = (str(run.get(key)) for key in ("scenario", "clock", "bus", "seed", "wall_start_s"))
     return hashlib.sha256("|".join(parts).encode()).hexdigest()[:32]
 
 
 def colors(rgba: Iterable[int]) -> NDArray[np.uint32]:
-    """Colours as the SDK takes them without guessing."""
+    """Colours in the SDK's own format."""
     return np.fromiter(rgba, np.uint32)
 
 
@@ -60,18 +60,18 @@ def struct_of(records: Records, but: str | None = None) -> pa.StructArray:
 
 
 def dynamic(archetype: str, struct: pa.StructArray) -> rr.ComponentColumnList:
-    """One struct a row as the component `archetype:record`."""
+    """One struct per row as the component `archetype:record`."""
     return rr.DynamicArchetype.columns(archetype=archetype, components={"record": struct})
 
 
 class Timebase:
-    """Turns simulated seconds into the log's two time columns."""
+    """Converts simulated seconds to the log's two time columns."""
 
     def __init__(self, wall_start_s: float) -> None:
         self.wall_start_ns = round(wall_start_s * 1e9)
 
     def columns(self, t_s: FloatArray, late_us: FloatArray | float = 0.0) -> list[rr.TimeColumn]:
-        """`sim_time` and `wall_time` of rows at `t_s`, whose process woke `late_us` after that, if known."""
+        """`sim_time` and `wall_time` of rows at `t_s`; `late_us`: the process's wake-up latency, if known."""
         sim_ns = np.round(t_s * 1e9).astype(np.int64)
         late_ns = np.round(np.nan_to_num(np.multiply(late_us, 1e3))).astype(np.int64)
         wall_ns = self.wall_start_ns + sim_ns + late_ns
@@ -82,10 +82,10 @@ class Timebase:
 
 
 class LogStream:
-    """Writes to a file, or to a viewer by its URL, with the layout that it is first shown in."""
+    """Writes to a file, or to a viewer by its URL, with an initial layout."""
 
     def __init__(self, to: Path | str, run: Mapping[str, Any], blueprint: rrb.Blueprint | None) -> None:
-        # A viewer joins what has one identity: the file opened beside the live view must not be its double.
+        # A viewer merges recordings with the same identifier, so the live view has another one than the file.
         identity = recording_id(run) if isinstance(to, Path) else f"{recording_id(run)}-live"
         self.recording = rr.RecordingStream(APPLICATION_ID, recording_id=identity, send_properties=False)
         if isinstance(to, Path):
@@ -102,37 +102,37 @@ class LogStream:
         self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
 
     def flush(self) -> None:
-        """Hand what was written to the operating system; RuntimeError of a viewer that is gone or stopped."""
+        """Pass all data to the file or the viewer; raises RuntimeError if the viewer is gone or stopped."""
         self.recording.flush(timeout_sec=self._flush_s)
 
     def declare(self, entity: str, *what: Any) -> None:
-        """Say once, for all times, how an entity is to be shown."""
+        """Log the static style of an entity, once."""
         if entity not in self._declared:
             self._declared.add(entity)
             self.recording.log(entity, *what, static=True)
 
     def document(self, entity: str, text: str, language: str) -> None:
-        """A text of this language, for all times."""
+        """Log a static text in this language."""
         self.markdown(entity, f"```{language}\n{text}\n```")
 
     def markdown(self, entity: str, text: str) -> None:
-        """A page, for all times."""
+        """Log a static page in Markdown."""
         self.recording.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
     def send(self, entity: str, t_s: FloatArray, columns: Iterable[Any], late_us: Any = 0.0) -> None:
-        """Columns with a row at each of `t_s`; `late_us` as `Timebase.columns` has it."""
+        """Log columns with a row at each of `t_s`; `late_us` as in `Timebase.columns`."""
         self.recording.send_columns(entity, self.time.columns(t_s, late_us), [*columns])
 
     def records(self, entity: str, records: Records) -> None:
-        """Records with all their columns."""
+        """Log records with all their columns."""
         self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records)))
 
     def ticked(self, entity: str, records: Records, late_us: FloatArray | float) -> None:
-        """Records whose times are the timeline's: they are not logged twice."""
+        """Log records without their time column, which the timeline already has."""
         self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records, but=TIME)), late_us)
 
     def lanes(self, records: Records, lanes: Iterable[Lane]) -> None:
-        """The changes of state timelines."""
+        """Log the changes of state timelines."""
         for lane in lanes:
             self.declare(
                 lane.entity,
@@ -148,7 +148,7 @@ class LogStream:
                 self.send(lane.entity, times, rr.StateChange.columns(state=states))
 
     def changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
-        """Times and new values at which a column of integers differs from the record before."""
+        """Times and new values at which a column of integers changes; `key` identifies it between calls."""
         values = column(records, name).astype(np.int64)
         if len(values) == 0:
             return []
@@ -158,11 +158,11 @@ class LogStream:
         return [(float(t), int(v)) for t, v in zip(column(records, "t_s")[at], values[at], strict=True)]
 
     def event(self, at_s: float, text: str, level: str) -> None:
-        """A line of the log's text; `send_events` writes it."""
+        """Add a line to the log's events; `send_events` writes it."""
         self._new_events.append((at_s, text, level))
 
     def send_events(self) -> None:
-        """All events since the last call at once: each by itself would cost more than its text."""
+        """Log all events since the last call together, since each call has an overhead."""
         if self._new_events:
             t_s, texts, levels = zip(*sorted(self._new_events, key=itemgetter(0)), strict=True)
             timed = [f"{at_s:.3f} s  {text}" for at_s, text in zip(t_s, texts, strict=True)]

@@ -1,8 +1,8 @@
-"""The recorder, a process of its own beside a run in real time: the bus to can.log, all traces to run.rrd.
+"""The recorder: a separate process in real time that writes the bus to can.log and all traces to run.rrd.
 
 `python -m hil.show.recorder RUN_DIR --bus ADDRESS` waits for the start like the nodes. Once a second it
-appends what is new, so that a kill of any process, this one included, costs the log no more than that second;
-the traces lose nothing. It ends on SIGTERM, or when its parent is gone, with everything written.
+appends the new records, so that after a kill of any process, this one included, the log lacks at most that
+second; the traces lose nothing. It ends on SIGTERM, or when its parent ends, after all data are written.
 """
 
 import argparse
@@ -32,16 +32,16 @@ from hil.timing.realtime import settle_garbage
 
 APPEND_PERIOD_S = 1.0
 DRAIN_PERIOD_S = 0.02
-"""Some sixty frames wait in the bus's buffer until they are taken; they carry the time they came."""
+"""Period of reading the bus; about sixty frames wait in its buffer, with their arrival times."""
 NICENESS = 10
-"""Below the loops, also where they run at ordinary priority."""
+"""A lower priority than the loops', even if they run at ordinary priority."""
 
 
 class Recorder:
-    """Follows one run: drains the bus, appends to can.log and run.rrd."""
+    """Follows one run: reads the bus, appends to can.log and run.rrd."""
 
     def __init__(self, run_dir: Path, bus: Bus | None, times: RunTimes | None = None) -> None:
-        """`times`: of a run on patient clocks."""
+        """`times`: converts times in a run on patient clocks."""
         self.times = times
         self.run_dir = run_dir
         self.bus = bus
@@ -54,20 +54,20 @@ class Recorder:
         self.losses: list[LogLoss] = []
         self._newest_ns = 0
         self._until_ns = sys.maxsize
-        """Wall clock's time until which frames are taken."""
+        """Time on the wall clock until which frames are recorded."""
         self._arrived_s: list[float] = []
         self._can_ids: list[int] = []
         self._payloads: list[bytes] = []
 
     def drain(self) -> bool:
-        """Take the frames that have arrived; whether there were any."""
+        """Read the frames that have arrived; returns whether there were any."""
         before = len(self._payloads)
         while self._newest_ns < self._until_ns and self.bus and (arrived := self.bus.receive_stamped()):
             stamps_ns = np.array([wall_ns for wall_ns, _ in arrived], np.int64)
             self._newest_ns = int(stamps_ns[-1])
             times_us = self.since_start_ns(stamps_ns) // 1000
             for t_us, (_, frame) in zip(times_us.tolist(), arrived, strict=True):
-                if t_us >= 0:  # what was sent before the start is not of this run
+                if t_us >= 0:  # frames sent before the start are not part of this run
                     self.can_log.write(t_us, (frame,))
                     self._arrived_s.append(t_us * 1e-6)
                     self._can_ids.append(frame.can_id)
@@ -75,11 +75,11 @@ class Recorder:
         return len(self._payloads) > before
 
     def since_start_ns(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The run's times at those of the wall clock."""
+        """Convert times of the wall clock to times of the run, both in ns."""
         return wall_ns - self.wall_start_ns if self.times is None else self.times.since_start_ns(wall_ns)
 
     def append(self) -> None:
-        """Bring both logs up to date, and hand them to the operating system."""
+        """Append all new data to both logs, and pass them to the operating system."""
         self.frames += len(self._payloads)
         bus = bus_log(np.array(self._arrived_s), np.array(self._can_ids, np.int64), self._payloads)
         self._arrived_s, self._can_ids, self._payloads = [], [], []
@@ -89,14 +89,14 @@ class Recorder:
         self.log.append(RunTraces(plant, firmware, impacts, operator, bus, losses=lost))
 
     def new_losses(self) -> list[LogLoss]:
-        """What the bus has lost since the last call; all of it is written to a file beside can.log."""
+        """The bus's losses since the last call; all losses are also written to a file beside can.log."""
         if self.bus is None or not self.bus.losses:
             return []
         new = [
             LogLoss(max(from_ns, 0) * 1e-9, to_ns * 1e-9, loss.frames)
             for loss in self.bus.losses
             for from_ns, to_ns in [self.since_start_ns(np.array([loss.from_ns, loss.to_ns])).tolist()]
-            if to_ns > 0  # of this run, not before its start
+            if to_ns > 0  # within this run, not before its start
         ]
         self.bus.losses.clear()
         self.losses += new
@@ -104,7 +104,7 @@ class Recorder:
         return new
 
     def close(self) -> None:
-        """Write what is left and both files' ends; what was sent until now is waited for."""
+        """Write all frames sent up to now and the remaining records, and close both files."""
         self._until_ns = time.time_ns()
         while self.bus is not None and self.drain():
             self.bus.wait(DRAIN_PERIOD_S)
@@ -127,7 +127,7 @@ def record(recorder: Recorder, wakers: list[int]) -> None:
 
 
 def main() -> None:
-    """Record the run in a folder until asked to stop."""
+    """Record the run in a folder until a stop is requested."""
     parser = argparse.ArgumentParser(description="Record a run that is going on.")
     parser.add_argument("run_dir", type=Path)
     parser.add_argument("--bus", help="the address of the bus whose frames go to can.log")

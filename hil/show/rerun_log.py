@@ -1,11 +1,11 @@
-"""The log a user reads: a run's traces as `run.rrd`, whole columns at a time.
+"""Writes the log for the user: a run's traces as `run.rrd`, in whole columns.
 
-Each trace is one entity with one Arrow struct a tick, its fields named as in the trace, so that the log
-costs little more than the numbers themselves; the layout picks the fields it plots. What changes slowly is
-logged more rarely (`hil.record.rates`), and frames in rows (`hil.record.frame_tables`). Two
-timelines: `sim_time`, and `wall_time`, when the process woke (in lockstep: when it would have).
-One writer serves the recorder, which appends once a second while a run goes on, the live view, and the
-rebuild of a whole run; what it writes depends on the traces alone.
+Each trace is one entity with one Arrow struct per tick, with the trace's field names, so that the log is
+little larger than the numbers themselves; the layout selects the plotted fields. Slow signals are logged less
+often (`hil.record.rates`), and frames in rows (`hil.record.frame_tables`). There are two timelines:
+`sim_time`, and `wall_time`, the wake-up time of the process (in lockstep: its nominal time).
+One writer serves the recorder, which appends once a second during a run, the live view, and the rebuild of a
+whole run; its output depends on the traces alone.
 """
 
 import json
@@ -65,17 +65,17 @@ BUS_LANES = tuple(
     )
     for node in ("plant", "firmware", "operator")
 )
-"""Of a modelled bus."""
+"""State timelines of a modelled bus."""
 
 LOG_NAME = "run.rrd"
 LATEST_MARK = 0.97
-"""A failed check is marked at this fraction of the run at the latest."""
+"""Latest mark of a failed check, as a share of the run."""
 ERROR_TICKS = 10
-"""The error of the estimate is logged once in this many ticks."""
+"""Ticks per logged error of the estimate."""
 
 
 def axis_errors(bits: int) -> str:
-    """The names of the drive's error bits.
+    """Names of the drive's error bits.
 
     >>> axis_errors(0x0100_8000)
     'velocity-limit-violation, watchdog-timer-expired'
@@ -86,7 +86,7 @@ def axis_errors(bits: int) -> str:
 
 
 def largest_of_each(ticks: int, errors: EstimateErrors) -> EstimateErrors:
-    """Of each `ticks` the one with the largest error of position: a plot of a whole run shows no more."""
+    """The tick with the largest position error in each block of `ticks`, enough for a plot of a run."""
     whole = len(errors.t_s) // ticks * ticks
     blocks = np.abs(errors.x_m[:whole]).reshape(-1, ticks)
     rows = np.arange(0, whole, ticks) + np.argmax(blocks, axis=1)
@@ -94,9 +94,9 @@ def largest_of_each(ticks: int, errors: EstimateErrors) -> EstimateErrors:
 
 
 class RunLog:
-    """Writes a run's traces to a file, or to an open viewer by its URL; `append` takes what is new.
+    """Writes a run's traces to a file, or to an open viewer by its URL; `append` adds new records.
 
-    A viewer that is gone or stopped raises RuntimeError.
+    Raises RuntimeError if the viewer is gone or stopped.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class RunLog:
         scenario: Mapping[str, Any],
         is_over: bool = False,
     ) -> None:
-        """`is_over`: the layout comes with the conclusion, and none before."""
+        """`is_over`: the run has ended, so the only layout is that of the conclusion."""
         self._named = signals_of_checks(scenario)
         self._walked = "gait" in scenario.get("scene", {})
         self._contents = Contents(
@@ -130,12 +130,12 @@ class RunLog:
         self.drawing = Drawing(self.out.recording, self.out.time.columns, scenario)
 
     def close(self) -> None:
-        """Write what is still pending and the file's footer."""
+        """Write the pending bus load and the file's footer."""
         self._bus_load(self._pending_bits)
         self.out.recording.disconnect()
 
     def append(self, traces: RunTraces) -> None:
-        """Log the records of `traces`, all of them new, and hand them to the operating system."""
+        """Log the records of `traces`, which are all new, and pass them to the operating system."""
         for records in (traces.plant, traces.firmware):
             if len(records):
                 self._end_s = float(column(records, "t_s")[-1])
@@ -150,7 +150,7 @@ class RunLog:
         self.out.flush()
 
     def conclude(self, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> None:
-        """Log what is known once the whole run is over: outcome, verdict, checks, limits, errors, faults."""
+        """Log the results of the ended run: outcome, verdict, checks, limits, errors, faults."""
         self.out.document("about/outcome", json.dumps(dict(traces.outcome), indent=2), "json")
         reasons = reasons_of(traces)
         text = verdict_text(self._scenario.get("title", "run"), self._run, results, reasons)
@@ -177,16 +177,16 @@ class RunLog:
         self.out.recording.send_blueprint(blueprint, make_active=True, make_default=True)
 
     def _checks(self, failed: Sequence[Mark]) -> None:
-        """The failed checks as a state timeline."""
+        """Log the failed checks as a state timeline."""
         texts: dict[float, str] = {}
         for mark in failed:
-            # A mark reaches to the run's end, and one at the end itself would have no width.
+            # A mark extends to the run's end, so a mark at the end itself would have no width.
             t_s = min(mark.t_s, LATEST_MARK * self._end_s)
             texts[t_s] = f"{texts[t_s]}; {mark.text}" if t_s in texts else mark.text
         self._states("states/checks", list(texts.items()))
 
     def _injected(self, faults: list[Injected]) -> None:
-        """The faults that the scenario injects, as a state timeline and as events."""
+        """Log the scenario's injected faults as a state timeline and as events."""
         if not faults:
             return
         self._states("states/injected", timeline(faults, self._end_s))
@@ -197,7 +197,7 @@ class RunLog:
                 self.out.event(fault.to_s, f"injected fault over: {fault.text}", "INFO")
 
     def _states(self, entity: str, changes: Sequence[tuple[float, str]]) -> None:
-        """A state timeline whose states are words of this run; all are alarms but `none`."""
+        """Log a state timeline with texts of this run as states; all except `none` are alarms."""
         if not changes:
             return
         states = [state for _, state in changes]
@@ -206,7 +206,7 @@ class RunLog:
         self.out.send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
 
     def _limits(self, found: Sequence[Limit]) -> None:
-        """The bounds of checks, where their plots show what they bound."""
+        """Log the bounds of checks for the plots of the bounded signals."""
         for number, limit in enumerate(found):
             entity = f"limits/{limit.plot}/{number}"
             name = f"limit of {limit.name}"
@@ -215,7 +215,7 @@ class RunLog:
             self.out.send(entity, ends_s, rr.Scalars.columns(scalars=[limit.value] * 2))
 
     def _estimate_error(self, traces: RunTraces) -> None:
-        """Estimate less truth; a real bench's log has no truth."""
+        """Log estimate minus truth; a log of a real bench has no truth."""
         plant, firmware = traces.plant, traces.firmware
         if (
             len(plant) == 0
@@ -231,7 +231,7 @@ class RunLog:
     # --- one trace each ------------------------------------------------------------------------------
 
     def _ticked(self, trace: str, records: Records) -> None:
-        """A record a tick, its slow signals at 100 Hz."""
+        """Log a record per tick, and its slow signals at 100 Hz."""
         rates = by_rate(trace, records, self._named)
         self.out.ticked(trace, rates.every_tick, column(rates.every_tick, "wake_latency_us"))
         if len(rates.slow):
@@ -257,7 +257,7 @@ class RunLog:
                 self.out.event(at_s, f"drive error: {axis_errors(value)}", "ERROR")
 
     def _gait(self, records: Records) -> None:
-        """The leg's lane, the window, and the phases that the next pulses are placed at."""
+        """Log the leg's states and the window, and keep the phases for the next pulses."""
         t_s = column(records, "t_s")
         self.out.lanes(records, (LEG_LANE,))
         for edge, phase in zip(("from", "to"), self._push_off or (), strict=True):
@@ -267,7 +267,7 @@ class RunLog:
         self._phases = [*self._phases[-1:], (t_s, column(records, "gait.phase"))]
 
     def _pulses(self, records: Records) -> None:
-        """Each impact at its phase of the gait cycle; one in standing has none."""
+        """Log each impact at its phase of the gait cycle; an impact during standing has none."""
         if self._push_off is None or not self._phases:
             return
         t_s = np.concatenate([times for times, _ in self._phases])
@@ -356,7 +356,7 @@ class RunLog:
         self._pending_bits = {unfinished: self._pending_bits[unfinished]}
 
     def _losses(self, losses: Sequence[LogLoss]) -> None:
-        """When can.log lacks frames: from its time on to `to_s`."""
+        """Log the intervals in which can.log lacks frames."""
         if not losses:
             return
         from_s = np.array([loss.from_s for loss in losses])
@@ -366,7 +366,7 @@ class RunLog:
             self.out.event(loss.from_s, lost, "WARN")
 
     def _bus_errors(self, records: Records) -> None:
-        """Error counters and states of a modelled bus."""
+        """Log the error counters and states of a modelled bus."""
         if len(records) == 0:
             return
         self.out.records("bus_errors", records)
@@ -378,7 +378,7 @@ class RunLog:
                     self.out.event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
 
     def _decoded(self, bus: BusLog) -> None:
-        """Signals by the names of the DBC, of frames that no trace holds; `can/rejected`: what is refused."""
+        """Log the decoded signals of frames that no trace holds, and the refused frames as `can/rejected`."""
         frames = decoded(bus, frozenset() if self._run.get("clock") == IMPORTED else FREQUENT)
         for name, one in frames.by_name.items():
             self.out.send(f"can/{name}", bus.t_s[one.rows], dynamic("frame", one.signals))
@@ -396,7 +396,7 @@ class RunLog:
 
 
 def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
-    """Write the log of a whole run; the file takes its name once it is whole."""
+    """Write the log of a whole run; the file gets its name when it is complete."""
     unfinished = path.with_name(f"{path.name}.new")
     try:
         with closing(RunLog(unfinished, traces.run, traces.scenario, is_over=True)) as log:
@@ -409,12 +409,12 @@ def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence
 
 
 def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:
-    """The contents of a log, from the traces of a run, even of a killed one."""
+    """Traces, figures and check results of a run, even of a killed one."""
     traces = read_run(run_dir)
     figures = figures_from(traces)
     return traces, figures, evaluate(checks_of(traces.scenario), figures.as_json(), traces)
 
 
 def rebuild(run_dir: Path) -> Path:
-    """Write `run.rrd` anew from the traces of a run."""
+    """Rebuild `run.rrd` from the traces of a run."""
     return write_log(run_dir / LOG_NAME, *judged(run_dir))

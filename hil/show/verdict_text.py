@@ -1,4 +1,4 @@
-"""The verdict in words, for the log: the run, whether it passed, and each check with its limit."""
+"""The verdict as text for the log: the run, whether it passed, and each check with its limit."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from hil.judge.checks import CheckResult
 def verdict_text(
     title: str, run: Mapping[str, Any], results: Sequence[CheckResult], reasons: Sequence[str]
 ) -> str:
-    """Markdown that begins with the verdict; failed checks come first."""
+    """The verdict in Markdown; failed checks come first."""
     failed = [result for result in results if not result.passed]
     word = "NOT JUDGED" if not results and not reasons else "FAILED" if failed or reasons else "PASSED"
     changes = "".join(f", {change}" for change in run.get("changes", []))
@@ -29,12 +29,12 @@ def verdict_text(
 
 
 def word_of(result: CheckResult) -> str:
-    """Passed, or failed in bold."""
+    """Result of a check as a word, in bold if it failed."""
     return "passed" if result.passed else "**FAILED**"
 
 
 def measured(result: CheckResult) -> str:
-    """A check's value as people read it; a dash where the run does not have it."""
+    """A check's value as text; a dash if the run does not have it."""
     if result.value is None:
         return "—"
     return f"{result.value:.4g}" if isinstance(result.value, float) else str(result.value)

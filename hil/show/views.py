@@ -1,4 +1,4 @@
-"""The views of the layout: plots, state timelines, texts, the moving picture."""
+"""The views of the layout: plots, state timelines, texts, the animation."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
@@ -12,7 +12,7 @@ from hil.record.state_timeline import ESTIMATE, GOOD, TARGET, TRUTH
 
 
 class Line(NamedTuple):
-    """A field of a trace's or a frame's records drawn as a line; `variance` is that of its σ², a band."""
+    """A field of a trace's or a frame's records as a line; `variance`: field of its σ², drawn as a band."""
 
     entity: str
     field: str
@@ -23,7 +23,7 @@ class Line(NamedTuple):
 
 
 class Dots(NamedTuple):
-    """Points without a line: a field of the records in `entity`, or its scalars where no field is named."""
+    """Points without a line: a field of the records in `entity`, or its scalars if `field` is None."""
 
     entity: str
     field: str | None
@@ -33,13 +33,13 @@ class Dots(NamedTuple):
 
 
 class Whole(NamedTuple):
-    """An entity that says itself how it is drawn."""
+    """An entity that is drawn in its own logged style."""
 
     entity: str
 
 
 def mapped(entity: str, target: str, field: str | None) -> list[VisualizerComponentMapping]:
-    """Where a visualizer's slot takes its numbers from."""
+    """Mapping of a field to the component `target` of a visualizer."""
     if field is None:
         return []
     source = ComponentSourceKind.SourceComponent
@@ -68,7 +68,7 @@ def plot(
     range_y: tuple[float, float] | None = None,
     legend: rrb.Corner2D | None = rrb.Corner2D.LeftTop,
 ) -> rrb.TimeSeriesView:
-    """A plot of `series`, opened on `span_s` or on all there is, and on `range_y` or what is drawn."""
+    """A plot of `series`, initially over `span_s` (None: all times) and `range_y` (None: all values)."""
     drawn: dict[str | rr.datatypes.EntityPath, list[Any]] = {}
     for item in series:
         if not isinstance(item, Whole):
@@ -84,7 +84,7 @@ def plot(
 
 
 def span(span_s: tuple[float, float]) -> rr.TimeRange:
-    """A fixed stretch of simulated time."""
+    """A fixed interval of simulated time."""
     start, end = (rr.TimeRangeBoundary.absolute(seconds=edge_s) for edge_s in span_s)
     return rr.TimeRange(start=start, end=end)
 
@@ -126,21 +126,21 @@ IMPACTS = (
 
 
 def lanes(name: str, *states: str) -> rrb.StateTimelineView:
-    """State lanes, over the whole run."""
+    """State timelines over the whole run."""
     return rrb.StateTimelineView(
         origin="/states", contents=[f"/states/{state}" for state in states], name=name
     )
 
 
 def texts(name: str, entity: str) -> rrb.TextLogView:
-    """What happened, as text that begins with its time, which the viewer would cut short in a column."""
+    """A list of events; each text begins with its time, since the viewer would truncate a time column."""
     hidden = [TimelineColumn(name, visible=False) for name in ("sim_time", "wall_time")]
     columns = rrb.TextLogColumns(timeline_columns=hidden, text_log_columns=["body", "loglevel"])
     return rrb.TextLogView(origin=entity, name=name, columns=columns)
 
 
 def module() -> rrb.Spatial2DView:
-    """The moving picture at the time cursor."""
+    """The animation of the module at the time cursor."""
     bounds = rrb.VisualBounds2D(x_range=[-140.0, 225.0], y_range=[-50.0, 50.0])
     return rrb.Spatial2DView(origin="/module", name="Module (ghost: estimate)", visual_bounds=bounds)
 

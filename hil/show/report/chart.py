@@ -1,7 +1,7 @@
 """The charts of a report, as data and layout that plotly.js plots in the reader's browser.
 
-A reader can zoom into them, and they take a thirtieth of the time of pictures made here. Traces and axes are
-those of https://plotly.com/javascript/reference.
+A reader can zoom into them, and they take a thirtieth of the time that rendered images would take. Traces and
+axes are those of https://plotly.com/javascript/reference.
 """
 
 import base64
@@ -19,7 +19,7 @@ Json = dict[str, Any]
 
 
 def css(rgba: int) -> str:
-    """One of the log's colours as a page writes it.
+    """One of the log's colours in CSS notation.
 
     >>> css(0x56B4E9FF)
     '#56b4e9'
@@ -29,19 +29,19 @@ def css(rgba: int) -> str:
 
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM, GOOD = map(css, state_timeline.PALETTE)
 NEUTRAL = "#80868f"
-"""Lines that divide; seen on light and dark paper alike."""
+"""Colour of dividing lines, visible on a light and a dark background."""
 MOST_POINTS = 2400
-"""A curve has no more points than a wide screen has pixels to show them."""
+"""Largest number of points of a curve: the pixels of a wide screen."""
 LEGEND_PX, X_TITLE_PX, SIDE_PX = 30, 44, 62
-"""Room above, below and on the left of a chart."""
+"""Margins above, below and on the left of a chart."""
 GAP = 0.05
-"""Between panels, as a share of the chart."""
+"""Gap between panels, as a share of the chart."""
 
 
 class Panel(NamedTuple):
-    """One pair of axes, and its place in the chart as shares of its width and height from the lower left.
+    """One pair of axes, and its place in the chart, as shares of width and height from the lower left.
 
-    A panel in whose place another one's x axis is named (`with_x_of`, counted from 1) moves with it.
+    `with_x_of`: number of the panel, counted from 1, whose x axis this panel shares.
     """
 
     y_title: str
@@ -55,17 +55,17 @@ class Panel(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A chart with the sentence that says what it shows."""
+    """A chart with its title and caption."""
 
     title: str
     caption: str
     chart: Json
     half: bool = False
-    """Whether two of its kind stand side by side."""
+    """Whether the chart takes half of the page's width."""
 
 
 def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
-    """Rows of at most `MOST_POINTS`, the extremes of the first of `values` among them; all of shape (n,)."""
+    """At most `MOST_POINTS` rows, including the extremes of the first of `values`; all of shape (n,)."""
     blocks = MOST_POINTS // 2
     if len(t) <= MOST_POINTS:
         return (t, *values)
@@ -78,13 +78,13 @@ def thinned(t: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def numbers(values: ArrayLike, kind: str = "f4") -> Json:
-    """Values in single precision, or in double as `f8`, as Plotly reads them fastest."""
+    """Values in Plotly's binary format, in single precision, or in double precision for `f8`."""
     data = np.asarray(values, dtype=f"<{kind}")
     return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode()}
 
 
 def axis(letter: str, panel: int) -> str:
-    """The name of an axis of a panel, counted from 1: Plotly does not number the first.
+    """Plotly's name of a panel's axis; panels count from 1, and the first has no number.
 
     >>> axis("x", 1), axis("yaxis", 2)
     ('x', 'yaxis2')
@@ -93,12 +93,12 @@ def axis(letter: str, panel: int) -> str:
 
 
 def on(panel: int) -> Json:
-    """The axes of a panel, as a trace names them."""
+    """The axes of a panel in a trace."""
     return {"xaxis": axis("x", panel), "yaxis": axis("y", panel)}
 
 
 def trace(panel: int, kind: str, name: str, x: ArrayLike, y: ArrayLike, **settings: Any) -> Json:
-    """Values over others in a panel; `kind` and `settings` are Plotly's."""
+    """A trace of `y` over `x` in a panel; `kind` and `settings` are Plotly's."""
     return {"type": kind, "name": name, "x": numbers(x, "f8"), "y": numbers(y), **on(panel), **settings}
 
 
@@ -111,7 +111,7 @@ def curve(
     width: float = 1.2,
     dash: str = "solid",
 ) -> Json:
-    """A line through the points that `thinned` leaves."""
+    """A line through the thinned points."""
     line = {"color": color, "width": width, "dash": dash}
     return trace(panel, "scatter", name, *thinned(t, values), mode="lines", line=line)
 
@@ -126,7 +126,7 @@ def level(
 
 
 def points(panel: int, name: str, x: FloatArray, y: FloatArray, color: str, symbol: str = "circle") -> Json:
-    """Markers at the points that `thinned` leaves."""
+    """Markers at the thinned points."""
     marker = {"color": color, "size": 6, "symbol": symbol}
     return trace(panel, "scatter", name, *thinned(x, y), mode="markers", marker=marker)
 
@@ -194,7 +194,7 @@ def chart(
     shapes: Sequence[Json] = (),
     **layout: Any,
 ) -> Json:
-    """Data and layout of a chart; `layout` has further settings."""
+    """Data and layout of a chart; `layout`: further settings."""
     axes: Json = {}
     for number, panel in enumerate(panels, 1):
         moves = (

@@ -1,4 +1,4 @@
-"""The plot of a whole run: states over time, and the signals that the checks bound."""
+"""The plot of a whole run: states over time, and the signals bounded by checks."""
 
 import itertools
 
@@ -31,7 +31,7 @@ from hil.show.report.chart import (
 
 STRIPS = ("states/mode", "states/regime")
 LEAST_SHARE = 0.002
-"""An injected fault that takes less of the run than this is shown as wide."""
+"""Smallest width of an injected fault, as a share of the run."""
 STATES, SPEEDS, CRANK, TORQUE = 1, 2, 3, 4
 PANEL_OF = {"impact_speed": SPEEDS, "speed": CRANK, "torque": TORQUE}
 
@@ -89,7 +89,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
 
 
 def bars(lane: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> Json:
-    """A row of the states' panel: a bar for each span of time, in s, with its name where it has room."""
+    """A row of the states' panel: a bar for each interval in s, with its name if there is room."""
     return {
         "type": "bar",
         "orientation": "h",
@@ -108,14 +108,14 @@ def bars(lane: str, spans: list[tuple[float, float]], names: list[str], shades: 
 
 
 def fault_strip(faults: list[Injected], end_s: float) -> Json:
-    """The injected faults."""
+    """The injected faults as a row of bars."""
     least_s = LEAST_SHARE * end_s
     spans = [(one.from_s, max(min(one.to_s, end_s), one.from_s + least_s)) for one in faults]
     return bars("injected", spans, [fault.text for fault in faults], [ALARM] * len(faults))
 
 
 def strip(lane: Lane, records: Records, end_s: float) -> Json:
-    """A state timeline."""
+    """A state timeline as a row of bars."""
     values, t_s = column(records, lane.column).astype(int), column(records, "t_s")
     starts = np.flatnonzero(np.diff(values, prepend=-1))
     states = values[starts].tolist()

@@ -18,7 +18,7 @@ from hil.show.report.plots import plots
 
 
 class Headline(NamedTuple):
-    """A figure a reader wants to know first, in the unit that suits its size, `factor` times its own."""
+    """A main figure of the report, shown in `unit` after multiplication by `factor`."""
 
     name: str
     label: str
@@ -49,11 +49,11 @@ WALK_HEADLINES = (
 
 
 LINKED = ("run.rrd", "can.log", "scenario.toml", "verdict.json")
-"""Files beside the page that it links to."""
+"""Files of the run to which the page links."""
 
 
 def shown(value: Any, unit: str) -> str:
-    """A figure as people read it.
+    """A figure as text.
 
     >>> shown(0.02345678, "m"), shown(None, "N"), shown(0.25, ""), shown(True, "")
     ('0.02346 m', '—', '0.25', 'yes')
@@ -72,7 +72,7 @@ def described(spec: FigureSpec, verdict: Mapping[str, Any]) -> str:
 
 
 def tile(headline: Headline, content: Mapping[str, Any]) -> tuple[str, str]:
-    """A headline's label and its value as people read it."""
+    """A headline's label and its value as text."""
     value = value_of(content, headline.name)
     scaled = value if headline.factor == 1.0 or value is None else headline.factor * value
     return headline.label, shown(scaled, headline.unit)
@@ -89,7 +89,7 @@ def template(name: str) -> Template:
 
 @cache
 def library() -> str:
-    """The charts' library: plotly.js, the npm package plotly.js-basic-dist-min as it is (MIT licence)."""
+    """The charts' library: plotly.js, the unchanged npm package plotly.js-basic-dist-min (MIT licence)."""
     return (resources.files("hil.show.report") / "templates" / "plotly-basic.min.js").read_text("utf-8")
 
 
@@ -121,7 +121,7 @@ def write_report(path: Path, traces: RunTraces, figures: Figures, verdict: Mappi
 
 
 def row_of(verdict: Mapping[str, Any], beside: Path) -> dict[str, Any]:
-    """One run's line on the page of a suite: where its own page is, and what went wrong."""
+    """One run's row on the page of a suite: link to its own page, checks, and reasons for failure."""
     failed = [check for check in verdict["checks"] if not check["passed"]]
     page = Path(verdict["out"]) / "report.html"
     return {
@@ -151,9 +151,9 @@ def write_suite_report(
     requirements: Mapping[str, Any],
     changes: Sequence[Mapping[str, Any]] | None = None,
 ) -> None:
-    """Write the page of many runs: a row that links to each run's page, failed ones first; requirements.
+    """Write the page of a suite: a row with a link for each run, failed runs first, and the requirements.
 
-    `changes`: what differs from another suite, as `hil.bench.changes` gives it.
+    `changes`: differences from another suite, from `hil.bench.changes`.
     """
     rows = sorted((row_of(verdict, path.parent) for verdict in verdicts), key=lambda row: bool(row["passed"]))
     changed = None

@@ -37,7 +37,7 @@ PORTRAIT_PERIODS = 12
 
 
 def within(records: Records, start_s: float, end_s: float) -> Records:
-    """The records of a stretch of time."""
+    """The records in an interval of time."""
     t_s = column(records, "t_s")
     some: Records = records[(t_s >= start_s) & (t_s <= end_s)]
     return some
@@ -91,7 +91,7 @@ def run_up(traces: RunTraces, figures: Figures) -> tuple[float, float]:
 
 
 def portrait(traces: RunTraces, figures: Figures) -> Plot | None:
-    """The orbit at the end of the hold, true and estimated; None where nothing was held."""
+    """The orbit at the end of the hold, true and estimated; None without a hold."""
     if figures.hold_start_s is None or figures.hold_end_s is None or figures.speed.mean_rad_s is None:
         return None
     span_s = PORTRAIT_PERIODS * 2.0 * np.pi / abs(figures.speed.mean_rad_s)
@@ -116,7 +116,7 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot | None:
 
 
 def distributions(traces: RunTraces, _: Figures) -> Plot | None:
-    """Detection latency, approach speed and peak force, of those that the run has; None without any."""
+    """Histograms of detection latency, approach speed and peak force, as available; None without any."""
     seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
     pairs = detection.match(column(traces.impacts, "t_s"), column(seen, "t_s"))
     latency_ms = 1e3 * (column(seen, "t_s")[pairs.detection] - column(traces.impacts, "t_s")[pairs.truth])
@@ -153,7 +153,7 @@ LOOP_TIMES = (("work_us", "work [Âµs]"), ("wake_latency_us", "wake-up latency [Â
 
 
 def timing(traces: RunTraces, figures: Figures) -> Plot | None:
-    """The bus, and where they were measured work and wake-up latency of both loops; None without any."""
+    """Bus load, and work and wake-up latency of both loops if measured; None without any."""
     loops = ((traces.plant, TRUTH, "plant"), (traces.firmware, ESTIMATE, "firmware"))
     measured = [
         (label, [(column(records, name), color, loop) for records, color, loop in loops])
@@ -194,7 +194,7 @@ PLOTS: tuple[Callable[[RunTraces, Figures], Plot | None], ...] = (
 
 
 def plots(traces: RunTraces, figures: Figures) -> list[Plot]:
-    """The plots of a report that have something to show, in order; that of the gait where somebody walks."""
+    """The plots of a report in order, without empty ones; a run with a gait has a plot of the walk."""
     walked = traces.is_walked and len(traces.plant) > 0 and len(traces.firmware) > 0
     drawn = [draw(traces, figures) for draw in (PLOTS[0], *([walk] if walked else []), *PLOTS[1:])]
     return [plot for plot in drawn if plot is not None]

@@ -29,7 +29,7 @@ ANKLE, COUNTED, CYCLE, FELT, ERROR = 1, 2, 3, 4, 5
 LEFT, RIGHT = (0.0, 0.46), (0.56, 1.0)
 GAIT_AXIS = {"range": [0.0, 100.0]}
 CLASSES = np.linspace(0.0, 100.0, 41)
-"""Of the histogram, in % of the cycle."""
+"""Edges of the histogram's classes, in % of the gait cycle."""
 
 
 def walk(traces: RunTraces, figures: Figures) -> Plot:
@@ -74,7 +74,7 @@ def walk(traces: RunTraces, figures: Figures) -> Plot:
 
 
 def panels(duration_s: float) -> list[Panel]:
-    """On the left over the gait cycle: moment, counts, pulses; on the right over time: felt force, error."""
+    """Left, over the gait cycle: moment, counts, pulses; right, over time: felt force, phase error."""
     few, time = {"nticks": 4}, {"range": [0.0, duration_s]}
     error = {"range": [-15.0, 15.0]}
     return [
@@ -95,7 +95,7 @@ def panels(duration_s: float) -> list[Panel]:
 
 
 def push_off_curve(plant: Records) -> tuple[FloatArray, FloatArray]:
-    """The ankle's mean moment, N m/kg, in each hundredth of the gait cycle, %, that was walked."""
+    """Mean ankle moment in N m/kg over the gait cycle in %, for each hundredth of the cycle with data."""
     phase, moment = column(plant, "gait.phase"), column(plant, "gait.ankle_n_m_kg")
     known = np.isfinite(phase)
     places = np.minimum((100.0 * phase[known]).astype(int), 99)
@@ -106,7 +106,7 @@ def push_off_curve(plant: Records) -> tuple[FloatArray, FloatArray]:
 
 
 def _held(t_s: FloatArray, figures: Figures) -> BoolArray:
-    """Which times lie within the hold."""
+    """Mask of the times within the hold."""
     if figures.hold_start_s is None or figures.hold_end_s is None:
         return np.zeros(len(t_s), bool)
     return (t_s >= figures.hold_start_s) & (t_s <= figures.hold_end_s)
