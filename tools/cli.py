@@ -142,7 +142,10 @@ def is_bad_input(error: Exception) -> bool:
 
     if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
         return True
-    return isinstance(error, bad_input_types())
+    try:
+        return isinstance(error, bad_input_types())
+    except Exception:  # nor after a defect in one of those modules
+        return False
 
 
 def solver_errors() -> tuple[type[Exception], ...]:

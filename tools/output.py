@@ -10,6 +10,7 @@ from typing import Any, TextIO
 import numpy as np
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 EXIT_PASSED = 0
@@ -91,9 +92,9 @@ def figure(value: Any, unit: str = "") -> str:
 
 def figure_table(title: str, rows: Iterable[tuple[str, Any, str]]) -> Table:
     """A two-column table of (name, value, unit)."""
-    table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
+    table = Table(title=escape(title), title_justify="left", show_header=False, box=None, pad_edge=False)
     table.add_column(style="cyan", no_wrap=True)
     table.add_column()
     for name, value, unit in rows:
-        table.add_row(name, figure(value, unit))
+        table.add_row(escape(name), escape(figure(value, unit)))
     return table

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.output import BadInputError, console, figure
@@ -41,7 +42,9 @@ def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
             figure(one[side], one["unit"]) for side in ("before", "after", "margin_before", "margin_after")
         )
         color = COLORS.get(one["verdict"], "dim")
-        table.add_row(one["scenario"], one["figure"], *values, f"[{color}]{one['verdict']}[/]")
+        table.add_row(
+            *map(escape, (one["scenario"], one["figure"], *values)), f"[{color}]{one['verdict']}[/]"
+        )
     if differing:
         console.print(table)
     counts = {verdict: sum(one["verdict"] == verdict for one in changes) for verdict in ("better", "worse")}

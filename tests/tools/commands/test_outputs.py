@@ -1,5 +1,6 @@
 """What commands write is checked before they work; an unexpected exception is one line and a file."""
 
+import json
 import os
 import subprocess
 import sys
@@ -144,3 +145,13 @@ def test_a_table_in_a_pipe_keeps_a_row_to_a_line() -> None:
     listed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     assert {line.split()[0] for line in listed.splitlines() if line[0] != " "} >= set(scenario_names())
     assert not [line for line in listed.splitlines() if line.startswith(" ")], "nothing is folded"
+
+
+def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> None:
+    def defective() -> None:
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(cli, "program", defective)
+    monkeypatch.setattr(cli, "bad_input_types", defective)
+    assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
+    assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]

@@ -7,6 +7,8 @@ import time
 import pytest
 
 from tools import cli
+from tools.commands.testing.run import show_checks
+from tools.commands.testing.suite import line_of
 from tools.logs import catalogue as runs
 from tools.logs import view
 from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
@@ -110,3 +112,17 @@ def test_the_listed_runs_that_have_a_log_are_viewed_together(folder, monkeypatch
         (folder / name / "run.rrd").touch()
     assert cli.run(["runs", str(folder), "--view", "--where", "passed=true"]) == EXIT_PASSED
     assert viewed == [folder / "good"]
+
+
+def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, capsys):
+    odd = "run [/bold] of [red]"
+    run = tmp_path / odd
+    run.mkdir(parents=True)
+    (run / "run.json").write_text('{"made_by": "vibrohil"}')
+    check = {"name": odd, "value": odd, "unit": odd, "limit": odd, "passed": False}
+    (run / "verdict.json").write_text(json.dumps({"scenario": odd, "passed": False, "checks": [check]}))
+    assert cli.run(["runs", str(tmp_path)]) == EXIT_PASSED
+    assert capsys.readouterr().out.count(odd) == 2
+    show_checks({"checks": [check], "reasons": [odd], "passed": False, "out": odd})
+    assert "".join(capsys.readouterr().out.split()).count("".join(odd.split())) == 6
+    assert line_of(check, many=False).count(r"\[/bold]") == 4

@@ -133,4 +133,4 @@ def show(payload: dict[str, Any]) -> None:
             )
         console.print(table)
     for note in payload["notes"]:
-        console.print(f"note: {note}")
+        console.print(f"note: {note}", markup=False)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from tools.output import console, figure, figure_table
@@ -21,7 +22,7 @@ def show(payload: Mapping[str, Any]) -> None:
     """Print parameters, figures of merit, warnings and the verdicts of the safety scenarios."""
     from firmware_py.shell.parameters import DEFAULTS
 
-    console.print(f"[bold]tune {payload['command']}[/]: {payload['source']}")
+    console.print(f"[bold]tune {payload['command']}[/]: {escape(payload['source'])}")
     table = columns("<parameter", "value", "low", "high", "default", "<unit")
     for name, value in payload["parameters"].items():
         numbers = (value["value"], value["low"], value["high"], DEFAULTS[name])
@@ -39,7 +40,7 @@ def show(payload: Mapping[str, Any]) -> None:
         console.print("[bold red]not written[/]; --force writes it all the same")
     else:
         forced = "" if payload["safe"] else "  [bold red]by force[/]"
-        console.print(f"[bold green]written[/]{forced}  {payload['out']}", soft_wrap=True)
+        console.print(f"[bold green]written[/]{forced}  {escape(payload['out'])}", soft_wrap=True)
 
 
 def show_safety(safety: Sequence[Mapping[str, Any]]) -> None:
@@ -69,7 +70,7 @@ def show_trials(payload: Mapping[str, Any]) -> None:
         named = one["named"] or one["why"]
         console.print(f"[bold red]trial {one['trial']}[/], {one['law']}: named {named}")
     mark = "[green]goals met[/]" if payload["passed"] else "[bold red]a goal is missed[/]"
-    console.print(f"{mark}; outcomes in {payload['out']}", soft_wrap=True)
+    console.print(f"{mark}; outcomes in {escape(payload['out'])}", soft_wrap=True)
 
 
 def show_check(payload: Mapping[str, Any]) -> None:
@@ -89,7 +90,7 @@ def show_check(payload: Mapping[str, Any]) -> None:
         console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
     mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
-    console.print(f"{mark}; files in {payload['out']}", soft_wrap=True)
+    console.print(f"{mark}; files in {escape(payload['out'])}", soft_wrap=True)
 
 
 def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
@@ -112,17 +113,19 @@ def show_difference(payload: Mapping[str, Any], a: Path, b: Path) -> None:
         verdicts = (
             "[green]passed[/]"
             if one["passed"][side]
-            else f"[red]failed ({', '.join(one['failed'][side])})[/]"
+            else f"[red]failed ({escape(', '.join(one['failed'][side]))})[/]"
             for side in ("a", "b")
         )
-        console.print(f"[bold]{one['scenario']}[/]: " + " → ".join(verdicts))
+        console.print(f"[bold]{escape(one['scenario'])}[/]: " + " → ".join(verdicts))
         if one["figures"]:
             console.print(_side_by_side("figure", one["figures"], a, b))
         else:
             console.print("  no figure differs by more than half a per cent")
     for side, path in (("a", a), ("b", b)):
         if payload["safe"][side] is False:
-            console.print(f"[bold red]{path} was written by force[/]: a safety scenario fails with it")
+            console.print(
+                f"[bold red]{escape(str(path))} was written by force[/]: a safety scenario fails with it"
+            )
 
 
 def _side_by_side(title: str, figures: Mapping[str, Mapping[str, Any]], a: Path, b: Path) -> Table:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.commands.options import Json
@@ -82,14 +83,12 @@ def show_verdicts(result: dict[str, Any]) -> None:
     show_changes(result["changes"])
     words = {True: "[green]passed[/]", False: "[red]failed[/]", None: "not there"}
     for one in result["differences"]:
-        what = "" if one["check"] is None else f"  {one['check']}"
+        what = one["scenario"] if one["check"] is None else f"{one['scenario']}  {one['check']}"
         values = "" if one["check"] is None else f"  ({one['value_a']} / {one['value_b']})"
-        console.print(
-            f"{one['scenario']}{what}: {words[one['a']]}, {words[one['b']]}{values}", soft_wrap=True
-        )
+        console.print(f"{escape(what)}: {words[one['a']]}, {words[one['b']]}{escape(values)}", soft_wrap=True)
     for side in ("a", "b"):
         if result[f"only_in_{side}"]:
-            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}")
+            console.print(f"only in {side}: {', '.join(result[f'only_in_{side}'])}", markup=False)
     scenarios = {one["scenario"] for one in result["differences"]}
     console.print(
         f"{len(result['compared']) - len(scenarios)} of {len(result['compared'])} scenarios with "
@@ -110,7 +109,7 @@ def show(result: dict[str, Any]) -> None:
     physical = [name for name in changes if not is_timing(name) and name != "fault"]
     for name in physical[:MOST_CHANGES]:
         row = figures[name]
-        table.add_row(name, *(figure(row[side], row["unit"]) for side in ("a", "b", "change")))
+        table.add_row(name, *(escape(figure(row[side], row["unit"])) for side in ("a", "b", "change")))
     console.print(table)
     more = f"; the {MOST_CHANGES} largest changes are shown" if len(physical) > MOST_CHANGES else ""
     equal = len(figures) - len(changes)
@@ -127,8 +126,8 @@ def show(result: dict[str, Any]) -> None:
     else:
         values = f"{figure(first['a'])} in a, {figure(first['b'])} in b"
         console.print(
-            f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {values}",
+            f"[bold]first difference[/] at {first['t_s']:.6f} s in {first['signal']}: {escape(values)}",
             soft_wrap=True,
         )
     if "out" in result:
-        console.print(f"overlaid in {result['out']}", soft_wrap=True)
+        console.print(f"overlaid in {result['out']}", soft_wrap=True, markup=False)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from tools.commands.options import Json
 from tools.output import answer, console, figure_table
@@ -49,9 +50,9 @@ def show(result: dict[str, Any]) -> None:
     ]
     console.print(figure_table(result["log"], rows))
     for line in result["left_out"]:
-        console.print(f"[yellow]left out line {line['number']}[/]: {line['why']}", soft_wrap=True)
+        console.print(f"[yellow]left out line {line['number']}[/]: {escape(line['why'])}", soft_wrap=True)
     if result["truncated"] is not None:
-        console.print(f"[yellow]the log is cut short[/]: {result['truncated']}")
+        console.print(f"[yellow]the log is cut short[/]: {escape(result['truncated'])}")
     if not result["firmware_seen"]:
         console.print("no heartbeat of the firmware: neither modes nor estimate are shown")
-    console.print(f"open it with: vibrohil view {result['out']}", soft_wrap=True)
+    console.print(f"open it with: vibrohil view {escape(result['out'])}", soft_wrap=True)

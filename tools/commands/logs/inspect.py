@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.commands.options import Json, Logged
@@ -68,12 +69,12 @@ def inspect(
 def show_table(name: str, rows: "pa.Table", to: Path | None) -> None:
     """Print the columns of a table with their first and last values."""
     where = "" if to is None else f", written to {to}"
-    title = f"{name}: {rows.num_rows} rows{where}"
+    title = escape(f"{name}: {rows.num_rows} rows{where}")
     headers = (Column("column", no_wrap=True), "type", "first", "last")
     shown = Table(*headers, title=title, title_justify="left", box=None)
     for field in rows.schema:
         ends = [rows[field.name].to_numpy()[at] for at in ((0, -1) if rows.num_rows else ())]
-        shown.add_row(field.name, str(field.type), *(figure(plain(end)) for end in ends))
+        shown.add_row(field.name, str(field.type), *(escape(figure(plain(end))) for end in ends))
     console.print(shown)
 
 
@@ -83,10 +84,11 @@ def show_figures(logged: "Run") -> None:
     from tools.commands.testing.run import show_checks
 
     columns = (Column(style="cyan", no_wrap=True), Column(no_wrap=True), Column(style="dim"))
-    title = str(logged.log)
+    title = escape(str(logged.log))
     shown = Table(*columns, title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
     for spec in CATALOGUE.values():
-        shown.add_row(spec.name, figure(value_of(logged.verdict, spec.name), spec.unit), spec.meaning)
+        value = escape(figure(value_of(logged.verdict, spec.name), spec.unit))
+        shown.add_row(spec.name, value, escape(spec.meaning))
     console.print(shown)
     if len(logged.traces.plant) == 0:
         console.print("this log holds no truth: what needs it is —, and impacts are counted only if true")

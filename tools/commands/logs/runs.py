@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.commands.options import Json
@@ -57,7 +58,7 @@ def runs(
         print_json({"runs": [row_of(run, columns) for run in found]})
     else:
         print_table(found[:most], columns)
-        console.print(f"{min(most, len(found))} of {len(found)} runs in {folder}")
+        console.print(f"{min(most, len(found))} of {len(found)} runs in {escape(str(folder))}")
     if not found:
         raise typer.Exit(EXIT_NOTHING_RAN)
     if view:
@@ -84,10 +85,8 @@ def print_table(shown: "list[ListedRun]", columns: list[str]) -> None:
     table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)
     for run in shown:
         begun = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.begun_s))
-        figures = [figure(run.figure(name)) for name in columns]
-        table.add_row(
-            begun, words[run.passed], figure(run.figure("scenario")), run.commit, *figures, str(run.folder)
-        )
+        name, figures = figure(run.figure("scenario")), [figure(run.figure(name)) for name in columns]
+        table.add_row(begun, words[run.passed], *map(escape, (name, run.commit, *figures, str(run.folder))))
     console.print(table)
 
 

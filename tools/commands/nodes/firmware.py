@@ -88,7 +88,7 @@ def build(
         for part, part_size in parts.get(name, {}).items():
             table.add_row(f"  {part}", f"{part_size:,}")
     console.print(table)
-    console.print(f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h")
+    console.print(f"{out}: vibro_firmware.o, vibro_firmware.h, vibro_config.h", markup=False)
 
 
 @firmware.command()

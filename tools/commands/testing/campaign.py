@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from tools.commands.options import FirmwareBuild, Json, Workers, setting
@@ -177,7 +178,7 @@ def show(result: dict[str, Any]) -> None:
     if result["kept"]:
         console.print(
             f"{len(result['kept'])} trials kept as scenarios; open one with\n"
-            f"  vibrohil run {result['kept'][0]} --clock lockstep --firmware compiled",
+            f"  vibrohil run {escape(result['kept'][0])} --clock lockstep --firmware compiled",
             soft_wrap=True,
         )
     show_goals(result)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
@@ -124,7 +125,8 @@ def show_checks(verdict: dict[str, Any]) -> None:
     checks = Table(Column("check", no_wrap=True), "value", "limit", "", box=None, pad_edge=False)
     for check in verdict["checks"]:
         mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
-        checks.add_row(check["name"], figure(check["value"], check["unit"]), str(check["limit"]), mark)
+        plain = (check["name"], figure(check["value"], check["unit"]), str(check["limit"]))
+        checks.add_row(*map(escape, plain), mark)
     console.print(checks)
     latched = verdict.get("latched", {})
     if not verdict["passed"] and latched.get("at_s") is not None:
@@ -139,11 +141,11 @@ def show_checks(verdict: dict[str, Any]) -> None:
             f"{loss['to_s']:.3f} s; incomplete: {', '.join(verdict['incomplete'])}[/]"
         )
     for reason in filter(None, [*verdict.get("reasons", []), verdict.get("host_stall")]):
-        console.print(f"[bold red]{reason}[/]")
+        console.print(f"[bold red]{escape(reason)}[/]")
     words = {
         True: "[bold green]PASSED[/]",
         False: "[bold red]FAILED[/]",
         None: "NOT JUDGED: nothing was checked",
     }
     word = words[verdict["passed"]]
-    console.print(f"{word}  {verdict['out']}", soft_wrap=True)
+    console.print(f"{word}  {escape(verdict['out'])}", soft_wrap=True)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.markup import escape
 from rich.table import Column, Table
 
 from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
@@ -78,20 +79,21 @@ def show(result: dict[str, Any]) -> None:
     for one in result["scenarios"]:
         word = "[green]passed[/]" if one["passed"] else "[bold red]failed[/]"
         seeds = f"[bold]{one['passed_seeds']} of {one['seeds']}[/]  " if many else ""
-        table.add_row(word, seeds + one["name"])
+        table.add_row(word, seeds + escape(one["name"]))
         for reason in one["reasons"]:
-            table.add_row("", f"  [red]{reason}[/]")
+            table.add_row("", f"  [red]{escape(reason)}[/]")
         for check in one["checks"] if many else one["failed"]:
             table.add_row("", f"  {line_of(check, many)}")
     console.print(table)
     if result["left_out"]:
-        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}")
+        console.print(f"left out, for lockstep alone: {', '.join(result['left_out'])}", markup=False)
     passed = sum(one["passed"] for one in result["scenarios"])
     in_seeds = f" in each of {len(result['seeds'])} seeds" if many else ""
     console.print(
         f"{passed} of {len(result['scenarios'])} passed{in_seeds} in {result['wall_s']:.0f} s "
         f"{result['report'] or ''}",
         soft_wrap=True,
+        markup=False,
     )
     if result["changes"] is not None:
         show_changes(result["changes"])
@@ -100,11 +102,11 @@ def show(result: dict[str, Any]) -> None:
 def line_of(check: dict[str, Any], many: bool) -> str:
     """A check's figure beside its limit; for many seeds the range, and the seed nearest to the limit."""
     value = figure(check["value"], check["unit"])
-    if not many:
-        return f"[red]{check['name']} = {value}, wanted {check['limit']}[/]"
-    if check["lowest"] is not None and check["lowest"] < check["highest"]:
+    if many and check["lowest"] is not None and check["lowest"] < check["highest"]:
         value = f"{figure(check['lowest'], '')} … {figure(check['highest'], check['unit'])}"
-    text = f"{check['name']} = {value}, wanted {check['limit']}"
+    text = escape(f"{check['name']} = {value}, wanted {check['limit']}")
+    if not many:
+        return f"[red]{text}[/]"
     if check["passed"]:
         return f"[dim]{text}[/]"
     return f"[red]{text}, not met in seed {check['seed']}; met in {check['passed_seeds']} seeds[/]"
