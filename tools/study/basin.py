@@ -1,13 +1,13 @@
-"""Basins of attraction: which starts end in impact motion, and how sharp their boundary is.
+"""Basins of attraction: the starts that end in impact motion, and the smoothness of the basins' border.
 
-Two planes: (x0, v0) at a crank angle, and (x0, crank angle) at rest. What a map says about its border:
+A map is in one of two planes: (x0, v0) at crank angle 0, or (x0, crank angle) at v0 = 0. Its figures are:
 
 - uncertainty exponent α (McDonald, Grebogi, Ott, Yorke, Physica D 17, 1985): the share of cells with a cell
-  of the other kind at distance ε grows as ε^α; α = 1 is a smooth line, α < 1 a fractal one;
+  of the other kind at distance ε grows as ε^α; α = 1 is a smooth border, α < 1 a fractal border;
 - basin entropy (Daza, Wagemakers, Georgeot, Guéry-Odelin, Sanjuán, Scientific Reports 6, 2016): mean entropy
-  of boxes of cells, and of those on the border alone; above ln 2 there, the border must be fractal;
-- basin stability: the share of starts that end in impacts, with bounds by Wilson as for cells sampled at
-  random, and by a bootstrap over blocks of cells, which allows for neighbours being alike.
+  of all boxes of cells, and of the boxes on the border; if the latter is above ln 2, the border is fractal;
+- basin stability: the share of starts that end in impacts, with Wilson's bounds as for independent cells, and
+  with bounds from a bootstrap over blocks of cells, which allows for the correlation of neighbouring cells.
 """
 
 import math
@@ -28,35 +28,35 @@ PLANES = ("state", "phase")
 
 LOWEST_START_M = -0.1
 FASTEST_START_M_S = 0.8
-"""Box of starts about the rest length, as wide as the module's motion; speeds are table1's, scaled by ω."""
+"""Range of starts about the rest length, as wide as the module's motion; speeds are table1's, scaled by ω."""
 
 ROWS_AT_ONCE = 25
-"""The rows of the map in a piece."""
+"""Number of rows of the map in a piece of work."""
 
 BORDER_BOUND_M = 1e-8
-"""How far from the border, in x0, a start may be taken for one of the other kind.
+"""Largest distance from the border, in x0, at which a start may be assigned to the wrong basin, m.
 
-An orbit that lingers at the saddle between two attractors seems settled once its periods differ by less
-than the tolerance, 1e-7 of gap and amplitude; it was then within that over λ − 1 of the saddle's border,
-λ being its growth per period. Borders found with orbits stopped early and with whole runs of 300 s lie
-within 5e-9 m.
+An orbit that stays near the saddle between two attractors counts as settled once successive periods differ by
+less than the tolerance, 1e-7 of gap and amplitude. Its distance from the saddle's border is then below the
+tolerance over λ − 1, where λ is the saddle's growth factor per period. Borders from orbits that were stopped
+early and from whole runs of 300 s differ by less than 5e-9 m.
 """
 
 RESAMPLES = 400
 BLOCK = 10
 CONFIDENCE_Z = 1.959963984540054  # 95 %
 FARTHEST = 16
-"""Cells; so near, a curved border is straight."""
+"""Largest distance for the uncertainty exponent, in cells; within it a curved border is nearly straight."""
 
 SMALLEST_FOR_EXPONENT = 36
-"""Cells along a side; fewer hold less than three distances up to a twelfth of it."""
+"""Fewest cells along a side for the exponent, which needs three distances up to a twelfth of the side."""
 
 BOX = 5
-"""Cells along the side of an entropy box."""
+"""Number of cells along the side of an entropy box."""
 
 
 def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions less rest length (columns of the map), speeds or crank angles (its rows): cell centres."""
+    """Return the cell centres: positions less rest length (columns), and speeds or crank angles (rows)."""
     centres = (np.arange(size) + 0.5) / size
     y_m = LOWEST_START_M + centres * (case.gap_m - LOWEST_START_M)
     if plane == "phase":
@@ -66,13 +66,13 @@ def axes(case: Case, plane: str, size: int) -> tuple[NDArray[np.float64], NDArra
 
 
 def fastest_start_m_s(case: Case) -> float:
-    """The box's half height."""
+    """Return the largest speed of a start, m/s."""
     return FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
 
 
 @dataclass(frozen=True)
 class Basin:
-    """A map, row by row, and its numbers."""
+    """A map with one table row for each cell, map row by map row, and its figures."""
 
     case: Case
     ratio: float
@@ -80,19 +80,19 @@ class Basin:
     size: int
     table: pa.Table
     uncertain: int
-    """Cells whose orbit had not settled by the end of its run; they count by what it did last."""
+    """Number of cells whose orbit had not settled by the end of its run; its last periods decide."""
     statistics: dict[str, Any]
     start: str = "instant"
-    """instant: the crank at speed at once; soft: by the firmware, as tools.study.soft_start has it."""
+    """instant: the crank starts at full speed; soft: the firmware's soft start (tools.study.soft_start)."""
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """Name of the map's files."""
         soft = "-soft" if self.start == "soft" else ""
         return f"basin-{self.case.preset}-{self.case.law}-r{self.ratio:g}-{self.plane}{soft}"
 
     def as_json(self) -> dict[str, Any]:
-        """For machines."""
+        """Return the basin's parameters and figures as a JSON object."""
         return {
             "law": self.case.law,
             "preset": self.case.preset,
@@ -108,7 +108,7 @@ class Basin:
 
 
 def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
-    """The whole map; also written as one file beside its figure."""
+    """Compute the whole map and write it as one file."""
     paths = work.run(f"basin-{plane}", piece, specs(case, ratio, plane, size), where)
     pieces = [store.read(path) for path in paths]
     table = pa.concat_tables([table for table, _ in pieces])
@@ -120,7 +120,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
 
 
 def keep(found: Basin, where: work.Where) -> None:
-    """Write a map with its numbers as one file."""
+    """Write a map with its figures as one file."""
     spec = {
         "case": found.case.parameters(),
         "ratio": found.ratio,
@@ -133,7 +133,7 @@ def keep(found: Basin, where: work.Where) -> None:
 def specs(
     case: Case, ratio: float, plane: str, size: int, rows_at_once: int = ROWS_AT_ONCE
 ) -> list[dict[str, Any]]:
-    """The pieces of a map."""
+    """Return the specifications of a map's pieces of work."""
     return [
         {
             "case": case.parameters(),
@@ -147,7 +147,10 @@ def specs(
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Some rows of a map: x0, v0, crank angle, regime (−1 − regime where not certain), impacts per period."""
+    """Compute some rows of a map.
+
+    Columns: x0, v0, crank angle, regime (−1 − regime if it is not certain), impacts per period.
+    """
     case = Case(**spec["case"])
     y_m, other = axes(case, spec["plane"], spec["size"])
     first, last = spec["rows"]
@@ -168,7 +171,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
-    """The numbers of a map, rows × columns."""
+    """Return the figures of a map; `in_impacts` has the shape (rows, columns)."""
     share = float(in_impacts.mean())
     low, high = wilson(share, in_impacts.size)
     exponent, exponent_bounds = uncertainty_exponent(in_impacts)
@@ -186,7 +189,7 @@ def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def wilson(share: float, count: int) -> tuple[float, float]:
-    """95 % bounds of a share of `count` independent trials (Wilson 1927).
+    """Return the 95 % bounds of a share of `count` independent trials (Wilson 1927).
 
     >>> [round(bound, 4) for bound in wilson(0.5, 100)]
     [0.4038, 0.5962]
@@ -198,7 +201,7 @@ def wilson(share: float, count: int) -> tuple[float, float]:
 
 
 def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
-    """95 % bounds of the share of impact by resampling blocks of cells, always the same ones."""
+    """Return the 95 % bounds of the share of impact motion by resampling blocks of cells (fixed seed)."""
     size = (min(in_impacts.shape) // BLOCK) * BLOCK
     if size < 2 * BLOCK:
         return [math.nan, math.nan]
@@ -209,10 +212,10 @@ def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:
 
 
 def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Distances in cells, and per distance and row of the map the share of cells that are uncertain at it.
+    """Return distances in cells, and for each distance and line of the map the share of uncertain cells.
 
-    A cell is uncertain at ε if the one ε to its left or to its right is of the other kind. Shape of the
-    shares: (distances, rows); rows and columns of the map count alike.
+    A cell is uncertain at distance ε if the cell ε before or after it in the line is of the other kind. The
+    lines are the rows and columns of the map. Shape of the shares: (distances, lines).
     """
     size = min(in_impacts.shape)
     square = in_impacts[:size, :size]
@@ -227,9 +230,9 @@ def uncertain_shares(in_impacts: NDArray[np.bool_]) -> tuple[NDArray[np.int64], 
 
 
 def uncertainty_exponent(in_impacts: NDArray[np.bool_]) -> tuple[float, list[float]]:
-    """α by least squares in the logarithms, with 95 % bounds by resampling rows and columns.
+    """Return α by least squares in the logarithms, with 95 % bounds by resampling rows and columns.
 
-    NaN for maps too small for three distances, and where no cell is uncertain.
+    All values are NaN if the map is too small for three distances or if no cell is uncertain.
     """
     if min(in_impacts.shape) < SMALLEST_FOR_EXPONENT:
         return math.nan, [math.nan, math.nan]
@@ -246,7 +249,10 @@ def uncertainty_exponent(in_impacts: NDArray[np.bool_]) -> tuple[float, list[flo
 
 
 def basin_entropy(in_impacts: NDArray[np.bool_]) -> tuple[float, float]:
-    """Mean entropy of boxes of BOX × BOX cells, and of the boxes with both kinds alone; nan without any."""
+    """Return the mean entropy of all boxes of BOX × BOX cells, and of the boxes with both kinds of cells.
+
+    A mean is nan if there is no such box.
+    """
     rows, columns = (side // BOX * BOX for side in in_impacts.shape)
     boxes = (
         in_impacts[:rows, :columns].reshape(rows // BOX, BOX, columns // BOX, BOX).mean(axis=(1, 3)).ravel()

@@ -1,4 +1,4 @@
-"""The modules of the studies: the paper's Table 1, the retuned one, and the values that both leave open."""
+"""The modules of the studies: the paper's Table 1, the retuned module, and values not in the paper."""
 
 import math
 from dataclasses import asdict, dataclass, replace
@@ -15,10 +15,10 @@ from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 LAWS = ("viscous", "coulomb", "stribeck")
 
 VISCOUS_RANGE_N_S_M = (0.1, 0.2, 0.3)
-"""Table 1."""
+"""Range of b in Table 1."""
 
 DRY_RANGE = (0.15, 0.2, 0.25, 0.3)
-"""Table 1."""
+"""Range of μ in Table 1."""
 
 SPRINGS_N_M = {
     "table1": 70.0,  # as printed
@@ -26,29 +26,29 @@ SPRINGS_N_M = {
 }
 
 AMPLITUDES_M = {
-    # The paper gives none. With a viscous guide 20 mm reaches the stop for r = 0.82 to 1.41; with dry
-    # friction the spring's c A has to exceed μ m g, 22 mm at μ = 0.2, so that 30 mm is the first round figure
-    # that moves.
+    # The paper gives no amplitude. With viscous friction and 20 mm the striker reaches the stop for r = 0.82
+    # to 1.41. With dry friction c A must exceed μ m g, which takes 22 mm at μ = 0.2; 30 mm is the next round
+    # value.
     "table1": {"viscous": 0.02, "coulomb": 0.03, "stribeck": 0.03},
-    # One amplitude for all laws puts their first impacts at r = 0.89 to 1.10.
+    # With this amplitude the first impacts are at r = 0.89 to 1.10 for all laws.
     "gait": {"viscous": 0.012, "coulomb": 0.012, "stribeck": 0.012},
 }
 
 PRESETS = tuple(SPRINGS_N_M)
 
 STATIC_OVER_SLIDING = 4.0 / 3.0
-"""μ_s / μ. The paper gives none; static friction of liners exceeds the sliding one by a quarter to a half."""
+"""μ_s / μ, not in the paper; static friction of liners exceeds sliding friction by a quarter to a half."""
 
 STRIBECK_SPEED_M_S = 0.05
-"""The paper gives none; a tenth of the striker's speed: friction falls within every stroke, and it shows."""
+"""v_s, not in the paper; at a tenth of the striker's speed friction falls noticeably within every stroke."""
 
 STRIBECK_EXPONENT = 1.0
-"""The paper gives none; the plain exponential."""
+"""δ, not in the paper; 1 is the plain exponential."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One module without its crank's speed. `contact_s`: elastic contact of a soft stop; None: rigid."""
+    """A module without its crank's speed; `contact_s` is a soft stop's elastic contact time (None: rigid)."""
 
     preset: str
     law: str
@@ -67,7 +67,7 @@ class Case:
 
     @property
     def natural_rad_s(self) -> float:
-        """ω."""
+        """Natural frequency ω = √(c/m)."""
         return math.sqrt(self.spring_n_m / self.mass_kg)
 
     @property
@@ -82,37 +82,37 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Law and what it is set to, for people."""
+        """Displayed name: the friction law and its coefficient."""
         value = f"b = {self.b_n_s_m:g} N s/m" if self.law == "viscous" else f"μ = {self.mu:g}"
         return f"{self.law}, {value}"
 
     def parameters(self) -> dict[str, Any]:
-        """Everything that the results depend on."""
+        """Return all parameters on which the results depend."""
         return asdict(self)
 
     def striker(self) -> Striker:
-        """Mass, spring and rest length."""
+        """Return the striker: mass, spring and rest length."""
         return Striker(self.mass_kg, self.spring_n_m, self.rest_length_m, STANDARD_GRAVITY_M_S2)
 
     def drive(self, ratio: float) -> IdealDrive:
-        """The crank at Ω = ratio ω."""
+        """Return the crank at Ω = ratio · ω."""
         return IdealDrive(self.amplitude_m, ratio * self.natural_rad_s, 0.0)
 
     def closed_friction(self) -> Viscous | Coulomb:
-        """The law for the closed form."""
+        """Return the friction law for the closed-form solution."""
         return Viscous(self.b_n_s_m) if self.law == "viscous" else Coulomb(self.mu, self.b_n_s_m)
 
     def friction(self) -> Friction:
-        """The law as Stribeck's, which holds the other two: one kernel serves all of them."""
+        """Return the law as a case of Stribeck's law, so that all laws share one kernel."""
         static = self.mu_s if self.law == "stribeck" else self.mu
         return Stribeck(self.mu, static, self.v_s_m_s, self.delta, self.b_n_s_m)
 
     def rigid_stop(self) -> RigidStop:
-        """Newton's."""
+        """Return the rigid stop with Newton's restitution."""
         return RigidStop(self.stop_m, self.restitution)
 
     def stop(self) -> RigidStop | HuntCrossley:
-        """Rigid, or soft with the wanted elastic contact time at the scenes' reference speed."""
+        """Return the stop: rigid, or soft with the elastic contact time at the scenes' reference speed."""
         if self.contact_s is None:
             return self.rigid_stop()
         stiffness = hertz_stiffness(self.mass_kg, self.contact_s, CONTACT_REFERENCE_SPEED_M_S)
@@ -120,12 +120,16 @@ class Case:
         return HuntCrossley(self.stop_m, stiffness, HERTZ_EXPONENT, dissipation)
 
     def parts(self, ratio: float) -> Parts:
-        """For the adaptive solver."""
+        """Return the parts for the adaptive solver."""
         return Parts(self.striker(), self.drive(ratio), self.friction(), self.stop())
 
 
 def case(preset: str, law: str, value: float | None = None, **changes: Any) -> Case:
-    """A preset's module with a friction law at `value` (b in N s/m, or μ); middle of Table 1 by default."""
+    """Return a preset's module with a friction law at `value` (b in N s/m, or μ).
+
+    The default is b = 0.2 N s/m, the middle of Table 1, or μ = 0.15, its lowest value. `changes` replace
+    fields.
+    """
     settings: dict[str, Any] = {
         "spring_n_m": SPRINGS_N_M[preset],
         "amplitude_m": AMPLITUDES_M[preset][law],
@@ -140,7 +144,7 @@ def case(preset: str, law: str, value: float | None = None, **changes: Any) -> C
 
 
 def whole_range(presets: tuple[str, ...], laws: tuple[str, ...]) -> list[Case]:
-    """Table 1's ranges of friction."""
+    """Return the cases of the presets and laws over Table 1's ranges of friction."""
     return [
         case(preset, law, value)
         for preset in presets

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 UP_COLOUR, DOWN_COLOUR = "tab:blue", "tab:orange"
 IMPACT_COLOUR, CALM_COLOUR, BAND_COLOUR = "#0072b2", "#e4e4e4", "#f2d98c"
 CALM_LINE_COLOUR, BORDER_COLOUR = "#6b6b6b", "#d55e00"
-"""From Okabe and Ito's set, whose colours colour-blind readers can distinguish; the impact regime is blue."""
+"""Colours from Okabe and Ito's set, which colour-blind readers can distinguish; the impact regime is blue."""
 LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–Stribeck"}
 
 
 def new_figure(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple["Figure", Any]:
-    """A grid of axes, always two-dimensional."""
+    """Return a figure and its grid of axes, which is always two-dimensional."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -37,7 +37,7 @@ def new_figure(rows: int, columns: int, width: float, height: float, **options: 
 
 
 def save(figure: "Figure", folder: Path, name: str) -> list[str]:
-    """Write both formats; returns their paths."""
+    """Write the figure as SVG and PNG and return both paths."""
     folder.mkdir(parents=True, exist_ok=True)
     svg, png = folder / f"{name}.svg", folder / f"{name}.png"
     figure.savefig(svg, metadata={"Date": None})
@@ -57,7 +57,7 @@ def _title(case: Case) -> str:
 
 
 def amplitude_frequency(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
-    """A column per case: extremes, approach speed, energies and impacts over the ratio, both ways."""
+    """Draw a column for each case: extremes, v⁻, energy and impacts over the ratio, run-up and run-down."""
     figure, grid = new_figure(4, len(diagrams), 1.2 + 4.2 * len(diagrams), 9.5, sharex=True, sharey="row")
     for column, diagram in enumerate(diagrams):
         case = diagram.case
@@ -103,7 +103,7 @@ def _branches(axes: NDArray[Any], case: Case, sweep: Sweep, colour: str, marker:
 
 
 def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[str]:
-    """Every case as two bars, run-up above run-down: where there are impacts."""
+    """Draw the ratios with impacts of each case as two bars, run-up above run-down."""
     figure, grid = new_figure(1, 1, 9.0, 0.9 + 0.36 * len(diagrams))
     axes = grid[0, 0]
     for place, diagram in enumerate(diagrams):
@@ -146,7 +146,10 @@ def basin(
     name: str,
     at_once: NDArray[np.bool_] | None = None,
 ) -> list[str]:
-    """A map of starts, coloured by what they end in; over it where instant starts end in impacts."""
+    """Draw a map of starts, coloured by the regime in which they end.
+
+    `at_once` outlines the starts that would end in impacts if the crank started at full speed.
+    """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
@@ -200,7 +203,7 @@ REGIME_COLOURS = {
 
 
 def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
-    """A row per law: time history and phase portrait of the impact motion, then of the other."""
+    """Draw, in a row for each law, time histories and phase portraits of impact and non-impact motion."""
     figure, grid = new_figure(len(pairs), 4, 15.0, 0.8 + 2.9 * len(pairs))
     for row, both in zip(grid, pairs, strict=True):
         for axes, motion, kind in (
@@ -259,7 +262,7 @@ def chart(
     folder: Path,
     name: str,
 ) -> list[str]:
-    """Start-up reliability with the impact region's border, beside the regimes."""
+    """Draw the start-up reliability with the border of starts from rest, and beside it the regimes."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""Unions of closed intervals on the ratio's axis, ascending and apart from each other."""
+"""Unions of closed intervals of the ratio r, ascending and disjoint."""
 
 from itertools import pairwise
 
@@ -6,12 +6,12 @@ Interval = tuple[float, float]
 
 
 def contains(union: list[Interval], value: float) -> bool:
-    """Whether one of them holds it."""
+    """Return whether one of the intervals contains the value."""
     return any(low <= value <= high for low, high in union)
 
 
 def symmetric_difference(one: list[Interval], other: list[Interval]) -> list[Interval]:
-    """Where just one of the two unions is.
+    """Return the intervals that belong to exactly one of the two unions.
 
     >>> symmetric_difference([(0.8, 1.4)], [(0.7, 1.1)])
     [(0.7, 0.8), (1.1, 1.4)]
@@ -27,5 +27,5 @@ def symmetric_difference(one: list[Interval], other: list[Interval]) -> list[Int
 
 
 def width(union: list[Interval]) -> float:
-    """Their lengths together."""
+    """Return the total length of the intervals."""
     return sum(high - low for low, high in union)

@@ -1,8 +1,9 @@
 """Maps over the ratio and a second parameter: the regimes, and the share of starts that end in impacts.
 
-Reliability is the share of starts that end in impact motion when the crank is at speed at once: positions
-within the gap either side of the spring's rest, speeds up to FASTEST_START_M_S (table1's, scaled by ω), any
-crank angle, evenly spread by an additive recurrence (Roberts 2018), the same for every cell.
+Reliability is the share of starts that end in impact motion if the crank starts at full speed. The starts
+have positions within ± the gap about the rest length, speeds up to FASTEST_START_M_S (table1's, scaled by ω)
+and any crank angle. They are evenly distributed by an additive recurrence (Roberts 2018) and the same for
+every cell.
 """
 
 import math
@@ -23,10 +24,10 @@ from tools.study.sweep import HIGH_RATIO, LOW_RATIO
 FASTEST_START_M_S = 0.5
 
 SETTLE = CLASSIFY._replace(settle_s=100.0, tolerance=1e-5)
-"""Coarser than a basin: near a border between regimes an orbit settles slowly."""
+"""Coarser protocol than for a basin, because orbits settle slowly near a border between regimes."""
 
 STARTS = 64
-"""Bounds of a share of 64 are ±12 % at worst."""
+"""Number of starts of a cell; the 95 % bounds of a share of 64 are ±12 % at most."""
 
 SECOND = {
     # name: (field of the case, low, high, label)
@@ -35,14 +36,14 @@ SECOND = {
     "b": ("b_n_s_m", 0.02, 1.0, "viscous coefficient b [N s/m]"),
     "k": ("restitution", 0.2, 0.9, "restitution k"),
 }
-"""The second parameters of a map; their ranges are a little wider than Table 1's."""
+"""Second parameters of a map; their ranges are a little wider than Table 1's."""
 
 GOLDEN_3D = 1.2207440846057596
 """Root of x⁴ = x + 1; its inverse powers are the recurrence's steps in three dimensions."""
 
 
 def second_of(over: str) -> str:
-    """The parameter beside r in `r,NAME`."""
+    """Return the second parameter NAME of `r,NAME`; raises BadInputError for another text."""
     first, _, second = over.partition(",")
     if first != "r" or second not in SECOND:
         raise BadInputError(f"--over is {over!r}: wanted one of {', '.join(f'r,{name}' for name in SECOND)}")
@@ -50,7 +51,7 @@ def second_of(over: str) -> str:
 
 
 def changed(case: Case, second: str, value: float) -> Case:
-    """The case with another value of the second parameter."""
+    """Return the case with another value of the second parameter."""
     other: Case = replace(case, **{SECOND[second][0]: value})  # type: ignore[arg-type]  # all are floats
     return (
         replace(other, mu_s=STATIC_OVER_SLIDING * value)
@@ -60,7 +61,7 @@ def changed(case: Case, second: str, value: float) -> Case:
 
 
 def check(case: Case, second: str) -> None:
-    """Refuse a parameter that the law does not have."""
+    """Raise BadInputError if the case's friction law does not have the parameter."""
     if (second == "mu" and case.law == "viscous") or (second == "b" and case.law != "viscous"):
         raise BadInputError(
             f"--over r,{second} with --law {case.law}: that law has no {second}; "
@@ -69,13 +70,13 @@ def check(case: Case, second: str) -> None:
 
 
 def axes(second: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ratios and values of the second parameter, ends included."""
+    """Return the ratios and the values of the second parameter, including the ends of their ranges."""
     _, low, high, _ = SECOND[second]
     return np.linspace(LOW_RATIO, HIGH_RATIO, size), np.linspace(low, high, size)
 
 
 def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
-    """Rest at crank angle 0, then evenly spread states; shape (count + 1, 3)."""
+    """Return the start at rest with crank angle 0, then evenly distributed starts; shape (count + 1, 3)."""
     steps = GOLDEN_3D ** -np.arange(1.0, 4.0)
     spread = (0.5 + np.outer(np.arange(1.0, count + 1), steps)) % 1.0
     reach = max(case.gap_m, 0.0)
@@ -86,12 +87,12 @@ def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
 
 
 def summary_spec(case: Case, second: str, size: int) -> dict[str, Any]:
-    """The inputs of a whole map."""
+    """Return the specification of a whole map."""
     return {"case": case.parameters(), "second": second, "size": size}
 
 
 def specs(case: Case, second: str, size: int) -> list[dict[str, Any]]:
-    """A piece for each value of the second parameter."""
+    """Return the specifications of a map's pieces of work, one for each value of the second parameter."""
     ratios, values = axes(second, size)
     return [
         {
@@ -104,7 +105,7 @@ def specs(case: Case, second: str, size: int) -> list[dict[str, Any]]:
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One row of a chart."""
+    """Compute one row of a map."""
     case = Case(**spec["case"])
     begun = starts(case)
     rows = [_cell(case, ratio, begun) for ratio in spec["ratios"]]
@@ -121,7 +122,10 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def _cell(case: Case, ratio: float, begun: NDArray[np.float64]) -> tuple[float, bool, int]:
-    """Share of starts that end in impacts, whether rest does, and the commonest regime, of impact if any."""
+    """Return the share of starts that end in impacts, whether the start at rest does, and the main regime.
+
+    The main regime is the most frequent; if any start ends in impacts, only regimes with impacts are counted.
+    """
     regimes, impacts = classify(case, ratio, begun, SETTLE)
     regimes = np.where(regimes < 0, -1 - regimes, regimes)
     reaches_stop = impacts > 0.0

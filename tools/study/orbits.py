@@ -1,4 +1,4 @@
-"""Orbits of a case, by the closed form where there is one and by the adaptive solver elsewhere."""
+"""Orbits of a case, by the closed-form solution if there is one, otherwise by the adaptive solver."""
 
 import time
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from plant_sim.solvers.adaptive.state_layout import Memory, allocate
 from tools.study.cases import Case
 
 ACCURACY_M = 1e-7
-"""Of the adaptive solver, per period: a millionth of the gap."""
+"""Accuracy of the adaptive solver per period, m: about a millionth of the gap."""
 
 IMPACTS_AT_ONCE = 256
 
@@ -25,7 +25,7 @@ _own = local()
 
 
 class State(NamedTuple):
-    """Position less rest length, velocity, crank angle."""
+    """State of the module: position less rest length, velocity, crank angle."""
 
     y_m: float
     v_m_s: float
@@ -36,7 +36,7 @@ AT_REST = State(0.0, 0.0, 0.0)
 
 
 def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcome:
-    """The outcome of one start."""
+    """Return the outcome of one start."""
     if case.is_exact:
         return exact_orbits.follow(
             case.striker(), case.drive(ratio), case.closed_friction(), case.rigid_stop(), *start, protocol
@@ -45,7 +45,7 @@ def follow(case: Case, ratio: float, start: State, protocol: Protocol) -> Outcom
 
 
 def warm(cases: Iterable[Case]) -> float:
-    """Compile or load what these cases need, one kernel after the other; returns the seconds that took."""
+    """Compile or load the kernels of these cases, one after the other; return the elapsed time in s."""
     started_s = time.perf_counter()
     at_once = CLASSIFY._replace(settle_s=0.0)
     for kernel in {
@@ -58,7 +58,10 @@ def warm(cases: Iterable[Case]) -> float:
 def classify(
     case: Case, ratio: float, starts: NDArray[np.float64], protocol: Protocol
 ) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Regime (−1 − regime where not certain) and impacts per period of starts (y, v, crank), shape (n, 3)."""
+    """Return the regimes (−1 − regime if uncertain) and the impacts per period of starts.
+
+    `starts`: (y, v, crank angle), shape (n, 3).
+    """
     regimes, impacts = np.empty(len(starts), np.int8), np.empty(len(starts), np.float32)
     if case.is_exact:
         exact_orbits.classify(
@@ -79,7 +82,7 @@ def classify(
 
 
 def _memory(case: Case) -> Memory:
-    """This thread's own scratch for the case."""
+    """Return the solver memory of this thread for the case."""
     if not hasattr(_own, "memories"):
         _own.memories = lru_cache(maxsize=64)(_allocate)
     memory: Memory = _own.memories(case)

@@ -1,4 +1,4 @@
-"""Time histories and phase portraits of both motions of a case, with their Poincaré points."""
+"""Time histories and phase portraits of impact and non-impact motion of a case, with Poincaré points."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tools.study.sweep import Diagram, end_state
 
 SHOWN_PERIODS = 4
 SECTIONS = 60
-"""Poincaré points: the crank's passages through its rear dead centre, where the periods are counted from."""
+"""Number of Poincaré points: passages of the crank through its rear dead centre, where a period begins."""
 
 SAMPLES_PER_PERIOD = 400
 ACCURACY_M = 1e-9
@@ -24,7 +24,7 @@ ACCURACY_M = 1e-9
 
 @dataclass(frozen=True)
 class Motion:
-    """Some periods of a settled motion, with both sides of each impact, and its Poincaré points."""
+    """Some periods of a settled motion, with states before and after each impact, and its Poincaré points."""
 
     case: Case
     ratio: float
@@ -38,7 +38,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pair:
-    """The impact and the non-impact motion of a law; None where it has none."""
+    """The impact and the non-impact motion of a case; None if the motion does not exist."""
 
     case: Case
     impact: Motion | None
@@ -46,7 +46,7 @@ class Pair:
 
 
 def pair(diagram: Diagram) -> Pair:
-    """Both motions at one ratio in the multistable band, or each at a ratio of its own without one."""
+    """Return both motions at the middle of the widest multistable band; if none, the motion at r = 1.5."""
     band = diagram.widest_multistable()
     if band is not None:
         ratio = round(0.5 * (band[0] + band[1]), 2)
@@ -60,7 +60,7 @@ def pair(diagram: Diagram) -> Pair:
 
 
 def motion(case: Case, ratio: float, start: State) -> Motion:
-    """The settled motion from a start, sampled."""
+    """Return the settled motion from a start, sampled over SHOWN_PERIODS."""
     settled = end_state(follow(case, ratio, start, PAPER))
     turn_s = 2.0 * math.pi / (ratio * case.natural_rad_s)
     shown = sample(
@@ -76,7 +76,7 @@ def motion(case: Case, ratio: float, start: State) -> Motion:
 
 
 def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> SimulationResult:
-    """The motion at some times."""
+    """Simulate the motion from a start and sample it at the given times."""
     initial = MotionState(
         0.0,
         min(start.y_m + case.rest_length_m, case.stop_m),
@@ -91,7 +91,7 @@ def sample(case: Case, ratio: float, start: State, t_s: NDArray[np.float64]) -> 
 def with_impacts(
     case: Case, result: SimulationResult
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Samples with the states just before and after each impact put between them."""
+    """Return t, x and v of the samples, with the states just before and after each impact inserted."""
     samples, impacts = result.samples, result.impacts
     if samples is None:
         raise AssertionError("a run with sample times has samples")
@@ -104,7 +104,7 @@ def with_impacts(
 
 
 def as_table(pairs: list[Pair]) -> pa.Table:
-    """All of the pictures' points: `kind` is sample, or section for a Poincaré point; those have no time."""
+    """Return all points of the pictures; `kind` is sample, or section for a Poincaré point (no time)."""
     parts = []
     for both in pairs:
         for name, one in (("impact", both.impact), ("non-impact", both.non_impact)):

@@ -1,7 +1,8 @@
-"""Sweeps and portraits as Rerun recordings: an orbit as the ratio changes, and its course in time.
+"""Sweeps and portraits as Rerun recordings: the orbit over the ratio, and the motion over time.
 
-Orbits are drawn dimensionless, (x − l0)/gap to the right and x'/(ω gap) upwards, so that the stop stands at 1
-and every module fits the same picture. A sweep's timeline is the ratio in thousandths, a portrait's the time.
+Orbits are drawn dimensionless, (x − l0)/gap to the right and x'/(ω gap) upwards, so that the stop is at 1 and
+all modules have the same scale. A sweep's timeline is the ratio in thousandths, a portrait's timeline is the
+time.
 """
 
 from collections.abc import Sequence
@@ -22,15 +23,15 @@ from tools.study.sweep import Diagram, Sweep
 RATIO_LINE = "r_thousandths"
 TIME_LINE = "sim_time"
 ORBIT_PERIODS = 2
-"""Some orbits near r = 0.9 repeat after two."""
+"""Drawn periods of an orbit; some orbits near r = 0.9 repeat after two periods."""
 ORBIT_POINTS = 240
 FRAME_S = 0.01
 
 
 class Way(NamedTuple):
-    """One way through the ratios, as it is drawn: small above large, so that both show where they agree.
+    """Style of a run-up or a run-down: thin lines above wide ones, so that both are visible if they coincide.
 
-    Lines lie above each other by `above`, dots by their names.
+    `above` is the order of overlapping lines; Rerun orders overlapping dots by their names.
     """
 
     name: str
@@ -43,18 +44,18 @@ class Way(NamedTuple):
 RUN_UP, RUN_DOWN = Way("run-up", TRUTH, 1.8, 1.0, 1.7), Way("run-down", ESTIMATE, 0.8, 2.0, 3.5)
 
 Orbit = NDArray[np.float64]
-"""Points in the plane as it is drawn, shape (n, 2); the screen's second axis points down."""
+"""Points in the drawn plane, shape (n, 2); the screen's second axis points down."""
 
 
 def drawn(case: Case, x_m: NDArray[np.float64], v_m_s: NDArray[np.float64]) -> Orbit:
-    """States in the picture's units."""
+    """Return states in the picture's units, shape (n, 2)."""
     return np.column_stack(
         ((x_m - case.rest_length_m) / case.gap_m, -v_m_s / (case.natural_rad_s * case.gap_m))
     )
 
 
 def orbit(case: Case, sweep: Sweep, ratio: float) -> Orbit:
-    """What a sweep has settled on at a ratio, both sides of each impact joined by the impact."""
+    """Return the settled orbit of a sweep at a ratio, with the states before and after each impact."""
     turn_s = 2.0 * np.pi / (ratio * case.natural_rad_s)
     t_s = np.linspace(0.0, ORBIT_PERIODS * turn_s, ORBIT_POINTS)
     _, x_m, v_m_s = with_impacts(case, sample(case, ratio, sweep.state_at(ratio), t_s))
@@ -62,18 +63,18 @@ def orbit(case: Case, sweep: Sweep, ratio: float) -> Orbit:
 
 
 def colour(rgba: int) -> NDArray[np.uint32]:
-    """One colour, as the SDK takes it without guessing."""
+    """Return one colour in the type that the SDK accepts without conversion."""
     return np.array([rgba], np.uint32)
 
 
 def stop_line(recording: rr.RecordingStream, name: str) -> None:
-    """The stop, at all times."""
+    """Log the stop as a static line."""
     line = rr.LineStrips2D([[[1.0, -2.5], [1.0, 2.5]]], colors=colour(ALARM), radii=rr.Radius.ui_points(0.7))
     recording.log(f"{name}/stop", line, static=True)
 
 
 def begun(path: Path, name: str, layout: rrb.Blueprint) -> rr.RecordingStream:
-    """An empty recording in a file."""
+    """Open an empty recording in a file."""
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
     recording.save(path, default_blueprint=layout)
     recording.send_recording_name(name)
@@ -81,23 +82,23 @@ def begun(path: Path, name: str, layout: rrb.Blueprint) -> rr.RecordingStream:
 
 
 def plane(name: str, origin: str) -> rrb.Spatial2DView:
-    """A view of the plane of states."""
+    """Return a view of the plane of states."""
     bounds = rrb.VisualBounds2D(x_range=[-2.2, 1.4], y_range=[-2.2, 2.2])
     return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
 
 
 def titled(case: Case) -> str:
-    """Over a view."""
+    """Return the title of a case's view."""
     return f"{case.preset}, {case.label}"
 
 
 def entity(case: Case) -> str:
-    """Where a case's things are."""
+    """Return the entity path of a case."""
     return f"{case.preset}/{case.law}"
 
 
 def sweeps(diagrams: Sequence[Diagram], path: Path) -> None:
-    """The settled orbits of run-up and run-down as the ratio moves, above their approach speeds."""
+    """Write a recording of the settled orbits of run-up and run-down over the ratio, with their v⁻."""
     cases = [diagram.case for diagram in diagrams]
     layout = rrb.Blueprint(
         rrb.Vertical(
@@ -128,7 +129,7 @@ def sweeps(diagrams: Sequence[Diagram], path: Path) -> None:
 
 
 def _one_way(recording: rr.RecordingStream, case: Case, sweep: Sweep, way: Way) -> None:
-    """Orbits and approach speeds of one way through the ratios."""
+    """Log the orbits and v⁻ of a run-up or a run-down."""
     orbits, speeds = f"{entity(case)}/orbits/{way.name}", f"{entity(case)}/speeds/{way.name}"
     order = np.argsort(sweep.column("ratio"))
     ratios = sweep.column("ratio")[order]
@@ -146,7 +147,7 @@ def _one_way(recording: rr.RecordingStream, case: Case, sweep: Sweep, way: Way) 
 
 
 def portraits(pairs: Sequence[Pair], path: Path) -> None:
-    """Both motions of each law, run through, over their Poincaré points."""
+    """Write a recording of both motions of each law over time, with their Poincaré points."""
     motions = [
         (both.case, kind, motion)
         for kind in ("impact", "non-impact")
@@ -169,7 +170,7 @@ def portraits(pairs: Sequence[Pair], path: Path) -> None:
 
 
 def _run_through(recording: rr.RecordingStream, name: str, motion: Motion) -> None:
-    """The orbit at rest, its Poincaré points, and the state moving on it."""
+    """Log the static orbit, its Poincaré points, and the state that moves along the orbit."""
     case = motion.case
     stop_line(recording, name)
     whole = drawn(case, motion.x_m, motion.v_m_s)
@@ -179,7 +180,7 @@ def _run_through(recording: rr.RecordingStream, name: str, motion: Motion) -> No
     points = drawn(case, motion.points[:, 0], motion.points[:, 1])
     dots = rr.Points2D(points, colors=colour(OTHER), radii=rr.Radius.ui_points(3.0))
     recording.log(f"{name}/poincare", dots, static=True)
-    # Two states have one time at an impact; the later one is after it.
+    # At an impact two states have the same time; the second is the state after the impact.
     frames_s = np.arange(0.0, motion.t_s[-1], FRAME_S)
     rows = np.searchsorted(motion.t_s, frames_s, side="right") - 1
     moving: dict[str, Any] = {"colors": colour(0xFFFFFFFF), "radii": rr.Radius.ui_points(5.0)}

@@ -1,9 +1,9 @@
 """Basins with the firmware in the loop: each cell is a closed loop with a soft start to r = Ω/ω.
 
-The motor, the soft stop and the sensors of the bench's own scene stand around the case's striker; the
-firmware has the case's own numbers. The operator asks for RUN `RUN_S` after power-up. A cell counts as impact
-where the firmware ends in mode RUN with impacts that go on. Beside it the same module with the crank at speed
-at once: what the start was spared.
+The scene has the case's striker and friction, and the motor, soft stop and sensors of the bench's scene; the
+firmware's nominal parameters are the case's. The operator requests RUN `RUN_S` after power-up. A cell counts
+as impact motion if the firmware ends in mode RUN with lasting impacts. For comparison, each cell also has the
+result of an instant start, with the crank at full speed at once.
 """
 
 from collections import Counter
@@ -20,17 +20,17 @@ from tools.study.basin import Basin, axes, keep, specs, statistics, wilson
 from tools.study.cases import Case
 
 PRESET = "table1"
-"""The module that the firmware's limits are set for."""
+"""Preset for which the firmware's limits are set."""
 
 DURATION_S = 32.0
-"""As in the start-up campaign: the start, all of its further attempts, and 8 s in which impacts go on."""
+"""Duration of a cell's run, as in the start-up campaign: all attempts to start, and 8 s of impacts."""
 
 ROWS_AT_ONCE = 2
 NOISE_SEED = 1
 
 
 def check(case: Case, ratio: float) -> None:
-    """Refuse what the shipped firmware would refuse."""
+    """Raise BadInputError for a preset or a ratio that the firmware does not accept."""
     from firmware_py.shell.parameters import config_from
 
     if case.preset != PRESET:
@@ -47,7 +47,7 @@ def check(case: Case, ratio: float) -> None:
 
 
 def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str, Any]:
-    """The bench's scene with the case's striker, guide and stop, and where all stands at power-up."""
+    """Return the bench's scene with the case's striker, friction and stop, and the state at power-up."""
     scene = read_scene(f"{PRESET}-motor-soft")
     scene["striker"] |= {
         "mass_kg": case.mass_kg,
@@ -73,7 +73,7 @@ def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str
 
 
 def nominal_of(case: Case) -> dict[str, Any]:
-    """The firmware's nominal parameters: the case, with a dry law by its μ alone."""
+    """Return the firmware's nominal parameters: those of the case, with only μ of a dry friction law."""
     return {
         "striker": {
             "mass_kg": case.mass_kg,
@@ -87,7 +87,7 @@ def nominal_of(case: Case) -> dict[str, Any]:
 
 
 def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) -> Basin:
-    """The whole map; also written as one file beside its figure."""
+    """Compute the whole map and write it as one file."""
     check(case, ratio)
     pieces = specs(case, ratio, plane, size, ROWS_AT_ONCE)
     paths = work.run(f"soft-{plane}", piece, pieces, where, in_processes=True)
@@ -107,7 +107,7 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Some rows of a map."""
+    """Compute some rows of a map."""
     from firmware_py.interface.enums import Mode
     from firmware_py.shell.parameters import config_from
     from tools.campaign.trial.cells import Cell

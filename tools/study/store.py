@@ -1,8 +1,8 @@
-"""Results as Parquet files, one per piece of work, each with its inputs.
+"""Results as Parquet files, one for each piece of work, each with its inputs.
 
-A piece's file appears only when it is complete, under a name made from its specification and the versions of
-everything that it depends on: a study that was killed goes on where it stopped, and one whose sources changed
-starts afresh.
+A file is created only once its piece is complete. Its name is made from the piece's specification and the
+versions of everything on which it depends. A killed study therefore continues where it stopped, and a study
+whose sources have changed starts again.
 """
 
 import json
@@ -24,23 +24,23 @@ METADATA_KEY = b"vibrohil"
 
 @cache
 def versions() -> dict[str, str]:
-    """What computed a result: the packages and the code's state."""
+    """Return the versions of the packages and the digest of the sources that compute a result."""
     return {**provenance.packages(), "sources": provenance.sources()[:16]}
 
 
 def name_of(kind: str, spec: Spec) -> str:
-    """A file's name: the kind of piece and a hash of all that its content depends on."""
+    """Return a file's name: the kind of piece and a digest of everything on which its content depends."""
     return f"{kind}-{provenance.key(kind, json.dumps(spec, sort_keys=True))[:20]}.parquet"
 
 
 def columns(names: str, texts: str = "", counts: str = "") -> pa.Schema:
-    """A table's columns in order; `texts` of them hold strings, `counts` whole numbers, the others floats."""
+    """Return a table's schema, columns in order: `texts` are strings, `counts` integers, others floats."""
     kinds = dict.fromkeys(texts.split(), pa.string()) | dict.fromkeys(counts.split(), pa.int64())
     return pa.schema([(name, kinds.get(name, pa.float64())) for name in names.split()])
 
 
 def write(path: Path, table: pa.Table, spec: Spec, facts: Mapping[str, Any]) -> None:
-    """Write a table with its specification, versions and what else was found; all of it or nothing."""
+    """Write a table with its specification, versions and facts atomically."""
     metadata = {"spec": spec, "versions": versions(), "facts": facts}
     tagged = table.replace_schema_metadata({METADATA_KEY: json.dumps(metadata, sort_keys=True)})
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -50,13 +50,13 @@ def write(path: Path, table: pa.Table, spec: Spec, facts: Mapping[str, Any]) -> 
 
 
 def read(path: Path) -> tuple[pa.Table, dict[str, Any]]:
-    """A table and its `spec`, `versions` and `facts`."""
+    """Return a table and its metadata: `spec`, `versions` and `facts`."""
     table = pq.read_table(path)
     return table, json.loads(table.schema.metadata[METADATA_KEY])
 
 
 def is_complete(path: Path) -> bool:
-    """Whether the file is there and whole; one that is damaged is removed."""
+    """Return whether the file exists and is complete; a damaged file is removed."""
     if not path.exists():
         return False
     try:

@@ -1,7 +1,7 @@
 """Amplitude–frequency diagrams: run-up and run-down by the paper's protocol, and the ends of regimes.
 
-Each ratio starts from where the one before it ended, crank angle included. Where the striker begins or ceases
-to have impacts, the attractor is then followed in ever smaller steps until the last one is below EDGE_STEP.
+Each ratio starts from the final state of the previous ratio, including the crank angle. Where impacts begin
+or end, the attractor is then followed in decreasing steps until a step is below EDGE_STEP.
 """
 
 import math
@@ -22,22 +22,22 @@ from tools.study.intervals import Interval, symmetric_difference, width
 from tools.study.orbits import AT_REST, State, follow
 
 LOW_RATIO, HIGH_RATIO, RATIOS = 0.7, 1.8, 111
-"""The paper's interval in steps of 0.01."""
+"""The paper's range of ratios, in steps of 0.01."""
 
 EDGE_STEP = 1e-5
-"""Last step of a continuation, in r; below it the passage of a fold's ghost outlasts CONTINUE."""
+"""Last step of a continuation, in r; at smaller steps the slow passage beyond a fold outlasts CONTINUE."""
 
 NEAR_EDGE = 2e-3
-"""Impact motion that was periodic so near its end ends in a fold; nearer it hardly settles."""
+"""Impact motion that is periodic up to this distance in r from its end ends in a fold; nearer, few settle."""
 
 GRAZING_SHARE = 0.1
-"""An impact branch that ends with its slowest impact below this share of its fastest ends by grazing."""
+"""A branch ends by grazing if the slowest v⁻ of its last motion is below this share of the fastest v⁻."""
 
 CONTINUE = CLASSIFY._replace(settle_s=300.0, tolerance=1e-6)
-"""Near a fold an orbit settles slowly; it stops as soon as it has settled."""
+"""Protocol of a continuation: near a fold an orbit settles slowly; the run stops once it has settled."""
 
 CREEP = CONTINUE._replace(stop_early=False, settle_s=180.0, record_s=20.0)
-"""Towards grazing, motion in closed form settles in full: the rest of an old swing would reach it early."""
+"""Protocol towards grazing, in closed form: a full run, as a remaining transient would graze too early."""
 
 COLUMNS = (
     "cycle",
@@ -62,11 +62,11 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Edge:
-    """Where one motion ends on the way: its last ratio, and how it ends.
+    """The end of a motion in a sweep: its last ratio, and the kind of end.
 
-    `grazing`: the striker just reaches the stop. `fold`: a periodic impact motion vanishes with a finite
-    impact. `crisis`: an irregular one does. It may lie before the last ratio of the sweep with impacts, where
-    impact motion was dying out too slowly for the run to see it end.
+    `grazing`: the striker just reaches the stop. `fold`: a periodic impact motion ends at a finite v⁻.
+    `crisis`: an irregular impact motion ends. The edge may lie before the sweep's last ratio with impacts if
+    the impacts decay too slowly to end within the run.
     """
 
     ratio: float
@@ -76,18 +76,18 @@ class Edge:
 
 @dataclass(frozen=True)
 class Sweep:
-    """One way through the ratios."""
+    """A run-up or a run-down: a row for each ratio, and the edges."""
 
     table: pa.Table
     edges: list[Edge]
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """One column as numbers."""
+        """Return a column as an array of numbers."""
         values: NDArray[np.float64] = self.table[name].to_numpy()
         return values
 
     def with_impacts(self) -> list[Interval]:
-        """Intervals of r with impacts, ended by the edges or by the sweep's own ends."""
+        """Return the intervals of r with impacts, bounded by the edges or by the sweep's ends."""
         grid, reaches_stop = self.column("ratio"), self.column("impacts") > 0.0
         cuts = [float(grid[0]), *(edge.ratio for edge in self.edges), float(grid[-1])]
         found, on = [], bool(reaches_stop[0])
@@ -98,13 +98,13 @@ class Sweep:
         return sorted(found)
 
     def at(self, ratio: float) -> dict[str, Any]:
-        """The row nearest to a ratio."""
+        """Return the row nearest to a ratio."""
         index = int(np.argmin(np.abs(self.column("ratio") - ratio)))
         row: dict[str, Any] = self.table.slice(index, 1).to_pylist()[0]
         return row
 
     def state_at(self, ratio: float) -> State:
-        """Where the orbit nearest to a ratio ended."""
+        """Return the final state of the orbit nearest to a ratio."""
         row = self.at(ratio)
         return State(row["end_y_m"], row["end_v_m_s"], row["end_crank_rad"])
 
@@ -118,23 +118,23 @@ class Diagram:
     down: Sweep
 
     def multistable(self) -> list[Interval]:
-        """Where the one way has impacts and the other has none."""
+        """Return the intervals of r in which only one of run-up and run-down has impacts."""
         return symmetric_difference(self.up.with_impacts(), self.down.with_impacts())
 
     def widest_multistable(self) -> Interval | None:
-        """The widest interval with two motions."""
+        """Return the widest interval with two motions; None if there is none."""
         return max(self.multistable(), key=lambda interval: interval[1] - interval[0], default=None)
 
     def onset(self) -> float | None:
-        """Lowest ratio at which the run-up has impacts."""
+        """Return the lowest ratio at which the run-up has impacts; None if it has none."""
         return min((low for low, _ in self.up.with_impacts()), default=None)
 
     def regimes_seen(self) -> list[str]:
-        """On either way."""
+        """Return the names of the regimes that occur in the run-up or the run-down."""
         return sorted({*self.up.table["regime"].to_pylist(), *self.down.table["regime"].to_pylist()})
 
     def as_json(self) -> dict[str, Any]:
-        """For machines."""
+        """Return the diagram as a JSON object."""
         multistable = self.multistable()
         return {
             "law": self.case.law,
@@ -154,7 +154,7 @@ class Diagram:
 
 
 def diagrams(cases: Sequence[Case], where: work.Where, count: int = RATIOS) -> list[Diagram]:
-    """Run-up and run-down of every case."""
+    """Compute the run-up and the run-down of every case."""
     specs = [
         {"case": case.parameters(), "direction": direction, "ratios": count}
         for case in cases
@@ -172,19 +172,19 @@ def _load(path: Path) -> Sweep:
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One sweep: a row per ratio, and its edges."""
+    """Compute one sweep: a row for each ratio, and its edges."""
     sweep = run(Case(**spec["case"]), spec["direction"], spec["ratios"])
     return sweep.table, {"edges": [asdict(edge) for edge in sweep.edges]}
 
 
 def ratios(direction: str, count: int = RATIOS) -> NDArray[np.float64]:
-    """In the order of the run."""
+    """Return the ratios in the order of the sweep."""
     grid = np.round(np.linspace(LOW_RATIO, HIGH_RATIO, count), 12)
     return grid if direction == "up" else grid[::-1].copy()
 
 
 def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
-    """By the paper's protocol, the state carried from ratio to ratio."""
+    """Run a sweep by the paper's protocol; each ratio starts from the final state of the previous ratio."""
     grid = ratios(direction, count)
     outcomes: list[Outcome] = []
     edges: list[Edge] = []
@@ -205,12 +205,12 @@ def run(case: Case, direction: str, count: int = RATIOS) -> Sweep:
 
 
 def end_state(outcome: Outcome) -> State:
-    """The end of an orbit."""
+    """Return the final state of an orbit."""
     return State(outcome.end_y_m, outcome.end_v_m_s, outcome.end_crank_rad)
 
 
 def _edge(case: Case, grid: NDArray[np.float64], outcomes: Sequence[Outcome]) -> Edge:
-    """Follow the motion from before the last of these ratios until its impacts cease, or begin."""
+    """Follow the motion from a ratio before the last one of `grid` until its impacts end or begin."""
     reaches_stop = outcomes[-1].impacts > 0.0
     for index in range(len(grid) - 2, -1, -1):
         ratio, beyond, before = float(grid[index]), float(grid[index + 1]), outcomes[index]

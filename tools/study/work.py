@@ -1,9 +1,9 @@
 """Pieces of work on this machine's cores or a Dask cluster, with the same results on both.
 
-A piece is a function of one plain specification and returns a table with some facts beside it. On this
-machine pieces run in threads: kernels hold no interpreter's lock, so that threads use all cores as processes
-would, while kernels are compiled or loaded once and tables are handed on without a copy. Closed loops, whose
-judges are Python, run in processes.
+A piece is a function of one plain specification and returns a table with some facts. On this machine pieces
+run in threads: kernels release the interpreter's lock, so that threads use all cores as processes would, but
+kernels are compiled or loaded only once and tables are passed on without a copy. Closed loops run in
+processes, because their judges are Python code.
 """
 
 import os
@@ -24,7 +24,7 @@ Piece = Callable[[store.Spec], tuple[pa.Table, dict[str, Any]]]
 
 @dataclass(frozen=True)
 class Where:
-    """Folder of the results, and who computes them: threads here, or the workers of a Dask scheduler."""
+    """Folder of the results, and the workers: threads on this machine, or the workers of a Dask scheduler."""
 
     out: Path
     cores: int
@@ -32,7 +32,7 @@ class Where:
 
 
 def here(out: Path, cores: int | None = None, scheduler: str | None = None) -> Where:
-    """Checked settings; all cores by default."""
+    """Return checked settings; the default is all cores. Raises BadInputError for fewer than one core."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if cores is not None and cores < 1:
         raise BadInputError(f"--cores is {cores}: wanted 1 or more; leave it out for all {available}")
@@ -46,7 +46,7 @@ def run(
     where: Where,
     in_processes: bool = False,
 ) -> list[Path]:
-    """Compute what is missing and return the pieces' files in the order of `specs`."""
+    """Compute the missing pieces and return the files of all pieces in the order of `specs`."""
     paths = [where.out / "pieces" / store.name_of(kind, spec) for spec in specs]
     missing = [index for index, path in enumerate(paths) if not store.is_complete(path)]
     if not missing:

@@ -146,7 +146,7 @@ def test_the_page_says_where_all_holds_and_where_nothing_can() -> None:
     ]
     text = "\n".join(feasibility_page.lines(rows, None))
     assert "2 of 3 cadences at best (axis outward: viscous, 30 ms, compliant)" in text
-    assert "Served by nothing: 0.4 Hz." in text
+    assert "Cadences without a suitable setting: 0.4 Hz." in text
     assert "| walking | outward | 3 | 2 | 0 | 0 | 0 | 0 | 1 | 0 |" in text
     assert "| walking | 4.8–6.0 | 0.8, 1 | 9 | 2 |" in text
 

@@ -22,7 +22,7 @@ DAMPED_RATIOS = (1.05, 1.1, 1.2)
 
 @dataclass(frozen=True)
 class Claim:
-    """The paper's statement, and the finding."""
+    """A statement of the paper with its verdict, measured figures and the reason for the verdict."""
 
     id: str
     statement: str
@@ -32,20 +32,20 @@ class Claim:
 
 
 def in_hz(diagram: Diagram, ratio: float | None) -> float | None:
-    """A speed ratio of a diagram as a frequency; None stays None."""
+    """Return the frequency in Hz of a speed ratio of a diagram; None for None."""
     return None if ratio is None else ratio * diagram.case.natural_rad_s / (2.0 * math.pi)
 
 
 def per_law(found: Sequence[Diagram], figure: Callable[[Diagram], Any]) -> dict[str, Any]:
-    """A figure of each diagram, by its preset and friction law."""
+    """Return a figure of each diagram, keyed by preset and friction law."""
     return {f"{diagram.case.preset} {diagram.case.law}": figure(diagram) for diagram in found}
 
 
 def nominal(evidence: Evidence) -> list[Diagram]:
-    """The diagrams of all presets with their nominal parameters."""
+    """Return the diagrams of all presets with their nominal parameters."""
     return [diagram for preset in PRESETS for diagram in evidence.nominal(preset)]
 
 
 def or_none(value: float) -> float | None:
-    """None for what is no finite number, as JSON wants it."""
+    """Return the value, or None if it is not finite, because JSON has no other notation."""
     return value if math.isfinite(value) else None

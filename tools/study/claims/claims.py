@@ -1,7 +1,8 @@
 """The paper's claims, each with a measured verdict.
 
 A claim is `reproduced` if it holds as printed, `reproduced-under-parameters` if it holds for stated values
-that the paper leaves open or has otherwise, `contradicted` if it does not hold, or only a part of it does.
+that the paper does not give or gives differently, and `contradicted` if it does not hold or holds only in
+part.
 """
 
 import math
@@ -40,14 +41,14 @@ UNDER_PARAMETERS = "reproduced-under-parameters"
 FORCE_LOW_N, FORCE_HIGH_N = 10.0, 40.0
 
 SAME_SHAPE = 0.98
-"""Correlation above which two motions are said to have the same shape."""
+"""Correlation above which two motions count as having the same shape."""
 
 FEWEST_BAND = 1e-3
-"""Bands narrower than this in r are not called one."""
+"""Smallest width in r of a multistable band."""
 
 
 def judge(evidence: Evidence) -> list[Claim]:
-    """All claims in order."""
+    """Judge all claims in order."""
     claims: list[Callable[[Evidence], Claim]] = [
         three_regimes,
         onset_ratio,
@@ -82,9 +83,10 @@ def three_regimes(evidence: Evidence) -> Claim:
             "with_all_three_by_law": laws,
             "without_impacts": [f"{d.case.preset} {d.case.label}" for d in never],
         },
-        "True for every law once the drive is strong enough. With Table 1's soft spring and A = 30 mm, dry "
-        "friction in the upper part of Table 1's range never lets the striker reach the stop: μ m g "
-        "approaches c A = 2.1 N. A stiffer spring (505 N/m, A = 12 mm) removes the exception.",
+        "This holds for every law if the drive is strong enough. With Table 1's soft spring and A = 30 mm, "
+        "dry friction in the upper part of Table 1's range prevents the striker from reaching the stop, "
+        "because μ m g approaches c A = 2.1 N. With a stiffer spring (505 N/m, A = 12 mm) all cases have "
+        "impacts.",
     )
 
 
@@ -106,10 +108,10 @@ def onset_ratio(evidence: Evidence) -> Claim:
         "In a run-up, impacts begin near Ω/ω = 0.9 to 1.1.",
         UNDER_PARAMETERS if near else CONTRADICTED,
         {"onset_r": onsets, "amplitude_for_onset_at_r_1_and_r_0.9_mm": amplitudes},
-        "The onset is where the calm motion just reaches the stop, and that is set by the drive amplitude "
-        "A, which the paper does not give. The amplitudes listed put it between r = 1 and r = 0.9; larger "
-        "ones move it below 0.9. No amplitude puts the onset of a run-up above r = 1, where the calm motion "
-        "is largest.",
+        "Impacts begin at the ratio at which the non-impact motion just reaches the stop. This ratio depends "
+        "on the drive amplitude A, which the paper does not give. The table lists the amplitudes for an "
+        "onset at r = 1 and at r = 0.9; a larger amplitude moves it below 0.9. No amplitude moves the onset "
+        "of a run-up above r = 1, because the amplitude of the non-impact motion is largest there.",
     )
 
 
@@ -121,7 +123,7 @@ def onset_frequency(evidence: Evidence) -> Claim:
     natural_hz = table1.natural_rad_s / (2.0 * math.pi)
     return Claim(
         "C3",
-        "That range of ratios is 3 to 5 Hz for the parameters of Table 1.",
+        "The range Ω/ω = 0.9 to 1.1 is 3 to 5 Hz for the parameters of Table 1.",
         CONTRADICTED,
         {
             "natural_hz": natural_hz,
@@ -130,10 +132,10 @@ def onset_frequency(evidence: Evidence) -> Claim:
             "spring_for_4_hz_n_m": table1.mass_kg * (2.0 * math.pi * 4.0) ** 2,
             "mass_for_4_hz_kg": table1.spring_n_m / (2.0 * math.pi * 4.0) ** 2,
         },
-        "√(c/m_B) of Table 1 is 9.35 rad/s or 1.49 Hz, so that r = 0.9 to 1.1 is 1.34 to 1.64 Hz, and 2 to "
-        "8 Hz is r = 1.34 to 5.37. A spring of about 505 N/m (or a striker of 0.11 kg) would put r = 1 at 4 "
-        "Hz and make text and table agree; the preset `gait` takes the spring. Which crank frequencies can "
-        "serve which cadence of a walk is in docs/feasibility.md.",
+        "√(c/m_B) of Table 1 is 9.35 rad/s or 1.49 Hz. Therefore r = 0.9 to 1.1 is 1.34 to 1.64 Hz, and 2 to "
+        "8 Hz is r = 1.34 to 5.37. With a spring of about 505 N/m (or a striker of 0.11 kg) r = 1 is 4 Hz, "
+        "and text and table agree; the preset `gait` has this spring. The page docs/feasibility.md lists the "
+        "crank frequencies that suit each cadence of a walk.",
     )
 
 
@@ -164,10 +166,11 @@ def widest_band(evidence: Evidence) -> Claim:
         "Viscous friction gives the widest multistable interval.",
         REPRODUCED if holds else CONTRADICTED,
         {"least_and_greatest_width_r": widest, "width_r": bands},
-        "The narrowest viscous band is wider than the widest dry one, with Table 1's spring and with the "
-        "stiffer one, over Table 1's ranges of b and μ (Coulomb–Stribeck with the stiffer spring: μ = 0.15 "
-        "alone), and also with the same drive amplitude. Dry friction of that size takes several times the "
-        "energy out of a cycle, and the impact motion dies at a lower ratio.",
+        "The narrowest multistable interval with viscous friction is wider than the widest interval with dry "
+        "friction. This holds with Table 1's spring and with the stiffer spring, over Table 1's ranges of b "
+        "and μ (Coulomb–Stribeck friction with the stiffer spring: only μ = 0.15), and also with the same "
+        "drive amplitude. Dry friction dissipates several times as much energy per cycle, and the impact "
+        "motion ends at a lower ratio.",
     )
 
 
@@ -192,14 +195,15 @@ def sharper_switching(evidence: Evidence) -> Claim:
             "impact_lost_at_the_fold_m_s": jumps,
             "share_of_ratios_without_settled_motion": irregular,
         },
-        "True in the sense that run-up and run-down switch at ratios closer to each other (less "
-        "hysteresis), which is C4 again. Each single switch is a jump for all three laws: at the fold the "
-        "impact is lost at its full speed, and viscous friction loses the larger one.",
+        "This holds in the sense that the ratios at which run-up and run-down switch are closer to each "
+        "other (less hysteresis), which is the same statement as C4. With all three laws each switch is a "
+        "jump: at the fold the impacts end at their full approach speed, which is larger with viscous "
+        "friction.",
     )
 
 
 def _jump(diagram: Diagram) -> float | None:
-    """v⁻ at the last ratio of the run-up's settled impact motion."""
+    """Return v⁻ at the last ratio of the run-up with settled impact motion, m/s; None if there is none."""
     settled = np.array(diagram.up.table["regime"].to_pylist()) == "impact"
     return float(diagram.up.column("v_mean_m_s")[settled][-1]) if settled.any() else None
 
@@ -232,10 +236,11 @@ def same_shape(evidence: Evidence) -> Claim:
             "least_correlation_of_x_over_a_cycle": correlations,
             "viscous_coulomb_stribeck_peak_to_peak_mm": spreads,
         },
-        "Position over a cycle, its mean and size taken out, is compared between any two laws at r = 1.1 "
-        f"(impact) and 1.5 (non-impact). The correlation is above {SAME_SHAPE:g} for: {', '.join(alike)}. "
-        "The least alike are the calm motions with Table 1's soft spring, where dry friction takes up most "
-        "of the drive's force and the strokes have sharper turns.",
+        "The position over a cycle, normalised to zero mean and unit variance, is compared between any two "
+        "laws at r = 1.1 (impact) and 1.5 (non-impact). The correlation is above "
+        f"{SAME_SHAPE:g} for: {', '.join(alike)}. "
+        "The non-impact motions with Table 1's soft spring differ most: dry friction takes most of the "
+        "drive's force there, and the strokes have sharper reversals.",
     )
 
 
@@ -263,12 +268,12 @@ def peak_force(evidence: Evidence) -> Claim:
         "Impulses have peak forces of 10 to 40 N.",
         UNDER_PARAMETERS if inside else CONTRADICTED,
         {"peak_n": peaks, "peaks_within_10_and_40": inside, "contact_for_40_n_ms": needed},
-        "Newton's rigid stop has no peak force at all; it depends on how long the contact lasts, which the "
-        "paper does not say. Against a Hunt–Crossley stop the peak is as listed for elastic contact times "
-        "of 10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up); the contact times that would "
-        "bring it to 40 N stand beside it (a dash: none up to 150 ms). Short contacts and the stiffer "
-        "spring exceed 40 N several times over, unless the wearer's own compliance shares the impact: "
-        "docs/feasibility.md has what a walking wearer feels.",
+        "Newton's rigid stop has no finite peak force. The peak force depends on the contact time, which the "
+        "paper does not give. The table lists the peak force on a Hunt–Crossley stop for elastic contact "
+        "times of 10, 30 and 50 ms (at 0.9 m/s, k = 0.5, b = 0.2 N s/m, run-up), and the contact times for a "
+        "peak of 40 N (a dash: none up to 150 ms). With short contacts and with the stiffer spring the peak "
+        "is several times 40 N, unless the wearer's compliance reduces it: docs/feasibility.md has the force "
+        "that a walking wearer feels.",
     )
 
 
@@ -295,10 +300,11 @@ def repeatability(evidence: Evidence) -> Claim:
             "share_of_those_below_5_percent": float(np.mean([spread < 0.05 for spread in others])),
             "greatest_variation_of_those": max(others),
         },
-        "The model has no noise, so that a settled impact motion of the drive's own period repeats exactly; "
-        "what is listed is what 30 s of transient leave. Of the impact motions of longer periods and the "
-        "irregular ones, which lie between the onset and r = 0.98 and at the ends of the band, about half "
-        "vary by more. What sensors and wearers add is not in the paper's model.",
+        "The model has no noise. A settled impact motion with the drive's period therefore repeats exactly; "
+        "the listed variation is the rest of the transient after 30 s. Impact motions with longer periods "
+        "and irregular impact motions occur between the onset and r = 0.98 and at the ends of the band; "
+        "about half of them vary by more than 5 %. The paper's model does not include the variation that "
+        "sensors and wearers add.",
     )
 
 
@@ -342,7 +348,8 @@ def energy(evidence: Evidence) -> Claim:
             "same_ratio": both,
             "impact_at_r_1.1": at_r,
         },
-        "Non-impact motion does take least. But impact takes many times as much with viscous friction at "
-        "the same ratio, which is not moderate, and viscous friction of Table 1's size dissipates least of "
-        "the three, not most: b v is 0.1 N at 0.5 m/s where μ m g is 1.2 N.",
+        "Non-impact motion does take the least energy. With viscous friction, however, impact motion takes "
+        "many times as much at the same ratio, which is not moderate. Viscous friction of Table 1's size "
+        "dissipates the least energy of the three laws, not the most: at 0.5 m/s b v is 0.1 N, while μ m g "
+        "is 1.2 N.",
     )

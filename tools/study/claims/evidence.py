@@ -1,4 +1,4 @@
-"""The evidence for the claims: sweeps, basins, soft impacts, starts; each measured once."""
+"""The evidence for the claims: sweeps, basins, impacts on soft stops, starts. Each is computed once."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,15 +19,15 @@ from tools.study.portraits import sample
 from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
 
 CONTACTS_S = (0.01, 0.03, 0.05)
-"""The bench's elastomer pad, and pads three and five times as soft."""
+"""Elastic contact times of the bench's elastomer pad and of two softer pads."""
 
 SOFT_RATIOS = (1.0, 1.05, 1.1, 1.2, 1.3)
 
 PHASES = 32
-"""Crank angles at which starts are tried."""
+"""Number of crank angles at which starts are tried."""
 
 RAMP_STEPS_PER_S = 400
-"""A ramp's speed is held for 2.5 ms at a time; the crank turns by 3° in that."""
+"""Steps of constant speed in a ramp, 2.5 ms each; the crank turns by about 3° in a step."""
 
 LONGEST_CONTACT_S = 0.15
 HIGHEST_PEAK_N = 40.0
@@ -39,15 +39,19 @@ BASIN_SIZE = 300
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything is measured when it is first asked for."""
+    """Evidence that is computed at first use and then kept."""
 
     where: work.Where
     ratios: int = RATIOS
-    """Of a sweep."""
+    """Number of ratios of a sweep."""
 
     @cached_property
     def diagrams(self) -> list[Diagram]:
-        """Table 1's ranges in both presets; of the retuned Coulomb–Stribeck, which takes long, its own μ."""
+        """Diagrams of both presets over Table 1's ranges of b and μ.
+
+        Coulomb–Stribeck friction with the retuned spring is slow to compute: only its nominal μ is included.
+        One more diagram has viscous friction with the amplitude of the dry laws.
+        """
         cases = [
             case(preset, law, value)
             for preset in PRESETS
@@ -59,17 +63,17 @@ class Evidence:
         return diagrams([*cases, same_amplitude], self.where, self.ratios)
 
     def nominal(self, preset: str) -> list[Diagram]:
-        """The preset's own case of each law."""
+        """Return the diagrams of a preset's nominal case with each law."""
         own = [case(preset, law) for law in LAWS]
         return [diagram for one in own for diagram in self.diagrams if diagram.case == one]
 
     def of(self, one: Case) -> Diagram:
-        """One case's diagram."""
+        """Return the diagram of a case."""
         return next(diagram for diagram in self.diagrams if diagram.case == one)
 
     @cached_property
     def soft(self) -> list[dict[str, Any]]:
-        """Peak forces against soft stops on the branch reached from below, and against damping."""
+        """Peak forces on soft stops of a run-up, for several contact times and damping coefficients."""
         specs = [
             {"case": replace(case(preset, "viscous", b), contact_s=contact_s).parameters()}
             for preset in PRESETS
@@ -86,7 +90,7 @@ class Evidence:
 
     @cached_property
     def contacts(self) -> dict[tuple[str, float], float]:
-        """Elastic contact times with which impacts peak at the paper's 40 N, by preset and ratio."""
+        """Elastic contact times, s, for which the peak force is the paper's 40 N, by preset and ratio."""
         keys = [(preset, ratio) for preset in PRESETS for ratio in SOFT_RATIOS[:3]]
         specs = [
             {"case": case(preset, "viscous").parameters(), "ratio": ratio, "peak_n": HIGHEST_PEAK_N}
@@ -99,7 +103,7 @@ class Evidence:
         }
 
     def peak_n(self, preset: str, contact_s: float, ratio: float, b_n_s_m: float = 0.2) -> float:
-        """nan without impacts."""
+        """Return the peak force of the settled motion on a soft stop, N; nan without impacts."""
         for row in self.soft:
             of = row["case"]
             if (of.preset, of.contact_s, of.b_n_s_m, row["ratio"]) == (preset, contact_s, b_n_s_m, ratio):
@@ -107,7 +111,7 @@ class Evidence:
         raise KeyError((preset, contact_s, ratio, b_n_s_m))
 
     def basin(self, law: str) -> basin.Basin:
-        """(x0, v0) in the middle of the multistable band."""
+        """Return the basin in the plane (x0, v0) in the middle of the multistable band."""
         band = self.of(case("table1", law)).widest_multistable()
         if band is None:
             raise ValueError(f"{law} has no multistable band to take a basin in")
@@ -115,7 +119,7 @@ class Evidence:
 
 
 def soft_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """Run-up against a soft stop, in steps of 0.05."""
+    """Compute a run-up with a soft stop, in steps of 0.05 in r."""
     one = Case(**spec["case"])
     state, rows = AT_REST, []
     for ratio in np.round(np.arange(0.85, SOFT_RATIOS[-1] + 0.01, 0.05), 2):
@@ -158,7 +162,7 @@ def grazing_amplitude_m(one: Case, ratio: float) -> float:
 
 
 def contact_for_peak_s(one: Case, ratio: float, peak_n: float) -> float:
-    """Elastic contact time with which the settled impact motion peaks at a force; nan if none."""
+    """Return the elastic contact time for which the peak force is `peak_n`, s; nan if there is none."""
     low, high = 0.005, LONGEST_CONTACT_S
     if not run_up(replace(one, contact_s=high), ratio).peak_n <= peak_n:
         return math.nan
@@ -170,7 +174,7 @@ def contact_for_peak_s(one: Case, ratio: float, peak_n: float) -> float:
 
 
 def run_up(one: Case, ratio: float) -> Outcome:
-    """The motion at a ratio, reached from just below resonance in steps of 0.1 or less."""
+    """Return the motion at a ratio, reached from r = 0.95 in steps of 0.1 or less."""
     state = AT_REST
     steps = max(1, math.ceil((ratio - 0.95) / 0.1))
     for step in range(steps + 1):
@@ -180,14 +184,14 @@ def run_up(one: Case, ratio: float) -> Outcome:
 
 
 def share_from_rest(one: Case, ratio: float) -> float:
-    """Share of crank angles from which a striker at rest enters impact motion at once."""
+    """Return the share of crank angles from which a start at rest, at full speed, leads to impact motion."""
     starts = np.zeros((PHASES, 3))
     starts[:, 2] = np.linspace(0.0, 2.0 * math.pi, PHASES, endpoint=False)
     return float((classify(one, ratio, starts, CLASSIFY)[1] > 0.0).mean())
 
 
 def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
-    """The same after a run-up of the crank from standstill."""
+    """Return the share of crank angles from which a ramp from standstill leads to impact motion."""
     ends = [
         exact_orbits.ramp(
             one.striker(),
@@ -204,7 +208,7 @@ def share_after_ramp(one: Case, ratio: float, duration_s: float) -> float:
 
 
 def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
-    """x over one drive period from an impact on (or from the highest point), less mean, over spread."""
+    """Return x over one drive period from its largest value on, with zero mean and unit variance."""
     turn_s = 2.0 * math.pi / (ratio * one.natural_rad_s)
     result = sample(one, ratio, start, np.linspace(0.0, 2.0 * turn_s, 1201))
     if result.samples is None:
@@ -217,5 +221,5 @@ def cycle_shape(one: Case, ratio: float, start: State) -> NDArray[np.float64]:
 
 
 def least_correlation(shapes: Sequence[NDArray[np.float64]]) -> float:
-    """Of any two of them."""
+    """Return the smallest correlation coefficient between any two shapes."""
     return float(np.min(np.corrcoef(np.array(shapes))))

@@ -1,4 +1,4 @@
-"""The page of the claims: verdict, reason and measured figures of each."""
+"""The page of the claims: verdict, reason and measured figures of each claim."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,8 +11,8 @@ from tools.study.claims.claims import UNDER_PARAMETERS
 
 MEANING = {
     REPRODUCED: "holds as printed",
-    UNDER_PARAMETERS: "holds for stated values that the paper leaves open or has otherwise",
-    CONTRADICTED: "does not hold, or only a part of it does",
+    UNDER_PARAMETERS: "holds for stated values that the paper does not give or gives differently",
+    CONTRADICTED: "does not hold, or holds only in part",
 }
 
 UNITS = {
@@ -27,7 +27,7 @@ UNITS = {
     "_kg": "kg",
     "_n": "N",
 }
-"""Of suffixes, longer ones first."""
+"""Units of the suffixes of names; longer suffixes come first."""
 
 INTRODUCTION = """\
 # The paper's claims, measured
@@ -38,12 +38,13 @@ Translational Modeling of a Vibro-Impact Actuator for Ankle Exoskeletons*, IRJIE
 below comes from that run.
 
 Two modules are tested. `table1` is Table 1 as printed: c = 70 N/m. The paper gives no amplitude; `table1`
-has A = 20 mm with viscous and 30 mm with dry friction, which needs more to move at all. `gait` has c = 505
-N/m and A = 12 mm, so that text and table agree on the frequency.
+has A = 20 mm with viscous friction and 30 mm with dry friction, because at 20 mm dry friction can hold the
+striker. `gait` has c = 505 N/m and A = 12 mm, so that text and table agree on the frequency.
 
 Both modules have m_B = 0.8 kg, l0 = 0.12 m, x_stop = 0.18 m, k = 0.5, and b = 0.2 N s/m or μ = 0.15.
-Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1, which the paper does not give either.
-Ratios r = Ω/ω run from 0.7 to 1.8 in 111 steps, up and down, 50 s each with the first 30 s discarded.
+Coulomb–Stribeck friction has μ_s = 4/3 μ, v_s = 0.05 m/s and δ = 1; the paper does not give these values
+either. A sweep has 111 ratios r = Ω/ω from 0.7 to 1.8, upwards (run-up) and downwards (run-down). Each
+ratio is held for 50 s, of which the first 30 s are discarded.
 Viscous and Coulomb friction are solved in closed form from event to event. Coulomb–Stribeck friction and
 soft stops are solved by an adaptive method to 1e-7 m per period.
 """
@@ -56,7 +57,7 @@ def write(claims: Sequence[Claim], path: Path) -> None:
 
 
 def lines(claims: Sequence[Claim]) -> Iterator[str]:
-    """The page, line by line."""
+    """Yield the lines of the page."""
     yield INTRODUCTION
     yield "| claim | the paper says | verdict |"
     yield "|---|---|---|"
@@ -81,7 +82,7 @@ def _section(claim: Claim) -> Iterator[str]:
 
 
 def _label(key: str) -> str:
-    """A figure's name with its unit in brackets.
+    """Return a figure's name with its unit in brackets.
 
     >>> _label("impact_lost_at_the_fold_m_s")
     'impact lost at the fold [m/s]'
@@ -93,7 +94,7 @@ def _label(key: str) -> str:
 
 
 def _flat(value: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Figures with the names that lead to them; a mapping of plain figures stays together."""
+    """Yield figures with the names that lead to them; a mapping of plain figures is yielded as one value."""
     for key, item in value.items():
         names = (*above, _label(key))
         if isinstance(item, Mapping) and any(isinstance(one, Mapping) for one in item.values()):

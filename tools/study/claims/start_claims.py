@@ -51,9 +51,10 @@ def smooth_basins(evidence: Evidence) -> Claim:
         "In the multistable band there are two attractors, with a smooth border between their basins.",
         REPRODUCED if smooth and two else CONTRADICTED,
         numbers,
-        "In the middle of the band above resonance every start ends in one of two motions. The uncertainty "
-        "exponent is close to 1, a smooth line, and closer the finer the cells; the entropy of boxes on the "
-        "border stays below ln 2 = 0.693, above which it would have to be fractal.",
+        "In the middle of the multistable band above resonance every start ends in one of two motions. The "
+        "uncertainty exponent is close to 1, its value for a smooth border, and approaches 1 with finer "
+        "cells. The entropy of boxes on the border is below ln 2 = 0.693; above this value the border would "
+        "have to be fractal.",
     )
 
 
@@ -75,9 +76,9 @@ def start_decides(evidence: Evidence) -> Claim:
         "The state at start-up decides; an initialisation routine ensures the wanted motion.",
         REPRODUCED if holds else CONTRADICTED,
         {"impact_share_from_rest_at_once": from_rest, "impact_share_after_a_run_up": ramps},
-        "With the crank at speed at once a resting striker ends in the calm motion at r = 1.3 and above, "
-        "whatever the crank's angle; raising the speed from standstill in some seconds carries it through "
-        "the impact regime below and keeps it there.",
+        "If the crank starts at full speed, a striker at rest ends in the non-impact motion at r = 1.3 and "
+        "above, for any initial crank angle. If the speed rises from standstill within some seconds, the "
+        "motion enters the impact regime at a lower ratio and stays in it.",
     )
 
 
@@ -104,12 +105,12 @@ def gait_frequencies(evidence: Evidence) -> Claim:
         "2 to 3 Hz suits slow walking, 3 to 5 Hz normal cadence, 6 Hz risks losing the impacts.",
         CONTRADICTED,
         {"motion": table, "impact_in_a_run_up_hz": spans},
-        "As printed, the module has impacts from about 1.2 to 2.1 Hz: of these at 2 Hz alone, and "
-        "only from some starts. Retuned to 4 Hz it has them in most of 3.6 to 5.3 Hz and not at 6 Hz, "
-        "as said, but never at 2 to 3 Hz: the interval with impacts spans a factor of 1.4 to 1.7 in "
-        "frequency, while 2 to 5 Hz is a factor of 2.5. One spring cannot serve both. Nor does a cadence ask "
-        "for it: a crank that makes n turns a stride serves slow and quick walking at nearly one frequency "
-        "(docs/feasibility.md).",
+        "The module as printed has impacts from about 1.2 to 2.1 Hz. Of the frequencies in the table it has "
+        "impacts only at 2 Hz, and only from some starts. The module retuned to 4 Hz has impacts in most of "
+        "3.6 to 5.3 Hz and none at 6 Hz, as claimed, but none at 2 to 3 Hz: the interval with impacts spans "
+        "a factor of 1.4 to 1.7 in frequency, while 2 to 5 Hz is a factor of 2.5. One spring cannot serve "
+        "both ranges. This is not necessary either: a crank with n turns per stride serves slow and fast "
+        "walking at nearly the same crank frequency (docs/feasibility.md).",
     )
 
 
@@ -151,9 +152,9 @@ def damping(evidence: Evidence) -> Claim:
             "peak_acceleration": rows,
             "greatest_variation_of_impulses": spreads,
         },
-        "Against a Hunt–Crossley stop of 30 ms the peak acceleration does fall from b = 0.1 to 0.3 N s/m, "
-        "by a few per cent only. Variability does not rise: settled impact motion repeats exactly whatever "
-        "b, in a model that has no noise.",
+        "With a Hunt–Crossley stop of 30 ms the peak acceleration does fall from b = 0.1 to 0.3 N s/m, but "
+        "only by a few per cent. Variability does not rise: the model has no noise, and settled impact "
+        "motion repeats exactly for every b.",
     )
 
 
@@ -178,8 +179,9 @@ def caps(evidence: Evidence) -> Claim:
         "Restitution and stop position cap the impulse, a safety layer independent of control.",
         CONTRADICTED if growth > 1.5 else REPRODUCED,
         {"impulse_n_s": by_k | by_stop | by_amplitude | by_ratio, "growth_with_amplitude": growth},
-        "The impulse is (1 + k) m v⁻, and v⁻ has no bound in k or x_stop: with both fixed it grows with the "
-        "drive amplitude and, in the impact motion, with the crank's speed. k from 0.4 to 0.6 changes it by "
-        "2 %, for a livelier stop also meets a slower striker, and a stop further away raises it. What "
-        "limits the impulse is the drive's amplitude and whatever keeps its speed.",
+        "The impulse is (1 + k) m v⁻, and k and x_stop do not limit v⁻: at fixed k and x_stop the impulse "
+        "grows with the drive amplitude and, in the impact motion, with the crank's speed. A change of k "
+        "from 0.4 to 0.6 changes the impulse by only 2 %, because v⁻ decreases as k increases. A stop at a "
+        "larger distance increases the impulse. The impulse is limited by the drive's amplitude and by the "
+        "control of its speed.",
     )

@@ -1,17 +1,19 @@
 """Which settings suit a walk: combinations of module, axis, stop, wearer and cadence.
 
-A cell holds where all of these do, with the plant alone, an ideal crank and a walk of 2 % variability:
+Each cell is simulated by the plant alone, with an ideal crank and a walk of 2 % variability. A cell is
+feasible if all of these conditions hold:
 
-- there is a whole number n of crank turns a stride for which r = n f 2π/ω lies in the impact region, which is
-  measured for each module, stop and wearer on a standing leg: one impact a turn on a slow way up, at least
-  LOWEST_RATIO and TOP_SHARE of its upper end at most;
-- the leg alone, with the crank at rest, causes no impacts;
-- the impacts go on: of the turns judged at most MISSED_SHARE are without one;
-- no pulse that the wearer feels peaks outside FELT_N.
+- There is a whole number n of crank turns a stride for which r = n f 2π/ω lies in the impact region. The
+region
+  is measured for each module, stop and wearer on a standing leg: the ratios with one impact a turn in a slow
+  run-up, from LOWEST_RATIO to TOP_SHARE of the upper end.
+- The leg alone, with the crank at rest, causes no impacts.
+- Impacts last: at most MISSED_SHARE of the judged turns have no impact.
+- The peaks of all felt pulses lie within FELT_N.
 
-The first that fails is the reason. A felt pulse is the ankle's force above what it was at touch-down, so that
-the foot's own weight and inertia do not count. Of a dry guide, for which the plant has no yielding wearer, it
-is the force on the stop, which nobody softens: no cells with the compliant wearer there.
+The verdict names the first condition that fails. A felt pulse is the ankle's force above its value at
+touch-down, so that the foot's weight and inertia do not count. With dry friction the plant has no compliant
+wearer: there the felt pulse is the force on the bare stop, and the compliant wearer is omitted.
 """
 
 import math
@@ -44,15 +46,15 @@ REST_M = 0.12
 MODULES = {
     "table1": Module(SPRINGS_N_M["table1"], AMPLITUDES_M["table1"], 0.06),
     "gait": Module(SPRINGS_N_M["gait"], AMPLITUDES_M["gait"], 0.06),
-    # The scene walking.toml: 4.8 Hz leave no cadence without a whole number of turns, and a short stroke
-    # keeps its impacts below 1 m/s.
+    # The scene walking.toml: at 4.8 Hz every cadence has a suitable whole number of turns, and the short
+    # stroke keeps v⁻ below 1 m/s.
     "walking": Module(720.0, dict.fromkeys(AMPLITUDES_M["gait"], 0.0065), 0.022),
 }
 AXES = ("up", "forward", "outward")
 LAWS = ("viscous", "coulomb", "stribeck")
 CONTACTS_S = (0.01, 0.03, 0.05)
 WEARERS = {"stiff": (1e4, 100.0), "compliant": (2e3, 40.0)}
-"""Stiffness N/m and damping N s/m of the ankle under a foot plate of 1 kg."""
+"""Stiffness in N/m and damping in N s/m of the ankle under a foot plate of 1 kg."""
 STRIDES_HZ = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)
 
 FELT_N = (10.0, 40.0)
@@ -86,7 +88,7 @@ COLUMNS = store.columns(
 
 
 class Stop(NamedTuple):
-    """A module behind a stop on a wearer, without where it points and how the wearer walks."""
+    """A module with a friction law, a stop and a wearer, without its axis and the cadence."""
 
     preset: str
     law: str
@@ -95,7 +97,7 @@ class Stop(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A run under an ideal crank: its impacts, and crank angle and felt force at each step."""
+    """A run with an ideal crank: its impacts, and the crank angle and the felt force at each step."""
 
     impacts: list[Impact]
     t_s: Vector
@@ -104,7 +106,7 @@ class Driven(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """The result of a cell at one n."""
+    """Result of a cell for one n."""
 
     verdict: str
     missed_share: float
@@ -117,7 +119,7 @@ UNKNOWN = Judged("", math.nan, math.nan, math.nan, math.nan)
 
 
 def stops() -> list[Stop]:
-    """All that are looked at."""
+    """Return all combinations that are studied."""
     return [
         Stop(preset, law, contact_s, wearer)
         for preset in MODULES
@@ -129,7 +131,7 @@ def stops() -> list[Stop]:
 
 
 def scene(stop: Stop, axis: str, stride_hz: float) -> Scene:
-    """The module on a leg; dry laws as Stribeck's, so that one kernel serves both."""
+    """Return the scene of the module on a leg; dry laws are Stribeck's law, so that they share one kernel."""
     module = MODULES[stop.preset]
     friction: dict[str, Any] = {"law": "viscous", "b_n_s_m": 0.2}
     if stop.law != "viscous":
@@ -155,7 +157,7 @@ def scene(stop: Stop, axis: str, stride_hz: float) -> Scene:
 
 
 def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: float) -> Driven:
-    """The crank led from one ratio to another, then held there."""
+    """Run the plant while the crank's speed rises from one ratio to another in `rise_s` and is then held."""
     plant = Plant(which, seed=1)
     drive = plant.parts.drive
     assert isinstance(drive, IdealDrive)
@@ -177,7 +179,10 @@ def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: flo
 
 
 def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
-    """Impacts in each whole turn since a time; turns are cut at the rear dead centre, far from impacts."""
+    """Return the number of impacts in each whole turn since a time.
+
+    A turn begins at the rear dead centre, far from impacts.
+    """
     places = (run.crank_rad + 0.5 * math.pi) / (2.0 * math.pi)
     first, last = math.ceil(float(np.interp(from_s, run.t_s, places))), math.floor(places[-1])
     hits = [impact for impact in run.impacts if impact.v_m_s >= SOFTEST_M_S]
@@ -187,11 +192,11 @@ def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
 
 
 def region(stop: Stop) -> tuple[float, float]:
-    """The longest stretch of r with one impact a turn on a slow way up, on a leg that stands; nan: none."""
+    """Return the longest range of r with one impact a turn in a slow run-up on a standing leg, or nan."""
     run = driven(scene(stop, "outward", 0.0), (LOW_RATIO, HIGH_RATIO), SWEEP_S, 0.0)
     counts = impacts_a_turn(run, 0.0)
     one = counts == 1
-    # A single odd turn is none of its ends.
+    # A single turn with another number of impacts does not end the range.
     one[1:-1] |= one[:-2] & one[2:]
     edges = np.flatnonzero(np.diff(np.concatenate(([0], one.astype(int), [0]))))
     begins, ends = edges[::2], edges[1::2]
@@ -207,7 +212,7 @@ def region(stop: Stop) -> tuple[float, float]:
 
 
 def harmonics(stop: Stop, stride_hz: float, low: float, high: float) -> list[tuple[int, float]]:
-    """n and r within the region: the one nearest to the centre, and that with the softest impacts."""
+    """Return (n, r) within the region: the pair nearest to the centre, and the one with softest impacts."""
     one = stride_hz * 2.0 * math.pi / math.sqrt(MODULES[stop.preset].spring_n_m / 0.8)
     fitting = [(n, n * one) for n in range(1, 16) if low <= n * one <= high]
     if not fitting:
@@ -217,7 +222,7 @@ def harmonics(stop: Stop, stride_hz: float, low: float, high: float) -> list[tup
 
 
 def pulses_n(run: Driven, from_s: float) -> Vector:
-    """Peak of each felt pulse over what was felt at its touch-down."""
+    """Return the peak of each felt pulse above the felt force at its touch-down, N."""
     found = []
     for impact in run.impacts:
         if impact.t_s < from_s or impact.v_m_s < SOFTEST_M_S:
@@ -230,7 +235,7 @@ def pulses_n(run: Driven, from_s: float) -> Vector:
 
 
 def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
-    """The verdict on one n."""
+    """Run a cell with one n and return its verdict."""
     run = driven(scene(stop, axis, stride_hz), (0.75 * ratio, ratio), RISE_S, SETTLE_S + JUDGED_S)
     counts = impacts_a_turn(run, RISE_S + SETTLE_S)
     missed = float(np.mean(counts == 0)) if len(counts) else 1.0
@@ -249,13 +254,13 @@ def judged(stop: Stop, axis: str, stride_hz: float, ratio: float) -> Judged:
 
 
 def idle_impacts_hz(stop: Stop, axis: str, stride_hz: float) -> float:
-    """Impacts a second that the leg alone makes."""
+    """Return the impacts per second that the leg causes with the crank at rest."""
     run = driven(scene(stop, axis, stride_hz), (0.0, 0.0), 0.0, IDLE_S)
     return sum(impact.v_m_s >= SOFTEST_M_S for impact in run.impacts) / IDLE_S
 
 
 def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> dict[str, Any]:
-    """One row of the table."""
+    """Return one row of the table."""
     row: dict[str, Any] = {
         **stop._asdict(),
         "axis": axis,
@@ -287,7 +292,7 @@ def cell(stop: Stop, axis: str, stride_hz: float, low: float, high: float) -> di
 
 
 def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One stop, all axes and cadences."""
+    """Compute the rows of one stop for all axes and cadences."""
     stop = Stop(**spec["stop"])
     low, high = region(stop)
     rows = [cell(stop, axis, hz, low, high) for axis in spec["axes"] for hz in spec["strides_hz"]]
@@ -295,7 +300,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def compute(where: work.Where, presets: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ) -> pa.Table:
-    """The whole table of some presets."""
+    """Compute the whole table for the presets."""
     specs = [
         {"stop": stop._asdict(), "axes": list(AXES), "strides_hz": list(strides_hz)}
         for stop in stops()

@@ -58,9 +58,9 @@ run. A cell is **yes** if all conditions hold. Otherwise it names the first cond
 | hard, soft | the peak of some felt pulse is above 40 N, or below 10 N |
 
 **Simulation.** The plant runs alone, with an ideal crank at n turns per mean stride and a walk of 2 %
-variability. A run has a rise of 6 s and then 30 s, of which the last 24 s count. If the n nearest to r =
-1.12 fails, the n with the softest impacts is tried too. The region is measured for each module, stop and
-wearer on a standing leg, from r = 0.97 on.
+variability. In a run the crank's speed rises for 6 s and is then held for 30 s, of which the last 24 s are
+judged. If the n whose r is nearest to 1.12 fails, the n with the softest impacts is tried too. The region
+is measured for each module, stop and wearer on a standing leg, from r = 0.97 on.
 
 | module | c | gap | A |
 |---|---:|---:|---:|
@@ -84,7 +84,7 @@ def write(rows: Sequence[Row], path: Path, picture: str | None) -> None:
 
 
 def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
-    """The page, line by line."""
+    """Yield the lines of the page."""
     yield INTRODUCTION
     if picture is not None:
         yield f"![Verdicts over cadence for every module, axis, guide, stop and wearer]({picture})\n"
@@ -106,7 +106,7 @@ def lines(rows: Sequence[Row], picture: str | None) -> Iterator[str]:
 
 
 def short(rows: Sequence[Row]) -> Iterator[str]:
-    """The settings that suit every cadence, and the cadences without any."""
+    """Yield, for each preset, the settings that suit most cadences, and the cadences that none suits."""
     yield "\n## In short\n"
     for preset in presets_of(rows):
         settings: dict[str, set[float]] = {}
@@ -122,16 +122,16 @@ def short(rows: Sequence[Row]) -> Iterator[str]:
         never = sorted(cadences - set().union(*settings.values()))
         yield (
             f"- `{preset}`: {most} of {len(cadences)} cadences at best ({'; '.join(best) or 'nothing'}). "
-            f"Served by nothing: {', '.join(f'{hz:g} Hz' for hz in never) or 'none of them'}."
+            f"Cadences without a suitable setting: {', '.join(f'{hz:g} Hz' for hz in never) or 'none'}."
         )
 
 
 def claims(rows: Sequence[Row]) -> Iterator[str]:
-    """The evidence of the cells for three of the paper's claims."""
+    """Yield the evidence of the cells for three of the paper's claims."""
     yield "\n## The paper's C3, C7 and C12\n"
     yield (
-        "[The claims](claims.md) are judged on the module alone; this is what a walk adds. Crank frequencies "
-        "are n f; pulses are judged where the impacts go on.\n"
+        "[The claims](claims.md) are judged for the module alone; this table adds the results for a walk. "
+        "Crank frequencies are n f. Pulses are judged in the cells in which the impacts last.\n"
     )
     yield "| preset | crank, Hz (C3, C12) | strides, Hz | cells with impacts | all pulses in 10–40 N (C7) |"
     yield "|---|---|---|---|---|"
@@ -146,10 +146,10 @@ def claims(rows: Sequence[Row]) -> Iterator[str]:
             f"{len(with_impacts)} | {len(good)} |"
         )
     yield (
-        "\nC3 and C12 tie a crank frequency to a cadence. A walk asks for none: n takes up the difference. "
-        "What counts is that the region is wide enough to hold a whole multiple of the cadence, which is the "
-        "surer the more turns a stride take. C7 holds where stop and wearer are soft, not for a module by "
-        "itself."
+        "\nC3 and C12 assign a crank frequency to each cadence. A walk does not require this, because n can "
+        "be chosen to suit the cadence. The region must be wide enough to contain a whole multiple of the "
+        "cadence, which is more likely if a stride has more turns. C7 depends on the stop and the wearer: it "
+        "holds if they are soft, but not for a module in general."
     )
 
 
@@ -158,12 +158,12 @@ def _span(values: Sequence[float]) -> str:
 
 
 def presets_of(rows: Sequence[Row]) -> list[str]:
-    """In the order of the study."""
+    """Return the presets of the rows in the order of the study."""
     return [preset for preset in feasibility.MODULES if any(row["preset"] == preset for row in rows)]
 
 
 def stop_of(row: Row) -> str:
-    """A stop's name for people."""
+    """Return the displayed name of a row's friction law, contact time and wearer."""
     wearer = row["wearer"] if row["law"] == "viscous" else "bare stop"
     return f"{row['law']}, {1e3 * row['contact_s']:.0f} ms, {wearer}"
 
@@ -171,7 +171,10 @@ def stop_of(row: Row) -> str:
 def _section(rows: Sequence[Row]) -> Iterator[str]:
     cadences = sorted({row["stride_hz"] for row in rows})
     yield f"\n## {rows[0]['preset']}\n"
-    yield "Felt pulses in N, smallest to largest, at the n and r of the cell.\n"
+    yield (
+        "A cell gives n, r and the smallest and largest felt pulse in N; a cell *leg* gives the impacts per "
+        "second.\n"
+    )
     yield (
         "| axis | guide, contact, wearer | r of impact | "
         + " | ".join(f"{hz:g} Hz" for hz in cadences)
@@ -188,7 +191,7 @@ def _section(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def text_of(row: Row) -> str:
-    """A cell: its mark, and what was measured."""
+    """Return the text of a cell: its mark and its measured figures."""
     mark = MARKS[row["verdict"]]
     if row["harmonic"] == 0:
         return mark
@@ -201,7 +204,7 @@ def text_of(row: Row) -> str:
 
 
 def chart(rows: Sequence[Row], folder: Path, name: str) -> list[str]:
-    """Verdicts as colours: a row of maps a preset, a column an axis."""
+    """Draw the verdicts as colours, a row of maps for each preset, a column for each axis."""
     from matplotlib.patches import Patch
 
     presets = presets_of(rows)

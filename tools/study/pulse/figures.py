@@ -17,7 +17,7 @@ Row = Mapping[str, Any]
 
 
 def bands_table(bands: Sequence[Band]) -> Table:
-    """The regions of subharmonics."""
+    """Return the table of the bands of subharmonics."""
     titles = ("n", "gap/A", "r", "± of the cadence", "of the starts", "v/(ω gap)")
     title = "one impact in n turns, standing leg, hard stop"
     table = Table(*titles, title=title, title_justify="left", box=None)
@@ -34,7 +34,10 @@ def bands_table(bands: Sequence[Band]) -> Table:
 
 
 def rows_table(rows: Sequence[Row]) -> Table:
-    """A row a module and ground, a column a cadence: strides that come out right; and what is felt."""
+    """Return the table of the share of right strides and the range of felt pulses in N.
+
+    It has a row for each module and ground, and a column for each cadence.
+    """
     cadences = sorted({row["stride_hz"] for row in rows})
     titles = ("", *(f"{hz:g} Hz" for hz in cadences), "felt [N]")
     table = Table(*titles, title="strides with one impact, in the window [%]", title_justify="left", box=None)
@@ -52,19 +55,19 @@ def rows_table(rows: Sequence[Row]) -> Table:
 
 
 def is_known(value: float | None) -> bool:
-    """Whether it was measured."""
+    """Return whether a figure was measured."""
     return value is not None and not math.isnan(value)
 
 
 def share_text(row: Row) -> str:
-    """Per cent of the strides; 100 is all of them, a dash no such orbit."""
+    """Return the share of right strides in per cent: 100 only if all are right, a dash without an orbit."""
     if row["strides"] == 0:
         return "—"
     return "100" if row["right"] == 1.0 else f"{min(100.0 * row['right'], 99.9):.3g}"
 
 
 def label_of(row: Row) -> str:
-    """A kind of module."""
+    """Return the displayed name of a row's kind of module."""
     if row["way"] == GATED:
         return f"gated: {row['module']}"
     if row["way"] == TURN:
@@ -73,7 +76,7 @@ def label_of(row: Row) -> str:
 
 
 def chart(rows: Sequence[Row], bands: Sequence[Band], folder: Path, name: str) -> list[str]:
-    """Strides that come out right, a row a module, a column a cadence; beside it where subharmonics are."""
+    """Draw the shares of right strides by module and cadence, and beside them the bands of subharmonics."""
     walks = [row for row in rows if row["ground"] == WALK.name]
     labels = list(dict.fromkeys(label_of(row) for row in walks))
     figure, grid = new_figure(1, 2 if bands else 1, 13.0 if bands else 7.0, 1.4 + 0.3 * len(labels))
@@ -97,7 +100,7 @@ def _shares(axes: Any, walks: Sequence[Row], labels: Sequence[str]) -> None:
 
 
 def _bands(axes: Any, bands: Sequence[Band]) -> None:
-    """Each band as a bar over its ratios, the thicker the more starts end there."""
+    """Draw each band as a bar over its ratios; its thickness shows the share of starts that end in it."""
     gaps = sorted({band.gap_over_amplitude for band in bands})
     for band in bands:
         axes.plot(

@@ -1,18 +1,19 @@
 """One impact a stride from a resting crank: two swings, one impact, braking, rest.
 
-Pumping is the mirror of `firmware_py.core.control.spin_down`, which brakes: a striker that swings as x − l₀ =
-R cos ψ gains most from a crank half a turn from where it loses most, the piston then being 90° ahead of it,
+Pumping reverses the braking of `firmware_py.core.control.spin_down`. A striker that swings as x − l₀ = R cos
+ψ gains the most energy if the crank is half a turn from the angle at which it loses the most, that is, if the
+piston is 90° ahead of the striker:
 
     θ = ψ + π        ω_crank = ω + g ω (ψ + π − θ)
 
-From rest at the rear dead centre a crank that sets out at ω does just that. With τ = ω t
+A crank that starts from the rear dead centre at ω under a striker at rest satisfies this. With τ = ω t
 
     (x − l₀)/A = −cos τ − (τ/2) sin τ
 
-has crests of 2.4 after three quarters of a turn and of 5.5 after one more: a module with its stop between
-2.4 A and 5.5 A has its impact in the second swing, whatever else. When to set out follows from how early or
-late the last impacts came. In between the crank rests at its rear dead centre, where the spring has no lever
-on it, and moves forward a little only while the striker swings back: that damps what is left of the swing.
+has maxima of 2.4 after three quarters of a turn and of 5.5 after one more turn. A module with a gap between
+2.4 A and 5.5 A therefore has its impact in the second swing. The start of pumping is adjusted by the lateness
+of the previous impacts. Between impacts the crank rests at its rear dead centre, where the spring has no
+lever arm. It moves forward a little only while the striker swings back, which damps the remaining swing.
 """
 
 import math
@@ -24,7 +25,7 @@ from firmware_py.core.estimation import crank, estimator_state
 from firmware_py.core.numbers import clamp, wrap_pi
 
 WINDOW_MIDDLE = 0.525
-"""Of the firmware's push-off window, 45 to 60 % of the cycle."""
+"""Middle of the firmware's push-off window, 45 to 60 % of the gait cycle."""
 
 
 class Stage(IntEnum):
@@ -36,10 +37,13 @@ class Stage(IntEnum):
 
 
 class Gate(NamedTuple):
-    """`braking` is the firmware's own; `lead_gain` is what an impact's lateness moves the next start by.
+    """Parameters of the gate; `braking` has the firmware's own values.
 
-    `park_gain` over ω leads the crank to its place; a swing of A about rest moves it by up to `most_rad`, as
-    that swing will be `ahead_rad` later.
+    `lowest_confidence` is the confidence in the gait phase below which no pumping starts. `lead_gain` is the
+    share of an impact's lateness by which the lead changes. `swinging`, in amplitudes, is the swing above
+    which the crank follows the striker's phase. `park_gain`, over ω, is the gain of the crank's angle at
+    rest. To damp the remaining swing, the resting crank moves forward by 1 rad for a swing of A, at most by
+    `most_rad`, for the swing's phase `ahead_rad` later.
     """
 
     braking: spin_down.SpinDownConfig
@@ -52,8 +56,10 @@ class Gate(NamedTuple):
 
 
 class GateState(NamedTuple):
-    """`lead_s`: learnt, from setting out to the impact. `since_s`: since then. `armed`: yet to do so
-    in this stride.
+    """State of the gate.
+
+    `armed` means that pumping has not yet started in this stride. `since_s` is the time since pumping
+    started. `lead_s` is the adapted time from the start of pumping to the impact.
     """
 
     stage: Stage
@@ -65,7 +71,7 @@ class GateState(NamedTuple):
 
 
 def impact_at_rad(gap_over_amplitude: float) -> float:
-    """τ at the impact of a crank that sets out at ω under a striker at rest; a gap of 2.4 to 5.5 A."""
+    """Return τ at the impact if the crank starts at ω under a striker at rest; the gap is 2.4 to 5.5 A."""
 
     def short(tau: float) -> float:
         return gap_over_amplitude + math.cos(tau) + 0.5 * tau * math.sin(tau)
@@ -78,7 +84,7 @@ def impact_at_rad(gap_over_amplitude: float) -> float:
 
 
 def initial(gate: Gate) -> GateState:
-    """At rest, with the lead by the nominal module."""
+    """Return the state at rest, with the lead of the nominal module."""
     nominal = gate.braking
     gap_m = nominal.stop_m - nominal.rest_length_m
     lead_s = impact_at_rad(gap_m / nominal.amplitude_m) / nominal.natural_rad_s
@@ -93,7 +99,10 @@ def step(
     striker: tuple[float, float],
     touch_down: bool,
 ) -> GateState:
-    """One tick. `cycle`: phase, confidence and expected stride in s; `striker`: x in m and v in m/s."""
+    """Advance the gate by one tick.
+
+    `cycle`: gait phase, confidence and expected stride in s. `striker`: x in m and v in m/s.
+    """
     nominal = gate.braking
     phase, confidence, stride_s = cycle
     stage, since_s, lead_s, braking = (
@@ -131,12 +140,15 @@ def step(
 
 
 def _from_middle(phase: float) -> float:
-    """Lateness of an impact after the window's middle, as a share of the cycle."""
+    """Return the lateness of an impact relative to the window's middle, as a share of the cycle."""
     return (phase - WINDOW_MIDDLE + 0.5) % 1.0 - 0.5
 
 
 def _pumping(gate: Gate, since_s: float, crank_rad: float, striker: tuple[float, float]) -> float:
-    """Out at ω; in step with the swing as soon as there is one."""
+    """Return the crank's target speed while pumping, rad/s.
+
+    The crank starts at ω; once the striker swings, the crank follows the phase of the swing.
+    """
     nominal = gate.braking
     natural_rad_s = nominal.natural_rad_s
     away_m, lag_m = striker[0] - nominal.rest_length_m, striker[1] / natural_rad_s
@@ -148,7 +160,10 @@ def _pumping(gate: Gate, since_s: float, crank_rad: float, striker: tuple[float,
 
 
 def _resting(gate: Gate, crank_rad: float, striker: tuple[float, float]) -> float:
-    """To the rear dead centre, and forward of it while the striker swings back."""
+    """Return the crank's target speed at rest, rad/s.
+
+    The crank is held at the rear dead centre, and forward of it while the striker swings back.
+    """
     nominal = gate.braking
     natural_rad_s = nominal.natural_rad_s
     away_m = striker[0] - nominal.rest_length_m + nominal.amplitude_m

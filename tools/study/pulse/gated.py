@@ -1,4 +1,4 @@
-"""A walk under the gate: a motor with its limits, noisy phase, modules that deviate as in the campaigns."""
+"""A walk with the gate: a motor with its limits, a noisy gait phase, modules sampled as in the campaigns."""
 
 import math
 from collections.abc import Mapping
@@ -26,12 +26,12 @@ from tools.study.pulse.turns import WALK
 TICK_S = 1e-3
 GAIT_TICKS = 5
 SETTLING = 8
-"""Strides before anything is judged: the phase estimate takes three, the crank is parked meanwhile."""
+"""Strides before the first judged stride: the phase estimate needs three, and the crank is parked."""
 SPEED_GAIN_N_M_S = 0.1
 TORQUE_N_M, TORQUE_A_TICK_N_M = 0.6, 0.06
-"""The firmware's own limits on torque and its growth."""
+"""The firmware's limits on torque and on its change per tick."""
 POSITION_ERROR_M = 1e-3
-"""Deviation of the estimated place of the striker, over and above the sampled module."""
+"""Standard deviation of the error of the striker's estimated position, in addition to the sampled module."""
 SCENES = {
     "walking": ("walking", "a-fifth-more-strides-keep-the-impacts"),
     "table1": ("table1-walking", "a-steady-walk-has-a-pulse-in-every-push-off"),
@@ -39,14 +39,14 @@ SCENES = {
 
 
 def sampled_scene(module: str, stride_hz: float, walker: int) -> Scene:
-    """A module off its nominal values as in the campaigns, on a leg."""
+    """Return the scene of a walker with a module sampled about its nominal values as in the campaigns."""
     given = deepcopy(read_scene(SCENES[module][0]))
     given["gait"]["pace"] = [{"at_s": 0.0, "stride_hz": stride_hz}]
     return sample(given, Mismatch(), DEFAULT_SEED, walker, at_rest=True).scene
 
 
 def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + JUDGED + 2) -> Walked:
-    """A walk under the gate, a tick at a time."""
+    """Simulate a walk with the gate, tick by tick."""
     config = config_from(read_scenario(SCENES[module][1])["firmware"])
     gate = Gate(config.spin_down, config.gait_lock.lowest_confidence)
     plant = Plant(sampled_scene(module, stride_hz, walker), DEFAULT_SEED + walker)
@@ -104,7 +104,7 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
 
 
 def gated_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One module at one cadence, all walkers."""
+    """Compute the row of one module at one cadence, over all walkers."""
     module, hz = spec["module"], spec["stride_hz"]
     walks = [gated(module, hz, walker) for walker in range(spec["walkers"])]
     given = read_scene(SCENES[module][0])

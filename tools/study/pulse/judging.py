@@ -1,4 +1,4 @@
-"""The strides with one impact in the push-off window, and the properties of these impacts."""
+"""Judge walks: the share of strides with one impact in the push-off window, and the impacts' properties."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ TURN, SUBHARMONIC, GATED = "turn", "subharmonic", "gated"
 WAYS = (TURN, SUBHARMONIC, GATED)
 WALKERS = {TURN: 2, SUBHARMONIC: 2, GATED: 6}
 JUDGED = 40
-"""Strides of each walk that are judged."""
+"""Number of judged strides of each walk."""
 
 COLUMNS = store.columns(
     "way module ground axis stride_hz turns spring_n_m amplitude_m gap_m strides right without several "
@@ -29,7 +29,7 @@ COLUMNS = store.columns(
 
 
 class Walked(NamedTuple):
-    """A walk's end: its motion, the strides' beginnings, and what the motor gave."""
+    """A finished walk: its motion, its strides, the motor's largest torque, mean power and copper loss."""
 
     run: Driven
     walking: Walking
@@ -39,17 +39,21 @@ class Walked(NamedTuple):
 
 
 def cycles(walking: Walking, t_s: float) -> float:
-    """Cycles since the walk's first heel strike."""
+    """Return the number of gait cycles since the walk's first heel strike."""
     return cycles_at(walking.rows[row_at(walking.rows, t_s)], t_s)
 
 
 def hits(impacts: Sequence[Impact]) -> list[Impact]:
-    """Those that are none of a graze."""
+    """Return the impacts without grazing ones, which are slower than SOFTEST_M_S."""
     return [impact for impact in impacts if impact.v_m_s >= SOFTEST_M_S]
 
 
 def judged(walks: Sequence[Walked], first: int) -> dict[str, Any]:
-    """Strides of all walks from the `first` on: how many have one impact in the window, and its figures."""
+    """Judge the strides of all walks from stride `first` on.
+
+    Returns the shares of strides that are right, without an impact, and with several impacts; the deviation
+    of the impacts' phase; impulse, felt force, torque and power.
+    """
     counts, right, phases, impulses, felt = [], 0, [], [], []
     for walked in walks:
         hard = hits(walked.run.impacts)

@@ -1,4 +1,4 @@
-"""Subharmonic orbits: one impact in n turns, on a standing leg behind a rigid stop."""
+"""Subharmonic orbits: one impact in n turns, on a standing leg with a rigid stop."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,19 +20,19 @@ ORBIT_COLUMNS = store.columns("gap_over_amplitude ratio turns share v_share", co
 
 
 def once_in(cycle: int, impacts: float) -> int:
-    """The turns of an orbit with one impact in that time, 2 at least; else 0."""
+    """Return the orbit's number of turns if it is at least 2 and has one impact in all; else 0."""
     return cycle if cycle > 1 and abs(impacts * cycle - 1.0) < 1e-6 else 0
 
 
 def sampled_start(unit: Case, dice: np.random.Generator) -> State:
-    """Anywhere that a striker of this gap may be."""
+    """Sample an initial state within the range of motion of a striker with this gap."""
     y_m = dice.uniform(-1.5, 1.0) * unit.gap_m
     v_m_s = dice.uniform(-1.2, 1.2) * unit.gap_m * unit.natural_rad_s
     return State(float(y_m), float(v_m_s), float(dice.uniform(0.0, 2.0 * math.pi)))
 
 
 def found_orbit(unit: Case, ratio: float, turns: int) -> Outcome | None:
-    """The first of 200 starts with one impact in this number of turns."""
+    """Return the first orbit of 200 starts with one impact in this number of turns; None if there is none."""
     dice = np.random.default_rng(1)
     for _ in range(200):
         orbit = follow(unit, ratio, sampled_start(unit, dice), LONG)
@@ -42,7 +42,7 @@ def found_orbit(unit: Case, ratio: float, turns: int) -> Outcome | None:
 
 
 def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One gap, all ratios: which starts end in one impact every n turns."""
+    """Compute, for one gap and all ratios, the share of starts that end in one impact in n turns."""
     over = spec["gap_over_amplitude"]
     unit = case("table1", "viscous", amplitude_m=0.06 / over)
     dice = np.random.default_rng([1, round(100 * over)])
@@ -68,14 +68,14 @@ def orbit_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def orbits_found(where: work.Where) -> pa.Table:
-    """Subharmonic orbits of a viscous guide (ζ = 0.013) over gap and ratio."""
+    """Compute the subharmonic orbits with viscous friction (ζ = 0.013) over gap and ratio."""
     specs = [{"gap_over_amplitude": over, "ratios": list(RATIOS)} for over in GAPS_OVER_AMPLITUDE]
     paths = work.run("pulse-orbits", orbit_piece, specs, where)
     return pa.concat_tables([store.read(path)[0] for path in paths])
 
 
 class Band(NamedTuple):
-    """A stretch of ratios in which orbits have one impact in `turns`."""
+    """A range of ratios in which orbits have one impact in `turns` turns."""
 
     turns: int
     gap_over_amplitude: float
@@ -86,12 +86,12 @@ class Band(NamedTuple):
 
     @property
     def width(self) -> float:
-        """Half of it, over its middle: the largest error of a cadence."""
+        """Half the width of the range relative to its middle: the largest relative error of a cadence."""
         return (self.high - self.low) / (self.high + self.low)
 
 
 def bands_of(orbits: Sequence[Mapping[str, Any]]) -> list[Band]:
-    """Neighbouring ratios with the same number of turns, as one; single ones are none."""
+    """Join neighbouring ratios with the same number of turns into bands; single ratios are left out."""
     step = 1.5 * (RATIOS[1] - RATIOS[0])
     found: list[list[Mapping[str, Any]]] = []
     for row in sorted(orbits, key=lambda one: (one["turns"], one["gap_over_amplitude"], one["ratio"])):

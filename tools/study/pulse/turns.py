@@ -1,4 +1,4 @@
-"""A crank that turns a whole number of times a stride, in step with the walk."""
+"""A crank that makes a whole number of turns a stride, locked to the phase of the walk."""
 
 import math
 from collections.abc import Mapping
@@ -32,15 +32,15 @@ from tools.study.pulse.judging import (
 from tools.study.pulse.orbits import found_orbit
 
 RUN_IN = 60
-"""Strides before anything is judged."""
+"""Strides before the first judged stride."""
 SHIFT = 0.2
-"""Share of an impact's lateness by which the next one is led on, in turns of the crank."""
+"""Share of an impact's lateness by which the crank's phase is shifted after the impact."""
 LARGEST_SHIFT_RAD = 0.3
 IDLE_S = 30.0
 
 
 class Ground(NamedTuple):
-    """What a module walks on: contact of its stop, whether a wearer gives way behind it, and the walk."""
+    """Conditions of a walk: the stop's contact time, whether there is a wearer, and the leg's motion."""
 
     name: str
     contact_s: float
@@ -50,20 +50,20 @@ class Ground(NamedTuple):
 
 
 WALK = Ground("walk", 0.03, True, 1.0, 0.02)
-"""Stop and wearer of the scene `walking`."""
+"""The walk that is judged, with stop and wearer of the scene `walking`."""
 GROUNDS = (
     Ground("hard, still, even", 0.005, False, 0.0, 0.0),
     Ground("soft stop, wearer", 0.03, True, 0.0, 0.0),
     Ground("2 % variability", 0.005, False, 0.0, 0.02),
     Ground("moving leg", 0.005, False, 1.0, 0.0),
 )
-"""The orbit as it was found, then with one thing more each time."""
+"""The conditions in which the orbit was found, and variants that each change one condition of the walk."""
 LADDER_HZ = 0.8
 WEARER = {"plate_kg": 1.0, "ankle_n_m": 2000.0, "ankle_n_s_m": 40.0}
 
 
 def scene(module: Case, axis: str, stride_hz: float, start: State, ground: Ground = WALK) -> Scene:
-    """A module on a leg, its ideal crank where `start` has it."""
+    """Return the scene of a module on a leg, with an ideal crank, from the state `start`."""
     tables: dict[str, Any] = {
         "striker": {
             "mass_kg": module.mass_kg,
@@ -98,7 +98,10 @@ def scene(module: Case, axis: str, stride_hz: float, start: State, ground: Groun
 
 
 def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
-    """The crank at `turns` a stride, shifted slowly until the impact comes in the window's middle."""
+    """Simulate a walk with `turns` of the crank a stride.
+
+    The crank's phase is shifted slowly until the impact is in the middle of the push-off window.
+    """
     plant = Plant(which, seed)
     drive, walking = plant.parts.drive, plant.parts.housing
     assert isinstance(drive, IdealDrive)
@@ -129,7 +132,7 @@ def locked(which: Scene, turns: int, seed: int, duration_s: float) -> Walked:
 
 
 class Made(NamedTuple):
-    """A kind of module whose spring puts `turns` a stride at `ratio`, at each cadence or at one for all."""
+    """A kind of module; with its spring, `turns` of the crank a stride give the speed ratio `ratio`."""
 
     name: str
     way: str
@@ -138,13 +141,13 @@ class Made(NamedTuple):
     ratio: float
     gap_over_amplitude: float
     gap_m: float | None
-    """None: so that the steady impact has V_M_S."""
+    """None: the gap for which the steady v⁻ is V_M_S."""
     made_hz: float | None = None
-    """None: for each cadence its own."""
+    """Cadence for which the module is designed; None: for each cadence a module of its own."""
 
 
 V_M_S = 0.8
-"""An impact that stop and wearer of the scene `walking` make 16 N of."""
+"""v⁻ for which stop and wearer of the scene `walking` give a felt pulse of 16 N."""
 
 MADE = (
     Made("60 mm", TURN, "outward", 1, 1.1, 3.0, 0.06),
@@ -162,7 +165,10 @@ MADE = (
 
 
 def made_for(kind: Made, stride_hz: float) -> tuple[Case, State] | None:
-    """The module for a cadence, and a start on its orbit (from rest with one turn); None: no such orbit."""
+    """Return the module for a cadence, and a state on its orbit; None if there is no orbit.
+
+    With one turn a stride the state is at rest.
+    """
     natural_rad_s = 2.0 * math.pi * (kind.made_hz or stride_hz) * kind.turns / kind.ratio
     unit = case(
         "table1",
@@ -179,13 +185,13 @@ def made_for(kind: Made, stride_hz: float) -> tuple[Case, State] | None:
         gap_m *= V_M_S / orbit.v_mean_m_s
     if kind.gap_m is not None:
         gap_m = kind.gap_m
-    scale = gap_m / unit.gap_m  # nothing else has a length: orbits keep their shape
+    scale = gap_m / unit.gap_m  # orbits scale with these lengths, the only ones of the motion
     module = replace(unit, amplitude_m=unit.amplitude_m * scale, stop_m=unit.rest_length_m + gap_m)
     return module, State(start.y_m * scale, start.v_m_s * scale, start.crank_rad)
 
 
 def made_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """One kind of module at one cadence, on one ground."""
+    """Compute the row of one kind of module at one cadence in one set of conditions."""
     kind, hz, ground = Made(**spec["kind"]), spec["stride_hz"], Ground(**spec["ground"])
     row: dict[str, Any] = {
         "way": kind.way,

@@ -1,4 +1,4 @@
-"""All ways, all cadences."""
+"""The study of one pulse a stride: all ways at all cadences."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from tools.study.pulse.turns import GROUNDS, LADDER_HZ, MADE, WALK, made_piece
 
 
 def compute(where: work.Where, ways: Sequence[str], strides_hz: Sequence[float] = STRIDES_HZ) -> pa.Table:
-    """The rows of some ways, in their order."""
+    """Compute the rows of the given ways."""
     made = [
         {"kind": kind._asdict(), "stride_hz": hz, "ground": ground._asdict()}
         for kind in MADE
