@@ -1,4 +1,4 @@
-"""The answer of a method to a case, and its error."""
+"""The result of a method for a case, and its error."""
 
 import math
 from collections.abc import Callable
@@ -10,11 +10,11 @@ from plant_sim.arrays import FloatArray
 from tools.trade.cases import Case
 
 LEAST_IMPACT_M_S = 1e-3
-"""Chatter's last bounces are without number; what is slower is not counted."""
+"""Slowest impact that is counted; chatter ends with infinitely many slower ones."""
 
 
 class Answer(NamedTuple):
-    """Impacts of at least LEAST_IMPACT_M_S, and the state at the end."""
+    """Result of a method: impacts of at least LEAST_IMPACT_M_S, and the state at the end."""
 
     t_s: FloatArray
     v_m_s: FloatArray
@@ -24,7 +24,7 @@ class Answer(NamedTuple):
 
 
 def answer(t_s: FloatArray, v_m_s: FloatArray, v_after_m_s: FloatArray, x_m: float, end_m_s: float) -> Answer:
-    """An answer without the impacts that are not counted."""
+    """Return an answer without the impacts that are slower than LEAST_IMPACT_M_S."""
     counted = np.asarray(v_m_s) >= LEAST_IMPACT_M_S
     times, before, after = (np.asarray(a, dtype=np.float64)[counted] for a in (t_s, v_m_s, v_after_m_s))
     return Answer(times, before, after, float(x_m), float(end_m_s))
@@ -34,7 +34,7 @@ Solve = Callable[[], Answer]
 
 
 class Method(NamedTuple):
-    """One way to an answer; `solve` is what is timed."""
+    """A method with one setting; the time of `solve` is measured."""
 
     name: str
     setting: str
@@ -42,14 +42,14 @@ class Method(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Distances to the truth; nan where the impacts cannot be compared because their number is wrong."""
+    """Errors of an answer; nan for errors of single impacts if the number of impacts is wrong."""
 
     state_m: float
-    """At the end: the larger of position's and of velocity's over ω."""
+    """Error of the final state: of the position, or of the velocity over ω, whichever is larger."""
     time_s: float
     speed_m_s: float
     impulse: float
-    """Of the momentum exchanged with the stop in all, as a share."""
+    """Relative error of the total momentum exchanged with the stop."""
     impacts: int
     impacts_wanted: int
     regime: str
@@ -82,6 +82,6 @@ def _largest(values: FloatArray) -> float:
 
 
 def regime_of(case: Case, given: Answer) -> str:
-    """Impacts a period over the second half, to a quarter."""
+    """Return the impacts per period in the second half of the run, rounded to a quarter, as text."""
     late = np.count_nonzero(given.t_s > 0.5 * case.until_s)
     return f"{round(4.0 * late * case.period_s / (0.5 * case.until_s)) / 4.0:g} impacts a period"

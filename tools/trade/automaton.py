@@ -1,7 +1,8 @@
-"""The phases of contact and stick, for integrators with events but without such phases.
+"""The phases of contact and stick, for integrators that have events but no phases.
 
-The peers integrate smooth motion up to an event; what follows from it is decided here, for all of them alike.
-A striker in stick or on the stop is released at the closed-form instant.
+The peers integrate smooth motion up to an event. This module applies the event to the state and chooses the
+next phase, in the same way for all peers. A striker in stick or on the stop is released at the closed-form
+instant.
 """
 
 import math
@@ -19,16 +20,16 @@ from tools.trade.answers import Answer, answer
 from tools.trade.cases import Case
 
 NUDGE_M_S = 1e-14
-"""Sets a halted striker off: the peers would find its zero velocity again and again."""
+"""Initial velocity of a released striker; at zero velocity the peers would find the same event again."""
 
 REST_M_S = 1e-9
-"""A slower rebound is rest."""
+"""A striker with a slower rebound rests on the stop."""
 
 MOST_EVENTS = 20_000
 
 
 class PeerError(RuntimeError):
-    """A peer that does not come to an end."""
+    """A peer that stops early, exceeds MOST_EVENTS or does not support a scene."""
 
 
 class Event(Enum):
@@ -50,16 +51,16 @@ class Piece(NamedTuple):
 
 
 class Flow(Protocol):
-    """An integrator: on from a state to the first event, sliding in `direction`."""
+    """An integrator that advances a state to the first event, with the striker sliding in `direction`."""
 
     def __call__(
         self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
     ) -> Piece:
-        """One smooth piece."""
+        """Integrate one smooth piece of motion."""
 
 
 def static_limit_n(parts: Parts) -> float:
-    """Friction that holds the striker, N."""
+    """Return the largest static friction force, N."""
     weight_n = parts.striker.mass_kg * parts.striker.gravity_m_s2
     if isinstance(parts.friction, Coulomb):
         return parts.friction.mu * weight_n
@@ -69,7 +70,10 @@ def static_limit_n(parts: Parts) -> float:
 def drag_n(
     friction: Friction, weight_n: float, v: Any, speed: Any, direction: Any, exp: Callable[[Any], Any]
 ) -> Any:
-    """Friction on a striker that slides in `direction`, N, in numbers whose exponential is `exp`."""
+    """Return the friction force on a striker that slides in `direction`, N.
+
+    `v` and `speed` may be numbers or symbols; `exp` is the exponential of their type.
+    """
     match friction:
         case Viscous(b):
             return -b * v
@@ -83,7 +87,7 @@ def drag_n(
 
 
 def run(case: Case, flow: Flow) -> Answer:
-    """The whole case by one integrator."""
+    """Run the whole case with one integrator; raises PeerError after MOST_EVENTS events."""
     parts = case.scene.parts()
     limit_n, stop = static_limit_n(parts), parts.stop
     t_s, state = 0.0, [case.scene.initial_x_m, case.scene.initial.v_m_s]
@@ -142,7 +146,7 @@ def _pull_n(parts: Parts, t_s: float, x_m: float) -> float:
 
 
 def _release_s(parts: Parts, t_s: float, x_m: float, on_stop: bool) -> float:
-    """When the spring's pull next passes what friction (and a stop, forwards) can hold."""
+    """Return the next time at which the spring force exceeds static friction (forwards: and the stop), s."""
     striker, drive = parts.striker, parts.drive
     if not isinstance(drive, IdealDrive) or drive.amplitude_m == 0.0:
         return math.inf
@@ -159,7 +163,7 @@ def _release_s(parts: Parts, t_s: float, x_m: float, on_stop: bool) -> float:
 
 
 def has_peers(parts: Parts) -> bool:
-    """Whether the equations that the peers are given cover these parts."""
+    """Return whether the equations of the peers cover these parts."""
     drive, stop = parts.drive, parts.stop
     if isinstance(drive, MotorDrive):
         return drive.dry_n_m == 0.0 and isinstance(stop, KelvinVoigt) and static_limit_n(parts) == 0.0

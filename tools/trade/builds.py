@@ -1,4 +1,4 @@
-"""Cost and effect of the firmware's builds: one start and hold in lockstep on each."""
+"""Cost and effect of the firmware's builds: one start and hold in lockstep on each build."""
 
 import math
 import tempfile
@@ -27,11 +27,11 @@ BUILDS: tuple[tuple[Build, str], ...] = (
 UNIT = "m (RMS of the estimated position); µs of processor per tick, called from Python"
 
 Received = list[tuple[list[Frame], int]]
-"""Of each tick: the frames, and how many ticks have elapsed."""
+"""For each tick: the received frames, and the number of elapsed ticks."""
 
 
 class Outcome(NamedTuple):
-    """A run on one build: the estimate's errors, and what was decided."""
+    """Result of a run on one build: the estimate's RMS errors, and the firmware's decisions."""
 
     x_rmse_m: float
     v_rmse_m_s: float
@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
 
 
 def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
-    """A row for each build."""
+    """Run the scenario on each build and return a row for each."""
     scenario = short_start()
     warm_plant(scenario.scene)
     outcomes, received = {}, received_in(scenario)
@@ -66,7 +66,7 @@ def measure(repeats: int, progress: Progress) -> list[dict[str, Any]]:
 
 
 def received_in(scenario: Scenario) -> Received:
-    """The frames that the firmware receives in a run."""
+    """Return the frames that the firmware receives in a run."""
     received: Received = []
 
     class Recorder(FirmwareNode):

@@ -1,4 +1,4 @@
-"""The scenes for measuring cost, each with one difficulty."""
+"""The scenes on which the cost of methods is measured, each with one difficulty."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from plant_sim.scene import Scene, load_scene, read_scene
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, how long it runs and under which held torque."""
+    """A scene, the duration of its run, and its constant torque."""
 
     name: str
     base: str
@@ -26,14 +26,14 @@ class Case:
         return load_scene(self.document())
 
     def document(self) -> dict[str, Any]:
-        """The scene's raw tables."""
+        """Return the scene's raw tables."""
         settings = [f"scene.{setting}" for setting in self.settings]
         tables: dict[str, Any] = apply_settings({"scene": read_scene(self.base)}, settings)["scene"]
         return tables
 
     @property
     def period_s(self) -> float:
-        """The forcing period; a motor has the free oscillation's."""
+        """Forcing period; for a motor the period of the free oscillation."""
         drive = self.scene.parts().drive
         fast = drive.omega_rad_s if isinstance(drive, IdealDrive) else self.scene.natural_rad_s
         return 2.0 * math.pi / fast
@@ -42,11 +42,11 @@ class Case:
 CASES = (
     Case("periodic", "table1-viscous", ("drive.ratio=1.0",), 50.0),
     Case("sensitive", "table1-coulomb", ("drive.ratio=0.9",), 20.0),
-    # The stop where the spring is relaxed: bounces without end, rest, release, once a period.
+    # The stop is at the spring's rest length: once a period chatter, rest on the stop, and release.
     Case("chattering", "table1-viscous", ("stop.position_m=0.12", "drive.ratio=0.3"), 50.0),
     Case("sticking", "table1-coulomb", ("drive.amplitude_m=0.024",), 50.0),
     Case("Stribeck", "table1-stribeck", (), 50.0),
-    # Without the motor's dry loss, which no peer models, and a stop that is smooth enough for Taylor series.
+    # Without the motor's dry loss, which no peer models, and with a stop smooth enough for Taylor series.
     Case(
         "motor",
         "gait-motor-soft",

@@ -19,13 +19,13 @@ RATES_HZ = (250, 500, 1000, 2000, 4000)
 QUICK_RATES_HZ = (500, 1000)
 
 HOLD_UNTIL_S, UNTIL_S = 14.0, 16.0
-"""A start of 5 s and a hold of 8 s are enough for the figures."""
+"""End of the hold and of the run, s; a start of 5 s and a hold of 8 s are enough for the figures."""
 
 UNIT = "m (RMS of the estimated position); µs of processor per simulated second"
 
 
 def measure(quick: bool, progress: Progress) -> list[dict[str, Any]]:
-    """A row for each rate."""
+    """Run the scenario at each control rate and return a row for each."""
     rows = []
     for rate_hz in QUICK_RATES_HZ if quick else RATES_HZ:
         progress(f"control at {rate_hz} Hz")
@@ -34,7 +34,7 @@ def measure(quick: bool, progress: Progress) -> list[dict[str, Any]]:
 
 
 def short_start(rate_hz: int = 1000) -> Scenario:
-    """The start and a short hold, at this control rate."""
+    """Return the scenario with a start and a short hold at this control rate."""
     document = read_scenario(SCENARIO)
     document["firmware"] = {**document["firmware"], "control.tick_s": 1.0 / rate_hz}
     document["script"]["duration_s"] = UNTIL_S

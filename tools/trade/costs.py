@@ -1,4 +1,4 @@
-"""Costs of methods: errors once, times as minimum and median of interleaved repeats."""
+"""Costs of methods: errors from one call, times as minimum and median of interleaved repeats."""
 
 import math
 import statistics
@@ -14,7 +14,7 @@ from tools.trade.cases import Case
 REPEATS, QUICK_REPEATS = 7, 3
 
 ROW_US = 5e3
-"""The shortest row of calls whose time gives the cost of a call."""
+"""Shortest total time of a row of calls from which the cost of a call is computed, µs."""
 
 COST_UNIT = "µs of processor per simulated second"
 STATE_UNIT = "m (state at the end; velocity over ω)"
@@ -23,7 +23,7 @@ Progress = Callable[[str], None]
 
 
 class Cost(NamedTuple):
-    """One method on one case."""
+    """Errors and times of one method on one case."""
 
     case: Case
     method: Method
@@ -31,15 +31,15 @@ class Cost(NamedTuple):
     least_us_s: float
     median_us_s: float
     first_us_s: float
-    """Least of first calls, which find the caches full of another method's code."""
+    """Shortest first call; at a first call the processor's caches hold another method's code."""
 
     @property
     def is_right(self) -> bool:
-        """Whether all impacts were found and none invented."""
+        """Whether the number of impacts is right."""
         return self.errors.impacts == self.errors.impacts_wanted
 
     def row(self) -> dict[str, Any]:
-        """The cost as JSON has it."""
+        """Return the cost as a JSON object."""
         errors = self.errors
         return {
             "what": f"{self.case.name}: {self.method.name} {self.method.setting}".rstrip(),
@@ -63,7 +63,7 @@ class Cost(NamedTuple):
 
 
 def methods_of(case: Case, quick: bool) -> list[Method]:
-    """All that is compared on a case."""
+    """Return all methods that are compared on a case."""
     found = own.methods(case, quick)
     if has_peers(case.scene.parts()):
         found += scipy_peer.methods(case)
@@ -73,10 +73,11 @@ def methods_of(case: Case, quick: bool) -> list[Method]:
 
 
 def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progress) -> list[Cost]:
-    """Answers first (which also compiles), then times, all methods in turn in every repeat.
+    """Measure the errors of all methods first, which also compiles them, then their times.
 
-    The processor's time of this thread is taken, not the wall's: other programs' load counts less. The least
-    is nearest to an idle machine, the median says how far from one this was.
+    Every repeat runs all methods in turn. The times are this thread's processor time, not wall time, because
+    it depends less on other programs' load. The minimum is closest to the time on an idle machine; the
+    difference between median and minimum shows the load.
     """
     truth = own.truth(case)
     errors = []
@@ -101,14 +102,14 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
 
 
 class Spent(NamedTuple):
-    """Processor time of a first call and of one in the row that follows it, µs."""
+    """Processor time of a first call, and of a call in the row that follows it, µs."""
 
     first: float
     call: float
 
 
 def spent_us(solve: Callable[[], object]) -> Spent:
-    """A first call, then a row of them, ROW_US long; a first call of that length is itself the row."""
+    """Time a first call and a row of calls of ROW_US in all; a first call of this length replaces the row."""
     begun = time.thread_time_ns()
     solve()
     first = (time.thread_time_ns() - begun) * 1e-3
@@ -122,7 +123,10 @@ def spent_us(solve: Callable[[], object]) -> Spent:
 
 
 def pareto(costs: Sequence[Cost]) -> list[Cost]:
-    """The costs that no other one of the same case beats in both error and cost; wrong counts never are."""
+    """Return the costs that no other cost of the same case beats in both error and time.
+
+    Methods with a wrong number of impacts are left out.
+    """
     right = [cost for cost in costs if cost.is_right]
     return [
         cost

@@ -18,10 +18,10 @@ METHODS = ("exact", "adaptive", "stepping", "Plant")
 REFUSALS = SceneError, UnsupportedSceneError, SolverError
 
 FINE = 1e-13
-"""Accuracy of the adaptive run that is the truth where there is no closed form."""
+"""Accuracy of the adaptive run that is the reference if there is no closed form."""
 
 STEPPING_ACCURACY = 1e-4
-"""Asked of time stepping, which is of first order: finer steps would take minutes."""
+"""Requested accuracy of time stepping, a first-order method: finer steps would take minutes."""
 
 NATURAL_RAD_S = math.sqrt(70.0 / 0.8)
 CRITICAL_N_S_M = 2.0 * math.sqrt(70.0 * 0.8)
@@ -29,12 +29,12 @@ CRITICAL_N_S_M = 2.0 * math.sqrt(70.0 * 0.8)
 HUNT_CROSSLEY = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 KELVIN_VOIGT = HUNT_CROSSLEY | {"law": "kelvin-voigt"}
 THROWN = {"initial.v_m_s": 0.7, "drive.ratio": 1.0}
-"""Reaches the stop within a tenth of a second."""
+"""Initial state from which the striker reaches the stop within a tenth of a second."""
 STILL = {"drive.ratio": None, "drive.speed_rad_s": 0.0, "drive.amplitude_m": 0.0}
 
 
 class Extreme(NamedTuple):
-    """One end of a range: changes to a named scene, how long it runs, its torque and its ticks."""
+    """An extreme case: changes to a named scene, the run's duration, its torque, and `Plant`'s ticks."""
 
     what: str
     value: str
@@ -44,7 +44,7 @@ class Extreme(NamedTuple):
     torque_n_m: float = 0.0
     tick_s: float = 1e-3
     axis: float | None = None
-    """Its place on the plot's axis, where `what` has a range."""
+    """Value on the plot's axis, if `what` has a range."""
 
 
 class Cell(NamedTuple):
@@ -55,7 +55,7 @@ class Cell(NamedTuple):
 
 
 def changed(base: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A named scene's tables with dotted keys replaced; None deletes one."""
+    """Return a named scene's tables with dotted keys replaced; the value None deletes a key."""
     tables = deepcopy(read_scene(base))
     for dotted, value in changes.items():
         *path, key = dotted.split(".")
@@ -137,7 +137,7 @@ def _extremes() -> Iterator[Extreme]:  # noqa: PLR0912  # a list; loops are its 
         speed = {"initial.v_m_s": 0.5, "drive.ratio": None, "drive.speed_rad_s": ratio * NATURAL_RAD_S}
         until_s = 0.05 if ratio > 100.0 else 1.0
         yield Extreme("crank speed Ω/ω", f"{ratio:g}", viscous, speed, until_s, axis=ratio or None)
-    slow = {"striker.mass_kg": 1e3, "drive.ratio": 0.5}  # 24 s a swing: a million seconds in seconds
+    slow = {"striker.mass_kg": 1e3, "drive.ratio": 0.5}  # 24 s a swing, so that 1e6 s compute fast
     yield Extreme("long runs", "a day, in ticks of 0.1 s", viscous, slow, 86400.0, tick_s=0.1)
     yield Extreme("long runs", "1e6 s, in ticks of 10 s", viscous, slow, 1e6, tick_s=10.0)
     for mass_kg, until_s in ((1e-6, 2e-3), (1e3, 100.0)):
@@ -193,7 +193,7 @@ EXTREMES = tuple(_extremes())
 
 
 def scene_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Scene:
-    """The scene for a method; raises `SceneError`."""
+    """Return the scene of an extreme case for a method; raises `SceneError`."""
     solver: dict[str, Any] = {"method": "adaptive" if method == "Plant" else method}
     if method == "stepping":
         solver["accuracy"] = STEPPING_ACCURACY
@@ -203,7 +203,7 @@ def scene_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Sc
 
 
 def end_of(extreme: Extreme, method: str, accuracy: float | None = None) -> MotionState:
-    """The motion at the end by a method; raises one of `REFUSALS`."""
+    """Return the final state of an extreme case by a method; raises one of `REFUSALS`."""
     scene = scene_of(extreme, method, accuracy)
     if method != "Plant":
         return simulate(scene, extreme.until_s, torque_n_m=extreme.torque_n_m).final
@@ -214,7 +214,10 @@ def end_of(extreme: Extreme, method: str, accuracy: float | None = None) -> Moti
 
 
 def measure(extreme: Extreme) -> dict[str, Cell]:
-    """A cell for each method. The closed form is the others' truth; its own is the finest adaptive run."""
+    """Return a cell for each method.
+
+    The reference is the closed form; for the closed form itself it is the finest adaptive run.
+    """
     ends: dict[str, MotionState] = {}
     cells: dict[str, Cell] = {}
     for method in METHODS:
@@ -262,7 +265,7 @@ SENTENCE = re.compile(r"^(\d+)\. (.+)$", re.MULTILINE)
 
 
 def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Measure everything, write the page and its plot; returns the rows."""
+    """Measure all extreme cases, write the page and its plot, and return the rows."""
     measured = []
     for extreme in EXTREMES:
         progress(f"{extreme.what}: {extreme.value}")
@@ -292,7 +295,7 @@ def write(page: Path, progress: Callable[[str], None]) -> list[dict[str, Any]]:
 
 
 def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
-    """The page's cells by extreme and value."""
+    """Return the cells of a page by extreme case and value."""
     text = page.read_text(encoding="utf-8")
     sentences = dict(SENTENCE.findall(text))
     rows = {}
@@ -308,7 +311,7 @@ def read(page: Path) -> dict[tuple[str, str], dict[str, Cell]]:
 
 
 def draw(measured: Sequence[tuple[Extreme, Mapping[str, Cell]]], path: Path) -> None:
-    """Error over the parameter, a panel for each range."""
+    """Draw the error over the parameter, with a panel for each range."""
     import matplotlib
     from matplotlib.figure import Figure
 

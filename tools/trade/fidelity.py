@@ -13,13 +13,14 @@ from plant_sim.simulation import simulate
 from tools.trade.costs import COST_UNIT, Progress, spent_us
 
 UNTIL_S = 30.0
-"""Of which the second half is looked at."""
+"""Duration of a run, s; its second half is evaluated."""
 
 RATIO = 1.3
 
 ORBIT = (
     f"drive.ratio={RATIO}",
-    # Just rebounded, the crank 27° past its forward dead centre: on the orbit with one impact a period.
+    # State just after separation, the crank 27° past its forward dead centre, on the orbit with one impact a
+    # period.
     "drive.phase_rad=2.04",
     "initial.x_m=0.1799",
     "initial.v_m_s=-0.455",
@@ -33,19 +34,22 @@ STOPS = (
     ("Hunt–Crossley, 5 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.005")),
     ("Hunt–Crossley, 30 ms", ("stop.law=hunt-crossley", "stop.contact_s=0.03")),
 )
-"""The first, the bench's own, is what the others are compared with."""
+"""Stops; the first, the bench's own, is the reference for the others."""
 
 QUICK_STOPS = 2
 
 
 def scene_with(stop: tuple[str, ...]) -> Scene:
-    """table1 on its impact orbit."""
+    """Return the scene table1 on its impact orbit with a stop."""
     settings = [f"scene.{setting}" for setting in ORBIT + stop]
     return load_scene(apply_settings({"scene": read_scene("table1-viscous")}, settings)["scene"])
 
 
 def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
-    """Rows for every variant: how far impulse, peak force and speed are from the first one's."""
+    """Run each stop and return its impulse, peak force, v⁻ and cost.
+
+    The error is the impulse's relative deviation from the first stop's.
+    """
     scenes = [(name, scene_with(stop)) for name, stop in (STOPS[:QUICK_STOPS] if quick else STOPS)]
     results = []
     for name, scene in scenes:

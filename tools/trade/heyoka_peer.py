@@ -1,4 +1,4 @@
-"""heyoka: adaptive Taylor series with event detection, compiled for the case."""
+"""The peer heyoka: adaptive Taylor series with event detection, compiled for the case."""
 
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ MISSING = (
 
 
 def is_installed() -> bool:
-    """Whether heyoka can be imported."""
+    """Return whether heyoka can be imported."""
     try:
         import heyoka  # noqa: F401
     except ImportError:
@@ -28,7 +28,7 @@ def is_installed() -> bool:
 
 
 class HeyokaFlow:
-    """One smooth piece by a Taylor integrator for flight, and another one for contact."""
+    """Flow with one Taylor integrator for flight and another one for contact."""
 
     def __init__(self, case: Case, tolerance: float) -> None:
         import heyoka
@@ -44,11 +44,11 @@ class HeyokaFlow:
     def __call__(
         self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
     ) -> Piece:
-        """From `t_s` to the first event."""
+        """Integrate from `t_s` to the first event."""
         integrator = self.contact if in_contact else self.flight
         integrator.time = t_s
         integrator.state[:] = state
-        integrator.pars[:] = direction  # of no length without dry friction
+        integrator.pars[:] = direction  # an empty array without dry friction
         integrator.reset_cooldowns()
         outcome = integrator.propagate_until(until_s)[0]
         end = [float(value) for value in integrator.state]
@@ -86,7 +86,7 @@ class HeyokaFlow:
 
 
 def methods(case: Case, quick: bool) -> list[Method]:
-    """heyoka at several tolerances; its compilation is not timed."""
+    """Return heyoka at several tolerances; the time of its compilation is not measured."""
     return [
         Method("heyoka", f"{tolerance:.0e}", partial(run, case, HeyokaFlow(case, tolerance)))
         for tolerance in (TOLERANCES[1:2] if quick else TOLERANCES)

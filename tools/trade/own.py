@@ -15,29 +15,29 @@ from tools.trade.cases import Case
 
 ACCURACIES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS_RAD = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
-"""Of the faster of drive and free oscillation."""
+"""Steps as phase angles of the faster of drive and free oscillation."""
 
 TRUTH_ACCURACY = 1e-13
 
 
 def truth(case: Case) -> Answer:
-    """The closed form where there is one, else the adaptive solver at its finest."""
+    """Return the reference answer: by the closed form, or if there is none by the finest adaptive run."""
     return (_exact(case) if has_closed_form(case) else _adaptive(case, TRUTH_ACCURACY))()
 
 
 def has_closed_form(case: Case) -> bool:
-    """Whether the exact solver takes the case."""
+    """Return whether the exact solver supports the case."""
     return is_steppable(case) and not isinstance(case.scene.parts().friction, Stribeck)
 
 
 def is_steppable(case: Case) -> bool:
-    """Whether the stepping solver takes the case."""
+    """Return whether the stepping solver supports the case."""
     parts = case.scene.parts()
     return isinstance(parts.drive, IdealDrive) and isinstance(parts.stop, NoStop | RigidStop)
 
 
 def methods(case: Case, quick: bool) -> list[Method]:
-    """All solvers at all their settings that take the case."""
+    """Return all solvers that support the case, at all their settings."""
     found = [Method("exact", "", _exact(case))] if has_closed_form(case) else []
     for accuracy in ACCURACIES[1::2] if quick else ACCURACIES:
         found.append(Method("adaptive", f"{accuracy:.0e}", _adaptive(case, accuracy)))

@@ -1,7 +1,8 @@
 """Cost and effect of each part of a scene: one impact orbit, one part changed at a time.
 
-The orbit is table1's at r = 1.3. Its fold is where the impacts end as the crank is made faster step by step.
-A motor is held at speed by a PI loop; what calling the kernel so often takes is taken off its time.
+The orbit is table1's at r = 1.3. Its fold is the ratio at which the impacts end as the crank's speed is
+increased in steps. A motor is held at speed by a PI loop; the time of the kernel calls alone is subtracted
+from its cost.
 """
 
 import copy
@@ -40,17 +41,17 @@ from tools.trade.costs import COST_UNIT, Progress
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60
 FOLD_PERIODS = 40
-"""At each speed on the way to the fold; of which the last quarter must have impacts."""
+"""Periods at each speed on the way to the fold; there must be impacts in the last quarter."""
 FOLD_STEP = 0.01
 FASTEST = 2.0
 
 LOOP_S = 5e-3
-"""Of the speed loop; below, its gains, which hold r = 1.3 with 3 % of ripple, and its first torque."""
+"""Period of the speed loop, s. Below: its gains (they hold r = 1.3 with 3 % of ripple), its first torque."""
 LOOP_N_M_S, LOOP_N_M, LOOP_START_N_M = 0.05, 0.3, 0.06
 
 HERTZ = {"law": "hunt-crossley", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
 
-# Just rebounded, the crank 27° past its forward dead centre: on the orbit with one impact a period.
+# State just after separation, the crank 27° past its forward dead centre: the orbit with one impact a period.
 ORBIT: dict[str, Any] = {
     "drive": {"model": "ideal", "amplitude_m": 0.02, "ratio": RATIO, "phase_rad": 2.04},
     "stop": HERTZ,
@@ -64,7 +65,7 @@ COGGING = {"order": 84, "amplitude_n_m": 2e-3}
 PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("viscous, ideal, Hunt–Crossley", {}),
     ("no friction", {"friction": {"law": "none"}}),
-    # Dry friction of about the viscous one's force: μ m g = 0.16 N against b v⁻ = 0.18 N.
+    # Dry friction with about the force of viscous friction: μ m g = 0.16 N, b v⁻ = 0.18 N.
     ("Coulomb, μ = 0.02", {"friction": {"law": "coulomb", "mu": 0.02}}),
     (
         "Stribeck, μ = 0.02, μ_s 0.03",
@@ -85,17 +86,17 @@ PARTS: tuple[tuple[str, dict[str, Any]], ...] = (
         "housing at 0.5 m/s², 1 Hz",
         {"housing": {"harmonic": {"amplitude_m_s2": 0.5, "frequency_hz": 1.0}}},
     ),
-    # A foot of 1 kg; at a lever of 0.1 m a tensed ankle of 500 N m/rad, and a loose one of 100.
+    # A foot of 1 kg with a lever arm of 0.1 m: a tensed ankle of 500 N m/rad, a relaxed ankle of 100 N m/rad.
     ("wearer on 50 kN/m", {"wearer": {"plate_kg": 1.0, "ankle_n_m": 5e4, "ankle_n_s_m": 100.0}}),
     ("wearer on 10 kN/m", {"wearer": {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}}),
 )
-"""The first is what the others are compared with."""
+"""Parts as changes of the scene; the first is the reference for the others."""
 
 QUICK_PARTS = 3
 
 
 class Rig(NamedTuple):
-    """A module in motion; `integral` is the speed loop's, shape (1,), `kernel` the scene's machine code."""
+    """A module in motion; `integral` is the speed loop's integral, shape (1,), `kernel` the machine code."""
 
     parts: Parts
     probe: Probe
@@ -106,12 +107,12 @@ class Rig(NamedTuple):
 
 
 def scene_with(changes: Mapping[str, Any]) -> Scene:
-    """table1 on its impact orbit, with some tables replaced or added."""
+    """Return the scene table1 on its impact orbit, with some tables replaced or added."""
     return load_scene({**copy.deepcopy(read_scene("table1-viscous")), **ORBIT, **changes})
 
 
 def rig_of(scene: Scene) -> Rig:
-    """The scene's module at its start, its crank at speed."""
+    """Return the scene's module at its initial state, with the crank at speed."""
     parts = scene.parts()
     speed_rad_s = RATIO * scene.natural_rad_s
     start = replace(initial_state(scene), omega_rad_s=speed_rad_s)
@@ -124,7 +125,7 @@ def rig_of(scene: Scene) -> Rig:
 
 
 def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
-    """`periods` of the drive at a speed; the impacts on the way, records as `Impact`."""
+    """Advance by a number of drive periods at a speed; return the impacts as records of `Impact`."""
     speed_rad_s = ratio * rig.natural_rad_s
     end_s = float(rig.memory.held[0].elapsed_s) + periods * 2.0 * math.pi / speed_rad_s
     drive = rig.parts.drive
@@ -149,7 +150,7 @@ def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
 
 
 def spent_us_s(rig: Rig) -> float:
-    """Processor time a simulated second takes, µs, without that of the calls, and of reading off, as such."""
+    """Return the processor time per simulated second, µs, without the time of the kernel calls alone."""
     begun_s, begun = float(rig.memory.held[0].elapsed_s), time.thread_time_ns()
     carry_on(rig, RATIO, LOOK_PERIODS)
     ended = time.thread_time_ns()
@@ -162,7 +163,7 @@ def spent_us_s(rig: Rig) -> float:
 
 
 def fold_of(rig: Rig, ratio: float) -> float:
-    """The largest r, in steps of FOLD_STEP, at which the impacts go on; `rig` has impacts at `ratio`."""
+    """Return the largest r, in steps of FOLD_STEP, at which impacts last; `rig` has impacts at `ratio`."""
     while ratio < FASTEST:
         faster = ratio + FOLD_STEP
         carry_on(rig, faster, 3 * FOLD_PERIODS // 4)
@@ -173,7 +174,10 @@ def fold_of(rig: Rig, ratio: float) -> float:
 
 
 def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any]]:
-    """Rows for every part: cost, impulse, peak force, energy per cycle and fold; the first is the measure."""
+    """Return a row for each part: cost, impulse, peak force, energy per cycle and fold.
+
+    The first part is the reference for the errors and the cost ratios.
+    """
     chosen = PARTS[:QUICK_PARTS] if quick else PARTS
     scenes = [(name, scene_with(changes)) for name, changes in chosen]
     rows = []
@@ -198,7 +202,7 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
 
 
 def figures_of(scene: Scene) -> dict[str, Any]:
-    """The orbit's figures with these parts."""
+    """Return the figures of the orbit with these parts."""
     rig = rig_of(scene)
     carry_on(rig, RATIO, SETTLE_PERIODS)
     work = work_place(rig.parts)
@@ -223,7 +227,7 @@ def figures_of(scene: Scene) -> dict[str, Any]:
 
 
 def fold_from_resonance(scene: Scene) -> float:
-    """The same for a module whose impacts have ended at RATIO already: it has them at resonance first."""
+    """Return the fold of a module that has no impacts at RATIO, starting from its impacts at resonance."""
     rig = rig_of(scene)
     carry_on(rig, 1.0, SETTLE_PERIODS)
     return fold_of(rig, 1.0)

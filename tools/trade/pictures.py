@@ -1,4 +1,4 @@
-"""The Pareto plot: error against cost, one picture a case."""
+"""The Pareto plot: error over cost, one panel for each case."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,11 +15,11 @@ STYLES = {
 }
 
 SMALLEST_M = 1e-15
-"""Errors of zero are drawn here."""
+"""Smallest error in the plot, m; smaller errors are drawn at this value."""
 
 
 def draw(measured: Sequence[Cost], path: Path) -> None:
-    """Draw all cases into an SVG or PNG. Hollow: a wrong number of impacts."""
+    """Draw all cases into an SVG or PNG; hollow markers show a wrong number of impacts."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 

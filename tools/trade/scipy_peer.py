@@ -1,4 +1,4 @@
-"""scipy's solve_ivp with events: the paper's own method."""
+"""The peer scipy: solve_ivp with events, the paper's own method."""
 
 import math
 from functools import partial
@@ -21,7 +21,7 @@ SETTINGS: tuple[tuple[str, str, dict[str, float]], ...] = (
 
 
 class ScipyFlow:
-    """One smooth piece by solve_ivp, with terminal events for the stop and, under dry friction, for rest."""
+    """Flow by solve_ivp, with terminal events for the stop and, with dry friction, for zero velocity."""
 
     def __init__(self, case: Case, method: str, tolerances: dict[str, float]) -> None:
         self.parts = case.scene.parts()
@@ -33,7 +33,7 @@ class ScipyFlow:
     def __call__(
         self, t_s: float, state: list[float], until_s: float, direction: float, in_contact: bool
     ) -> Piece:
-        """From `t_s` to the first event."""
+        """Integrate from `t_s` to the first event."""
         events = [self._stop_event(in_contact)]
         if self.is_dry:
             events.append(_terminal(lambda t, y: y[1], -direction))
@@ -90,7 +90,7 @@ def _terminal(function: Any, direction: float) -> Any:
 
 
 def methods(case: Case) -> list[Method]:
-    """scipy at its default and at users' tolerances."""
+    """Return scipy's methods at the default and at finer tolerances."""
     return [
         Method(name, setting, partial(run, case, ScipyFlow(case, name.removeprefix("scipy "), tolerances)))
         for name, setting, tolerances in SETTINGS
