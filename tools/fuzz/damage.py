@@ -1,4 +1,4 @@
-"""Damage at random: bytes of any file, values of tables, and values that make little sense."""
+"""Random damage: to bytes of any file, to values of tables; and implausible values."""
 
 import math
 from typing import Any
@@ -22,15 +22,18 @@ RAW_VALUES = (
     "2026-01-01",
     "",
 )
-"""TOML, or none, as --set takes it."""
+"""Values for --set, valid TOML or not."""
 SCALED_SHARE = 0.75
-"""Of the numbers that are changed, those that stay numbers: more of them pass their checks."""
+"""Share of changed numbers that remain plausible numbers, so that more inputs pass the first checks."""
 LARGEST_SCALING = 2.5
-"""Powers of ten by which such a number becomes larger or smaller."""
+"""Largest factor on a changed number, as a power of ten."""
 
 
 def damaged_bytes(random: Random, content: bytes) -> bytes:
-    """Bits turned over, a piece cut out or replaced, the end cut off, or other content altogether."""
+    """Return the content with damage.
+
+    Bits are inverted, a piece is removed, repeated or replaced, the end is cut off, or all content is random.
+    """
     size = len(content)
     first, last = sorted(int(place) for place in random.integers(0, size + 1, 2))
     before, within, after = content[:first], content[first:last], content[last:]
@@ -53,7 +56,7 @@ def damaged_bytes(random: Random, content: bytes) -> bytes:
 
 
 def damaged_tables(random: Random, tables: dict[str, Any]) -> dict[str, Any]:
-    """One to three values of the tables, mostly one, at any depth, replaced, renamed or taken out."""
+    """Replace, rename or remove one to three values of the tables, mostly one, at any depth."""
     for _ in range(int(random.choice((1, 1, 1, 2, 3)))):
         table, path = tables, []
         while True:
@@ -76,7 +79,7 @@ def damaged_tables(random: Random, tables: dict[str, Any]) -> dict[str, Any]:
 
 
 def other_value(random: Random, value: Any) -> Any:
-    """A number of another size, or one of NASTY."""
+    """Return a number of another magnitude, or a value of NASTY."""
     if type(value) in (int, float) and random.random() < SCALED_SHARE:
         scaled = value * 10.0 ** random.uniform(-LARGEST_SCALING, LARGEST_SCALING)
         return type(value)(-scaled if random.random() < 0.1 else scaled)

@@ -1,7 +1,7 @@
-"""Inputs of `fuzz files`: CAN logs of every format, logs, traces and whole folders that were made by runs.
+"""Inputs of `fuzz files`: CAN logs of every format, and the logs, traces and whole folders of runs.
 
-`prepare` makes them unharmed in `good`; a case damages a copy of some in `mine` and gives a command that
-reads it.
+`prepare` makes valid inputs in `good`. A case damages copies of them in `mine` and returns a command that
+reads them.
 """
 
 import contextlib
@@ -19,16 +19,16 @@ from tools.fuzz.scene_cases import BOMB, PARAMETERS, SHORT_RUN, chosen
 
 WRITERS = ("log", "asc", "blf", "csv", "trc", "db")
 PACKED = ("log.gz", "asc.gz", "csv.gz", "trc.gz")
-"""Formats of python-can that `import` reads; of the text ones, packed too."""
+"""Formats of python-can that `import` reads; text formats also compressed."""
 OWN_NOTES = "notes.txt"
-"""A file of the user's in a run's folder."""
+"""Name of a user's file in a run's folder."""
 
 
-# --- unharmed inputs ----------------------------------------------------------------------------------
+# --- valid inputs -------------------------------------------------------------------------------------
 
 
 def prepare(good: Path) -> None:
-    """A short scenario, its run and a suite of it, and the run's CAN log in every format."""
+    """Make a short scenario, its run, a suite of it, and the run's CAN log in every format."""
     from tools.cli import run
 
     (good / "short.toml").write_text(tomli_w.dumps(SHORT_RUN))
@@ -62,7 +62,7 @@ def prepare(good: Path) -> None:
 
 
 def can_log(random: Random, mine: Path, good: Path) -> list[str]:
-    """A CAN log of another program: bytes damaged, packed ones before or after packing."""
+    """Damage the bytes of a CAN log; a compressed log is damaged before or after its compression."""
     ending = chosen(random, WRITERS + PACKED)
     log = mine / f"bench.{ending}"
     content = (good / log.name).read_bytes()
@@ -81,7 +81,7 @@ def can_log(random: Random, mine: Path, good: Path) -> list[str]:
 
 
 def reading(random: Random, run: Path, good: Path) -> list[str]:
-    """A command that reads a run's folder or log."""
+    """Return a command that reads a run's folder or log."""
     commands = (
         ["inspect", str(run), "--json"],
         ["inspect", str(run)],
@@ -98,14 +98,14 @@ def reading(random: Random, run: Path, good: Path) -> list[str]:
 
 
 def recording(random: Random, mine: Path, good: Path) -> list[str]:
-    """A .rrd file, damaged, by itself."""
+    """Damage a .rrd file outside of a run's folder."""
     log = mine / "run.rrd"
     log.write_bytes(damaged_bytes(random, (good / "run" / "run.rrd").read_bytes()))
     return reading(random, log, good)
 
 
 def traces(random: Random, mine: Path, good: Path) -> list[str]:
-    """A run's folder without its log: one to three of its traces damaged or gone."""
+    """Damage or remove one to three traces in a run's folder without its log."""
     run = mine / "run"
     shutil.copytree(good / "run", run)
     (run / "run.rrd").unlink()
@@ -115,7 +115,7 @@ def traces(random: Random, mine: Path, good: Path) -> list[str]:
 
 
 def run_folder(random: Random, mine: Path, good: Path) -> list[str]:
-    """A run's folder with one to three of its files damaged or gone; also one that a new run is to take."""
+    """Damage or remove one to three files of a run's folder; a new run may also write to this folder."""
     run = mine / "run"
     shutil.copytree(good / "run", run)
     damage_some(random, run, sorted(path.name for path in run.iterdir() if path.name != OWN_NOTES))
@@ -131,7 +131,7 @@ def run_folder(random: Random, mine: Path, good: Path) -> list[str]:
 
 
 def suite_folder(random: Random, mine: Path, good: Path) -> list[str]:
-    """A suite's folder with one to three of its files damaged or gone."""
+    """Damage or remove one to three files of a suite's folder."""
     suite = mine / "run"
     shutil.copytree(good / "suite", suite)
     damage_some(

@@ -1,9 +1,9 @@
 """Random and mutated frames at the inputs of a running firmware and plant.
 
-Each tick brings a closed loop's own frames and a burst of strangers': noise on any identifier, random bytes
-under known identifiers, the same with their CRC put right, and the loop's own frames with bits turned, cut
-short or repeated. After each tick the torque must be a number within its limit, at the firmware and at the
-drive, and every frame accounted for: taken, or dropped with a reason.
+In each tick both nodes receive the closed loop's own frames and a burst of foreign frames: noise on any
+identifier, random bytes under known identifiers, random bytes with a correct CRC, and the loop's own frames
+with inverted bits, shortened or repeated. After each tick the torque must be a number within its limit, at
+the firmware and at the drive. Every frame must be accounted for: accepted, or dropped with a reason.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,15 +22,15 @@ from hil.scenario.scenario import load_scenario
 
 SCENARIO = "soft-start-multistable"
 BURST = 50
-"""Strangers a tick at each of the two inputs: some fifteen times what a bus at 1 Mbit/s can carry."""
+"""Foreign frames a tick at each of the two inputs: about fifteen times the capacity of a bus at 1 Mbit/s."""
 TICKS_A_LIFE = 500
-"""Then both nodes start anew, out of whatever the strangers had got them into."""
+"""Ticks with foreign frames before both nodes restart, which ends any state that the frames have caused."""
 CALM_TICKS = 1500
-"""Before the strangers come in every other life: by then the crank turns."""
+"""Ticks without foreign frames at the beginning of every other life; after these ticks the crank turns."""
 REMEMBERED = 64
-"""Frames of the loop's own that bad ones are made of."""
+"""Number of the loop's last own frames that are kept as templates of foreign frames."""
 LISTED_SHARE = 0.4
-"""Of the known identifiers, those that strangers use in one life."""
+"""Share of the known identifiers that foreign frames use in one life."""
 MOST_IDENTIFIERS = 0x800
 ENOUGH_FAILURES = 10
 FIRMWARE, PLANT = range(2)
@@ -47,7 +47,7 @@ class Failure(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Frames at the two inputs together, what became of them, and the largest torques, N m."""
+    """Numbers of frames at both inputs together, by their treatment, and the largest torques, N m."""
 
     frames: int
     taken: int
@@ -61,10 +61,10 @@ class Outcome(NamedTuple):
 
 
 class Strangers:
-    """Endless frames of all four kinds; `seen` are frames of the bus to make bad ones of.
+    """Generator of foreign frames of all four kinds; `seen` are frames of the bus that serve as templates.
 
-    Known identifiers are a choice of each life's own: where no stranger happens to stop the drive, the others
-    get further (swarm testing; Groce, Zhang, Eide, Chen & Regehr, ISSTA 2012).
+    Each life uses a random subset of the known identifiers. In a life in which no frame stops the drive, the
+    other frames reach later states (swarm testing; Groce, Zhang, Eide, Chen & Regehr, ISSTA 2012).
     """
 
     def __init__(self, seed: int) -> None:
@@ -73,7 +73,7 @@ class Strangers:
         self.seen: list[Frame] = [Frame(0, bytes(8))]
 
     def burst(self, count: int) -> list[Frame]:
-        """`count` frames."""
+        """Return `count` frames."""
         numbers = self._random.integers(0, 1 << 31, (count, 3)).tolist()
         noise = self._random.bytes(8 * count)
         return [
@@ -99,7 +99,7 @@ class Strangers:
 
 
 def mutated(frame: Frame, number: int) -> Frame:
-    """One to three bits turned, the end cut off, or nothing at all: a repetition."""
+    """Return the frame with one to three inverted bits, shortened, or unchanged, which is a repetition."""
     change, number = number % 8, number // 8
     data = bytearray(frame.data)
     if change == 0 or not data:
@@ -114,7 +114,7 @@ def mutated(frame: Frame, number: int) -> Frame:
 
 
 class Life:
-    """A closed loop from power-up, among strangers."""
+    """A closed loop from power-up that receives foreign frames."""
 
     def __init__(self, seed: int) -> None:
         scenario = load_scenario(SCENARIO, ())
@@ -139,7 +139,7 @@ class Life:
         self._not_addressed = [0, 0]
 
     def step(self, strangers_at_firmware: int, strangers_at_plant: int) -> None:
-        """One tick of both nodes, each with this number of foreign frames."""
+        """Advance both nodes by one tick, each with this number of foreign frames."""
         published = self.plant.publish()
         if self.tick % self._operator_ticks == 0:
             published += self._operator.publish(self.tick // self._operator_ticks)
@@ -155,11 +155,11 @@ class Life:
         self.tick += 1
 
     def fail(self, what: str) -> None:
-        """Note something that must not be."""
+        """Record a failure in this tick."""
         self.failures.append(Failure(self.seed, self.tick, what))
 
     def _mixed(self, which: int, own: list[Frame], count: int) -> list[Frame]:
-        """The loop's own frames among strangers, all counted."""
+        """Return the loop's own frames between foreign frames, and count all of them."""
         strangers = self._strangers.burst(count)
         frames = [*strangers[: count // 2], *own, *strangers[count // 2 :]]
         addressed = (self.firmware.can_ids, ACCEPTED_IDS)[which]
@@ -168,7 +168,7 @@ class Life:
         return frames
 
     def outcome(self) -> Outcome:
-        """Counts of all frames; the firmware must count each frame that it receives."""
+        """Return the counts of all frames; the firmware must have counted each frame that it received."""
         counters = self.firmware.counters
         dropped = (
             counters.rejected_length
@@ -194,9 +194,10 @@ class Life:
 
 
 def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcome:
-    """Both nodes from power-up for `ticks` ticks with `burst` strangers a tick at each.
+    """Run both nodes from power-up for `ticks` ticks with `burst` foreign frames a tick at each input.
 
-    In every other life they come when the loop has begun to move; strangers seldom let it start.
+    In every other life the foreign frames begin when the crank already turns, because they usually prevent a
+    start.
     """
     life = Life(seed)
     calm_ticks = CALM_TICKS if seed % 2 else 0
@@ -204,13 +205,13 @@ def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcom
         while life.tick < ticks + calm_ticks and not life.failures:
             count = burst if life.tick >= calm_ticks else 0
             life.step(count, count)
-    except Exception as error:  # what is looked for: it is reported, and ends this life
+    except Exception as error:  # any error is a failure: it is reported and ends this life
         life.fail(f"{type(error).__name__}: {error}")
     return life.outcome()
 
 
 def together(outcomes: Sequence[Outcome]) -> Outcome:
-    """The sums, the largest torques and all failures."""
+    """Return the sums of the counts, the largest torques and all failures."""
     return Outcome(
         frames=sum(outcome.frames for outcome in outcomes),
         taken=sum(outcome.taken for outcome in outcomes),
@@ -225,7 +226,7 @@ def together(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Life after life from `seed` on, until this number of frames has come in, or enough has failed."""
+    """Run lives with seeds from `seed` on until this number of frames or ENOUGH_FAILURES is reached."""
     outcomes: list[Outcome] = []
     so_far = failures = 0
     while so_far < frames and failures < ENOUGH_FAILURES:

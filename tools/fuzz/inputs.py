@@ -1,8 +1,9 @@
-"""Invalid files and options on the command line: damaged at random, each by its own seed.
+"""Invalid files and options on the command line: random damage, with a seed for each input.
 
-A worker process runs one command line after another; the program must end by itself with a verdict or a
-sentence. A traceback, more than LONGEST_S of processor time or of waiting, more than MOST_MEMORY_MB, a change
-to a file beside its own, or a file or process left behind is a failure; its seed repeats it.
+A worker process runs one command line after another. The program must end by itself with a verdict or an
+error message. Failures are: a traceback, more than LONGEST_S of processor time or of waiting, more than
+MOST_MEMORY_MB, a change to a file that is not the program's, and a remaining temporary file or process. The
+seed repeats a failure.
 """
 
 import tempfile
@@ -16,11 +17,11 @@ from tools.fuzz.worker import Kind, Worker
 
 ENOUGH_FAILURES = 10
 RENEWED_AFTER = 200
-"""Inputs for one worker: what its libraries keep of them would count as memory of a later one."""
+"""Inputs for one worker; memory that its libraries keep would otherwise count for later inputs."""
 
 
 class Failure(NamedTuple):
-    """A failure of the case of a seed, and its command line."""
+    """A failure of the case with this seed, and its command line."""
 
     seed: int
     case: str
@@ -29,7 +30,7 @@ class Failure(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How many inputs there were of each case, and with which exit status; the worst, and all failures."""
+    """Numbers of inputs by case and by exit status, the largest time and memory, and all failures."""
 
     kind: str
     inputs: int
@@ -41,7 +42,7 @@ class Outcome(NamedTuple):
 
 
 def fuzz(kind: Kind, inputs: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:
-    """Cases of the seeds from `seed` on, until there were `inputs`, or enough have failed."""
+    """Run the cases with seeds from `seed` on until `inputs` or ENOUGH_FAILURES is reached."""
     cases: Counter[str] = Counter()
     statuses: Counter[int] = Counter()
     failures: list[Failure] = []

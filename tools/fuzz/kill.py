@@ -1,4 +1,4 @@
-"""Shared by all kills: the process, the signal, its time, and what must not remain."""
+"""Functions that all kills share: start the program, send the signal, and find what remains afterwards."""
 
 import os
 import signal
@@ -14,9 +14,9 @@ from hil.bench.verdict import KILLED
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGSTOP)
 FINAL = (signal.SIGKILL, signal.SIGSTOP)
-"""A process can do nothing more; one that is stopped is killed later."""
+"""Signals after which a process cannot act; a stopped process is killed later."""
 PARENT = "the program"
-"""That was started, and that starts the others."""
+"""Name of the process that was started and that starts the other processes."""
 REPORT = "report"
 """The stage after the last run."""
 SCENARIO = """
@@ -51,21 +51,21 @@ class Kill(NamedTuple):
 
     @property
     def is_of_program(self) -> bool:
-        """Whether the program itself receives the signal, and none of the processes that it has started."""
+        """Whether the program itself receives the signal, not a process that it has started."""
         return self.process == PARENT
 
     @property
     def signal_name(self) -> str:
-        """The signal as the program names it."""
+        """Name of the signal in the program's messages."""
         return "Ctrl-C" if self.number == signal.SIGINT else self.number.name
 
     @property
     def programs_cause(self) -> str:
-        """The cause that must be named where the program itself received the signal."""
+        """Cause that must be named if the program itself received the signal."""
         return KILLED if self.number in FINAL else f"interrupted by {self.signal_name}"
 
     def sent_to(self, pid: int) -> bool:
-        """Send the signal; whether the process was still there."""
+        """Send the signal; return whether the process still existed."""
         return signalled(pid, self.number)
 
     def __str__(self) -> str:
@@ -73,15 +73,18 @@ class Kill(NamedTuple):
 
 
 class KillError(RuntimeError):
-    """A program that did not come to the moment at which it was to be killed."""
+    """A program that did not reach the stage at which it was to be killed."""
 
 
 @contextmanager
 def begun(arguments: list[str], folder: Path) -> "Iterator[subprocess.Popen[bytes]]":
-    """The program in a folder, with temporary files in `tmp` and its output in `said`; the block ends it."""
+    """Run the program in a folder and kill it at the end of the context.
+
+    Its temporary files are in `tmp`, and its output is in `said`.
+    """
     temporary = folder / "tmp"
     temporary.mkdir(exist_ok=True)
-    heeding = ["env", "--default-signal=INT", "--default-signal=HUP"]  # under nohup, in the background too
+    heeding = ["env", "--default-signal=INT", "--default-signal=HUP"]  # even if the parent ignores them
     environment = {key: value for key, value in os.environ.items() if key != "XDG_RUNTIME_DIR"}
     with (folder / "said").open("ab") as said:
         program = subprocess.Popen(
@@ -102,7 +105,7 @@ def begun(arguments: list[str], folder: Path) -> "Iterator[subprocess.Popen[byte
 
 
 def wait_for(look: Callable[[], Any], what: str) -> Any:
-    """The result of `look` as soon as it is not empty."""
+    """Wait until `look` returns a true value and return it; raises KillError after START_LIMIT_S."""
     deadline_s = time.monotonic() + START_LIMIT_S
     while not (found := look()):
         if time.monotonic() > deadline_s:
@@ -112,7 +115,7 @@ def wait_for(look: Callable[[], Any], what: str) -> Any:
 
 
 def signalled(pid: int, number: signal.Signals) -> bool:
-    """Send the signal; whether the process was still there."""
+    """Send the signal; return whether the process still existed."""
     try:
         os.kill(pid, number)
     except ProcessLookupError:
@@ -121,7 +124,7 @@ def signalled(pid: int, number: signal.Signals) -> bool:
 
 
 def left_over(folder: Path) -> list[str]:
-    """Processes, sockets and temporary files that are still there GONE_S after the end."""
+    """Return the processes, sockets and temporary files that still exist GONE_S after the end."""
     deadline_s = time.monotonic() + GONE_S
     while (left := there_now(folder)) and time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
@@ -129,11 +132,11 @@ def left_over(folder: Path) -> list[str]:
 
 
 def there_now(folder: Path) -> list[str]:
-    """Processes, sockets and temporary files that are there now."""
+    """Return the processes, sockets and temporary files that exist now."""
     place = os.fsencode(folder)
     mine = []
     for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended meanwhile, or is another user's
+        with suppress(OSError):  # the process has ended meanwhile or belongs to another user
             words = (process / "cmdline").read_bytes()  # empty once a process has ended
             if words and place in words + (process / "environ").read_bytes():
                 mine.append(f"process {process.name} {words[:80]!r} is left")

@@ -1,7 +1,8 @@
 """Kills: every process of a run, a suite and a campaign receives every signal at every stage.
 
-Each is a program of its own with a temporary folder of its own, so that whatever it leaves behind is seen.
-The kinds of kills come in an order that the seed shuffles, each at a random moment of its stage.
+Each kill has its own program and its own temporary folder, so that all remaining files and processes are
+found. The kinds of kills have a random order that depends on the seed; each kill is at a random time of its
+stage.
 """
 
 import itertools
@@ -19,14 +20,17 @@ QUEUES = ("suite", "campaign")
 
 
 class Failure(NamedTuple):
-    """A kill and what was wrong after it."""
+    """A kill and the failures after it."""
 
     kill: Kill
     what: list[str]
 
 
 def kinds() -> list[tuple[str, str, signal.Signals, str]]:
-    """Of what, which process, with which signal, at which stage; by REPORT all others have ended."""
+    """Return all combinations of program, process, signal and stage.
+
+    At REPORT only the program itself still runs.
+    """
     processes = {
         "real": (PARENT, *run_kills.CHILDREN),
         "lockstep": (PARENT,),
@@ -41,7 +45,7 @@ def kinds() -> list[tuple[str, str, signal.Signals, str]]:
 
 
 def kills(seed: int) -> Iterator[Kill]:
-    """Kills without end: all kinds in a random order, then all again."""
+    """Yield kills endlessly: all kinds in a random order, then all kinds again in another order."""
     random_numbers = random.Random(seed)
     shuffled = kinds()
     while True:
@@ -52,12 +56,12 @@ def kills(seed: int) -> Iterator[Kill]:
 
 
 def one_kill(kill: Kill) -> list[str]:
-    """The failures after a kill."""
+    """Run a program, kill it, and return the failures."""
     return queue_kills.killed_queue(kill) if kill.of in QUEUES else run_kills.killed_run(kill)
 
 
 def fuzz_kills(count: int, seed: int, progress: Callable[[int], None]) -> list[Failure]:
-    """`count` kills, as many programs at once as there are cores; those after which something was wrong."""
+    """Run `count` kills, as many at once as there are cores, and return the failures."""
     chosen = list(itertools.islice(kills(seed), count))
     failures = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:

@@ -1,7 +1,7 @@
-"""A suite, a campaign or a worker receives a signal: finished runs are kept, and the rest continues.
+"""A suite, a campaign or a worker receives a signal: finished runs are kept, and the rest can be continued.
 
-A suite leaves a JUnit file that names the cause; a campaign has none. The same command given again ends well,
-and runs nothing again that was finished.
+A suite leaves a JUnit file that names the cause; a campaign has no JUnit file. A repetition of the same
+command must end successfully without repeating finished runs.
 """
 
 import json
@@ -32,18 +32,18 @@ from tools.fuzz.worker import children_of
 
 WORKER = "a worker"
 RUNS = 4
-"""Scenarios of the suite, trials of the campaign."""
+"""Number of scenarios of the suite, and of trials of the campaign."""
 FINISHED_BEFORE = {"early": 0, "middle": 1, "end": RUNS - 1, REPORT: RUNS}
-"""How many are finished when the stage begins; early, the first has begun."""
+"""Number of finished runs at the beginning of a stage; at `early` the first run has begun."""
 STAGES = {"early": (0.0, 0.5), "middle": (0.0, 0.5), "end": (0.0, 0.3), REPORT: (0.0, 0.2)}
-"""Seconds from then on."""
+"""Time of the kill after the beginning of the stage, lowest and highest, s."""
 INTERRUPTED, PASSED = 2, 0
 STATUSES_WITHOUT_A_WORKER = {"suite": (1,), "campaign": (4,)}
-"""A suite has a failed run, a campaign cannot be judged."""
+"""Exit statuses after the loss of a worker: a suite has a failed run, a campaign cannot be judged."""
 
 
 class Queue:
-    """The program at work on many runs, in a folder."""
+    """A suite or a campaign in a folder."""
 
     def __init__(self, of: str, folder: Path) -> None:
         self.is_suite = of == "suite"
@@ -58,13 +58,16 @@ class Queue:
             self.command = ["campaign", "hold", "--trials", str(RUNS), "--workers", "2", "--seed", "7"]
 
     def has_begun(self) -> bool:
-        """Whether the first of its runs is under way."""
+        """Return whether the first run has begun."""
         if self.is_suite:
             return any(self.out.glob("*/operator.trace"))
         return any(self._journals.glob("*.jsonl"))
 
     def finished(self) -> dict[str, str]:
-        """What is finished, by name, and what distinguishes it from the same done again."""
+        """Return the names of the finished runs, each with the time at which it was made (empty for trials).
+
+        This time distinguishes a run from its repetition.
+        """
         if not self.is_suite:
             lines = [
                 line
@@ -81,7 +84,7 @@ class Queue:
         }
 
     def wrong_junit(self, cause: str) -> list[str]:
-        """What is wrong with the suite's JUnit file; where all has run it need not name the cause."""
+        """Return the failures of the suite's JUnit file; it must name the cause unless all runs finished."""
         if not self.is_suite:
             return []
         try:
@@ -96,7 +99,7 @@ class Queue:
 
 
 def worker_of(program: "subprocess.Popen[bytes]") -> int:
-    """The first worker's number; 0 without one."""
+    """Return the process id of the first worker; 0 if there is none."""
     for child in children_of(program.pid):
         words = Path(f"/proc/{child}/cmdline").read_bytes() if Path(f"/proc/{child}").exists() else b""
         if b"spawn_main" in words:
@@ -105,7 +108,7 @@ def worker_of(program: "subprocess.Popen[bytes]") -> int:
 
 
 def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -> None:
-    """Return when it is time to kill, or when the program has ended."""
+    """Wait until the time of the kill, or until the program has ended."""
     due = FINISHED_BEFORE[kill.stage]
     wait_for(
         lambda: program.poll() is not None or (queue.has_begun() and len(queue.finished()) >= due),
@@ -115,12 +118,12 @@ def await_moment(kill: Kill, queue: Queue, program: "subprocess.Popen[bytes]") -
 
 
 def cause_of(kill: Kill) -> str:
-    """The cause that must be named."""
+    """Return the cause that must be named."""
     return kill.programs_cause if kill.is_of_program else f"by {kill.signal_name}"
 
 
 def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
-    """Wait for the end of the program itself, which got the signal; what is wrong with it."""
+    """Wait for the end of the program, which received the signal itself, and return the failures."""
     if kill.number == signal.SIGSTOP:
         time.sleep(1.0)
         program.kill()
@@ -131,19 +134,19 @@ def after_the_parents(kill: Kill, program: "subprocess.Popen[bytes]") -> list[st
     wrong = [] if took_s < GONE_S else [f"it took {took_s:.1f} s to end"]
     wanted = -signal.SIGKILL if kill.number in FINAL else INTERRUPTED
     status = program.poll()
-    is_over = kill.stage == REPORT and status == PASSED  # it came when all was written
+    is_over = kill.stage == REPORT and status == PASSED  # the signal came when all files were written
     return wrong if status == wanted or is_over else [*wrong, f"exit status {status}, wanted {wanted}"]
 
 
 def after_a_workers(kill: Kill, program: "subprocess.Popen[bytes]") -> list[str]:
-    """Wait for the end of the program, one of whose workers got the signal; what is wrong with it."""
+    """Wait for the end of the program, of which a worker received the signal, and return the failures."""
     status = program.wait(END_LIMIT_S)
-    wanted = (*STATUSES_WITHOUT_A_WORKER[kill.of], PASSED)  # it may have been idle, or heed no Ctrl-C
+    wanted = (*STATUSES_WITHOUT_A_WORKER[kill.of], PASSED)  # an idle worker, or one that ignores Ctrl-C
     return [] if status in wanted else [f"exit status {status}, wanted one of {wanted}"]
 
 
 def killed_queue(kill: Kill) -> list[str]:
-    """Begin, kill, and begin again; what was wrong."""
+    """Start the program, kill it, and start it again; return the failures."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
         folder = Path(name)
         queue = Queue(kill.of, folder)
@@ -169,7 +172,7 @@ def killed_queue(kill: Kill) -> list[str]:
 
 
 def gone_on(kill: Kill, queue: Queue, before: dict[str, str], folder: Path) -> list[str]:
-    """Give the same command again; what is wrong then."""
+    """Repeat the same command and return the failures."""
     kept = queue.finished()
     wrong = [f"{name} was finished and is not kept" for name in before if kept.get(name) != before[name]]
     try:

@@ -1,4 +1,4 @@
-"""A process of a run receives a signal: only the verdict and the log remain."""
+"""A process of a run receives a signal: verdict and log must be complete, and nothing else may remain."""
 
 import signal
 import subprocess
@@ -14,16 +14,16 @@ from tools.fuzz.kill import END_LIMIT_S, REPORT, SCENARIO, Kill, KillError, begu
 
 CHILDREN = ("firmware", "plant", "recorder", "hub", "baseline")
 STAGES = {"early": (0.1, 0.5), "middle": (1.0, 2.0), "end": (2.4, 2.8), REPORT: (0.0, 0.3)}
-"""Seconds from the start of the script; of the report, from the end of the run."""
+"""Range of the kill's time, s, from the start of the script, or for REPORT from the end of the run."""
 
 
 def await_moment(kill: Kill, run_dir: Path) -> None:
-    """Return when it is time to kill."""
+    """Wait until the time of the kill."""
     if kill.stage == REPORT:
         wait_for((run_dir / "outcome.json").exists, "the run did not end")
         time.sleep(kill.at_s)
         return
-    if kill.of == "lockstep":  # its time is that of its ticks: 100 records of the operator a second
+    if kill.of == "lockstep":  # in lockstep simulated time passes faster than wall time
         wait_for((run_dir / "operator.trace").exists, "the run did not begin")
         time.sleep(0.1 * kill.at_s)
         return
@@ -33,20 +33,20 @@ def await_moment(kill: Kill, run_dir: Path) -> None:
 
 
 def sent(kill: Kill, bench: "subprocess.Popen[bytes]", run_dir: Path) -> bool:
-    """Send the signal; whether the process was still there."""
+    """Send the signal; return whether the process still existed."""
     pid = bench.pid if kill.is_of_program else read_json(run_dir / "processes.json")[kill.process]
     return kill.sent_to(pid)
 
 
 def causes(kill: Kill) -> tuple[str, ...]:
-    """Words of which one must be in the verdict's reasons; none where the signal is rightly ignored."""
+    """Return words of which the verdict's reasons must contain one; empty if the signal may be ignored."""
     if kill.is_of_program:
         return (kill.programs_cause,)
     return () if kill.number == signal.SIGINT else (kill.process,)
 
 
 def wrong_verdict(kill: Kill, run_dir: Path, was_over: bool) -> list[str]:
-    """What is wrong with verdict and JUnit; `was_over`: the signal came after the run."""
+    """Return the failures of verdict and JUnit file; `was_over`: the signal came after the run."""
     verdict = read_json(run_dir / "verdict.json")
     try:
         ElementTree.parse(run_dir / "junit.xml")
@@ -57,7 +57,7 @@ def wrong_verdict(kill: Kill, run_dir: Path, was_over: bool) -> list[str]:
     said = "; ".join(verdict["reasons"])
     wanted = causes(kill)
     if wanted and not any(word in said for word in wanted):
-        # A signal in the last moment of judging may come when the verdict is already written.
+        # A signal after the run may come when the verdict is already written.
         if was_over and verdict["passed"]:
             return []
         return [f"the verdict does not name the cause: {said or 'passed'}"]
@@ -65,7 +65,7 @@ def wrong_verdict(kill: Kill, run_dir: Path, was_over: bool) -> list[str]:
 
 
 def killed_run(kill: Kill) -> list[str]:
-    """Run, kill, and say what is wrong afterwards."""
+    """Run the scenario, kill a process, and return the failures."""
     with tempfile.TemporaryDirectory(prefix="vibrohil-kills-") as name:
         folder = Path(name)
         run_dir = folder / "run"
@@ -74,7 +74,7 @@ def killed_run(kill: Kill) -> list[str]:
         try:
             with begun(command, folder) as bench:
                 await_moment(kill, run_dir)
-                was_over = (run_dir / "outcome.json").exists()  # whatever the stage, on a busy machine
+                was_over = (run_dir / "outcome.json").exists()  # possible at any stage on a busy machine
                 was_there = bench.poll() is None and sent(kill, bench, run_dir)
                 if kill.is_of_program and kill.number == signal.SIGSTOP:
                     time.sleep(1.0)

@@ -1,7 +1,7 @@
-"""Inputs of `fuzz scenes`: texts of a user in TOML or on the command line.
+"""Inputs of `fuzz scenes`: a user's TOML files and command lines.
 
-A case writes its files to `mine`, the user's own folder, and gives a command line to be run in the folder
-beside it, `work`. `good` is what `prepare` has made: unharmed inputs.
+A case writes its files to `mine`, the user's folder, and returns a command line that is run in the folder
+`work` beside it. `good` contains the valid inputs that `prepare` has made.
 """
 
 import os
@@ -34,22 +34,22 @@ PARAMETERS = {
     },
 }
 USERS_OWN = ("notes.txt", "scenario.toml", "notes.log", "report.html", "mine.rrd", "mine.toml")
-"""Files of the user's in the folder where commands run; nothing may touch them."""
+"""The user's files in the folder where commands run; no command may change them."""
 SETTABLE = ("law", "model", "method")
-"""Whose other values are a scene of another kind, whose kernels would be compiled rather than refused."""
+"""Keys that get only invalid values; a valid value would select other kernels, which take long to compile."""
 BOMB = "bomb.gz"
-"""Three megabytes that unpack to three gigabytes."""
+"""Name of a file of three megabytes that unpack to three gigabytes."""
 LONGEST_RUN_S = 0.4
-"""Of a scenario that is still one: damage must not make a fuzzer wait for a long run."""
+"""Longest duration of a scenario that is still valid after damage, so that no case waits for a long run."""
 
 
 def chosen(random: Random, among: Sequence[One]) -> One:
-    """One of a sequence, unchanged: NumPy would make texts of them."""
+    """Return an element of a sequence with its type unchanged; NumPy's `choice` may convert it to text."""
     return among[int(random.integers(0, len(among)))]
 
 
 def written(path: Path, tables: dict[str, Any]) -> Path:
-    """The tables as a TOML file."""
+    """Write the tables as a TOML file and return its path."""
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
     return path
 
@@ -58,20 +58,20 @@ def written(path: Path, tables: dict[str, Any]) -> Path:
 
 
 def scene_tables(random: Random, mine: Path, _: Path) -> list[str]:
-    """A scene with values replaced, renamed or taken out."""
+    """Simulate a scene with values replaced, renamed or removed."""
     path = written(mine / "mine.toml", damaged_tables(random, read_scene(chosen(random, scene_names()))))
     return ["simulate", str(path), "--until", "0.2"]
 
 
 def scene_bytes(random: Random, mine: Path, _: Path) -> list[str]:
-    """A scene's file with bytes damaged."""
+    """Simulate a scene's file with damaged bytes."""
     path = written(mine / "mine.toml", read_scene(chosen(random, scene_names())))
     path.write_bytes(damaged_bytes(random, path.read_bytes()))
     return ["simulate", str(path), "--until", "0.2"]
 
 
 def scene_setting(random: Random, _: Path, __: Path) -> list[str]:
-    """--set with a value of a scene, or of the command line itself."""
+    """Simulate a scene with a damaged value for --set or --until."""
     name = chosen(random, scene_names())
     until = (
         "0.2" if random.random() < 0.9 else str(chosen(random, ("1e308", "nan", "-1", "0", "", "9" * 400)))
@@ -80,7 +80,7 @@ def scene_setting(random: Random, _: Path, __: Path) -> list[str]:
 
 
 def setting(random: Random, tables: dict[str, Any]) -> str:
-    """A change of one value, of which little makes sense."""
+    """Return a --set of one value, mostly implausible."""
     keys: list[str] = []
     table: Any = tables
     while isinstance(table, dict) and table:
@@ -98,20 +98,20 @@ def setting(random: Random, tables: dict[str, Any]) -> str:
 
 
 def lockstep(random: Random, scenario: str, *more: str) -> list[str]:
-    """A run of a scenario in lockstep, on either build."""
+    """Return a run of a scenario in lockstep, on one of two builds."""
     build = chosen(random, ("python", "compiled"))
     return ["run", scenario, "--clock", "lockstep", "--firmware", build, *more]
 
 
 def scenario_tables(random: Random, mine: Path, _: Path) -> list[str]:
-    """A scenario of the library or a short one, with values replaced, renamed or taken out."""
+    """Run a scenario of the library or a short one with values replaced, renamed or removed."""
     tables = read_scenario(chosen(random, scenario_names())) if random.random() < 0.5 else dict(SHORT_RUN)
     damaged = shortened(damaged_tables(random, tables))
     return lockstep(random, str(written(mine / "mine.toml", damaged)), "--out", "run")
 
 
 def shortened(tables: dict[str, Any]) -> dict[str, Any]:
-    """What can still be run, for LONGEST_RUN_S at the most; other damage stays as it is."""
+    """Shorten a scenario that can still be run to LONGEST_RUN_S; other damage stays as it is."""
     script = tables.get("script")
     duration_s = script.get("duration_s") if isinstance(script, dict) else None
     if isinstance(script, dict) and isinstance(duration_s, float) and duration_s > LONGEST_RUN_S:
@@ -123,20 +123,20 @@ def shortened(tables: dict[str, Any]) -> dict[str, Any]:
 
 
 def comes_early(line: Any) -> bool:
-    """Whether a line of a script still comes in a run that was shortened; a damaged one stays, too."""
+    """Return whether a line of a script is kept in a shortened run: if it is early enough or damaged."""
     at_s = line.get("at_s") if isinstance(line, dict) else None
     return not isinstance(at_s, float) or not at_s >= LONGEST_RUN_S
 
 
 def scenario_bytes(random: Random, mine: Path, _: Path) -> list[str]:
-    """A scenario's file with bytes damaged."""
+    """Run a scenario's file with damaged bytes."""
     path = written(mine / "mine.toml", SHORT_RUN)
     path.write_bytes(damaged_bytes(random, path.read_bytes()))
     return lockstep(random, str(path), "--out", "run")
 
 
 def run_setting(random: Random, _: Path, good: Path) -> list[str]:
-    """--set with a parameter of the firmware, a value of the script or of the scene, for a run."""
+    """Run a scenario with a damaged --set of a firmware parameter, a script's value or a scene's value."""
     firmware = {one.name: one.default for one in TABLE}
     tables = {"firmware": firmware, "script": SHORT_RUN["script"], "scene": read_scene(SHORT_RUN["scene"])}
     which = chosen(random, sorted(tables))
@@ -145,7 +145,7 @@ def run_setting(random: Random, _: Path, good: Path) -> list[str]:
 
 
 def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
-    """A parameter file, damaged, for a run or beside an unharmed one."""
+    """Use a damaged parameter file for a run, or compare it with a valid one."""
     path = written(mine / "mine.toml", PARAMETERS)
     if random.random() < 0.5:
         path.write_bytes(damaged_bytes(random, path.read_bytes()))
@@ -163,7 +163,7 @@ def parameter_file(random: Random, mine: Path, good: Path) -> list[str]:
 
 
 def special_file(random: Random, mine: Path, good: Path) -> list[str]:
-    """What is no file of its kind, or no file at all, for every command that reads one."""
+    """Give any command that reads a file a special file, a file of another kind, or a missing path."""
     endings = (".toml", ".toml", ".rrd", ".log", ".log.gz", ".asc", ".blf", ".csv", ".trc", ".db", ".mf4", "")
     path = mine / f"mine{chosen(random, endings)}"
     makers: tuple[Callable[[Path], object], ...] = (*IMPLAUSIBLE, partial(shutil.copyfile, good / BOMB))
@@ -189,33 +189,33 @@ def special_file(random: Random, mine: Path, good: Path) -> list[str]:
 
 
 def missing(_: Path) -> None:
-    """Nothing."""
+    """Make no file."""
 
 
 def nested(path: Path) -> None:
-    """TOML nested 100,000 deep."""
+    """Write TOML that is nested 100,000 deep."""
     path.write_text("a = " + "[" * 100_000 + "]" * 100_000)
 
 
 def endless(path: Path) -> None:
-    """A device without an end."""
+    """Make a link to an endless device."""
     path.symlink_to("/dev/zero")
 
 
 def large(path: Path) -> None:
-    """Three gigabytes of zeros that take no room."""
+    """Make a sparse file of three gigabytes of zeros."""
     path.touch()
     os.truncate(path, 3 << 30)
 
 
 def forbidden(path: Path) -> None:
-    """A file that may not be read; root may."""
+    """Make a file that only root may read."""
     path.write_text("title = 1\n")
     path.chmod(0)
 
 
 def circle(path: Path) -> None:
-    """A link to itself."""
+    """Make a link to itself."""
     path.symlink_to(path.name)
 
 
@@ -237,7 +237,7 @@ MISSING = (
 
 
 def output_place(random: Random, _: Path, good: Path) -> list[str]:
-    """Places to write to that are the user's own, of another kind, missing or not writable."""
+    """Write to places that are the user's own, of another kind, missing or not writable."""
     folders = (".", "notes.txt", "missing/a/b", "/proc/nowhere", "/dev/full", "", "x" * 300, "work\n", "..")
     pictures = (
         "mine.rrd",

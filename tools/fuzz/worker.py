@@ -1,7 +1,7 @@
-"""A process that runs cases one by one, watched from outside: processor time, memory, remaining files.
+"""A worker process that runs cases one by one, and its monitor: processor time, memory, remaining files.
 
-Each case has a place of its own with the user's files in it, a folder to run in, and a folder for temporary
-files, which must be empty afterwards.
+Each case has its own folders: one with the user's files, one to run in, and one for temporary files, which
+must be empty afterwards.
 """
 
 import contextlib
@@ -31,12 +31,12 @@ Kind = Literal["scenes", "files"]
 Case = Callable[[Random, Path, Path], list[str]]
 
 LONGEST_S = 20.0
-"""Of processor time without that of compiling; or without any, asleep for something that does not come."""
+"""Limit of a case's processor time without compilation, and of its time without progress, s."""
 MOST_MEMORY_MB = 2048.0
 GONE_S = 2.0
 LOOK_S = 0.02
 IN_ORDER = (0, 1, 4, 5)
-"""Exit statuses of a program that knew what to do: passed, a failed check, bad input, nothing to do."""
+"""Exit statuses of a program that ended properly: passed, a failed check, bad input, nothing ran."""
 
 CASES: Mapping[Kind, Mapping[str, tuple[float, Case]]] = {
     "scenes": {
@@ -58,11 +58,11 @@ CASES: Mapping[Kind, Mapping[str, tuple[float, Case]]] = {
         "suite folder": (0.5, file_cases.suite_folder),
     },
 }
-"""By name, with their weights: how often each comes."""
+"""Cases by name, each with its relative frequency."""
 
 
 class Attempt(NamedTuple):
-    """What came of a case: its name, its command line, the exit status, and what was wrong."""
+    """Result of a case: its name, its command line, the exit status, and the failure (empty if none)."""
 
     case: str
     arguments: tuple[str, ...]
@@ -71,7 +71,7 @@ class Attempt(NamedTuple):
 
 
 def case_of(kind: Kind, random: Random) -> tuple[str, Case]:
-    """One of the cases of a kind, by its name."""
+    """Choose one of the cases of a kind; return its name and the case."""
     weights = np.array([weight for weight, _ in CASES[kind].values()])
     name = str(random.choice(list(CASES[kind]), p=weights / weights.sum()))
     return name, CASES[kind][name][1]
@@ -83,7 +83,7 @@ def case_of(kind: Kind, random: Random) -> tuple[str, Case]:
 def attempt(
     kind: Kind, seed: int, good: Path, begun: Callable[[str, tuple[str, ...]], None] = lambda *_: None
 ) -> Attempt:
-    """One case, run in this process; its name and command line go to `begun` before it runs."""
+    """Run one case in this process; `begun` is called with its name and command line before it runs."""
     from tools.cli import run
 
     random = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def attempt(
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
                 status = run(list(arguments))
             wrong = "" if status in IN_ORDER else said.getvalue()[-2000:] or f"exit status {status}"
-        except BaseException as error:  # what is looked for: it is reported, and ends this case
+        except BaseException as error:  # any error is a failure: it is reported and ends this case
             if isinstance(error, KeyboardInterrupt):
                 raise
             status, wrong = -1, f"{type(error).__name__}: {error}"[:2000]
@@ -122,7 +122,7 @@ State = Mapping[str, tuple[int, int, int]]
 
 
 def state_of(folder: Path) -> State:
-    """Inode, size and time of change of everything below a folder but folders; any writing changes one."""
+    """Return inode, size and modification time of all files below a folder; any write changes one of them."""
     found = {}
     for path in folder.rglob("*"):
         seen = path.lstat()
@@ -134,10 +134,10 @@ def state_of(folder: Path) -> State:
 def touched(
     arguments: tuple[str, ...], before: tuple[State, State, State], after: tuple[State, State, State]
 ) -> str:
-    """Which file was touched that is not the command's own, if any.
+    """Return, as text, which files were changed that do not belong to the command; empty if none.
 
-    In the folder of a run, a log that was cut is mended, or made anew, where it lies; a new run, and pruning,
-    take all that a run may write. In the folder in which a command runs it may make new files.
+    In a run's folder a command may repair or rebuild the log; a new run, and pruning, may change all files
+    that a run writes. In the folder in which a command runs it may make new files.
     """
     runs_there = arguments[0] in ("run", "runs")
     own = {f"run/{name}" for name in (MADE_BY_A_RUN if runs_there else ("run.rrd",))}
@@ -151,7 +151,7 @@ def touched(
 
 
 def left(temporary: Path) -> str:
-    """What is still in the folder for temporary files, and processes that still run, after GONE_S."""
+    """Return, as text, the temporary files and processes that remain after GONE_S; empty if none."""
     deadline_s = time.monotonic() + GONE_S
     while (files := list(temporary.rglob("*"))) or running_children(os.getpid()):
         if time.monotonic() > deadline_s:
@@ -162,7 +162,7 @@ def left(temporary: Path) -> str:
 
 
 def children_of(pid: int) -> list[int]:
-    """The processes that a process has started."""
+    """Return the ids of a process's children."""
     try:
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except OSError:
@@ -170,7 +170,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def running_children(pid: int) -> list[str]:
-    """Command lines of a process's children; Python's own resource tracker is none of the program's."""
+    """Return the command lines of a process's running children, without Python's resource tracker."""
     found = []
     for child in children_of(pid):
         with contextlib.suppress(OSError):
@@ -182,22 +182,22 @@ def running_children(pid: int) -> list[str]:
 
 
 class Compiling(Listener):
-    """Counts in `depth` how many kernels are being compiled, one within the other."""
+    """Listener that counts in `depth` the nested compilations of kernels in progress."""
 
     def __init__(self, depth: "Synchronized[int]") -> None:
         self._depth = depth
 
     def on_start(self, _: object) -> None:
-        """One more."""
+        """Count one compilation more."""
         self._depth.value += 1
 
     def on_end(self, _: object) -> None:
-        """One less."""
+        """Count one compilation less."""
         self._depth.value -= 1
 
 
 def serve(pipe: Connection, kind: Kind, good: Path, compiling: "Synchronized[int]") -> None:
-    """Run cases whose seeds come in, after loading all kernels of the named scenes."""
+    """Load the kernels of all named scenes, then run the cases whose seeds arrive on the pipe."""
     from tools.cli import run
 
     register("numba:compile", Compiling(compiling))  # type: ignore[no-untyped-call]  # numba has no types
@@ -213,11 +213,11 @@ def serve(pipe: Connection, kind: Kind, good: Path, compiling: "Synchronized[int
         pipe.send(attempt(kind, pipe.recv(), good, lambda *begun: pipe.send(begun)))
 
 
-# --- from outside -------------------------------------------------------------------------------------
+# --- in the monitor -----------------------------------------------------------------------------------
 
 
 def processor_s(pid: int) -> float:
-    """Processor time of a process, those it has waited for, and those that run; 0 once it is gone."""
+    """Return the processor time of a process and its children, ended or running, s; 0 if it has ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -227,7 +227,7 @@ def processor_s(pid: int) -> float:
 
 
 def memory_mb(pid: int, peak: bool = False) -> float:
-    """Resident memory of a process now, or at its most since `forget_peak`, with that of its children."""
+    """Return the resident memory of a process and its children, MB: now, or the peak since `forget_peak`."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:
@@ -238,13 +238,13 @@ def memory_mb(pid: int, peak: bool = False) -> float:
 
 
 def forget_peak(pid: int) -> None:
-    """Let a process's largest memory count from now on."""
+    """Reset the peak of a process's memory."""
     with contextlib.suppress(OSError):
         Path(f"/proc/{pid}/clear_refs").write_text("5")
 
 
 class Watched(NamedTuple):
-    """An attempt with its processor time in s and the largest memory in MB; `alive`: more may be run."""
+    """An attempt with its processor time, s, and peak memory, MB; `alive`: the worker can run more cases."""
 
     attempt: Attempt
     spent_s: float
@@ -253,7 +253,7 @@ class Watched(NamedTuple):
 
 
 class Worker:
-    """The process, from outside."""
+    """The worker process, seen from the monitor."""
 
     def __init__(self, kind: Kind, good: Path) -> None:
         context = get_context("spawn")
@@ -266,11 +266,11 @@ class Worker:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Id of the process."""
         return self._process.pid or 0
 
     def run(self, seed: int) -> Watched:
-        """The case of a seed; a worker that is not alive afterwards is of no more use."""
+        """Run the case with this seed; if the result is not `alive`, the worker must be replaced."""
         pid = self.pid
         forget_peak(pid)
         began_s = last_s = processor_s(pid)
@@ -281,7 +281,7 @@ class Worker:
         while not self._pipe.poll(LOOK_S):
             now_s, largest_mb = processor_s(pid), max(largest_mb, memory_mb(pid))
             if now_s > last_s:
-                if self._compiling.value:  # once for a scene of a new kind, and never again
+                if self._compiling.value:  # only at the first scene of a new kind
                     began_s += now_s - last_s
                 last_s, moved_s = now_s, time.monotonic()
             wrong = ""
@@ -306,7 +306,7 @@ class Worker:
         return Watched(found, processor_s(pid) - began_s, largest_mb)
 
     def close(self) -> None:
-        """End the process and what it has started."""
+        """End the process and its children."""
         for child in children_of(self.pid):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(child, 9)
