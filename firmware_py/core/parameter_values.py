@@ -1,7 +1,7 @@
 """The parameters in the firmware's subset: written by `parameter_table.py`; do not edit.
 
-Their source is `parameters.toml` of interface/sources, which says what each one is. All are
-floats, counts and switches too.
+Their source is `parameters.toml` of interface/sources, which gives the meaning of each. All are
+floats, including counts and switches.
 """
 
 from typing import NamedTuple
@@ -188,7 +188,7 @@ TIERS = (
     2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 0, 0
 )
 # fmt: on
-"""`ParameterTier` of each."""
+"""`ParameterTier` of each parameter."""
 
 # fmt: off
 WHOLE = (
@@ -198,7 +198,7 @@ WHOLE = (
     0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 1
 )
 # fmt: on
-"""1 for a count."""
+"""1 for a parameter that is a count, else 0."""
 
 # fmt: off
 ORDERED = (
@@ -206,4 +206,4 @@ ORDERED = (
     (87, 5), (88, 5), (89, 4), (91, 5), (102, 104), (106, 107)
 )
 # fmt: on
-"""Indices: the first may not exceed the second."""
+"""Pairs of indices: the first parameter may not exceed the second."""

@@ -1,1 +1,1 @@
-"""The bus as all nodes see it: the DBC, one record a frame, and the codec between them."""
+"""The bus interface of all nodes: the DBC, one record per frame, and the codec between records and frames."""

@@ -1,28 +1,28 @@
-"""Which node numbers of a bus a module has, and the identifiers that follow from them.
+"""The node numbers of a module on its bus, and the identifiers that follow from them.
 
-`vibro.dbc` has a module's identifiers for the drive at node 0 and the module's own senders at nodes 1 to 3.
-Elsewhere on a bus, the drive's identifiers move with its node number and the module's own with theirs; a
-frame's CRC keeps the identifier of `vibro.dbc`. The bus driver of each node translates: all else knows one
-module at its default place.
+`vibro.dbc` lists a module's identifiers for the drive at node 0 and the module's own senders at nodes 1 to 3.
+With other node numbers, the identifiers of the drive and of the module's own senders move accordingly; a
+frame's CRC keeps the identifier of `vibro.dbc`. The bus driver of each node translates the identifiers; all
+other code uses the default ones.
 """
 
 from typing import NamedTuple
 
 NODE_SHIFT = 5
 NODE_IDS = 1 << NODE_SHIFT
-"""Identifiers of one node number."""
+"""Number of identifiers per node number."""
 OWN_NODES = 3
-"""Sensors, operator and firmware, in this order."""
+"""Number of own nodes: sensors, operator and firmware, in this order."""
 HIGHEST_NODE = 62
-"""63 belongs to drives that have no number yet."""
+"""Largest node number; 63 is used by drives without a number."""
 BROADCAST_NODE = 63
-"""Drives without a number, and whoever looks for drives; every module's."""
+"""Node number of drives without a number and of their discovery; the same in all modules."""
 NOT_OURS = -1
 DEFAULT_DRIVE_NODE, DEFAULT_OWN_NODE = 0, 1
 
 
 class Addresses(NamedTuple):
-    """The drive's node number, and the first of the three of sensors, operator and firmware."""
+    """The drive's node number, and the sensors'; operator and firmware have the next two."""
 
     drive_node: int
     own_node: int
@@ -36,7 +36,7 @@ class AddressError(ValueError):
 
 
 def addresses(drive_node: int, own_node: int) -> Addresses:
-    """The addresses of a module; raises `AddressError` where they do not fit the bus or each other.
+    """The addresses of a module; raises `AddressError` if they are out of range or overlap.
 
     >>> addresses(5, 4)
     Traceback (most recent call last):
@@ -71,7 +71,7 @@ def bus_id(places: Addresses, can_id: int) -> int:
 
 
 def module_id(places: Addresses, can_id: int) -> int:
-    """The identifier in `vibro.dbc` of a frame on the bus; `NOT_OURS` for the frames of others.
+    """The identifier in `vibro.dbc` of a frame on the bus; `NOT_OURS` for frames of other nodes.
 
     >>> hex(module_id(Addresses(4, 5), 0x08E)), module_id(Addresses(4, 5), 0x028)
     ('0xe', -1)

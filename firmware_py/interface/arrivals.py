@@ -1,8 +1,8 @@
-"""When the newest frame of a source came, and whether one more may be used.
+"""The arrival of the newest frame of each source, and the decision whether a new frame may be used.
 
-Frames that fail their CRC, length or ranges, and those that repeat the counter of the one before, are dropped
-and counted; their source then simply grows older. A gap in a counter is counted, and the frame used. After a
-silence in which the counter may have turned once round, the same number again is no repetition.
+Frames that fail their CRC, length or ranges, and frames that repeat the counter of the previous one, are
+dropped and counted; the age of their source continues to grow. If a counter has a gap, the gap is counted and
+the frame is used. After a silence in which the counter may have wrapped, an equal counter is no repetition.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ NEVER_TICKS = 1_000_000
 class Arrival(NamedTuple):
     """The tick of a source's newest frame, and that frame's rolling counter (−1: none yet).
 
-    `counted_tick` is that of the newest counter, of dropped repetitions too.
+    `counted_tick` is the tick of the newest counter, dropped repetitions included.
     """
 
     tick: int
@@ -30,12 +30,12 @@ NEVER = Arrival(-NEVER_TICKS, -NEVER_TICKS, -1)
 
 
 def age(tick: int, arrival: Arrival) -> int:
-    """Ticks since a source's newest frame, `NEVER_TICKS` at most."""
+    """Ticks since a source's newest frame, at most `NEVER_TICKS`."""
     return min(tick - arrival.tick, NEVER_TICKS)
 
 
 def dated(arrival: Arrival, tick: int, sampled: int) -> Arrival:
-    """The same, of `sampled` if it was received in `tick`."""
+    """The arrival, dated back to the tick `sampled` if it was received in `tick`."""
     return Arrival(sampled, sampled, arrival.counter) if arrival.tick == tick else arrival
 
 
@@ -48,13 +48,13 @@ def taken(
     word: int,
     tick_s: float,
 ) -> tuple[Arrival, Counters, bool]:
-    """Judge one frame of a source: `(arrival, counters, usable)`."""
+    """Decide whether a frame of a source may be used: `(arrival, counters, usable)`."""
     if reason != FrameErrorReason.NONE:
         return before, refused(counters, reason), False
     if kind.counter_bits == 0:
         return Arrival(tick, tick, -1), counted(counters, False, False), True
     counter, modulus = counter_of(kind, word), 1 << kind.counter_bits
-    # A period early, as frames jitter: then the counter may be where it was.
+    # One period less than the counter's full turn, because frames jitter.
     turn_ticks = (modulus - 1) * max(kind.period_s / tick_s, 1.0)
     if counter == before.counter and tick - before.counted_tick < turn_ticks:
         return Arrival(before.tick, tick, counter), counted(counters, True, False), False

@@ -1,4 +1,4 @@
-"""Records to frames and back: `codec.ACCELEROMETER` and the others, and the codec of any record or frame."""
+"""Records to frames and back: one codec per frame (`codec.ACCELEROMETER` …), and `encode` and `decode`."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ CODEC_BY_ID: dict[int, FrameCodec[Any]] = {codec.can_id: codec for codec in CODE
 
 
 def encode(record: tuple[Any, ...], counter: int = 0) -> Frame:
-    """Pack any record of the bus; `counter` is ignored by frames that carry none."""
+    """Pack any record of the bus; `counter` is ignored for frames without a rolling counter."""
     codec = CODECS.get(type(record))
     if codec is None:
         raise TypeError(f"{type(record).__name__} is no record of the bus; add it to vibro.dbc")
@@ -25,7 +25,7 @@ def encode(record: tuple[Any, ...], counter: int = 0) -> Frame:
 
 
 def decode(frame: Frame) -> Any:
-    """Unpack any frame of the bus into its record; raise `FrameError` for a bad or an unknown one."""
+    """Unpack any frame of the bus into its record; raise `FrameError` for an invalid or unknown frame."""
     codec = CODEC_BY_ID.get(frame.can_id)
     if codec is None:
         raise FrameError(

@@ -1,4 +1,4 @@
-"""What the firmware counts of its bus since power-up: frames taken, refused, repeated or lost."""
+"""The firmware's counts of frames since power-up: accepted, refused, repeated or lost."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,8 @@ from firmware_py.interface.errors import FrameErrorReason
 
 
 class Counters(NamedTuple):
-    """Since power-up: frames taken, frames dropped by reason, gaps in rolling counters, skipped ticks, and
-    own frames that found no place in the queue or could not be encoded."""
+    """Counts since power-up: frames accepted, frames dropped by reason, gaps in rolling counters, skipped
+    ticks, and own frames lost to a full queue or to a value that cannot be encoded."""
 
     frames: int
     rejected_length: int
@@ -32,7 +32,7 @@ def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
 
 
 def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
-    """Count a frame that the codec accepts."""
+    """Count a frame that the codec accepts. `repeated`, `gap`: its counter is equal, or not the next one."""
     if repeated:
         return counters._replace(rejected_repeated=counters.rejected_repeated + 1)
     gaps = counters.counter_gaps + 1 if gap else counters.counter_gaps
@@ -40,7 +40,7 @@ def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
 
 
 def also_counted(counters: Counters, skipped_ticks: int, unsent: int) -> Counters:
-    """Count skipped ticks and own frames that do not leave."""
+    """Count skipped ticks and own frames that are not sent."""
     return counters._replace(
         skipped_ticks=counters.skipped_ticks + skipped_ticks, unsent=counters.unsent + unsent
     )

@@ -1,10 +1,10 @@
-"""The states that travel on CAN. Values are part of the bus contract; `vibro.dbc` names the same ones."""
+"""Enums that are sent on CAN. Their values are part of the bus interface; `vibro.dbc` lists the same ones."""
 
 from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """What the supervisor is doing."""
+    """Mode of the supervisor."""
 
     INIT = 0
     READY = 1
@@ -18,11 +18,11 @@ class Mode(IntEnum):
 MOVING = (Mode.SOFT_START, Mode.RUN, Mode.STOPPING)
 """Modes in which the crank is driven."""
 LATCHED = (Mode.FAULT, Mode.E_STOP)
-"""Modes that only a deliberate act ends."""
+"""Modes that only a CLEAR_FAULTS of the operator ends."""
 
 
 class OperatorRequest(IntEnum):
-    """What the operator asks for. RUN starts only out of READY, and only after IDLE has been seen."""
+    """The operator's request. RUN starts only from READY, and only after IDLE has been requested."""
 
     IDLE = 0
     RUN = 1
@@ -30,7 +30,7 @@ class OperatorRequest(IntEnum):
 
 
 class Regime(IntEnum):
-    """What the striker is doing, per drive period."""
+    """Regime of the striker's motion, decided per drive period."""
 
     UNCERTAIN = 0
     NON_IMPACT = 1
@@ -42,14 +42,14 @@ class Regime(IntEnum):
 
 
 class ContactPhase(IntEnum):
-    """Where the firmware estimates the striker to be."""
+    """Whether the firmware estimates that the striker touches the stop."""
 
     FREE = 0
     CONTACT = 1
 
 
 class GaitState(IntEnum):
-    """What the wearer's leg is doing. STANDING: both feet rest; UNCERTAIN: no phase can be relied on."""
+    """State of the wearer's leg. STANDING: the leg is at rest; UNCERTAIN: the gait phase is unreliable."""
 
     STANDING = 0
     STANCE = 1
@@ -58,7 +58,7 @@ class GaitState(IntEnum):
 
 
 class Fault(IntEnum):
-    """Why the firmware disarmed; latched until the operator clears it. Only REQUEST_REFUSED goes on."""
+    """Reason of disarming, latched until the operator clears it; REQUEST_REFUSED does not disarm."""
 
     NONE = 0
     SENSOR_TIMEOUT = 1
@@ -87,7 +87,7 @@ class Fault(IntEnum):
 
 
 class Refusal(IntEnum):
-    """Why a request of the operator is not followed; the firmware does what comes nearest, or waits."""
+    """Reason why a request is not met; the firmware uses the nearest possible setting, or waits."""
 
     NONE = 0
     RATIO_OUT_OF_RANGE = 1
@@ -101,8 +101,8 @@ class Refusal(IntEnum):
 
 
 class ActingLimit(IntEnum):
-    """Which limit is shaping the torque right now; IMPACT_PHASE keeps the speed away from the fold,
-    RETREAT from where the impacts were lost.
+    """The limit that acts on the torque at present. IMPACT_PHASE keeps the speed away from the fold, RETREAT
+    from the speed at which the impacts were lost.
     """
 
     NONE = 0
@@ -135,7 +135,7 @@ class AxisState(IntEnum):
 
 
 class AxisError(IntEnum):
-    """ODrive 0.6 error bits; a field of errors is any combination of them."""
+    """ODrive 0.6 error bits; an error field is any combination of them."""
 
     NONE = 0
     INITIALIZING = 0x00000001
@@ -163,7 +163,7 @@ class AxisError(IntEnum):
 
 
 class ProcedureResult(IntEnum):
-    """ODrive 0.6: how the axis's last procedure ended."""
+    """ODrive 0.6: result of the axis's last procedure."""
 
     SUCCESS = 0
     BUSY = 1
@@ -184,7 +184,7 @@ class ProcedureResult(IntEnum):
 
 
 class ControlMode(IntEnum):
-    """ODrive 0.6: what the drive's controller regulates. The bench uses TORQUE_CONTROL."""
+    """ODrive 0.6: quantity that the drive's controller regulates. The bench uses TORQUE_CONTROL."""
 
     VOLTAGE_CONTROL = 0
     TORQUE_CONTROL = 1
@@ -193,7 +193,7 @@ class ControlMode(IntEnum):
 
 
 class InputMode(IntEnum):
-    """ODrive 0.6: how the drive's controller treats its set-points. The bench uses PASSTHROUGH."""
+    """ODrive 0.6: treatment of the controller's set-points. The bench uses PASSTHROUGH."""
 
     INACTIVE = 0
     PASSTHROUGH = 1
@@ -207,14 +207,14 @@ class InputMode(IntEnum):
 
 
 class ParameterOperation(IntEnum):
-    """What a parameter request asks for."""
+    """Operation of a parameter request."""
 
     READ = 0
     WRITE = 1
 
 
 class ParameterStatus(IntEnum):
-    """How a parameter request ended."""
+    """Result of a parameter request."""
 
     OK = 0
     UNKNOWN_INDEX = 1
@@ -224,9 +224,9 @@ class ParameterStatus(IntEnum):
 
 
 class ParameterTier(IntEnum):
-    """Who settles a parameter: the build, the module that it drives, or whoever tunes it.
+    """Origin of a parameter's value: the build, the module, or tuning.
 
-    Parameters of the build are written neither over the bus nor by a file.
+    Parameters of the build cannot be written over the bus or by a file.
     """
 
     BUILD = 0
@@ -234,7 +234,7 @@ class ParameterTier(IntEnum):
     TUNING = 2
 
 
-# Members that a tick needs, by names of their own: to look one up in its enum costs ten times as much.
+# Members used in a tick have names of their own, because a look-up in the enum takes ten times longer.
 INIT, READY, SOFT_START, RUN, STOPPING, FAULT, E_STOP = Mode
 ASKS_IDLE, ASKS_RUN, ASKS_CLEAR = OperatorRequest
 FREE, CONTACT = ContactPhase

@@ -1,10 +1,10 @@
-"""Why a frame or a record is refused."""
+"""Errors of frames and records: the reasons of a refusal."""
 
 from enum import IntEnum
 
 
 class FrameErrorReason(IntEnum):
-    """What is wrong with a frame (decoding) or with a record (encoding)."""
+    """Reason why a frame (decoding) or a record (encoding) is refused."""
 
     NONE = 0
     LENGTH = 1
@@ -15,7 +15,7 @@ class FrameErrorReason(IntEnum):
     NOT_A_NUMBER = 6
     UNKNOWN_ID = 7
     VALUE = 8
-    """One of RANGE, ENUMERATION and NOT_FINITE; which, is found for messages alone."""
+    """One of RANGE, ENUMERATION and NOT_FINITE; the reason itself is determined only for error messages."""
 
 
 class FrameError(ValueError):

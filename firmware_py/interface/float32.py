@@ -1,4 +1,4 @@
-"""IEEE 754 binary32, as the drive's frames carry it; compiled builds have machine instructions for both."""
+"""IEEE 754 binary32, the number format of the drive's frames; compiled builds use machine instructions."""
 
 import struct
 
@@ -6,7 +6,7 @@ FLOAT32_MAX = 3.4028234663852886e38
 """The largest finite value."""
 
 FLOAT32_OVERFLOW = 3.4028235677973366e38
-"""From here on a value rounds to infinity."""
+"""Smallest value that rounds to infinity."""
 
 _FLOAT = struct.Struct("<f")
 _WORD = struct.Struct("<I")

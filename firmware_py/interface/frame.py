@@ -14,7 +14,7 @@ class Frame(NamedTuple):
 class WordFrame(NamedTuple):
     """One classic CAN frame as the firmware's tick handles it; three 64-bit integers in memory.
 
-    `word` is signed: byte 0 in its lowest bits, bytes beyond `length` are 0.
+    `word` is signed. Byte 0 is in its lowest bits; bytes beyond `length` are 0.
     """
 
     can_id: int
@@ -45,10 +45,10 @@ def bytes_of(word: int, length: int) -> bytes:
 
 
 def worst_case_bits(length: int) -> int:
-    """Return the bits that a frame with an 11-bit identifier and `length` data bytes takes at most.
+    """Return the largest number of bits of a frame with an 11-bit identifier and `length` data bytes.
 
-    34 + 8·length bits are subject to stuffing, one stuff bit after every four in the worst case, and 13 more
-    are not: the rest of the frame and the gap behind it (Davis et al., "Controller Area Network (CAN)
+    34 + 8·length bits are subject to stuffing, with one stuff bit per four bits in the worst case; 13 bits
+    are not: the end of the frame and the interframe space (Davis et al., "Controller Area Network (CAN)
     schedulability analysis: Refuted, revisited and revised", 2007, eq. 1).
 
     >>> worst_case_bits(8)

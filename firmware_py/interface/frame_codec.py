@@ -1,4 +1,4 @@
-"""The codec of one frame, as the bench uses it: the generated packing with identity and refusals."""
+"""The codec of one frame for the bench: the generated functions, with metadata and error messages."""
 
 import math
 import struct
@@ -20,10 +20,10 @@ _OK = FrameErrorReason.NONE
 
 @dataclass(frozen=True, slots=True)
 class FrameCodec(Generic[R]):
-    """One frame: who sends it and how often, and the way between its record and its bytes.
+    """One frame: its sender and period, and the conversion between its record and its bytes.
 
-    `pack` and `unpack` are the functions of those files, which refuse by status; `encode` and `decode` raise
-    `FrameError` with the signal to blame.
+    `pack` and `unpack` are the functions of packing.py and unpacking.py, which return a status; `encode` and
+    `decode` raise `FrameError` and name the invalid signal.
     """
 
     record: type[R]
@@ -38,10 +38,10 @@ class FrameCodec(Generic[R]):
     unpack: Callable[[int, int], tuple[R, FrameErrorReason]]
 
     def encode(self, record: R, counter: int = 0) -> Frame:
-        """Return the frame. `counter` counts this identifier's frames; its lowest bits are sent.
+        """Return the frame. `counter` counts the frames of this identifier; its lowest bits are sent.
 
         Quantities saturate at full scale, so that a clipped reading decodes to exactly `signals[field].low`
-        or `.high`; NaN, infinities and values that are not listed are refused.
+        or `.high`; NaN, infinities and unlisted values are refused.
         """
         try:
             frame, sendable = self.pack(record, counter)
@@ -62,7 +62,7 @@ class FrameCodec(Generic[R]):
         return record
 
     def counter(self, data: bytes) -> int:
-        """Return the rolling counter of data that has been decoded without an error."""
+        """Return the rolling counter of data that were decoded without an error."""
         if not self.protected:
             raise TypeError(f"{self.record.__name__} carries no counter; look at .protected first")
         return data[-2] >> 8 - self.layout.counter_bits
@@ -73,7 +73,7 @@ def codec_of(
     pack: Callable[[R, int], tuple[WordFrame, bool]],
     unpack: Callable[[int, int], tuple[R, FrameErrorReason]],
 ) -> FrameCodec[R]:
-    """The codec of the frame that has the record's name."""
+    """The codec of the frame with the record's name."""
     layout = LAYOUTS[record.__name__]
     return FrameCodec(
         record=record,
@@ -90,12 +90,12 @@ def codec_of(
 
 
 def _fields(record: type[tuple[Any, ...]]) -> tuple[str, ...]:
-    """Fields of a NamedTuple class, in order."""
+    """Names of the fields of a NamedTuple class, in order."""
     return record._fields  # type: ignore[attr-defined,no-any-return]  # every NamedTuple has them
 
 
 def unusable(layout: Layout, data: bytes, reason: FrameErrorReason) -> FrameError:
-    """Data that the decoder refuses for `reason`, with the signal that is to blame."""
+    """The error for data that the decoder refuses for `reason`; it names the invalid signal."""
     title = f"{layout.name} (0x{layout.can_id:03X})"
     if reason is FrameErrorReason.LENGTH:
         return FrameError(
@@ -118,7 +118,7 @@ def unusable(layout: Layout, data: bytes, reason: FrameErrorReason) -> FrameErro
 
 
 def unencodable(layout: Layout, fields: tuple[str, ...], record: tuple[Any, ...]) -> FrameError:
-    """A record that the encoder refuses, with its first field that cannot be sent."""
+    """The error for a record that the encoder refuses; it names the first field that cannot be sent."""
     for name, value in zip(fields, record, strict=False):
         found = _unsendable(layout.name, layout.signals[name], value, is_counts=False)
         if found is not None:

@@ -1,4 +1,4 @@
-"""What all frames have in common: length, rolling counter, CRC-8, and how numbers lie in them."""
+"""Functions common to all frames: length, rolling counter, CRC-8, and the coding of numbers."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,10 @@ from firmware_py.interface.frame import WordFrame
 
 
 class FrameKind(NamedTuple):
-    """One identifier's frames; `length` in bytes.
+    """The frames of one identifier; `length` in bytes.
 
-    `period_s` is 0 where they are sent on an event, `counter_bits` where they carry neither counter nor CRC.
-    `register` is the CRC's after the identifier.
+    `period_s` is 0 for frames sent on an event, `counter_bits` is 0 for frames without counter and CRC.
+    `register` is the CRC register after the identifier.
     """
 
     can_id: int
@@ -23,7 +23,7 @@ class FrameKind(NamedTuple):
 
 
 def checksum(kind: FrameKind, word: int) -> int:
-    """The CRC-8 over the identifier's low byte and all bytes but the last; without a loop: it runs often."""
+    """The CRC-8 over the identifier's low byte and all bytes but the last; without a loop, for speed."""
     last = kind.length - 1
     register = kind.register
     if last >= 2:
@@ -38,12 +38,12 @@ def checksum(kind: FrameKind, word: int) -> int:
 
 
 def counter_of(kind: FrameKind, word: int) -> int:
-    """The rolling counter: the bits that end where the last byte, the CRC, begins."""
+    """The rolling counter: the bits directly below the last byte, the CRC."""
     return word >> 8 * (kind.length - 1) - kind.counter_bits & (1 << kind.counter_bits) - 1
 
 
 def framed(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[WordFrame, bool]:
-    """`(frame, sendable)` of a record's word; with counter and CRC, if it carries them; 0 if not sendable."""
+    """`(frame, sendable)`: the word with counter and CRC, if the kind has them; word 0 if not sendable."""
     if not sendable:
         return WordFrame(kind.can_id, kind.length, 0), False
     if kind.counter_bits > 0:
@@ -55,7 +55,7 @@ def framed(kind: FrameKind, word: int, counter: int, sendable: bool) -> tuple[Wo
 
 
 def judged(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorReason:
-    """Why a frame of this kind must not be used. `listed`: each of its signals may have the value it has."""
+    """The reason why a frame must not be used, or NONE. `listed`: the values of its signals are valid."""
     if length != kind.length:
         return FrameErrorReason.LENGTH
     if kind.counter_bits > 0 and checksum(kind, word) != word >> 8 * (kind.length - 1) & 0xFF:
@@ -64,7 +64,7 @@ def judged(kind: FrameKind, length: int, word: int, listed: bool) -> FrameErrorR
 
 
 def saturated(counts: float, low: int, high: int) -> int:
-    """The whole number nearest to `counts`, or the end of the range that it is beyond; NaN gives `low`."""
+    """The whole number nearest to `counts`, limited to `low` and `high`; NaN gives `low`."""
     if low < counts < high:
         return round(counts)
     return high if counts > 0 else low
@@ -77,12 +77,12 @@ def signed(raw: int, bits: int) -> int:
 
 
 def is_float32(value: float) -> bool:
-    """Whether a float32 holds a number as large as this one."""
+    """Whether `value` is finite as a float32; NaN is not."""
     return -FLOAT32_OVERFLOW < value < FLOAT32_OVERFLOW
 
 
 def float32_counts(value: float) -> int:
-    """The 32 bits of the nearest float32; 0 for what none holds."""
+    """The 32 bits of the nearest float32; 0 if that is not finite."""
     return float32_bits(value) if is_float32(value) else 0
 
 

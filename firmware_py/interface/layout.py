@@ -1,4 +1,4 @@
-"""A frame's layout as plain numbers: where its signals lie, how they scale, what they may be."""
+"""A frame's layout as plain numbers: positions, scales and ranges of its signals."""
 
 import math
 import tomllib
@@ -8,20 +8,20 @@ from typing import Any, NamedTuple
 
 
 class SignalKind(Enum):
-    """How a signal's value is treated; the DBC's attribute `SignalKind`."""
+    """Treatment of a signal's value; the DBC's attribute `SignalKind`."""
 
     QUANTITY = "Quantity"  # scaled, and saturates at its range
     ENUMERATION = "Enumeration"  # one of the listed values
     FLAGS = "Flags"  # any combination of bits
-    EXACT = "Exact"  # a whole number that saturating would falsify
+    EXACT = "Exact"  # a whole number that must not be saturated
     COUNTER = "Counter"
     CRC = "Crc"
 
 
 class Signal(NamedTuple):
-    """One signal. Its physical value is `counts`·`scale`; a float's counts are the value itself.
+    """One signal. Its physical value is `counts`·`scale`; the counts of a float are the value itself.
 
-    `start` is its lowest bit in the frame's 64-bit word, `bits` its width.
+    `start` is the signal's lowest bit in the frame's 64-bit word, `bits` its width.
     """
 
     name: str
@@ -38,22 +38,22 @@ class Signal(NamedTuple):
 
     @property
     def is_real(self) -> bool:
-        """Whether its physical value is a float; a whole number is sent as it is."""
+        """Whether the physical value is a float; otherwise it is a whole number, sent unchanged."""
         return self.is_float or self.scale != 1
 
     @property
     def low(self) -> float:
-        """Smallest value in the signal's unit; what a reading clipped at the bottom decodes to."""
+        """Smallest value in the signal's unit, the decoded value of a reading clipped at the bottom."""
         return -math.inf if self.is_float else self.low_counts * self.scale
 
     @property
     def high(self) -> float:
-        """Largest value in the signal's unit; what a reading clipped at the top decodes to."""
+        """Largest value in the signal's unit, the decoded value of a reading clipped at the top."""
         return math.inf if self.is_float else self.high_counts * self.scale
 
 
 class Layout(NamedTuple):
-    """A message: identity, timing, and its signals by name, counter and CRC left out."""
+    """A message: identity, timing, and its signals by name, without counter and CRC."""
 
     name: str
     can_id: int
@@ -61,7 +61,7 @@ class Layout(NamedTuple):
     sender: str | None
     receivers: tuple[str, ...]
     period_s: float | None
-    counter_bits: int  # 0: carries neither counter nor CRC
+    counter_bits: int  # 0: neither counter nor CRC
     signals: dict[str, Signal]
 
     @property
@@ -71,7 +71,7 @@ class Layout(NamedTuple):
 
 
 def span(is_signed: bool, bits: int) -> tuple[int, int]:
-    """Counts that this number of bits can hold."""
+    """Smallest and largest counts that this number of bits can hold."""
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
 
 
@@ -81,7 +81,7 @@ def snake(name: str) -> str:
 
 
 def read_layouts() -> dict[str, Layout]:
-    """The layout of every frame by its name, as `sources.generate` took them out of `vibro.dbc`."""
+    """The layout of every frame by its name, generated from `vibro.dbc` by `sources.generate`."""
     text = files("firmware_py.interface.generated").joinpath("layouts.toml").read_text(encoding="utf-8")
     return {name: _layout(name, table) for name, table in tomllib.loads(text).items()}
 

@@ -1,8 +1,8 @@
-"""Pacing of a node's frames: at most one a tick beside those of every tick.
+"""Pacing of a node's frames: at most one slow frame per tick.
 
-A node that queues all its slow frames at once makes the frames of every tick, its own and others', wait for
-them on the bus. One at a time they never do, and nothing waits long: the frames that come on a period take a
-small part of the ticks.
+If a node sent all its slow frames at once, they would delay the frames of every tick on the bus, its own and
+those of other nodes. With one slow frame per tick there is no such delay, and no slow frame waits long: the
+cyclic frames need only a small share of the ticks.
 """
 
 from collections import deque
@@ -12,21 +12,21 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 CAPACITY = 32
-"""What waits at most, in frames and so in ticks; far more than nodes have due at once."""
+"""Most waiting frames, and so the longest wait in ticks; nodes never have nearly as many due at once."""
 
 
 class Urgency(IntEnum):
-    """Which waiting frame goes first; equal ones in the order in which they came."""
+    """Priority of a waiting frame; frames of equal urgency are sent in the order of their arrival."""
 
     AT_ONCE = 0
-    """Stands behind nothing, and is the last to be dropped: a fault, an E-stop."""
+    """Sent first, and dropped last: a fault, an E-stop."""
     PROMPT = 1
-    """Waits for nothing but those: what belongs to one instant."""
+    """Sent after frames AT_ONCE only: an event with a time of its own."""
     IN_TURN = 2
 
 
 class Pacer(Generic[T]):
-    """Frames that wait, or what makes them once it is their turn: `take` once a tick.
+    """Waiting frames, or functions that make them when they are sent; call `take` once per tick.
 
     >>> pacer = Pacer[str]()
     >>> for name, urgency in (("heartbeat", Urgency.IN_TURN), ("e-stop", Urgency.AT_ONCE)):
@@ -39,20 +39,20 @@ class Pacer(Generic[T]):
         self._capacity = capacity
         self._waiting: tuple[deque[T], ...] = tuple(deque() for _ in Urgency)
         self.lost = 0
-        """Frames that found no place; of the least urgent ones that wait, the newest."""
+        """Number of dropped frames; a full queue drops the newest of its least urgent frames."""
 
     def __len__(self) -> int:
         return sum(map(len, self._waiting))
 
     def push(self, item: T, urgency: Urgency = Urgency.IN_TURN) -> None:
-        """Let `item` wait for its turn."""
+        """Queue `item`; if the queue is full, drop a frame."""
         self._waiting[urgency].append(item)
         if len(self) > self._capacity:
             next(waiting for waiting in reversed(self._waiting) if waiting).pop()
             self.lost += 1
 
     def take(self) -> T | None:
-        """What this tick sends; None if nothing waits."""
+        """Remove and return the next item to be sent; None if none waits."""
         for waiting in self._waiting:
             if waiting:
                 return waiting.popleft()

@@ -13,7 +13,7 @@ NATIVE: tuple[Build, ...] = ("compiled", "host-single")
 
 
 def node_of(build: Build) -> MakeNode:
-    """The class of this build's nodes; importing it compiles the build or loads it from the cache."""
+    """The class of this build's nodes; its first use in a process compiles it or loads it from the cache."""
     if build == "python":
         return FirmwareNode
     if build in ("cortex-m7", "cortex-m4f"):

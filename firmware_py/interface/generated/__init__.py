@@ -1,1 +1,1 @@
-"""What `sources.generate` writes out of `vibro.dbc`: not to be edited."""
+"""Files that `sources.generate` writes from `vibro.dbc`: not to be edited."""

@@ -1,4 +1,4 @@
-"""What the firmware has received: written by `generate.py` out of `vibro.dbc`; do not edit."""
+"""Frames received by the firmware: written by `generate.py` out of `vibro.dbc`; do not edit."""
 
 from typing import NamedTuple
 
@@ -21,11 +21,11 @@ RECEIVED_IDS = (
     kinds.DRIVE_ESTOP.can_id,
     kinds.PARAMETER_REQUEST.can_id,
 )
-"""The identifiers that the firmware listens to, the most frequent first."""
+"""The identifiers that the firmware receives, the most frequent first."""
 
 
 class Received(NamedTuple):
-    """The newest record of each frame that the firmware receives, and when it came."""
+    """The newest record and arrival of each frame that the firmware receives."""
 
     encoder_estimates: records.EncoderEstimates
     encoder_estimates_arrival: Arrival
@@ -80,7 +80,7 @@ INITIAL = Received(
 
 
 def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
-    """The same, with the sensors' records that came in `tick` of the earlier tick `sampled`."""
+    """`received`, with the sensors' arrivals in `tick` dated back to the earlier tick `sampled`."""
     return received._replace(
         encoder_estimates_arrival=dated(received.encoder_estimates_arrival, tick, sampled),
         accelerometer_arrival=dated(received.accelerometer_arrival, tick, sampled),
@@ -92,7 +92,7 @@ def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
 def receive(
     tick_s: float, received: Received, counters: Counters, tick: int, frame: WordFrame
 ) -> tuple[Received, Counters, bool]:
-    """Take one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
+    """Process one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
     can_id, length, word = frame
     usable = False
     if can_id == kinds.ENCODER_ESTIMATES.can_id:

@@ -1,7 +1,7 @@
-"""One record a CAN frame, in physical units: written by `generate.py`; do not edit.
+"""One record per CAN frame, in physical units: written by `generate.py`; do not edit.
 
-Fields stand in the order of their bits. Rolling counters and CRCs, which the codec adds and checks, are in
-no record.
+Fields are in the order of their bits. Records contain no rolling counters and CRCs; the codec adds and checks
+them.
 """
 
 from typing import NamedTuple
@@ -145,7 +145,7 @@ class SetAbsolutePosition(NamedTuple):
 
 class Accelerometer(NamedTuple):
     """0x028, from Sensors, every tick. Striker and housing acceleration along the striker's axis. A
-    reading at full scale is a clipped one.
+    reading at full scale is clipped.
     """
 
     striker_low_m_s2: float
@@ -164,7 +164,7 @@ class CoarsePosition(NamedTuple):
     """
 
     striker_position_m: float
-    """From the crank's mean position, towards the stop positive."""
+    """From the crank's mean position, positive towards the stop."""
 
 
 class GaitSensors(NamedTuple):
@@ -173,10 +173,10 @@ class GaitSensors(NamedTuple):
     """
 
     shank_rate_rad_s: float
-    """The shank's turning in the sagittal plane; positive where its top goes forward."""
+    """Angular rate of the shank in the sagittal plane; positive if its top goes forward."""
 
     along_m_s2: float
-    """Specific force along the shank, upward positive, gravity included: +9.8 on an upright shank at
+    """Specific force along the shank, positive upward, gravity included: +9.8 on an upright shank at
     rest.
     """
 
@@ -188,7 +188,9 @@ class GaitSensors(NamedTuple):
 
 
 class OperatorCommand(NamedTuple):
-    """0x048, from Operator, every 100 ms. What the operator wants now. Its absence stops the module."""
+    """0x048, from Operator, every 100 ms. The operator's current command. If it stays away, the
+    module stops.
+    """
 
     request: int
     """Mode request."""
@@ -197,8 +199,8 @@ class OperatorCommand(NamedTuple):
     """Drive speed over the nominal natural frequency."""
 
     target_impulse_n_s: float
-    """Impulse of an impact on the stop to be held by moving within the impact regime, or by the turns
-    a stride; 0: the ratio or the cadence alone counts.
+    """Requested impulse of an impact on the stop, reached by a change of the ratio within the impact
+    regime or of the turns per stride; 0: no request.
     """
 
 
@@ -212,23 +214,23 @@ class ParameterRequest(NamedTuple):
     """Position of the parameter in the firmware's table."""
 
     operation: int
-    """What to do with the parameter."""
+    """Read or write."""
 
 
 class FirmwareHeartbeat(NamedTuple):
-    """0x068, from Firmware, every 100 ms. Where the firmware stands."""
+    """0x068, from Firmware, every 100 ms. Status of the firmware."""
 
     mode: int
     """Supervisor mode."""
 
     acting_limit: int
-    """Which limit shapes the torque."""
+    """Limit that acts on the torque."""
 
     fault: int
     """Latched fault."""
 
     target_omega_rad_s: float
-    """Crank speed that the speed loop is following."""
+    """Target speed of the speed loop."""
 
     regime: int
     """Regime decision."""
@@ -238,20 +240,20 @@ class StrikerEstimate(NamedTuple):
     """0x069, from Firmware, every 10 ms. The estimator's state."""
 
     position_m: float
-    """From the crank's mean position, towards the stop positive."""
+    """From the crank's mean position, positive towards the stop."""
 
     velocity_m_s: float
-    """Towards the stop positive."""
+    """Positive towards the stop."""
 
     crank_omega_rad_s: float
     """Crank speed."""
 
 
 class RegimeReport(NamedTuple):
-    """0x06A, from Firmware. One drive period in short, sent at its end."""
+    """0x06A, from Firmware. Summary of one drive period, sent at its end."""
 
     impacts: int
-    """Impacts within the period; 255 is 255 or more."""
+    """Impacts within the period; 255 means 255 or more."""
 
     impact_phase_deg: float
     """Crank angle of the last impact past the forward dead centre; 0 without one."""
@@ -285,10 +287,10 @@ class FaultEvent(NamedTuple):
     """The drive's disarm reason, where it gave one."""
 
     fault: int
-    """Why the firmware disarmed."""
+    """Reason of disarming."""
 
     refusal: int
-    """Why a request was refused; NONE with a fault."""
+    """Reason of a refusal; NONE with a fault."""
 
 
 class ParameterValue(NamedTuple):
@@ -301,32 +303,32 @@ class ParameterValue(NamedTuple):
     """Position of the parameter in the firmware's table."""
 
     tier: int
-    """Who settles the parameter; MODULE where there is no such parameter."""
+    """Tier of the parameter; MODULE if there is no such parameter."""
 
     status: int
-    """How the request ended."""
+    """Result of the request."""
 
 
 class GaitReport(NamedTuple):
-    """0x07C, from Firmware, every 40 ms. What the firmware makes of the wearer's gait."""
+    """0x07C, from Firmware, every 40 ms. Estimate of the wearer's gait, and the crank's lock to it."""
 
     gait_phase: float
-    """Part of the gait cycle since heel strike; 0 where there is no estimate."""
+    """Phase of the gait cycle since heel strike; 0 if there is no estimate."""
 
     stride_hz: float
-    """Gait cycles a second."""
+    """Gait cycles per second."""
 
     harmonic: int
-    """Crank turns a stride to which the crank is locked; 0: it is not."""
+    """Crank turns per stride at which the crank is locked; 0: not locked."""
 
     gait_state: int
-    """What the leg is doing."""
+    """State of the leg."""
 
     pulses_in_window: int
     """Pulses within the push-off window since power-up, modulo 256."""
 
     pulses_outside: int
-    """Pulses outside of it since power-up, modulo 256."""
+    """Pulses outside of the push-off window since power-up, modulo 256."""
 
     confidence: float
     """Confidence in phase and frequency: 0 none, 1 full."""

@@ -1,1 +1,1 @@
-"""The sources of messages and parameters, and the modules that write code out of them."""
+"""The sources of messages and parameters, and the modules that generate code from them."""

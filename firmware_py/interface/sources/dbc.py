@@ -1,4 +1,4 @@
-"""`vibro.dbc` as cantools reads it: the only source of identifiers, scaling, units, ranges and periods."""
+"""`vibro.dbc`, read by cantools: the only source of identifiers, scaling, units, ranges and periods."""
 
 from functools import cache
 from importlib.resources import files
@@ -10,6 +10,6 @@ from cantools.database.can import Database
 
 @cache
 def database() -> Database:
-    """Read the bus description; once a process."""
+    """Read the bus description; once per process."""
     text = files("firmware_py.interface").joinpath("vibro.dbc").read_text(encoding="ascii")
     return cast(Database, cantools.database.load_string(text, database_format="dbc"))

@@ -1,7 +1,7 @@
-"""What `vibro.dbc` says of a message as a frame's layout, checked for the codec.
+"""The layout of a frame from its message in `vibro.dbc`, checked against the rules of the codec.
 
-Rules that keep the codec simple, and that this module enforces: little-endian; no offsets; a protected frame
-ends in its rolling counter and, as its last byte, its CRC.
+The rules keep the codec simple: little-endian; no offsets; a protected frame ends in its rolling counter and,
+as its last byte, its CRC.
 """
 
 from cantools.database.can import Message
@@ -15,7 +15,7 @@ class LayoutError(ValueError):
 
 
 def layout_of(message: Message) -> Layout:
-    """Turn a DBC message into a layout; raise `LayoutError` where it breaks a rule of the codec."""
+    """Convert a DBC message into a layout; raise `LayoutError` if it breaks a rule of the codec."""
     signals = [_signal(message, dbc) for dbc in sorted(message.signals, key=lambda dbc: dbc.start)]
     protection = {signal.kind: signal for signal in signals if signal.kind in _PROTECTING}
     return Layout(
@@ -31,7 +31,7 @@ def layout_of(message: Message) -> Layout:
 
 
 ALL_NODES = ("Drive", "Firmware", "Operator", "Recorder")
-"""Who receives a frame without signals, of which a DBC can name no receivers."""
+"""Receivers of a frame without signals; a DBC names receivers only for signals."""
 
 _PROTECTING = (SignalKind.COUNTER, SignalKind.CRC)
 
@@ -71,7 +71,7 @@ def _signal(message: Message, dbc: DbcSignal) -> Signal:
 
 
 def _range(where: str, dbc: DbcSignal) -> tuple[int, int]:
-    """The DBC's range in counts."""
+    """Smallest and largest counts of the DBC's range."""
     if dbc.minimum is None or dbc.maximum is None:
         raise LayoutError(f"{where}: no range; give [minimum|maximum]")
     low_counts, high_counts = round(dbc.minimum / dbc.scale), round(dbc.maximum / dbc.scale)
@@ -82,7 +82,7 @@ def _range(where: str, dbc: DbcSignal) -> tuple[int, int]:
 
 
 def _counter_bits(message: Message, protection: dict[SignalKind, Signal]) -> int:
-    """Width of the counter; it ends where the CRC, the last byte, begins."""
+    """Width of the counter, which must end directly below the CRC, the last byte."""
     last_byte = 8 * (message.length - 1)
     places = {kind: (one.start, one.start + one.bits) for kind, one in protection.items()}
     if places.get(SignalKind.CRC) != (last_byte, last_byte + 8):

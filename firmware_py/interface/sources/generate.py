@@ -1,11 +1,11 @@
-"""Writes out of `vibro.dbc` all that follows from it: records, their codec, and what the firmware receives.
+"""Generates code from `vibro.dbc`: records, their codec, and the firmware's received frames.
 
     python -m firmware_py.interface.sources.generate
 
-A codec that loops over a description of its signals costs several times what the packing does, and a
-microcontroller has no description; so each frame gets the few lines that someone would write by hand. The
-bench needs the description too, for messages and tables, but not a parser of DBC files in every process. A
-test holds the checked-in files against what this module writes.
+A codec that loops over a description of the signals takes several times longer than the packing itself, and a
+microcontroller has no such description; so each frame gets the few lines that one would write by hand. The
+bench also needs the description, for messages and tables: layouts.toml saves it from parsing DBC files in
+each process. A test compares the checked-in files with the output of this module.
 """
 
 import json
@@ -88,7 +88,7 @@ def toml(value: object) -> str:
 
 
 def sources() -> dict[str, str]:
-    """The text of each file by its name; up to the layout of its lines, which is ruff's."""
+    """The text of each file by its name, before formatting."""
     layouts, message = frames(), database().get_message_by_name
     return {
         "kinds.py": KINDS + "".join(map(constant, layouts)),
@@ -102,7 +102,7 @@ def sources() -> dict[str, str]:
 
 
 def constant(layout: Layout) -> str:
-    """Identity and timing of a frame."""
+    """The constant with identity and timing of a frame, in kinds.py."""
     register = TABLE[INITIAL ^ (layout.can_id & 0xFF)] if layout.protected else 0
     period_s = layout.period_s or 0.0
     numbers = f"0x{layout.can_id:03X}, {layout.length}, {period_s!r}, {layout.counter_bits}, {register}"
@@ -110,7 +110,7 @@ def constant(layout: Layout) -> str:
 
 
 def codec_source(layout: Layout) -> str:
-    """The codec's constant."""
+    """The constant of a frame's codec, in codecs.py."""
     name = snake(layout.name)
     return f"{name.upper()} = codec_of(records.{layout.name}, packing.pack_{name}, unpacking.unpack_{name})\n"
 
@@ -153,7 +153,7 @@ def _sendable(signal: Signal) -> str:
 
 
 def _listed(signal: Signal) -> str:
-    """Condition that a whole number is one of the signal's."""
+    """Condition that a whole number is a valid value of the signal."""
     if signal.kind is SignalKind.ENUMERATION:
         values = sorted(signal.values)
         if values != list(range(values[0], values[-1] + 1)):
@@ -163,7 +163,7 @@ def _listed(signal: Signal) -> str:
 
 
 def _received(signal: Signal) -> str:
-    """Condition that received counts are the signal's; empty if its bits hold nothing else."""
+    """Condition that received counts are valid for the signal; empty if all values of its bits are."""
     if signal.is_float:
         return f"isfinite({signal.name})"
     is_listed = signal.kind is SignalKind.ENUMERATION
@@ -180,7 +180,7 @@ def _placed(signal: Signal) -> str:
         scaled = f"{signal.name} / {signal.scale!r}" if signal.is_real else f"float({signal.name})"
         counts = f"saturated({scaled}, {signal.low_counts}, {signal.high_counts})"
     if signal.start + signal.bits == 64:
-        # The word is signed: its top bit is a sign.
+        # The word is signed: its top bit is the sign.
         counts = counts if is_signed else f"signed({counts}, {signal.bits})"
     elif is_signed:
         masked = f"{counts} & 0x{(1 << signal.bits) - 1:X}"
@@ -189,7 +189,7 @@ def _placed(signal: Signal) -> str:
 
 
 def _from_word(signal: Signal) -> str:
-    """Expression of the counts out of the word; of a float, its value."""
+    """Expression of the counts in the word; of the value for a float."""
     raw = f"word >> {signal.start}" if signal.start else "word"
     if signal.is_float:
         return f"float32_at({raw})"

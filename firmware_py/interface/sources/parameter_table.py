@@ -1,9 +1,9 @@
-"""`parameters.toml`, the only source of the firmware's parameters, and the file that is written out of it.
+"""`parameters.toml`, the only source of the firmware's parameters, and the module generated from it.
 
     python -m firmware_py.interface.sources.parameter_table
 
-writes `core/parameter_values.py`, the parameters in the firmware's subset: a microcontroller reads no TOML
-and knows no names. A test holds the checked-in file against what this module writes.
+writes `core/parameter_values.py`, the parameters in the firmware's subset, because a microcontroller reads no
+TOML and has no names. A test compares the checked-in file with the output of this module.
 """
 
 import textwrap
@@ -20,7 +20,7 @@ TARGET = Path(__file__).parents[2] / "core" / "parameter_values.py"
 
 
 class Parameter(NamedTuple):
-    """One line of the table, as `parameters.toml` describes it."""
+    """One parameter of `parameters.toml`."""
 
     name: str
     tier: ParameterTier
@@ -34,7 +34,7 @@ class Parameter(NamedTuple):
 
     @property
     def field(self) -> str:
-        """Its name in `Parameters`: `stop.position_m` is `stop_position_m`."""
+        """The parameter's name in `Parameters`: `stop_position_m` for `stop.position_m`."""
         return self.name.replace(".", "_")
 
 
@@ -65,8 +65,8 @@ INDEX: dict[str, int] = {parameter.name: index for index, parameter in enumerate
 
 HEADER = '''"""The parameters in the firmware's subset: written by `parameter_table.py`; do not edit.
 
-Their source is `parameters.toml` of interface/sources, which says what each one is. All are
-floats, counts and switches too.
+Their source is `parameters.toml` of interface/sources, which gives the meaning of each. All are
+floats, including counts and switches.
 """
 
 from typing import NamedTuple
@@ -76,13 +76,13 @@ from typing import NamedTuple
 
 
 def _column(head: str, values: Iterable[object]) -> str:
-    """`head(…)` over as few lines as it takes."""
+    """The text of `head(…)` with all values, in as few lines as possible."""
     lines = textwrap.wrap(", ".join(map(str, values)), width=104)
     return "\n".join(("# fmt: off", f"{head}(", *(f"    {line}" for line in lines), ")", "# fmt: on\n"))
 
 
 def source() -> str:
-    """The text of `core/parameter_values.py`, not laid out yet."""
+    """The text of `core/parameter_values.py`, before formatting."""
     pairs = [(index, INDEX[one.at_most]) for index, one in enumerate(TABLE) if one.at_most]
     return "\n".join(
         (
@@ -95,9 +95,12 @@ def source() -> str:
             _column("DEFAULTS = Parameters", (one.default for one in TABLE)),
             _column("LOW = ", (one.low for one in TABLE)),
             _column("HIGH = ", (one.high for one in TABLE)),
-            _column("TIERS = ", (one.tier.value for one in TABLE)) + '"""`ParameterTier` of each."""\n',
-            _column("WHOLE = ", (int(one.whole) for one in TABLE)) + '"""1 for a count."""\n',
-            _column("ORDERED = ", pairs) + '"""Indices: the first may not exceed the second."""\n',
+            _column("TIERS = ", (one.tier.value for one in TABLE))
+            + '"""`ParameterTier` of each parameter."""\n',
+            _column("WHOLE = ", (int(one.whole) for one in TABLE))
+            + '"""1 for a parameter that is a count, else 0."""\n',
+            _column("ORDERED = ", pairs)
+            + '"""Pairs of indices: the first parameter may not exceed the second."""\n',
         )
     )
 

@@ -1,4 +1,4 @@
-"""The text of `received.py`: the newest record of each frame that the firmware receives, and when it came."""
+"""The text of `received.py`: the newest record and arrival of each frame that the firmware receives."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from firmware_py.interface.layout import Layout, snake
 from firmware_py.interface.sources.records import nothing
 
-RECEIVED = '''"""What the firmware has received: written by `generate.py` out of `vibro.dbc`; do not edit."""
+RECEIVED = '''"""Frames received by the firmware: written by `generate.py` out of `vibro.dbc`; do not edit."""
 
 from typing import NamedTuple
 
@@ -19,10 +19,10 @@ from firmware_py.interface.generated import kinds, records, unpacking
 
 STATE = '''\
 RECEIVED_IDS = ({ids})
-"""The identifiers that the firmware listens to, the most frequent first."""
+"""The identifiers that the firmware receives, the most frequent first."""
 
 class Received(NamedTuple):
-    """The newest record of each frame that the firmware receives, and when it came."""
+    """The newest record and arrival of each frame that the firmware receives."""
 
 {members}
 
@@ -31,7 +31,7 @@ INITIAL = Received({initial})
 DATED = '''
 
 def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
-    """The same, with the sensors' records that came in `tick` of the earlier tick `sampled`."""
+    """`received`, with the sensors' arrivals in `tick` dated back to the earlier tick `sampled`."""
     return received._replace({sampled})
 
 
@@ -39,7 +39,7 @@ def with_sensors_dated(received: Received, tick: int, sampled: int) -> Received:
 RECEIVE = '''def receive(
     tick_s: float, received: Received, counters: Counters, tick: int, frame: WordFrame
 ) -> tuple[Received, Counters, bool]:
-    """Take one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
+    """Process one frame that arrived before tick number `tick`: `(received, counters, usable)`."""
     can_id, length, word = frame
     usable = False
 {branches}    return received, counters, usable
@@ -76,7 +76,7 @@ def received_source(layouts: Sequence[Layout]) -> str:
 
 
 def branch(layout: Layout) -> str:
-    """The lines that take one frame."""
+    """The lines that process one frame."""
     name = snake(layout.name)
     kind, new = f"kinds.{name.upper()}", f"{name}_arrival=arrival"
     if layout.signals:
@@ -91,5 +91,5 @@ def branch(layout: Layout) -> str:
 
 
 def is_sampled(layout: Layout) -> bool:
-    """Whether the frame is a reading of the plant, of the tick in which it was sampled."""
+    """Whether the frame is a reading of the plant, whose arrival is dated back to its sample's tick."""
     return layout.sender == "Sensors" or layout.name in BY_SAMPLE

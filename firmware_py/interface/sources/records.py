@@ -1,4 +1,4 @@
-"""The text of `records.py`: one record a frame, in the units of `vibro.dbc`."""
+"""The text of `records.py`: one record per frame, in the units of `vibro.dbc`."""
 
 from textwrap import wrap
 
@@ -6,10 +6,10 @@ from cantools.database.can import Message
 
 from firmware_py.interface.layout import Layout
 
-RECORDS = '''"""One record a CAN frame, in physical units: written by `generate.py`; do not edit.
+RECORDS = '''"""One record per CAN frame, in physical units: written by `generate.py`; do not edit.
 
-Fields stand in the order of their bits. Rolling counters and CRCs, which the codec adds and checks, are in
-no record.
+Fields are in the order of their bits. Records contain no rolling counters and CRCs; the codec adds and checks
+them.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ WIDTH = 95
 
 
 def record_source(layout: Layout, message: Message) -> str:
-    """The text of a frame's record: whole numbers as they are sent, quantities as floats."""
+    """The text of a frame's record; its fields are ints for whole numbers and floats for quantities."""
     when = ""
     if layout.period_s is not None:
         period_ms = round(layout.period_s * 1000)
@@ -40,7 +40,7 @@ def nothing(layout: Layout) -> str:
 
 
 def docstring(text: str) -> str:
-    """The text as a docstring of a class's body; none of an empty one."""
+    """The text as a docstring in a class's body; empty for an empty text."""
     if not text:
         return ""
     lines = wrap(text, WIDTH)

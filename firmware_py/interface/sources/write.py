@@ -1,4 +1,4 @@
-"""Writes a generated file with its lines laid out as `ruff format` lays out every file here."""
+"""Writes a generated file, formatted by `ruff format` like all files of the project."""
 
 import subprocess
 import sys
@@ -6,11 +6,11 @@ from pathlib import Path
 
 
 def formatted(text: str) -> str:
-    """The Python source as `ruff format` lays it out; needs the packages of requirements-dev.lock."""
+    """The Python source, formatted by `ruff format`; needs the packages of requirements-dev.lock."""
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", __file__, "-"]
     return subprocess.run(command, input=text, check=True, capture_output=True, text=True).stdout
 
 
 def write(path: Path, text: str) -> None:
-    """Write the text; Python is formatted first."""
+    """Write the text to `path`; Python is formatted first."""
     path.write_text(formatted(text) if path.suffix == ".py" else text, encoding="utf-8")
