@@ -137,9 +137,9 @@ def test_kept_are_failures_one_trial_or_all() -> None:
     unfit = Outcome(2, 0, eligible=False, why="no impact attractor at this speed")
     kept = {
         keep: [one.trial for one in (fine, lost, unfit) if is_kept(one, keep)]
-        for keep in (None, "failures", "2", "all")
+        for keep in (None, "failures", "2", "02", "all")
     }
-    assert kept == {None: [], "failures": [1], "2": [2], "all": [0, 1, 2]}
+    assert kept == {None: [], "failures": [1], "2": [2], "02": [2], "all": [0, 1, 2]}
 
 
 def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:

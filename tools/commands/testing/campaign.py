@@ -134,7 +134,12 @@ def refuse_unknown_trials(keep: str | None, trials: int) -> None:
 def is_kept(outcome: "Outcome", keep: str | None) -> bool:
     """Whether a trial is to be written as a scenario."""
     is_failure = outcome.eligible and outcome.why != ""
-    return keep == "all" or (keep == "failures" and is_failure) or keep == str(outcome.trial)
+    return keep == "all" or (keep == "failures" and is_failure) or is_trial(keep, outcome.trial)
+
+
+def is_trial(keep: str | None, trial: int) -> bool:
+    """Whether `--keep` gives this number, also with leading zeros."""
+    return keep is not None and keep.isdecimal() and int(keep) == trial
 
 
 def keep_trial(folder: Path, trial: "Trial") -> Path:
