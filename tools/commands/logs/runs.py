@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
 """Figures that the table shows by default."""
+MOST = 40
+"""Lines of the table by default."""
 
 
 def register(app: typer.Typer) -> None:
@@ -33,8 +35,11 @@ def runs(
     ] = None,
     show: Annotated[list[str] | None, typer.Option(help="Name of a figure to show; repeatable.")] = None,
     most: Annotated[
-        int, typer.Option(help="The largest number of runs shown, the newest first.", min=1)
-    ] = 40,
+        int | None,
+        typer.Option(
+            help="The largest number of runs, the newest first; by default 40, with --json all.", min=1
+        ),
+    ] = None,
     view: Annotated[
         bool, typer.Option(help="Open the listed runs side by side in the Rerun viewer.")
     ] = False,
@@ -54,15 +59,16 @@ def runs(
         answer({"removed": [str(path) for path in removed]}, as_json, lambda: console.print(summary))
         return
     columns = show or list(COLUMNS)
+    shown = found[: (None if as_json else MOST) if most is None else most]
     if as_json:
-        print_json({"runs": [row_of(run, columns) for run in found]})
+        print_json({"runs": [row_of(run, columns) for run in shown]})
     else:
-        print_table(found[:most], columns)
-        console.print(f"{min(most, len(found))} of {len(found)} runs in {escape(str(folder))}")
+        print_table(shown, columns)
+        console.print(f"{len(shown)} of {len(found)} runs in {escape(str(folder))}")
     if not found:
         raise typer.Exit(EXIT_NOTHING_RAN)
     if view:
-        open_side_by_side(found[:most])
+        open_side_by_side(found[: most or MOST])
 
 
 def row_of(run: "ListedRun", columns: list[str]) -> dict[str, Any]:
