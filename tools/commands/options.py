@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from tools.output import progress_console
+
 
 def number(description: str, low: float | None = None, high: float | None = None) -> Any:
     """A Typer option for a number within bounds, which refuses nan and inf."""
@@ -21,6 +23,12 @@ def finite(value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number")
     return value
+
+
+def note_unused_bus(bus: str, clock: str) -> None:
+    """Say on standard error that a bus other than the default is not used in lockstep."""
+    if clock == "lockstep" and bus != "auto":
+        progress_console.print(f"note: --bus {bus} is not used: lockstep has a bus of its own", markup=False)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]

@@ -14,7 +14,7 @@ import typer
 from hil.scenario.scenario import scenario_names
 from tools import cli
 from tools.dev.reference import every_command
-from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR
+from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
 FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "tune check"}
 """Commands whose --out is a folder; `study`'s is one, too."""
@@ -155,3 +155,17 @@ def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> No
     monkeypatch.setattr(cli, "bad_input_types", defective)
     assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
     assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
+
+
+@pytest.mark.parametrize("command", [["run", "e-stop-in-the-hold", "--clock", "lockstep"], ["suite"]])
+def test_a_bus_that_is_not_used_is_named(command: list[str], monkeypatch, capsys) -> None:
+    def ended(*_: Any, **__: Any) -> None:
+        raise BadInputError("enough")
+
+    monkeypatch.setattr("hil.bench.bench.run_scenario", ended)
+    monkeypatch.setattr("hil.bench.suite.run_suite", ended)
+    for bus, notes in (("auto", 0), ("vcan", 1)):
+        assert cli.run([*command, "--bus", bus]) == EXIT_BAD_INPUT
+        assert (
+            capsys.readouterr().err.count(f"--bus {bus} is not used: lockstep has a bus of its own") == notes
+        )

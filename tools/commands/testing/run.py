@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles, note_unused_bus, setting
 from tools.output import BadInputError, answer, console, exit_of, figure, figure_table
 from tools.outputs import folder_option
 from tools.progress import shown_progress
@@ -60,6 +60,7 @@ def run(
     loaded = load_scenario(scenario, change or [], parameters or [])
     if soak is not None:
         loaded = longer(loaded, soak, clock)
+    note_unused_bus(bus, clock)
     viewer = None
     if live:
         from tools.logs.view import live_viewer

@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Column, Table
 
-from tools.commands.options import FirmwareBuild, Json, ParameterFiles, setting
+from tools.commands.options import FirmwareBuild, Json, ParameterFiles, note_unused_bus, setting
 from tools.logs.changes import baseline_result, show_changes
 from tools.output import EXIT_NOTHING_RAN, answer, console, exit_of, figure
 from tools.outputs import folder_option
@@ -51,6 +51,7 @@ def suite(
     """Run many scenarios and judge each; the exit status is 5 if nothing ran."""
     from hil.bench.suite import run_suite
 
+    note_unused_bus(bus, clock)
     before = None if baseline is None else baseline_result(baseline)
     with shown_progress() as progress:
         every_seed = range(seed, seed + seeds)
