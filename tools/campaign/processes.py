@@ -1,4 +1,4 @@
-"""Trials on all cores, or on a Dask scheduler's workers."""
+"""Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ Progress = Callable[[int, int], None]
 
 
 class Batch(NamedTuple):
-    """Some trials of one campaign."""
+    """Trials of one campaign that a worker runs in one call."""
 
     campaign: str
     cells: list[Cell]

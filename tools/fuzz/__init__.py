@@ -1,1 +1,1 @@
-"""Damaged frames, files and folders, and killed processes."""
+"""Fuzzing: random frames, damaged files and folders, and killed processes."""

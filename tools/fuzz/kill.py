@@ -18,7 +18,7 @@ FINAL = (signal.SIGKILL, signal.SIGSTOP)
 PARENT = "the program"
 """Name of the process that was started and that starts the other processes."""
 REPORT = "report"
-"""The stage after the last run."""
+"""Name of the stage after the last run, in which the report is written."""
 SCENARIO = """
 title = "It is killed"
 scene = "table1-motor-soft"
@@ -41,7 +41,7 @@ LOOK_S = 0.01
 
 
 class Kill(NamedTuple):
-    """A kill: its target, signal and time; `of` is a run's clock, or suite or campaign."""
+    """A kill: its process, signal, stage and time; `of` is the clock of a run, `suite` or `campaign`."""
 
     of: str
     process: str

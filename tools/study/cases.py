@@ -72,12 +72,12 @@ class Case:
 
     @property
     def gap_m(self) -> float:
-        """x_stop − l0."""
+        """Gap between rest length and stop, x_stop − l0."""
         return self.stop_m - self.rest_length_m
 
     @property
     def is_exact(self) -> bool:
-        """Whether the motion has a closed form."""
+        """Whether the motion has a closed-form solution."""
         return self.law != "stribeck" and self.contact_s is None
 
     @property

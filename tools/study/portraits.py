@@ -33,7 +33,7 @@ class Motion:
     x_m: NDArray[np.float64]
     v_m_s: NDArray[np.float64]
     points: NDArray[np.float64]
-    """Shape (SECTIONS, 2): x, v."""
+    """Poincaré points, shape (SECTIONS, 2): x, v."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class Event(Enum):
 
     END = "end"
     STOP = "stop"
-    """Touch-down in flight, separation in contact."""
+    """The start of contact (touch-down) in flight, its end (separation) in contact."""
     HALT = "halt"
 
 
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
 
     t_s: float
     state: list[float]
-    """x, v and, with a motor, crank angle and speed."""
+    """State at the end of the piece: x, v and, with a motor, crank angle and speed."""
     event: Event
 
 

@@ -48,7 +48,10 @@ class Extreme(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A method's result in an extreme case: an error in m (velocity over ω), or an error message."""
+    """Result of a method in an extreme case: the error in m, or an error message.
+
+    The error is that of the position, or of the velocity over ω, whichever is larger.
+    """
 
     error_m: float
     refusal: str

@@ -1,1 +1,1 @@
-"""One trial of a campaign: sampled, made a scenario, run, and judged against the truth."""
+"""A trial of a campaign: its sampled truth, its scenario, its run, and its comparison with the truth."""

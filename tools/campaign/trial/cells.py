@@ -47,7 +47,7 @@ LAWS = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One condition: the mean truth, the firmware's parameters, and the operator's request."""
+    """A condition: the mean of the true parameters, the firmware's parameters, and the operator's request."""
 
     law: str
     ratio: float

@@ -92,7 +92,7 @@ def goes_on(impacts_s: FloatArray, until_s: float, omega_rad_s: float, judged_s:
 def alone(
     scene: Scene, start: MotionState, from_rad_s: float, to_rad_s: float, ramp_s: float, duration_s: float
 ) -> NDArray[np.void]:
-    """Return the impacts, with the columns of a `Run`, while the crank's speed ramps up and is then held.
+    """Return the impacts, as records of `Impact`, while the crank's speed ramps up and is then held.
 
     The speed goes from `from_rad_s` to `to_rad_s` in `ramp_s`; the whole run lasts `duration_s`.
     """

@@ -50,7 +50,7 @@ PRESETS = {
 
 @dataclass(frozen=True)
 class WalkCell(Cell):
-    """One condition of a walk."""
+    """A condition of the campaign `walk`: a preset and a course."""
 
     preset: str
     course: str

@@ -28,7 +28,7 @@ LONGEST_GAP = 2.2
 
 
 def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
-    """Judge a walk."""
+    """Judge a walk: its hold, and its end or the rest of the walk."""
     assert isinstance(cell, WalkCell)
     scenario = trial.scenario
     captured = done.first_in(Mode.RUN)

@@ -69,7 +69,7 @@ def judge(evidence: Evidence) -> list[Claim]:
 
 
 def three_regimes(evidence: Evidence) -> Claim:
-    """C1."""
+    """Judge C1: the existence of all three regimes for every friction law."""
     full = [d for d in evidence.diagrams if width(d.multistable()) > FEWEST_BAND and d.onset() is not None]
     never = [d for d in evidence.diagrams if d.onset() is None]
     laws = {law: sum(d.case.law == law for d in full) for law in LAWS}
@@ -91,7 +91,7 @@ def three_regimes(evidence: Evidence) -> Claim:
 
 
 def onset_ratio(evidence: Evidence) -> Claim:
-    """C2."""
+    """Judge C2: the ratio at which impacts begin."""
     onsets = per_law(nominal(evidence), Diagram.onset)
     gait = [onset for name, onset in onsets.items() if name.startswith("gait")]
     amplitudes = {
@@ -116,7 +116,7 @@ def onset_ratio(evidence: Evidence) -> Claim:
 
 
 def onset_frequency(evidence: Evidence) -> Claim:
-    """C3."""
+    """Judge C3: the frequency at which impacts begin."""
     found = nominal(evidence)
     onset_hz = per_law(found, lambda d: in_hz(d, d.onset()))
     table1 = case("table1", "viscous")
@@ -140,7 +140,7 @@ def onset_frequency(evidence: Evidence) -> Claim:
 
 
 def widest_band(evidence: Evidence) -> Claim:
-    """C4."""
+    """Judge C4: the law with the widest multistable interval."""
     bands = {
         f"{d.case.preset} {d.case.label}, A = {1e3 * d.case.amplitude_m:g} mm": width(d.multistable())
         for d in evidence.diagrams
@@ -175,7 +175,7 @@ def widest_band(evidence: Evidence) -> Claim:
 
 
 def sharper_switching(evidence: Evidence) -> Claim:
-    """C5."""
+    """Judge C5: the sharpness of the switching between regimes."""
     found = nominal(evidence)
     bands = per_law(found, lambda d: width(d.multistable()))
     irregular = per_law(
@@ -209,7 +209,7 @@ def _jump(diagram: Diagram) -> float | None:
 
 
 def same_shape(evidence: Evidence) -> Claim:
-    """C6."""
+    """Judge C6: the shape of the attractors with different laws."""
     correlations, spreads = {}, {}
     for preset in PRESETS:
         for kind, ratio, sweep in (("impact", 1.1, "up"), ("non-impact", 1.5, "up")):
@@ -245,7 +245,7 @@ def same_shape(evidence: Evidence) -> Claim:
 
 
 def peak_force(evidence: Evidence) -> Claim:
-    """C7."""
+    """Judge C7: the peak force of impacts."""
     peaks = {
         f"{preset}, {1e3 * contact_s:g} ms": {
             f"r = {ratio:g}": or_none(evidence.peak_n(preset, contact_s, ratio)) for ratio in SOFT_RATIOS
@@ -278,7 +278,7 @@ def peak_force(evidence: Evidence) -> Claim:
 
 
 def repeatability(evidence: Evidence) -> Claim:
-    """C8."""
+    """Judge C8: the variation of impulses from cycle to cycle."""
     settled, others = [], []
     for diagram in evidence.diagrams:
         for sweep in (diagram.up, diagram.down):
@@ -309,7 +309,7 @@ def repeatability(evidence: Evidence) -> Claim:
 
 
 def energy(evidence: Evidence) -> Claim:
-    """C9."""
+    """Judge C9: the energy per cycle."""
     both: dict[str, Any] = {}
     for diagram in nominal(evidence):
         band = diagram.widest_multistable()

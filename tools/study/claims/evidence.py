@@ -143,13 +143,13 @@ SOFT_COLUMNS = (
 
 
 def contact_piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
-    """The contact time for one ratio."""
+    """Compute the contact time for one ratio."""
     contact_s = contact_for_peak_s(Case(**spec["case"]), spec["ratio"], spec["peak_n"])
     return pa.table({"contact_s": [contact_s]}), {}
 
 
 def grazing_amplitude_m(one: Case, ratio: float) -> float:
-    """Drive amplitude with which the calm motion at a ratio just reaches the stop, by bisection."""
+    """Return the drive amplitude, m, at which the non-impact motion just reaches the stop, by bisection."""
     free = replace(one, stop_m=one.rest_length_m + 10.0)
     low, high = 0.0, 0.2
     for _ in range(30):

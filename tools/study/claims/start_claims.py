@@ -28,7 +28,7 @@ from tools.study.intervals import contains
 
 
 def smooth_basins(evidence: Evidence) -> Claim:
-    """C10."""
+    """Judge C10: the number of attractors and the border between their basins."""
     found = {law: evidence.basin(law) for law in ("viscous", "coulomb")}
     numbers = {
         law: {
@@ -59,7 +59,7 @@ def smooth_basins(evidence: Evidence) -> Claim:
 
 
 def start_decides(evidence: Evidence) -> Claim:
-    """C11."""
+    """Judge C11: the effect of the state at start-up."""
     viscous, coulomb = case("table1", "viscous"), case("table1", "coulomb")
     from_rest = {f"r = {ratio:g}": share_from_rest(viscous, ratio) for ratio in (1.25, 1.3, 1.35, 1.4)}
     ramps = {
@@ -83,7 +83,7 @@ def start_decides(evidence: Evidence) -> Claim:
 
 
 def gait_frequencies(evidence: Evidence) -> Claim:
-    """C12."""
+    """Judge C12: the frequencies for slow and normal walking."""
     table: dict[str, Any] = {}
     for diagram in nominal(evidence):
         if diagram.case.law == "viscous":
@@ -115,7 +115,7 @@ def gait_frequencies(evidence: Evidence) -> Claim:
 
 
 def damping(evidence: Evidence) -> Claim:
-    """C13."""
+    """Judge C13: the effect of damping on peak acceleration and variability."""
     rows = {
         f"{preset}, r = {ratio:g}": {
             f"b = {b:g}": {
@@ -159,7 +159,7 @@ def damping(evidence: Evidence) -> Claim:
 
 
 def caps(evidence: Evidence) -> Claim:
-    """C14."""
+    """Judge C14: the limitation of the impulse by restitution and stop position."""
     base, ratio = case("table1", "viscous"), 1.1
     by_k = {f"k = {k:g}": run_up(replace(base, restitution=k), ratio).impulse_n_s for k in (0.4, 0.5, 0.6)}
     by_stop = {

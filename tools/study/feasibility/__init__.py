@@ -1,1 +1,1 @@
-"""Which modules can give which pulses."""
+"""Feasibility of modules for a walk: the table of suitable settings, its chart and its page."""

@@ -1,4 +1,4 @@
-"""Which settings suit a walk: combinations of module, axis, stop, wearer and cadence.
+"""The feasibility table: combinations of module, axis, stop, wearer and cadence that suit a walk.
 
 Each cell is simulated by the plant alone, with an ideal crank and a walk of 2 % variability. A cell is
 feasible if all of these conditions hold:
@@ -35,7 +35,7 @@ Vector = NDArray[np.float64]
 
 
 class Module(NamedTuple):
-    """A preset: spring, amplitude by friction law, gap."""
+    """Parameters of a preset: spring, amplitude by friction law, gap."""
 
     spring_n_m: float
     amplitudes_m: Mapping[str, float]

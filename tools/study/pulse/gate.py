@@ -29,7 +29,7 @@ WINDOW_MIDDLE = 0.525
 
 
 class Stage(IntEnum):
-    """The crank's stage."""
+    """Stage of the crank within a stride."""
 
     REST = 0
     PUMP = 1
