@@ -35,7 +35,7 @@ BOARDS: dict[BoardName, Board] = {
 }
 OPTIONS = ("-std=c11", "-O2", "-ffp-contract=off", "-nostartfiles", "-nostdlib")
 LIBRARIES = ("-lm", "-lc", "-lgcc")
-"""Of the C library's mathematics only the exact `floorf` and `rintf` are used, without such instructions."""
+"""libm provides only `floorf` and `rintf`, which are exact, on processors without such instructions."""
 EMULATION = (
     *("-display", "none", "-monitor", "none", "-serial", "none"),
     *("-icount", "shift=6,align=off,sleep=off", "-semihosting-config", "enable=on,target=native"),

@@ -19,7 +19,7 @@ from firmware_py.interface.enums import (
 
 
 class Config(NamedTuple):
-    """The core's configuration; it does not change while the firmware runs."""
+    """The core's configuration; it changes only when parameters are written, between two ticks."""
 
     tick_s: float
     drive_link: drive_link.DriveLinkConfig

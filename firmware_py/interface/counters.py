@@ -32,7 +32,7 @@ def refused(counters: Counters, reason: FrameErrorReason) -> Counters:
 
 
 def counted(counters: Counters, repeated: bool, gap: bool) -> Counters:
-    """Count a frame that the codec accepts. `repeated`, `gap`: its counter is equal, or not the next one."""
+    """Count a valid frame: as repeated, or as taken, with `gap` if frames before it are missing."""
     if repeated:
         return counters._replace(rejected_repeated=counters.rejected_repeated + 1)
     gaps = counters.counter_gaps + 1 if gap else counters.counter_gaps

@@ -1,4 +1,4 @@
-"""Transmitting: the torque in every tick and at most one other frame beside it.
+"""Transmitting: the torque in every tick, and at most one other frame.
 
 If a node sent all its slow frames at once, they would delay the frames of every tick on the bus, its own and
 those of other nodes. With one slow frame per tick there is no such delay, and no slow frame waits long: the

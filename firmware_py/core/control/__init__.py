@@ -1,1 +1,1 @@
-"""What the firmware asks of the motor: starting, holding, following a gait, stopping."""
+"""Control of the motor: starting, holding, following a gait, stopping."""

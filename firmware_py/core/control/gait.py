@@ -300,7 +300,7 @@ def _missed(stride: Stride) -> Stride:
 
 
 def _aged(stride: Stride, dt_s: float, walking: bool) -> Stride:
-    """The stride a tick later; without walking no stride is known."""
+    """The stride one tick later; if the wearer does not walk, no stride is known."""
     return stride._replace(
         since_s=min(stride.since_s + dt_s, LONGEST_S),
         since_seen_s=min(stride.since_seen_s + dt_s, LONGEST_S),

@@ -1,4 +1,4 @@
-"""The crank locked to the gait: n turns a stride, and one of their impacts in the push-off window.
+"""The crank's lock to the gait: n turns per stride, with one of their impacts in the push-off window.
 
     r = n f_stride 2π/ω,  n such that r lies nearest to the centre of the impact region
 

@@ -16,7 +16,7 @@ from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
 
 FASTEST_RAD_S = 1000.0
-"""Larger speeds are implausible: 25 times what the motor can do."""
+"""Largest plausible speed: 25 times the motor's limit."""
 
 LATEST_TICKS = 10
 """Largest age of a late reading; a reading that lags by more is wrong, and a longer gap is a fault."""
