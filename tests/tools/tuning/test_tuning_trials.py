@@ -4,9 +4,11 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+import pytest
+
 from hil.record import provenance
 from tools import cli
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import trials
 from tools.tuning.trials import GOAL, Trial, known_trials, module_of, run_trials, summary
 
@@ -64,6 +66,13 @@ def test_a_trial_is_recorded_identified_and_judged(tmp_path: Path) -> None:
     written = path.read_bytes()
     assert run_trials(1, path, seed=41, seconds=20.0, workers=1) == found
     assert path.read_bytes() == written
+
+
+@pytest.mark.parametrize("option", ["--plot", "--rrd", "--scene"])
+def test_what_trials_do_not_use_is_refused(option: str, tmp_path: Path, capsys) -> None:
+    value = str(tmp_path / {"--plot": "x.svg", "--rrd": "x.rrd", "--scene": "gait"}[option])
+    assert cli.run(["tune", "identify", "--trials", "1", option, value]) == EXIT_BAD_INPUT
+    assert f"leave out {option}" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_command_goes_on_with_the_outcomes_of_the_named_file(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -201,6 +201,11 @@ def identify(
             raise BadInputError(
                 f"--trials samples its own modules; leave out {source}, or leave out --trials"
             )
+        for option, value in (("--scene", scene), ("--plot", outputs.plot), ("--rrd", outputs.rrd)):
+            if value is not None:
+                raise BadInputError(
+                    f"--trials identifies no single log; leave out {option}, or leave out --trials"
+                )
         judge_identification(trials, trials_out, workers, outputs.as_json)
         return
     if source is None:
