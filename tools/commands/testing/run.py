@@ -123,7 +123,8 @@ def show(verdict: dict[str, Any]) -> None:
 
 def show_checks(verdict: dict[str, Any]) -> None:
     """Print a run's checks and its verdict."""
-    checks = Table(Column("check", no_wrap=True), "value", "limit", "", box=None, pad_edge=False)
+    figures = (Column(title, no_wrap=True) for title in ("value", "limit", ""))
+    checks = Table(Column("check", overflow="fold"), *figures, box=None, pad_edge=False)
     for check in verdict["checks"]:
         mark = "[green]passed[/]" if check["passed"] else "[bold red]failed[/]"
         plain = (check["name"], figure(check["value"], check["unit"]), str(check["limit"]))
