@@ -24,6 +24,9 @@ BY_NAME: dict[str, Parameter] = {parameter.name: parameter for parameter in TABL
 DEFAULTS: dict[str, float] = {parameter.name: parameter.default for parameter in TABLE}
 OF_THE_BUILD = [parameter.name for parameter in TABLE if parameter.tier is ParameterTier.BUILD]
 
+DIMENSIONLESS = "1"
+"""The unit of a number without one."""
+
 
 class ParameterError(ValueError):
     """A parameter that does not exist, is not a number or is out of bounds; or an invalid file."""
@@ -47,14 +50,13 @@ def checked(name: str, value: Any) -> float:
         near = difflib.get_close_matches(name, BY_NAME, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else "docs/reference/parameters.md lists them all"
         raise ParameterError(f"there is no firmware parameter {name!r}; {hint}")
-    bounds = f"from {parameter.low:g} to {parameter.high:g} {parameter.unit}"
+    unit = "" if parameter.unit == DIMENSIONLESS else f" {parameter.unit}"
+    bounds = f"from {parameter.low:g} to {parameter.high:g}{unit}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ParameterError(f"{name} = {value!r} is no number; give one {bounds}")
     if not within_bounds(INDEX[name], float(value)):
         count = "; a count is a whole number" if parameter.whole else ""
-        raise ParameterError(
-            f"{name} = {value!r} {parameter.unit} is out of bounds; give a value {bounds}{count}"
-        )
+        raise ParameterError(f"{name} = {value!r}{unit} is out of bounds; give a value {bounds}{count}")
     return float(value)
 
 

@@ -199,3 +199,14 @@ def test_interpreted_and_compiled_write_and_configure_alike() -> None:
         other_after, other_status = compiled_write(before, index, 0.5)
         assert (other_after, other_status) == (after, status), index
     assert repr(compiled_config(before, False)) == repr(config_of(before, False))
+
+
+def test_a_refusal_names_the_unit_of_what_has_one() -> None:
+    with pytest.raises(
+        ParameterError, match=r"^start.rise_s = -1 s is out of bounds; give a value from 0.1 to 100 s$"
+    ):
+        config_from({"start.rise_s": -1})
+    with pytest.raises(
+        ParameterError, match=r"^stop.restitution = 7 is out of bounds; give a value from 0 to 1$"
+    ):
+        config_from({"stop.restitution": 7})

@@ -11,7 +11,7 @@ from tools.commands.testing.run import show_checks
 from tools.commands.testing.suite import line_of
 from tools.logs import catalogue as runs
 from tools.logs import view
-from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError
+from tools.output import EXIT_BAD_INPUT, EXIT_NOTHING_RAN, EXIT_PASSED, BadInputError, console
 
 VERDICTS = {
     "good": {"scenario": "one", "passed": True, "impact_v_m_s": 0.91, "fault": "none"},
@@ -100,6 +100,8 @@ def test_scenarios_scenes_and_parameters_are_listed_with_their_titles(capsys):
         assert cli.run(["list", what, "--json"]) == EXIT_PASSED
         found = {one["name"]: one["title"] for one in json.loads(capsys.readouterr().out)[what]}
         assert len(found[name]) > 20
+    assert found["bus.drive_node"].startswith("0: the drive's node number")
+    assert found["start.rise_s"].startswith("4 s: ")
 
 
 def test_the_version_names_the_commit(capsys):
@@ -130,3 +132,11 @@ def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, capsys):
     show_checks({"checks": [check], "reasons": [odd], "passed": False, "out": odd})
     assert "".join(capsys.readouterr().out.split()).count("".join(odd.split())) == 6
     assert line_of(check, many=False).count(r"\[/bold]") == 4
+
+
+def test_verdicts_of_checks_are_whole_in_a_narrow_terminal(monkeypatch, capsys):
+    monkeypatch.setattr(console, "_width", 40)
+    check = {"name": "safe_state.impacts_after_the_stop", "value": 247.123, "unit": "N", "limit": "200 … 260"}
+    show_checks({"checks": [check | {"passed": False}], "reasons": [], "passed": False, "out": "x"})
+    said = capsys.readouterr().out
+    assert all(whole in said for whole in ("247.1 N", "200 … 260", "failed"))

@@ -60,6 +60,8 @@ def scenes() -> Iterator[Named]:
 def parameters() -> Iterator[Named]:
     """The firmware's parameters."""
     from firmware_py.interface.sources.parameter_table import TABLE
+    from firmware_py.shell.parameters import DIMENSIONLESS
 
     for one in TABLE:
-        yield Named(one.name, f"{one.default:g} {one.unit}: {one.meaning}")
+        unit = "" if one.unit == DIMENSIONLESS else f" {one.unit}"
+        yield Named(one.name, f"{one.default:g}{unit}: {one.meaning}")
