@@ -28,16 +28,16 @@ AGE = re.compile(r"(\d+(?:\.\d+)?)([hdw])")
 
 @dataclass(frozen=True)
 class ListedRun:
-    """One run folder; `verdict` is None of a run that is going on or left none."""
+    """One run folder; `verdict` is None for a run that is not finished or left no verdict."""
 
     folder: Path
     begun_s: float
-    """On the clock of the file system, in s since 1970."""
+    """Time at which the run began by the file system's clock, in s since 1970."""
     verdict: dict[str, Any] | None
 
     @property
     def passed(self) -> bool | None:
-        """None without a verdict."""
+        """Whether the run has passed; None without a verdict."""
         return None if self.verdict is None else bool(self.verdict["passed"])
 
     @property
@@ -47,17 +47,17 @@ class ListedRun:
         return f"{(origin.get('commit') or '')[:8]}{'+' if origin.get('edited') else ''}"
 
     def figure(self, name: str) -> Any:
-        """A figure by its dotted name; None where this run has none."""
+        """A figure by its dotted name; None if the run lacks the figure."""
         if self.verdict is None:
             return None
         try:
             return value_of(self.verdict, name)
-        except (KeyError, TypeError):  # a run of another version, or a figure whose group is not there
+        except (KeyError, TypeError):  # a run of another version, or a group of figures that is null
             return None
 
 
 def listed(runs: Path) -> list[ListedRun]:
-    """Every run below `runs`, those of suites too, the newest first."""
+    """Every run in the folder `runs` and its subfolders, including suites, the newest first."""
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
@@ -73,7 +73,7 @@ def listed(runs: Path) -> list[ListedRun]:
 def condition(text: str) -> Callable[[ListedRun], bool]:
     """A test on runs from a text such as `impact_v_m_s > 0.9` or `fault != none`.
 
-    The left side is a figure's name or `passed`. A run without that figure does not meet it.
+    The left side is a figure's name or `passed`. A run without the figure does not meet the condition.
     """
     match = CONDITION.fullmatch(text)
     if match is None:
@@ -117,9 +117,9 @@ def age_s(text: str) -> float:
 
 
 def prune(runs: Iterable[ListedRun], older_than_s: float) -> list[Path]:
-    """Remove what runs that were begun before then have written, and return their folders.
+    """Remove the files of runs that began more than `older_than_s` ago, and return the runs' folders.
 
-    A folder stays where anything else is in it, and altogether where no run has made it.
+    A folder that holds other files too stays with these files. A folder that no run has made is not touched.
     """
     latest_s = time.time() - older_than_s
     old = [run.folder for run in runs if run.begun_s < latest_s and is_own(run.folder)]

@@ -11,12 +11,12 @@ from tools.output import BadInputError, console, figure
 
 PREVIOUS = "previous"
 MOST_SHOWN = 10
-"""Figures that are shown, so that they fit one screen; --json and the suite's page have all."""
+"""Largest number of figures shown, so that they fit one screen; --json and the suite's page have all."""
 COLORS = {"better": "green", "worse": "bold red"}
 
 
 def baseline_result(place: str) -> dict[str, Any]:
-    """The result of the suite in a folder, or of the newest one under runs/ by the word `previous`."""
+    """The result of the suite in a folder; `previous` stands for the newest suite under runs/."""
     from hil.bench.compare_suites import SuiteError, read_suite
     from hil.record.run_folder import RUNS, SUITE_NOTE
 
@@ -33,7 +33,7 @@ def baseline_result(place: str) -> dict[str, Any]:
 
 
 def show_changes(changes: Sequence[Mapping[str, Any]]) -> None:
-    """Print the largest changes of checked figures, then how many there are of each verdict."""
+    """Print the largest changes of checked figures, then the number of figures with each verdict."""
     differing = [one for one in changes if not one["equal"]]
     titles = ("scenario", "figure", "before", "after", "margin before", "after", "")
     table = Table(*(Column(title, overflow="fold") for title in titles), box=None, pad_edge=False)

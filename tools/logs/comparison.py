@@ -1,8 +1,8 @@
 """Two runs side by side: the figures of both, and the first moment at which a signal differs.
 
-Signals are compared on simulated time, record by record and bit by bit as logged; what the machine took is
-left out. Frames are compared where both runs kept the simulated clock: on a real bus they carry the times at
-which they came.
+Signals are compared on simulated time, record by record and bit by bit as logged; measured times of the
+machine are left out. Frames are compared unless a run had the clock `real` or `patient`: the frames of such a
+run have the times of their reception.
 """
 
 import math
@@ -25,7 +25,7 @@ from hil.show.log_stream import APPLICATION_ID, colors
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
-"""In the order in which one tick's causes lie."""
+"""In the order of cause and effect within one tick."""
 TICKED = ("operator", "plant", "firmware")
 NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")
@@ -33,11 +33,11 @@ TIMING = frozenset(
     {"tick_us", "wake_us", "loops", "overruns", "baseline_overruns", "late_wakeups", "long_work", "memory"}
     | {"realtime_factor", "real_time", "latched"}
 )
-"""Groups of figures that the machine makes, not the module."""
+"""Groups of figures that depend on the machine, not on the module."""
 
 
 class Difference(NamedTuple):
-    """The first moment at which two runs differ, and what each has there; None is nothing."""
+    """The first moment at which two runs differ, and the value of each there; None for a missing value."""
 
     t_s: float
     signal: str
@@ -46,7 +46,7 @@ class Difference(NamedTuple):
 
 
 def alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
-    """Where two columns of the same length hold the same; NaN is like NaN. Shape (n,)."""
+    """Mask, shape (n,), of the rows in which two columns of the same length are equal; NaN equals NaN."""
     same: NDArray[np.bool_] = np.asarray(a == b, bool)
     if a.dtype.kind == "f" and b.dtype.kind == "f":
         same = same | (np.isnan(a) & np.isnan(b))
@@ -54,7 +54,7 @@ def alike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def cell(values: NDArray[Any], row: int) -> Any:
-    """One value as people and JSON take it: bytes in hexadecimal, None past the end."""
+    """One value for JSON: bytes become hexadecimal text; None for a row past the end."""
     if row >= len(values):
         return None
     value = values[row]
@@ -64,8 +64,8 @@ def cell(values: NDArray[Any], row: int) -> Any:
 def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Difference | None:
     """The first difference within one table.
 
-    Ticks are paired by their time, so that one which a loop skipped is no difference of its own; the rows of
-    other tables are paired in order, and differ where their times do.
+    Ticks are paired by their time, so that a tick that a loop skipped does not count as a difference. The
+    rows of other tables are paired in order, and a difference of their times counts.
     """
     t_a, t_b = table_a["t_s"].to_numpy(), table_b["t_s"].to_numpy()
     found: Difference | None = None
@@ -102,9 +102,10 @@ def first_in_table(name: str, table_a: pa.Table, table_b: pa.Table) -> Differenc
 def paired(
     blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table], by_time: bool
 ) -> Iterator[tuple[pa.Table, pa.Table]]:
-    """Parts of two tables that belong together, one after the other: all but the last end with a common row.
+    """Corresponding parts of two tables, one after the other; all but the last end with a common row.
 
-    A row is common by its time or by its number. The next part begins with it, so that none is empty.
+    Common rows have the same time or the same number. The next part begins with this row, so that no part is
+    empty.
     """
     left_a, left_b = iter(blocks_a), iter(blocks_b)
     a, b = next(left_a), next(left_b)
@@ -129,14 +130,14 @@ def paired(
 def first_in_blocks(
     name: str, blocks_a: Iterable[pa.Table], blocks_b: Iterable[pa.Table]
 ) -> Difference | None:
-    """The first difference within one table that is read in blocks."""
+    """The first difference within one table, which is read in blocks."""
     parts = paired(blocks_a, blocks_b, name in TICKED)
     found = (first_in_table(name, part_a, part_b) for part_a, part_b in parts)
     return next((difference for difference in found if difference is not None), None)
 
 
 def first_difference(a: Run, b: Run) -> Difference | None:
-    """The first difference of two runs; among equal times the earlier in the chain of causes."""
+    """The first difference of two runs; of simultaneous differences the first in the order of TRACES."""
     names = [name for name in TRACES if name in a.names or name in b.names]
     if all(run.traces.run.get("clock") not in ("real", "patient") for run in (a, b)):
         names += [name for name in ("can/raw",) if name in a.names or name in b.names]
@@ -157,7 +158,7 @@ def first_difference(a: Run, b: Run) -> Difference | None:
 
 
 def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
-    """Every figure of both runs, by dotted name: a, b, b less a where both are numbers, and the unit."""
+    """Every figure of both runs, by dotted name: a, b, b − a if both are numbers, and the unit."""
     rows = {}
     for spec in CATALOGUE.values():
         value_a, value_b = (value_of(run.verdict, spec.name) for run in (a, b))
@@ -170,12 +171,12 @@ def figures_side_by_side(a: Run, b: Run) -> dict[str, dict[str, Any]]:
 
 
 def is_timing(name: str) -> bool:
-    """Whether a figure says what the machine took, which differs from run to run."""
+    """Whether a figure depends on the machine, so that it differs from run to run."""
     return name.split(".", maxsplit=1)[0] in TIMING
 
 
 def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The figures that differ: words and missing ones first, then by the size of their relative change."""
+    """The figures that differ: texts and missing ones first, then by relative change; timing comes last."""
 
     def size(name: str) -> float:
         row = figures[name]
@@ -188,7 +189,7 @@ def largest_changes(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def compare(a: Run, b: Run) -> dict[str, Any]:
-    """Both runs' figures, whether all their signals are equal, and where they first are not."""
+    """The figures of both runs, whether all signals are equal, and the first difference."""
     difference = first_difference(a, b)
     figures = figures_side_by_side(a, b)
     return {
@@ -203,7 +204,7 @@ def compare(a: Run, b: Run) -> dict[str, Any]:
 
 
 def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
-    """Both runs in one recording, all of one under /a and of the other under /b, with plots of both."""
+    """Write both runs into one recording, one under /a and the other under /b, with plots of both."""
     recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
     recording.save(path, default_blueprint=overlay(None if difference is None else difference.t_s))
     recording.send_recording_name(f"{a.log.parent.name} (a), {b.log.parent.name} (b)")

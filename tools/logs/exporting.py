@@ -36,7 +36,7 @@ class DecodedFrames(NamedTuple):
 
 
 def decoded(run: Run) -> Iterator[DecodedFrames]:
-    """The frames of a run's log that have signals, one name after the other."""
+    """The frames of a run's log that have signals, grouped by name; BadInputError if there are none."""
     units = {
         message.name: {signal.name: signal.unit or "" for signal in message.signals}
         for message in database().messages
@@ -49,7 +49,7 @@ def decoded(run: Run) -> Iterator[DecodedFrames]:
 
 
 def frames_of(run: Run, name: str, units: Mapping[str, str]) -> DecodedFrames:
-    """The frames of one name."""
+    """The frames of one name, decoded."""
     table = run.table(f"{CAN}{name}")
     signals = {
         column: table[column].to_numpy() for column in table.column_names if column not in TIME_COLUMNS
@@ -108,7 +108,7 @@ def as_parquet(frames: Iterable[DecodedFrames], folder: Path) -> None:
 
 
 def as_csv(frames: Iterable[DecodedFrames], folder: Path) -> None:
-    """Write a file for each frame; a column is called `name [unit]`."""
+    """Write a file for each frame; the title of a column is `name [unit]`."""
     folder.mkdir(parents=True, exist_ok=True)
     for one in frames:
         units = {"t_s": "s", **one.units}
@@ -128,7 +128,7 @@ FORMATS: Mapping[str, Callable[[Iterable[DecodedFrames], Path], None]] = {
 
 
 def export(run: Run, kind: str, out: Path) -> dict[str, int]:
-    """Write the frames of `run` to `out`, a file or a folder by `kind`; how many there are of each name."""
+    """Write the frames of `run` to `out`, a file or a folder by `kind`; return their number by name."""
     counts: dict[str, int] = {}
 
     def counting(frames: Iterable[DecodedFrames]) -> Iterator[DecodedFrames]:

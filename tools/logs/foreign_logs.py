@@ -1,7 +1,7 @@
-"""CAN logs of other programs, read by python-can's readers: by the line where they are text.
+"""CAN logs of other programs, read by python-can's readers: text formats line by line.
 
-A line that cannot be read is named with its number; a tolerant reading leaves it out and counts it. A missing
-end is reported: python-can's readers end in silence there.
+The error for an unreadable line has the line's number; a tolerant reading lists such lines and leaves them
+out. A truncated log is reported, because python-can's readers end without an error there.
 """
 
 import gzip
@@ -23,18 +23,18 @@ TEXT_READERS = {
 }
 FORMATS = "candump's .log, or .asc, .blf, .trc, .csv, .db or .mf4, the text formats also with .gz"
 COMMENTS = ("#", ";", "//")
-"""How a comment in candump's log begins; blank lines are none of its frames either."""
+"""Beginnings of a comment in candump's log; comments and blank lines are left out."""
 MOST_BAD_LINES = 100
-"""A tolerant reading begins anew after each; a log with more of them is of another kind."""
+"""Largest number of unreadable lines: each restarts the reading, and more mean a log of another format."""
 SHOWN_CHARACTERS = 60
 LATEST_S = 1e11
-"""Of a message: Unix time of the year 5138."""
+"""Latest time of a message: Unix time of the year 5138."""
 LARGEST_BYTES = 64 << 20
-"""Of a log, unpacked: a quarter of an hour of the bus, of which python-can makes a gigabyte."""
+"""Largest unpacked log: a quarter of an hour of the bus, which takes python-can a gigabyte of memory."""
 
 
 class BadLine(NamedTuple):
-    """A line that could not be read: its number from 1 on, its text cut to fit a line, and why."""
+    """An unreadable line: its number from 1 on, its shortened text, and the reason."""
 
     number: int
     text: str
@@ -42,7 +42,7 @@ class BadLine(NamedTuple):
 
 
 class ForeignLog(NamedTuple):
-    """All messages of a log in order of the file, the lines left out, and how its end is missing."""
+    """All messages of a log in the file's order, the lines left out, and a sign of truncation, if any."""
 
     messages: list[can.Message]
     left_out: list[BadLine]
@@ -50,7 +50,7 @@ class ForeignLog(NamedTuple):
 
 
 class CountedLines(io.TextIOBase):
-    """Lines as a file that counts those it has given out, and leaves some out."""
+    """A text file from lines that leaves some lines out; `number` is the last line that was read."""
 
     def __init__(self, lines: Sequence[str], left_out: set[int]) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ class CountedLines(io.TextIOBase):
         self._left_out = left_out
 
     def readline(self, _: int | None = -1) -> str:  # type: ignore[override]  # no reader asks for a part
-        """The next line, or nothing at the end."""
+        """The next line; empty at the end."""
         while self.number < len(self._lines):
             self.number += 1
             if self.number not in self._left_out:
@@ -67,12 +67,12 @@ class CountedLines(io.TextIOBase):
         return ""
 
     def read(self, _: int | None = -1) -> str:
-        """All lines that are left."""
+        """All remaining lines."""
         return "".join(self)
 
 
 def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
-    """Read a log, whose ending says what it is; raise `BadInputError` where it cannot be read."""
+    """Read a log in the format given by its name's ending; `BadInputError` if it cannot be read."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     packed = suffixes[-1:] == [".gz"]
     kind = suffixes[-2] if packed and len(suffixes) > 1 else path.suffix.lower()
@@ -84,7 +84,7 @@ def read_log(path: Path, tolerant: bool = False) -> ForeignLog:
 
 
 def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog:
-    """Read a log of lines."""
+    """Read a log in a text format."""
     try:
         with path.open("rb") as stored:
             content = (gzip.GzipFile(fileobj=stored) if packed else stored).read(LARGEST_BYTES + 1)
@@ -115,14 +115,14 @@ def read_text(path: Path, kind: str, packed: bool, tolerant: bool) -> ForeignLog
 
 
 def text_truncation(kind: str, text: str) -> str | None:
-    """How the end of a log of lines is missing."""
+    """A sign that a log in a text format is truncated; None without one."""
     if kind == ".asc" and "begin triggerblock" in text.lower() and "end triggerblock" not in text.lower():
         return "its last line is not End TriggerBlock"
     return "its last line has no end" if text and not text.endswith("\n") else None
 
 
 def timed(message: can.Message) -> can.Message:
-    """The message; raises `ValueError` where its time is none, as a damaged file's may be."""
+    """Return the message; `ValueError` if its time is invalid, as in a damaged file."""
     if not (isinstance(message.timestamp, int | float) and abs(message.timestamp) < LATEST_S):
         raise ValueError(f"a message has the time {message.timestamp!r}")
     return message
@@ -135,7 +135,7 @@ def refuse_large(path: Path, size: int) -> None:
 
 
 def read_binary(path: Path, tolerant: bool) -> ForeignLog:
-    """Read a log that is no text; a tolerant reading keeps what comes before an error."""
+    """Read a log in a binary format; a tolerant reading keeps the messages before an error."""
     messages: list[can.Message] = []
     refuse_large(path, path.stat().st_size)
     try:
@@ -154,6 +154,6 @@ def read_binary(path: Path, tolerant: bool) -> ForeignLog:
 
 
 def blf_truncation(path: Path, reader: can.BLFReader) -> str | None:
-    """How much of a .blf file is missing by its own header."""
+    """The sizes of a .blf file that is shorter than its header states; None for a complete file."""
     there, wanted = path.stat().st_size, reader.file_size
     return f"it has {there} of {wanted} bytes" if there < wanted else None

@@ -22,25 +22,25 @@ from tools.output import BadInputError
 PERIOD_S = 1e-3
 """The bus's tick."""
 EARLIEST_WALL_S = 1e8
-"""Times before 1973 are no wall time but counted from the log's own start."""
+"""Times before 1973 are not wall time; they count from the start of the log."""
 
 
 @dataclass
 class Census:
-    """The frames of a log: how many there are, and which cannot be shown as signals."""
+    """The number of a log's frames, and of those that cannot be shown as signals."""
 
     frames: int = 0
     known: int = 0
     unknown: Counter[str] = field(default_factory=Counter)
     """Frames whose identifier is not in the DBC, by identifier."""
     refused: Counter[str] = field(default_factory=Counter)
-    """Frames whose identifier is there but whose data cannot be decoded, by identifier."""
+    """Frames whose identifier is in the DBC but whose data cannot be decoded, by identifier."""
     skipped: Counter[str] = field(default_factory=Counter)
     """Counts by kind of frames other than data frames of classic CAN with 11-bit identifiers."""
 
 
 def kind_of(message: can.Message) -> str | None:
-    """Why a message is none of the bench's frames; None if it may be one."""
+    """The kind of a message that cannot be a frame of the bench; None for a classic 11-bit data frame."""
     if message.is_error_frame:
         return "error frame"
     if message.is_remote_frame:
@@ -51,7 +51,7 @@ def kind_of(message: can.Message) -> str | None:
 
 
 def of_channel(messages: list[can.Message], channel: str | None, path: Path) -> list[can.Message]:
-    """The messages of one channel; where a log has several, one must be named."""
+    """The messages of one channel; BadInputError if a log has several and none is named."""
     channels = Counter(str(message.channel) for message in messages)
     found = ", ".join(f"{name} ({number} messages)" for name, number in sorted(channels.items()))
     if channel is None and len(channels) > 1:
@@ -64,7 +64,7 @@ def of_channel(messages: list[can.Message], channel: str | None, path: Path) -> 
 
 
 def count(census: Census, frame: Frame) -> None:
-    """Note whether the DBC can make signals of a frame."""
+    """Count a frame as known, unknown or refused by the DBC."""
     census.frames += 1
     name = f"0x{frame.can_id:03X}"
     codec = CODEC_BY_ID.get(frame.can_id)
@@ -81,7 +81,7 @@ def count(census: Census, frame: Frame) -> None:
 def import_log(
     path: Path, out_dir: Path | None, channel: str | None = None, tolerant: bool = False
 ) -> dict[str, Any]:
-    """Make a run folder of a log; says where it is and what was in the log."""
+    """Make a run folder from a log; return the folder's path and the contents of the log."""
     if not path.is_file():
         raise BadInputError(f"{path} is not there; wanted {FORMATS}")
     census = Census()

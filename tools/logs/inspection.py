@@ -28,7 +28,7 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def as_text(table: pa.Table) -> pa.Table:
-    """A table whose columns CSV can hold: bytes in hexadecimal."""
+    """A table for CSV: bytes become hexadecimal text; BadInputError for a column of lists."""
     columns = {}
     for name in table.column_names:
         values = table[name]
@@ -41,7 +41,7 @@ def as_text(table: pa.Table) -> pa.Table:
 
 
 def plot_signals(run: Run, signals: list[str], path: Path) -> None:
-    """Draw signals below each other over simulated time; the file's ending gives the format."""
+    """Draw signals one below the other over simulated time; the file's ending gives the format."""
     from matplotlib.figure import Figure
 
     drawn = [(name, *run.signal(name)) for name in signals]

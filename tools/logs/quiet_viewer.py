@@ -1,8 +1,8 @@
 """Rerun's viewer in a browser, on a page that communicates with this machine only.
 
-The page that Rerun serves asks a font service for its letters, GitHub for the newest version and sends usage
-data to Rerun, which its setting for that does not reach in a browser. Here it is served once more with a
-content security policy under which the browser refuses all that.
+The page that Rerun serves requests fonts from a font service and the newest version from GitHub, and sends
+usage data to Rerun; Rerun's setting against this has no effect in a browser. This module serves the same page
+with a content security policy under which the browser refuses these connections.
 """
 
 import re
@@ -29,13 +29,13 @@ POLICY = "; ".join(
     )
 )
 FOREIGN_LINK = re.compile(rb"<link[^>]*https://[^>]*>")
-"""A policy does not keep a browser from connecting ahead to where a link may lead."""
+"""Links to remove: in spite of the policy, a browser may connect to their targets in advance."""
 SERVED = frozenset({"/", "/re_viewer.js", "/re_viewer_bg.wasm", "/favicon.ico"})
 ADDRESS = re.compile(r"connect at (http://[^?\s]+)\?(\S+)")
 
 
 def handler_for(viewer: str) -> type[BaseHTTPRequestHandler]:
-    """Hands on the pages of Rerun's own server at `viewer`, under the policy."""
+    """A handler that serves the pages of Rerun's own server at `viewer` under the policy."""
 
     @lru_cache
     def page(path: str) -> tuple[str, bytes]:
@@ -54,17 +54,17 @@ def handler_for(viewer: str) -> type[BaseHTTPRequestHandler]:
             self.send_header("Content-Length", str(len(content)))
             self.send_header("Content-Security-Policy", POLICY)
             self.end_headers()
-            with suppress(ConnectionError):  # the browser may have gone elsewhere
+            with suppress(ConnectionError):  # the browser may have left the page
                 self.wfile.write(content)
 
         def log_message(self, *_: object) -> None:
-            """Nobody reads a list of pages."""
+            """Do not print the requested pages."""
 
     return Handler
 
 
 def address_said(output: IO[str]) -> tuple[str, str]:
-    """Where Rerun's server says it serves its page, and what the page is to load."""
+    """The page's address and its query, from the output of Rerun's server; RerunError without one."""
     said = []
     for line in output:
         if found := ADDRESS.search(line):
@@ -77,7 +77,7 @@ def address_said(output: IO[str]) -> tuple[str, str]:
 def served(
     command: Sequence[str], environment: Mapping[str, str]
 ) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Start Rerun's server by `command`; gives the address to open and the process."""
+    """Start Rerun's server by `command`; give the address to open and the process."""
     with ExitStack() as stack:
         server = stack.enter_context(ThreadingHTTPServer((LOOPBACK, 0), BaseHTTPRequestHandler))
         page = f"http://{LOOPBACK}:{server.server_port}"

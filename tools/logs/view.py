@@ -18,13 +18,13 @@ from tools.output import BadInputError, progress_console
 
 LOOPBACK = "127.0.0.1"
 LIVE_PORT = 9876
-"""Where Rerun's viewers listen for runs that are going on; its own default."""
+"""Port on which Rerun's viewers listen for live runs; Rerun's own default."""
 LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
 OPENING_S = 20.0
 
 
 def viewer_command(log: Path, web: bool, port: str = "auto") -> list[str]:
-    """How the viewer is started; it listens on the loopback interface only, on a port that is free."""
+    """Command for a viewer of a log; it listens on the loopback interface only, by default on a free port."""
     command = [str(rerun_program()), str(log), "--bind", LOOPBACK, "--port", port]
     return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
 
@@ -41,7 +41,7 @@ def has_display() -> bool:
 
 
 def view(run: Path | None, web: bool, live: bool) -> None:
-    """Open `run`, or a viewer that waits for live ones; stay until the window is closed or Ctrl-C."""
+    """Open `run`, or a viewer that waits for live runs; return when the window is closed or on Ctrl-C."""
     if live and run is not None:
         raise BadInputError(f"--live waits for runs that are going on; leave out {run}, or leave out --live")
     log = None if live else log_of(run)
@@ -64,7 +64,7 @@ def view(run: Path | None, web: bool, live: bool) -> None:
 
 
 def in_window(log: Path) -> None:
-    """Open a log and wait until its window is closed; its cursor stands on the first failed check, if any."""
+    """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
     at_s = read_json(log.parent / VERDICT).get("first_failure_s")
     port = free_port()
     command = viewer_command(log, web=False, port=str(port))
@@ -76,14 +76,14 @@ def in_window(log: Path) -> None:
 
 
 def free_port() -> int:
-    """A port of the loopback interface that nobody listens on."""
+    """A port of the loopback interface that is not in use."""
     with socket.socket() as taken:
         taken.bind((LOOPBACK, 0))
         return int(taken.getsockname()[1])
 
 
 def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
-    """Put the time cursor on a moment as soon as the viewer has loaded its log; say so where it does not."""
+    """Set the time cursor as soon as the viewer has loaded its log; print the time if this fails."""
     from rerun.experimental import ViewerClient
 
     deadline_s = time.monotonic() + OPENING_S
@@ -99,7 +99,7 @@ def put_cursor(url: str, at_s: float, viewer: subprocess.Popen[bytes]) -> None:
 
 
 def view_together(folders: Sequence[Path]) -> None:
-    """Open several runs in one viewer; stay until its window is closed."""
+    """Open several runs in one viewer; return when its window is closed."""
     if not has_display():
         raise BadInputError(
             "no display to open a window on; look at one run in a browser with `vibrohil view --web`"
@@ -110,7 +110,7 @@ def view_together(folders: Sequence[Path]) -> None:
 
 
 def in_browser(command: list[str], shown: str) -> None:
-    """Serve the viewer until Ctrl-C, and open a browser on it where there is one."""
+    """Serve the viewer until Ctrl-C, and open it in a browser if there is one."""
     with quiet_viewer.served(command, rerun_environment()) as (address, process):
         progress_console.print(f"{shown}: at {address} until Ctrl-C", soft_wrap=True)
         webbrowser.open(address)
@@ -119,14 +119,14 @@ def in_browser(command: list[str], shown: str) -> None:
 
 
 def waiting_for_runs() -> bool:
-    """Whether a viewer is open that takes live runs."""
+    """Whether an open viewer waits for live runs."""
     with socket.socket() as caller:
         caller.settimeout(1.0)
         return caller.connect_ex((LOOPBACK, LIVE_PORT)) == 0
 
 
 def live_viewer() -> str:
-    """The URL of an open viewer; a window is opened where there is none and a display to open it on."""
+    """The URL of the open viewer; if there is none, open a window, or raise BadInputError without display."""
     if waiting_for_runs():
         return LIVE_URL
     if not has_display():
