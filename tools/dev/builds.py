@@ -1,14 +1,15 @@
 """`python -m tools.dev.builds [NAME…]`: the firmware's builds side by side, in lockstep.
 
 Each scenario runs once on the `python` build, whose algebra is filterpy's, and once on the `compiled` one.
-Rounding differs, so bytes may; both have to go through the same modes and faults and detect the same impacts,
-each within a tick. `vibrohil compare` of a suite on each build compares the verdicts.
+Rounding differs, so the sent bytes may differ; modes, faults and detected impacts must be the same, each
+within a tick. `vibrohil compare` of a suite on each build compares the verdicts.
 
 In the first run two more nodes receive the same frames: the interpreted firmware with its algebra written
-out, and the compiled one. These two have to send the same bytes in every tick. Without names: all scenarios.
+out, and the compiled firmware. These two must send the same bytes in every tick. Without names: all
+scenarios.
 
 `--board cortex-m7` instead runs each scenario on the emulated board and on the compiled build, `--board
-cortex-m4f` on the board and on `host-single`: can.log has to be the same to the byte.
+cortex-m4f` on the board and on `host-single`: can.log must be the same to the byte.
 """
 
 import argparse
@@ -41,7 +42,7 @@ class DifferentBytesError(AssertionError):
 
 @contextmanager
 def written_out() -> Iterator[None]:
-    """The interpreted firmware's algebra is the compiled one's."""
+    """Within the context, the interpreted firmware uses the algebra of the compiled firmware."""
     shipped = kalman.predict, kalman.update
     kalman.predict, kalman.update = kalman.predict_written_out, kalman.update_written_out
     try:
@@ -51,7 +52,7 @@ def written_out() -> Iterator[None]:
 
 
 class Beside(FirmwareNode):
-    """The interpreted firmware, and on the same frames its written-out algebra, interpreted and compiled."""
+    """The interpreted firmware; on the same frames, its written-out algebra runs interpreted and compiled."""
 
     def __init__(self, config: Config, parameters: Mapping[str, Any] | None = None) -> None:
         super().__init__(config, parameters)
@@ -60,7 +61,7 @@ class Beside(FirmwareNode):
         self._ticks = 0
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """One control tick of all three."""
+        """Run one control tick of all three; DifferentBytesError if the written-out algebras differ."""
         self._ticks += elapsed_ticks
         with written_out():
             sent = self._written_out.tick(frames_in, elapsed_ticks)
@@ -71,21 +72,21 @@ class Beside(FirmwareNode):
 
 
 def decided_by_python(scenario: Scenario, seed: int) -> Decisions:
-    """Of a run on the `python` build; raise DifferentBytesError where the other two nodes differ."""
+    """Decisions of a run on the `python` build; DifferentBytesError if the other two nodes differ."""
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(scenario, Path(folder), seed, silent, make=Beside)
         return decisions_of(read(Path(folder) / "firmware.trace"))
 
 
 def decided_by_compiled(scenario: Scenario, seed: int) -> Decisions:
-    """Of a run on the `compiled` build."""
+    """Decisions of a run on the `compiled` build."""
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(scenario, Path(folder), seed, silent, "compiled")
         return decisions_of(read(Path(folder) / "firmware.trace"))
 
 
 def difference(name: str, seed: int) -> str:
-    """The first difference in the scenario of this name; empty without one."""
+    """The first difference between the builds in a scenario; empty if there is none."""
     scenario = load_scenario(name)
     warm_plant(scenario.scene)
     try:
@@ -96,11 +97,11 @@ def difference(name: str, seed: int) -> str:
 
 
 HERE: dict[str, Build] = {"cortex-m7": "compiled", "cortex-m4f": "host-single"}
-"""The build on this machine that computes as a board does."""
+"""For each board, the build on this machine that computes the same numbers."""
 
 
 def different_log(name: str, seed: int, board: Build) -> str:
-    """The first line in which can.log on the board is another one than on this machine; empty if none is."""
+    """The first line in which can.log differs between board and this machine; empty if there is none."""
     logs = []
     for build in (board, HERE[board]):
         with tempfile.TemporaryDirectory() as folder:
@@ -111,14 +112,14 @@ def different_log(name: str, seed: int, board: Build) -> str:
 
 
 def main() -> None:
-    """Compare, and exit with 1 where anything differs."""
+    """Compare the builds, and exit with status 1 if any scenario differs."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.builds", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--board", choices=HERE)
     given = parser.parse_args()
     names = given.names or scenario_names()
-    # Compiled once, for all processes.
+    # Compile once for all processes.
     if given.board is None:
         warm_firmware({}, "compiled")
         compare, same = partial(difference, seed=given.seed), "the same bytes and decisions"

@@ -1,7 +1,7 @@
 """`python -m tools.dev.coverage [NAME…]`: the branches of the firmware that no scenario reaches.
 
-Each scenario runs in lockstep on the interpreted firmware. Printed are the branches of `firmware_py/core` and
-`firmware_py/node` that none of them takes. Without names: all scenarios.
+Each scenario runs in lockstep on the interpreted firmware. The program prints the branches of
+`firmware_py/core` and `firmware_py/node` that no scenario takes. Without names: all scenarios.
 """
 
 import argparse
@@ -22,11 +22,11 @@ FIRMWARE = Path(__file__).parents[2] / "firmware_py"
 INCLUDED = [str(FIRMWARE / room / "*") for room in ("core", "node")]
 
 _measuring: list[coverage.Coverage] = []
-"""Of a worker."""
+"""The measurement of a worker process; empty in the main process."""
 
 
 class Branch(NamedTuple):
-    """A step to another line that was never taken; `to_line` is negative where it leaves a function."""
+    """A branch that was never taken; `to_line` is negative if it leaves the function."""
 
     path: Path
     line: int
@@ -39,14 +39,14 @@ class Branch(NamedTuple):
 
 
 def measured(data_file: str) -> None:
-    """Measure all that this process will run; the firmware is not imported yet."""
+    """Start the measurement in this process, before the firmware is imported."""
     one = coverage.Coverage(data_file=data_file, data_suffix=True, branch=True, include=INCLUDED)
     one.start()
     _measuring.append(one)
 
 
 def run(name: str) -> None:
-    """Run a scenario."""
+    """Run a scenario and save its coverage."""
     from hil.bench.lockstep import run_lockstep
     from hil.scenario.scenario import load_scenario
 
@@ -59,14 +59,14 @@ def run(name: str) -> None:
 
 
 def missed(report: Any) -> Iterator[Branch]:
-    """The branches that a JSON report of coverage knows as never taken."""
+    """The branches that were never taken according to coverage's JSON report."""
     for path, found in sorted(report["files"].items()):
         for line, to_line in found["missing_branches"]:
             yield Branch(Path(path).resolve(), line, to_line)
 
 
 def main() -> None:
-    """Run, and list what is missing."""
+    """Run the scenarios and print the branches that none of them takes."""
     from hil.scenario.scenario import scenario_names
 
     parser = argparse.ArgumentParser(prog="python -m tools.dev.coverage", description=__doc__)
@@ -74,7 +74,7 @@ def main() -> None:
     names = parser.parse_args().names or scenario_names()
     with tempfile.TemporaryDirectory() as folder:
         data_file = str(Path(folder) / "data")
-        this = import_module("tools.dev.coverage")  # in which workers find what they run
+        this = import_module("tools.dev.coverage")  # workers import their functions from this module
         with Workers(this.run, os.cpu_count() or 1, partial(this.measured, data_file)) as processes:
             for done, (name, ended) in enumerate(processes.results(names), 1):
                 alive(ended)

@@ -2,10 +2,11 @@
 
     python -m tools.dev.mutation MODULE TEST [TEST…]
 
-One change at a time (a comparison's operator or edge, and/or, a sign, a number, an enumeration's member, the
-branches of a conditional expression), each in a forked process of its own that runs the named tests until
-one fails. The code as it is must pass them first: tests that fail anyway, or are not found, would kill every
-mutant. mutmut leaves decorated functions alone, and every function of the firmware's core is decorated.
+Each mutant has one change (a comparison's operator or edge, and/or, a sign, a number, an enumeration's
+member, the branches of a conditional expression) and its own forked process, which runs the named tests until
+one fails. The unchanged code must pass the tests first: tests that fail anyway, or are not found, would kill
+every mutant. mutmut is not used, because it does not mutate decorated functions, and every function of the
+firmware's core is decorated.
 """
 
 import ast
@@ -26,7 +27,7 @@ import filterpy.kalman  # noqa: F401 - loaded once, before the forks
 import pytest
 
 LONGEST_S = 120
-"""Of processor time: a mutant that takes longer hangs, and so does not survive."""
+"""Limit of processor time in s: a mutant that takes longer hangs, and so does not survive."""
 
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -47,7 +48,7 @@ ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
 
 
 class Mutant(NamedTuple):
-    """One change: where, what it was and is, and the whole module with it."""
+    """One change: its line, the code before and after, and the whole module with the change."""
 
     line: int
     before: str
@@ -56,7 +57,7 @@ class Mutant(NamedTuple):
 
 
 def changes(node: ast.AST, members: dict[str, list[str]]) -> Iterator[ast.AST]:
-    """Every other node that may stand in `node`'s place. `members` names the enumerations' members."""
+    """Every mutation of `node`; `members` has the names of the members of each enumeration."""
     match node:
         case ast.Compare(ops=[operator], left=left, comparators=comparators):
             for other in COMPARISONS.get(type(operator), ()):
@@ -101,7 +102,7 @@ def mutants(source: str, members: dict[str, list[str]]) -> Iterator[Mutant]:
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[ast.AST, str, int | None, ast.expr]]:
-    """Every expression that runs, with its place in its parent; annotations and decorators do not count."""
+    """Every expression with its parent, field and index, except in annotations and decorators."""
     for parent in ast.walk(tree):
         for field, value in ast.iter_fields(parent):
             if field in ("annotation", "returns", "decorator_list"):
@@ -115,7 +116,7 @@ def _places(tree: ast.Module) -> Iterator[tuple[ast.AST, str, int | None, ast.ex
 
 
 def members_of(module: ModuleType) -> dict[str, list[str]]:
-    """The enumerations that a module knows, and their members."""
+    """The enumerations in a module's namespace, and their members."""
     return {
         name: [member.name for member in value]
         for name, value in vars(module).items()
@@ -124,7 +125,7 @@ def members_of(module: ModuleType) -> dict[str, list[str]]:
 
 
 def passes(name: str, code: ast.Module, tests: Sequence[str]) -> bool:
-    """Whether the tests pass where the module is `code`. Runs in a process of its own."""
+    """Whether the tests pass with `code` as the module; they run in a forked process."""
     child = os.fork()
     if child == 0:
         os._exit(_in_child(name, code, tests))
@@ -138,7 +139,7 @@ def _in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     sys.meta_path.insert(0, _Finder(name, lambda: compile(code, name, "exec")))
-    # All of the package is loaded anew: what has been loaded holds the module as it was.
+    # Import the whole package again: loaded modules refer to the unchanged module.
     for loaded in list(sys.modules):
         if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
             del sys.modules[loaded]
@@ -147,7 +148,7 @@ def _in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds one module, whose code is another than its file's."""
+    """Imports one module with code that differs from its file."""
 
     def __init__(self, name: str, code: Callable[[], CodeType]) -> None:
         self.name, self.code = name, code
@@ -155,7 +156,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """The one module's specification, None for any other."""
+        """The specification of the changed module; None for other modules."""
         return importlib.machinery.ModuleSpec(fullname, self) if fullname == self.name else None
 
     def exec_module(self, module: ModuleType) -> None:
@@ -164,7 +165,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def main(name: str, tests: Sequence[str]) -> int:
-    """Try all mutants and print those that survive. The exit code is 1 if any does, 4 for unusable tests."""
+    """Try all mutants and print the survivors. The exit status is 1 if any survives, 4 for unusable tests."""
     specification = importlib.util.find_spec(name)
     assert specification is not None
     assert specification.origin is not None

@@ -2,10 +2,10 @@
 
     python -m tools.dev.pauses --runs 20
 
-Runs the scenario beside two busy loops, and with pauses of 5, 15, 25 and 40 ms put on the firmware,
-about one a second at random moments; the conditions take turns. A run is in order if its physics pass, or its
-verdict names the machine as the cause. Without the right to real-time priority (as an ordinary user)
-the busy loops come between the ticks. Exits with 1 if a run failed without the machine being named.
+Runs the scenario beside two busy loops, and with the firmware paused for 5, 15, 25 and 40 ms at random times,
+about once a second; the conditions alternate. A run is in order if its physics pass, or if its verdict names
+the machine as the cause. Without permission for real-time priority (as an ordinary user), the busy loops
+delay the ticks. The exit status is 1 if a run failed and its verdict does not name the machine.
 """
 
 import argparse
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
 
 @contextmanager
 def busy_loops() -> Iterator[None]:
-    """Two processes that compute for nothing."""
+    """Two processes in endless loops, which end with the context."""
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
         yield
@@ -55,7 +55,7 @@ def busy_loops() -> Iterator[None]:
 
 
 def pause_at_random(run: "subprocess.Popen[bytes]", folder: Path, pause_s: float, seed: int) -> None:
-    """Pause the firmware now and then, from the start of the script until the run ends."""
+    """Pause the firmware at random times, from the start of the script until the run ends."""
     random_numbers = random.Random(seed)
     while "t0_ns" not in read_json(folder / "run.json") and run.poll() is None:
         time.sleep(LOOK_S)
@@ -90,7 +90,7 @@ def one_run(condition: str, pause_ms: int, seed: int) -> Outcome:
 
 
 def outcome_of(verdict: dict[str, Any]) -> Outcome:
-    """The outcome in a verdict."""
+    """The outcome of a run according to its verdict."""
     failed = [f"{check['name']} = {check['value']}" for check in verdict["checks"] if not check["passed"]]
     said = verdict["reasons"] + failed
     host_named = verdict["host_stall"] is not None
@@ -103,7 +103,7 @@ def neither(outcomes: list[Outcome]) -> int:
 
 
 def main() -> int:
-    """Run, print the table as it grows, and what was not in order."""
+    """Run all conditions with each seed; print every outcome, then a table by condition."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.pauses", description=__doc__)
     parser.add_argument("--runs", type=int, default=20, help="of each condition")
     runs: int = parser.parse_args().runs

@@ -25,15 +25,15 @@ STIFFER = "scene.striker.spring_n_m=71.4"
 """2 % more than nominal."""
 
 PATIENT = "firmware.start.missing_periods=100"
-"""The crank goes on where the firmware would have given up."""
+"""Permits 100 periods without an impact, so that the firmware does not give up the failed start."""
 
 CLOSE_UP_S = (15.0, 16.3)
 START_S = (0.0, 12.0)
 AVERAGED_TICKS = 1000
 SHOWN_OF = 20
-"""Over a whole run, this number of ticks is a point."""
+"""In plots of a whole run, one tick of this number is a point."""
 CONTACT_S = 0.01
-"""The bench's soft stop."""
+"""Elastic contact time of the bench's soft stop."""
 
 
 class Series(NamedTuple):
@@ -44,7 +44,7 @@ class Series(NamedTuple):
 
 
 def made(scenario: str, *settings: str) -> RunTraces:
-    """The record of a run in lockstep."""
+    """Run a scenario in lockstep and return its traces."""
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder) / "run"
         run_scenario(
@@ -70,13 +70,13 @@ def of_plant(run: RunTraces, name: str) -> Series:
 
 
 def within(series: Series, span_s: tuple[float, float]) -> Series:
-    """What lies in a stretch of time."""
+    """The part of a series within an interval of time."""
     kept = (series.t_s >= span_s[0]) & (series.t_s <= span_s[1])
     return Series(series.t_s[kept], series.values[kept])
 
 
 def thinned(series: Series) -> Series:
-    """What a whole run needs."""
+    """Every `SHOWN_OF`-th value, for plots of a whole run."""
     return Series(series.t_s[::SHOWN_OF], series.values[::SHOWN_OF])
 
 
@@ -88,14 +88,14 @@ def error(run: RunTraces, name: str) -> Series:
 
 
 def averaged(series: Series) -> Series:
-    """The mean of the last second, from its end on."""
+    """The moving average over the last second, at the times at which it is complete."""
     sums = np.cumsum(np.concatenate([[0.0], series.values]))
     means = (sums[AVERAGED_TICKS:] - sums[:-AVERAGED_TICKS]) / AVERAGED_TICKS
     return Series(series.t_s[AVERAGED_TICKS - 1 :], means)
 
 
 def with_band(axes: "Axes", values: Series, variance: Series, scale: float, unit: str) -> None:
-    """An error with the ±σ that the filter gives it, close up."""
+    """Plot an error and the filter's ±σ of it in the close-up's interval."""
     shown, spread = within(values, CLOSE_UP_S), within(variance, CLOSE_UP_S)
     sigma = scale * np.sqrt(spread.values)
     axes.fill_between(spread.t_s, -sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="±σ of the filter")
@@ -104,7 +104,7 @@ def with_band(axes: "Axes", values: Series, variance: Series, scale: float, unit
 
 
 def estimator(path: Path) -> None:
-    """How far the estimate is off and what the filter says of it, close up and over the run."""
+    """Draw the errors of the estimate and the filter's own standard deviations, close up and over the run."""
     nominal, stiffer = made(SOFT), made(SOFT, STIFFER)
     figure, grid = figures.new_figure(3, 2, 11.0, 6.8)
     left, right = grid[:, 0], grid[:, 1]
@@ -148,13 +148,13 @@ def estimator(path: Path) -> None:
 
 
 def branches(out: Path) -> Diagram:
-    """Both motions of the bench's module over r, with its soft stop and an ideal drive."""
+    """Both motions of the bench's module over r, with the soft stop and an ideal drive."""
     module = replace(cases.case("table1", "viscous"), contact_s=CONTACT_S)
     return diagrams([module], work.here(out))[0]
 
 
 def start_up(path: Path) -> None:
-    """Two attractors at one speed, and which of them a slow and an instant start come to."""
+    """Draw two attractors at the same speed, and the one that a slow and an instant start each reach."""
     with tempfile.TemporaryDirectory() as folder:
         diagram = branches(Path(folder))
     soft, instant = made(SOFT), made(INSTANT, PATIENT)
@@ -202,7 +202,7 @@ PICTURES = {"estimator": estimator, "start-up": start_up}
 
 
 def main() -> None:
-    """Draw them all."""
+    """Draw all pictures."""
     for name, draw in PICTURES.items():
         draw(PLACE / f"{name}.svg")
 

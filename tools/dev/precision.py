@@ -1,12 +1,13 @@
 """`python -m tools.dev.precision [NAME…]`: the firmware in single precision beside double precision.
 
 Each scenario runs in lockstep once on the `compiled` build and once on `cortex-m4f`. In the second run a
-compiled node gets the same frames, without an effect: open loop, where what differs is precision alone.
+compiled node receives the same frames, but its outputs have no effect: this is the open loop, in which only
+the precision differs.
 
-For each scenario: the largest difference of position, speed and torque open loop; of the closed loops the
-checks with another verdict, and how far modes and impacts are apart in ticks. Then the members of the
-firmware's state that differ most, on average over a run, relative to the largest value of each. Exits with 1
-where a verdict differs. Without names: all scenarios.
+The program prints for each scenario the largest difference of position, speed and torque in open loop, the
+checks whose verdicts differ between the closed loops, and the distances of modes and impacts in ticks. Then
+it prints the members of the firmware's state that differ most, on average over a run, relative to the largest
+value of each. The exit status is 1 if a verdict differs. Without names: all scenarios.
 """
 
 import argparse
@@ -53,12 +54,12 @@ def reals(kind: Any, name: str = "", start: int = 0) -> Iterator[tuple[str, int]
 
 
 PLACES = dict(reals(layout(NodeState)))
-"""Of each real number of the firmware's state."""
+"""Offset in bytes of each real number in the firmware's state."""
 _INDEX = np.array(list(PLACES.values())) // 8
 
 
 class Beside(board_node.SinglePrecisionBoardNode):
-    """The firmware in single precision, and on the same frames in double precision, which sends nothing."""
+    """The firmware in single precision; on the same frames, one in double precision runs without sending."""
 
     made: "list[Beside]" = []  # noqa: RUF012 - the nodes of a run, in the order of their restarts
 
@@ -70,7 +71,7 @@ class Beside(board_node.SinglePrecisionBoardNode):
         Beside.made.append(self)
 
     def tick(self, frames_in: Sequence[Frame], elapsed_ticks: int) -> list[Frame]:
-        """One control tick of both."""
+        """Run one control tick of both, and accumulate the differences of their states."""
         self._double.tick(frames_in, elapsed_ticks)
         sent = super().tick(frames_in, elapsed_ticks)
         ours, double = (memory.view(np.float64)[_INDEX] for memory in (self.memory, self._double.memory))
@@ -84,11 +85,11 @@ class Beside(board_node.SinglePrecisionBoardNode):
 
 
 class Compared(NamedTuple):
-    """What precision changes in a scenario.
+    """The effects of the precision on a scenario.
 
-    `largest` and `average` are the differences of the state's members open loop, average ones relative to the
-    largest value. `mode_ticks` and `impact_ticks` say how far each change of mode and each impact is from the
-    nearest one of the closed loop in double precision.
+    `largest` and `average` are the differences of the state's members in open loop, average ones relative to
+    the largest value. `mode_ticks` and `impact_ticks` are the distances of each change of mode and each
+    impact in double precision from the nearest equal one in single precision, both in closed loop.
     """
 
     passed: tuple[bool, bool]
@@ -101,7 +102,7 @@ class Compared(NamedTuple):
 
 
 def judged(run_dir: Path) -> tuple[bool, dict[str, bool], Decisions]:
-    """Whether a run has passed, its checks, and what its firmware decided."""
+    """Whether a run has passed, the verdicts of its checks, and the decisions of its firmware."""
     traces = read_run(run_dir)
     verdict, results = judge(traces, figures_from(traces), run_dir)
     checks = {result.name: result.passed for result in results}
@@ -109,7 +110,7 @@ def judged(run_dir: Path) -> tuple[bool, dict[str, bool], Decisions]:
 
 
 def distances(ours: NDArray[np.int64], others: NDArray[np.int64]) -> list[int]:
-    """How many ticks each decision is from the nearest equal one of the others; -1 where there is none."""
+    """Distance in ticks of each decision from the nearest equal one of the others; -1 if there is none."""
     found = []
     for tick, *what in ours.tolist():
         equal = [abs(other - tick) for other, *its in others.tolist() if its == what]
@@ -157,12 +158,12 @@ def line(found: Compared) -> str:
 
 
 def spread(ticks: Sequence[int]) -> str:
-    """How many decisions are how far off, in ticks: `12×0 3×1`."""
+    """Numbers of decisions by their distance in ticks: `12×0 3×1`."""
     return " ".join(f"{ticks.count(off)}×{off}" for off in sorted(set(ticks))) or "none"
 
 
 def main() -> None:
-    """Compare, print, and exit with 1 where a verdict differs."""
+    """Compare both precisions, print the results, and exit with status 1 if a verdict differs."""
     parser = argparse.ArgumentParser(prog="python -m tools.dev.precision", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)

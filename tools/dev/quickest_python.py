@@ -1,8 +1,8 @@
-"""Prints the quickest Python on PATH of the same version as the one that runs this, which is the default.
+"""Prints the fastest Python on PATH of the version of the Python that runs this script, which is the default.
 
-The firmware's tick is interpreted, and lockstep with it. Builds of one version differ: one with
-profile-guided optimisation, as Debian's is, runs it 10 % faster than one without. Run by `make setup` before
-anything is installed, so it is plain Python.
+The firmware's tick and lockstep are interpreted. Builds of one version differ in speed: profile-guided
+optimisation, as in Debian's build, makes both 10 % faster. `make setup` runs this script before it installs
+anything, so the script imports the standard library only.
 """
 
 import os
@@ -20,16 +20,16 @@ def run():
     for _ in range(20000): estimate = predict(estimate, 1e-3)
 print(sys.version_info[0], sys.version_info[1], min(timeit.repeat(run, number=1, repeat=9)), sys.executable)
 """
-"""What a candidate has to be able to do, then what the firmware does all day."""
+"""The imports that a candidate must support, then a benchmark similar to the firmware's tick."""
 
 WORTHWHILE = 0.95
-"""Of the default's time: one that is not quicker than that is not worth a surprise."""
+"""Share of the default's time above which another Python is not faster enough to replace the default."""
 
 PATIENCE_S = 10.0
 
 
 def probed(python: Path) -> tuple[str, float] | None:
-    """The interpreter behind `python` and the time it takes, if it is one of this version that will do."""
+    """The interpreter behind `python` and its time in s; None if it is unusable or of another version."""
     try:
         said = subprocess.run(
             [python, "-c", PROBE], capture_output=True, text=True, timeout=PATIENCE_S, check=True
@@ -42,7 +42,7 @@ def probed(python: Path) -> tuple[str, float] | None:
 
 
 def main() -> None:
-    """Print the path of the interpreter to use; say so where it is not the default."""
+    """Print the path of the interpreter to use, and a note on standard error if it is not the default."""
     names = ("python3", f"python3.{sys.version_info[1]}")
     folders = map(Path, os.get_exec_path())
     others = {(folder / name).resolve() for folder in folders for name in names if (folder / name).is_file()}

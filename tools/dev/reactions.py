@@ -1,11 +1,11 @@
-"""Reaction times by frames on the bus: fault → torque 0 → IDLE → the drive's heartbeat says idle.
+"""Reaction times by frames on the bus: fault → torque 0 → IDLE → the drive's heartbeat reports idle.
 
     python -m tools.dev.reactions --seeds 20 [--write] [SCENARIO…]
 
-Runs scenarios in lockstep on the compiled firmware, two at a time, each with several seeds, which also move
-the moment of the fault, and prints the worst of each time for every scenario and fault that the firmware
-latched; --write puts that table into docs/safety.md. The times count from the moment at which the scenario's
-first fault begins; IDLE counts once the torque is 0 for good.
+Runs scenarios in lockstep on the compiled firmware, two at a time, each with several seeds, which also change
+the time of the fault. Prints the longest of each reaction time for every scenario and fault that the firmware
+latched; --write puts this table into docs/safety.md. The times count from the beginning of the scenario's
+first fault; IDLE counts only after the last torque other than 0.
 """
 
 import argparse
@@ -44,7 +44,7 @@ WATCHED = {
         codec.FIRMWARE_HEARTBEAT,
     )
 }
-"""Identifiers as `can.log` writes them."""
+"""The evaluated identifiers by their text in `can.log`."""
 
 
 HEAD = "| fault latched | scenario | runs | torque 0 | IDLE sent | idle confirmed |"
@@ -52,7 +52,7 @@ SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 
 
 class Reaction(NamedTuple):
-    """Seconds from the fault to each step; infinite if the run ends before."""
+    """Time in s from the fault to each step; infinite if the run ends before the step."""
 
     torque_zero_s: float
     idle_sent_s: float
@@ -60,7 +60,7 @@ class Reaction(NamedTuple):
 
 
 def records(log: Path) -> Iterator[tuple[float, Any]]:
-    """The time in s and the record of every frame in `log` that matters here and can be decoded."""
+    """The time in s and the record of every evaluated frame in `log`; undecodable frames are left out."""
     with log.open(encoding="ascii") as lines:
         for line in lines:
             stamp, _, frame = line.split()
@@ -91,13 +91,13 @@ def reaction(sent: Iterable[tuple[float, Any]], fault_s: float) -> Reaction:
 
 
 def latched(sent: Iterable[tuple[float, Any]]) -> Fault | None:
-    """The first fault that the firmware's heartbeat says is latched."""
+    """The first latched fault according to the firmware's heartbeat; None without one."""
     beats = (record for _, record in sent if isinstance(record, FirmwareHeartbeat))
     return next((Fault(beat.fault) for beat in beats if beat.mode in LATCHED and beat.fault), None)
 
 
 def reacted(case: Case) -> tuple[Fault | None, Reaction]:
-    """The fault that a run latched, None for none, and how soon."""
+    """Run a case; return the latched fault, None without one, and the reaction times."""
     case.run_dir.mkdir(parents=True)
     run_lockstep(case.scenario, case.run_dir, case.seed, silent, "compiled")
     sent = list(records(case.run_dir / "can.log"))
@@ -112,7 +112,7 @@ def worst(reactions: Sequence[Reaction]) -> Reaction:
 
 
 def shown(time_s: float) -> str:
-    """A time as the table has it; the drive may be silent to the end of the run."""
+    """A time as text; `never` if the step is missing, e.g. because the drive sends nothing any more."""
     return f"{1000.0 * time_s:.0f} ms" if math.isfinite(time_s) else "never"
 
 
@@ -127,7 +127,7 @@ def markdown(found: dict[tuple[Fault, str], list[Reaction]]) -> str:
 
 
 def with_table(page: str, table: str) -> str:
-    """`page` with `table` in the place of the one that begins with HEAD."""
+    """`page` with `table` in place of the table that begins with HEAD."""
     before, head, rest = page.partition(HEAD)
     if not head:
         raise SystemExit(f"{SAFETY} has no line {HEAD!r}; put it where the table is to stand")
@@ -136,12 +136,12 @@ def with_table(page: str, table: str) -> str:
 
 
 def attributable(scenario: Scenario) -> bool:
-    """Whether there is a fault, and every frame its own sender's: a flood has all identifiers."""
+    """Whether a scenario has a fault and its frames reveal their senders: a flood uses all identifiers."""
     return bool(scenario.faults) and not any(isinstance(fault, Flood) for fault in scenario.faults)
 
 
 def main() -> None:
-    """Run what the command line names and print the table."""
+    """Run the scenarios of the command line and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help="all with a fault without")
     parser.add_argument("--seeds", type=int, default=20, help="runs of each scenario (default 20)")

@@ -38,7 +38,7 @@ MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made
 
 
 def row(*cells: Any) -> str:
-    """One line of a Markdown table."""
+    """One row of a Markdown table."""
     return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 
 
@@ -48,7 +48,7 @@ def table(titles: Sequence[str], rows: Iterator[str]) -> str:
 
 
 def page(title: str, *parts: str) -> str:
-    """A page: its title, where it comes from, and its parts."""
+    """A page: its title, a note on its origin, and its parts."""
     return "\n\n".join([f"# {title}", MADE, *parts]) + "\n"
 
 
@@ -134,7 +134,7 @@ def parameters() -> str:
 
 
 def figures() -> str:
-    """Every figure a check may name."""
+    """Every figure that a check may name."""
     rows = (row(f"`{spec.name}`", spec.unit or "—", spec.meaning) for spec in CATALOGUE.values())
     return page(
         "Figures",
@@ -145,7 +145,7 @@ def figures() -> str:
 
 
 def requirement_rows() -> Iterator[str]:
-    """A row for each requirement: where it is stated, and how many checks of how many scenarios prove it."""
+    """A row for each requirement: its source, and the numbers of checks and scenarios that prove it."""
     scenarios = [load_scenario(name) for name in scenario_names()]
     for name, one in requirements().items():
         proofs = [(scenario.name, check) for scenario in scenarios for check in scenario.checks]
@@ -157,7 +157,7 @@ def requirement_rows() -> Iterator[str]:
 
 
 def requirement_page() -> str:
-    """Every requirement and what proves it."""
+    """Every requirement with the checks and tests that prove it."""
     return page(
         "Requirements",
         "The requirements on the module, and the checks and tests that prove them. A scenario's check names "
@@ -169,7 +169,7 @@ def requirement_page() -> str:
 
 
 def bounds_of(field: FieldInfo) -> str:
-    """The bounds of a key, as written."""
+    """The bounds of a key as text."""
     signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
     found = [
         f"{sign} {getattr(one, name):g}"
@@ -190,7 +190,7 @@ def default_of(field: FieldInfo) -> str:
 
 
 def choices_of(annotation: Any) -> str:
-    """The names a key may take."""
+    """The texts that a key accepts; empty if it accepts any."""
     if get_origin(annotation) is None:
         return ""
     names = [repr(value) for value in get_args(annotation) if isinstance(value, str)]
@@ -244,7 +244,7 @@ DEADLINES = {
     "safe_state.command_zero_after_s": "the commanded torque is 0 within",
     "after_fault.impacts_again_after_s": "after the fault, the impacts are back within",
 }
-"""Figures that bound how long a reaction may take, and what that reaction is."""
+"""Figures with the deadline of a reaction, and the beginning of the sentence for each."""
 
 
 def reaction_of(scenario: Scenario) -> str:
@@ -289,7 +289,7 @@ def faults() -> str:
 
 
 def every_command(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """All commands by their names, those of a group after it."""
+    """All commands by their names; the commands of a group come after the group."""
     for name, command in group.commands.items():
         yield f"{prefix}{name}", command
         if hasattr(command, "commands"):

@@ -12,7 +12,7 @@ DEFAULT_SCENARIO = "soft-start-multistable"
 
 
 def main() -> None:
-    """Compile, and say meanwhile why it takes a while."""
+    """Compile the kernels, and print the reason for the waiting time first."""
     print(
         f"setup: compiling plant and firmware into {cache_folder().parent}; about a minute, once", flush=True
     )
