@@ -37,7 +37,7 @@ LONGEST_MESSAGE = 4000
 RARE_COLLECTION = 50_000
 """Allocations between two garbage collections; Python's 700 would slow down the start of the program."""
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
-"""What the machine refuses, with no defect of the program."""
+"""Errors of the machine that are not defects of the program."""
 GIB = 2**30
 ADDRESS_SPACE_GIB = 3
 """Address space that the largest process of a run maps; most of it is never used."""
@@ -144,7 +144,7 @@ def is_bad_input(error: Exception) -> bool:
         return True
     try:
         return isinstance(error, bad_input_types())
-    except Exception:  # nor after a defect in one of those modules
+    except Exception:  # a defect in a module of the other types
         return False
 
 
@@ -168,7 +168,7 @@ def board_errors() -> tuple[type[Exception], ...]:
 
 
 def unwritable(error: Exception) -> str:
-    """A sentence about a place that the machine does not let this program write to, or nothing."""
+    """A sentence about a file that the machine does not allow to be written; empty for another error."""
     if not isinstance(error, OSError) or error.errno not in UNWRITABLE:
         return ""
     place = "a file" if error.filename is None else error.filename

@@ -86,7 +86,7 @@ def _client(address: str) -> Iterator[Any]:
     try:
         protocol, place = parse_address(address)
         if protocol in ("tcp", "tls"):
-            parse_host_port(place)  # a Client of a wrong place ends with a traceback, after 20 s
+            parse_host_port(place)  # for an invalid address, Client would fail only after 20 s
         client = Client(  # type: ignore[no-untyped-call]  # distributed carries no types
             address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
         )

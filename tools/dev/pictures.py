@@ -31,7 +31,7 @@ CLOSE_UP_S = (15.0, 16.3)
 START_S = (0.0, 12.0)
 AVERAGED_TICKS = 1000
 SHOWN_OF = 20
-"""In plots of a whole run, one tick of this number is a point."""
+"""Plots of a whole run show one point per this number of ticks."""
 CONTACT_S = 0.01
 """Elastic contact time of the bench's soft stop."""
 
@@ -154,7 +154,7 @@ def branches(out: Path) -> Diagram:
 
 
 def start_up(path: Path) -> None:
-    """Draw two attractors at the same speed, and the one that a slow and an instant start each reach."""
+    """Draw two attractors at the same speed, and a slow and an instant start, each towards one of them."""
     with tempfile.TemporaryDirectory() as folder:
         diagram = branches(Path(folder))
     soft, instant = made(SOFT), made(INSTANT, PATIENT)

@@ -59,7 +59,7 @@ _INDEX = np.array(list(PLACES.values())) // 8
 
 
 class Beside(board_node.SinglePrecisionBoardNode):
-    """The firmware in single precision; on the same frames, one in double precision runs without sending."""
+    """The firmware in single precision; a second node, in double precision, only receives the same frames."""
 
     made: "list[Beside]" = []  # noqa: RUF012 - the nodes of a run, in the order of their restarts
 

@@ -1,6 +1,6 @@
 """The reference pages under docs/reference, made from the code and the DBC: `python -m tools.dev.reference`.
 
-A test holds the pages up to date.
+A test fails if the pages are out of date.
 """
 
 import inspect

@@ -25,7 +25,7 @@ from hil.show.log_stream import APPLICATION_ID, colors
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
-"""In the order of cause and effect within one tick."""
+"""The compared traces, in the order of cause and effect within one tick."""
 TICKED = ("operator", "plant", "firmware")
 NOT_COMPARED = ("t_s", "wall_time")
 SIDES = ("a", "b")

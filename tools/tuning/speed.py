@@ -133,7 +133,7 @@ def margins(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> Sp
 
 
 def is_stable(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> bool:
-    """Whether the closed loop is stable; one pole at 1 belongs to the crank's angle, which has no loop."""
+    """Whether the closed loop is stable, except for the pole at 1 of the crank's uncontrolled angle."""
     loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
     poles = np.sort(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)))
     return bool(poles[-2] < 1.0)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 COLUMNS = ("regime", "fault", "impact_v_m_s", "estimate.x_rmse_m")
 """Figures that the table shows by default."""
 MOST = 40
-"""Lines of the table by default."""
+"""Default for the largest number of runs in the table."""
 
 
 def register(app: typer.Typer) -> None:

@@ -138,7 +138,7 @@ def is_kept(outcome: "Outcome", keep: str | None) -> bool:
 
 
 def is_trial(keep: str | None, trial: int) -> bool:
-    """Whether `--keep` gives this number, also with leading zeros."""
+    """Whether `--keep` is the number of this trial, with or without leading zeros."""
     return keep is not None and keep.isdecimal() and int(keep) == trial
 
 
