@@ -114,7 +114,7 @@ def ending_with_a_verdict(
 
 
 def take_room(run_dir: Path) -> None:
-    """Reserve the room for the verdict; without it, write a verdict that says so, and raise the error."""
+    """Reserve disk space for the verdict; on failure write a verdict with this reason and raise the error."""
     try:
         run_folder.reserve(run_dir)
     except OSError as error:

@@ -143,7 +143,7 @@ class Stretches:
         )
 
     def ticks_from(self, tick: int) -> int:
-        """How many ticks from `tick` on may be compiled."""
+        """Number of ticks from `tick` on that may be compiled."""
         scenario = self._scenario
         quiet_s = quiet_until_s(scenario.faults, tick * scenario.period_s)
         until = scenario.ticks
@@ -259,7 +259,7 @@ class RecordedStretches:
         self._stretches = Stretches(scenario, nodes, nodes.firmware.columns, True)
 
     def ticks_from(self, tick: int) -> int:
-        """How many ticks from `tick` on may be compiled."""
+        """Number of ticks from `tick` on that may be compiled."""
         if not all(turns.is_in_step(tick) for turns in self._turns):
             return 0
         return self._stretches.ticks_from(tick)

@@ -186,7 +186,7 @@ class Workers(Generic[Task, Result]):
 
     def _begin(self, worker: Worker, task: Task) -> None:
         self._busy.append((worker, task))
-        with suppress(BrokenPipeError):  # it has died while it was idle; its pipe's end says so to `results`
+        with suppress(BrokenPipeError):  # the worker ended while idle; `results` sees the end of its pipe
             worker.pipe.send(task)
 
     def _give_up(self) -> None:
@@ -205,7 +205,7 @@ class Workers(Generic[Task, Result]):
                 pass_fds=[theirs.fileno()],
                 preexec_fn=killed_with_parent,  # noqa: PLW1509  one system call, no lock
             )
-        with suppress(BrokenPipeError):  # it has died already; its pipe's end says so to `results`
+        with suppress(BrokenPipeError):  # the worker has already ended; `results` sees the end of its pipe
             ours.send(own_modules())
             ours.send(self._serve)
         return Worker(process, ours)

@@ -62,7 +62,7 @@ class AddressedBus:
         ]
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
         self._bus.wait(timeout_s)
 
     def fileno(self) -> int:

@@ -51,7 +51,7 @@ class NodeBus(Protocol):
         """All frames that have arrived."""
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
 
 
 class Leaving(ABC):
@@ -99,7 +99,7 @@ class Bus(Protocol):
         """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
 
     def fileno(self) -> int:
         """A descriptor that becomes readable when frames arrive."""

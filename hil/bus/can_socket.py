@@ -283,7 +283,7 @@ class CanSocket(Leaving):
             self.losses.append(Loss(self._last_ns, until_ns, new))
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
         select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:

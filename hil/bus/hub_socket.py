@@ -159,7 +159,7 @@ class HubSocket(Leaving):
                 yield self._stamp_ns, can_id, data[:length]
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
         select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:

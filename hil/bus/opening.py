@@ -28,7 +28,7 @@ class ProvidedBus:
     kernel_can: bool
     """Whether frames go through the kernel's own CAN."""
     reason: str
-    """Why this bus was chosen."""
+    """Reason for the choice of this bus."""
     holder: Child | None = None
     folder: Path | None = None
     said: str = field(default="", init=False)

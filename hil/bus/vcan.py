@@ -77,7 +77,7 @@ def hand_out(listener: socket.socket, interface: str) -> None:
     with link:
         content = link.recv(REQUEST_BYTES)
         if not content:
-            return  # the node ended before it asked
+            return  # the node ended before its request
         request = json.loads(content)
         with open_can_socket(interface, request["accept"], request["stamped"]) as can_socket:
             socket.send_fds(link, [b"1"], [can_socket.fileno()])

@@ -78,7 +78,7 @@ class Runner(Protocol):
     """The object that a loop calls in each tick."""
 
     def step(self, tick: int, elapsed_ticks: int) -> None:
-        """One tick."""
+        """Run one tick."""
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""

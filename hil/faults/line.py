@@ -174,7 +174,7 @@ class FaultyBus:
         return [] if self._is_unplugged else received
 
     def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or when the time is over."""
+        """Return when frames have arrived, or after `timeout_s`."""
         self._bus.wait(timeout_s)
 
     @property

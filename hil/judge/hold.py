@@ -18,7 +18,7 @@ class Window(NamedTuple):
     end_s: float
 
     def holds(self, t_s: FloatArray) -> BoolArray:
-        """Which of `t_s` lie inside."""
+        """Mask of the times `t_s` within the window."""
         return (t_s >= self.start_s) & (t_s <= self.end_s)
 
     def second_half(self) -> "Window":

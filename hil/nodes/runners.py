@@ -77,7 +77,7 @@ class PlantRunner:
             self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
 
     def restart(self, tick: int) -> None:
-        """Throw the node away and make it anew, for `tick` to be its first one."""
+        """Replace the node by a new one whose first tick is `tick`."""
         self.node = self._make_node(tick)
         empty(self.bus)
 
@@ -162,7 +162,7 @@ class FirmwareRunner:
         self._last_tick = tick
 
     def restart(self, tick: int) -> None:
-        """Throw the node away and make it anew, for `tick` to be its first one."""
+        """Replace the node by a new one whose first tick is `tick`."""
         self._power_up(tick)
         empty(self.bus)
 

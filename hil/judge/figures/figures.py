@@ -215,7 +215,7 @@ def speed_figures(plant: Records, firmware: Records, hold: Window | None) -> Spe
     )
 
 
-# --- whole -------------------------------------------------------------------------------------------
+# --- whole run -------------------------------------------------------------------------------------------
 
 
 def memory_figures(outcome: Mapping[str, Any]) -> MemoryFigures:

@@ -37,7 +37,7 @@ class PushOff(NamedTuple):
     end: float
 
     def holds(self, phase: FloatArray) -> BoolArray:
-        """Which phases lie inside."""
+        """Mask of the phases within the window."""
         return (phase >= self.start) & (phase <= self.end)
 
 

@@ -97,7 +97,7 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
     """A figure of a step response over the window `t_s`."""
 
     def figure(signal: Signal) -> float:
-        from control import step_info  # noqa: PLC0415 - a second, which only such a figure costs
+        from control import step_info  # noqa: PLC0415 - the import takes a second, and few figures need it
 
         response = signal - signal[0]
         final = float(np.median(response[-math.ceil(SETTLED_SHARE * response.size) :]))

@@ -97,7 +97,7 @@ class StoredColumns(ABC):
         return self._column(key) if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
 
     def _column(self, name: str) -> NDArray[Any]:
-        """One column."""
+        """One column, copied to the store at its first use."""
         kind = self.dtype[name]
         if name not in self._places:
             names = [other for other in self.dtype.names or () if is_read_often(other)]
