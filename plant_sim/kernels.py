@@ -8,6 +8,7 @@ a hash of all sources of the package, so that each edit starts a new folder.
 import functools
 import hashlib
 import os
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -39,6 +40,7 @@ def cache_folder(name: str = "plant_sim", packages: tuple[Path, ...] = (_HERE,))
     folder = root / f"{name}-{_source_hash(packages)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise KernelCacheError(
             f"compiled kernels are kept in {folder}, which cannot be written ({error.strerror}); "

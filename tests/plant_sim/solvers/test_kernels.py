@@ -1,11 +1,14 @@
 """Kernels are cached by the state of the sources, and are made for the types of a scene's parts."""
 
 import doctest
+import errno
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
+import pytest
 from numba.core import config
 
 from plant_sim import kernels
@@ -25,6 +28,7 @@ def test_another_packages_cache_folder_is_left_alone() -> None:
 
 PROGRAM = """
 import sys
+import tempfile
 sys.path.insert(0, {root!r})
 from plant_sim.caller import call
 print(call(1.0))
@@ -79,3 +83,15 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     )
     assert run.returncode != 0
     assert "set VIBROHIL_CACHE_DIR to a writable folder" in run.stderr
+
+
+def test_an_existing_folder_that_cannot_be_written_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setenv("VIBROHIL_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)  # root may write anywhere
+    with pytest.raises(kernels.KernelCacheError, match=r"cannot be written \(Permission denied\); set"):
+        kernels.cache_folder("unwritable", ())
