@@ -16,7 +16,9 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core import config as numba_config
 from numba.core import types
-from numba.extending import intrinsic, overload, register_jitable
+from numba.extending import overload, register_jitable
+
+from plant_sim.linking import SubroutineCompiler
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -24,7 +26,13 @@ _Generic = TypeVar("_Generic", bound=Callable[..., Any])
 _Law = TypeVar("_Law", bound=Callable[..., Any])
 
 
-_KERNELS_ONLY = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_KERNELS_ONLY: dict[str, Any] = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "_nrt": False,
+    "pipeline_class": SubroutineCompiler,
+}
 _HERE = Path(__file__).parent
 
 
@@ -79,17 +87,24 @@ def cached(function: Callable[_P, _R], folder: Path, **options: bool) -> Callabl
 def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function that only kernels call; its code is cached with theirs.
 
-    It has no entry point for Python, which is long for nested records; this shortens the compile time of a
-    scene's kernel by a third.
+    It has no entry point for Python, which is long for nested records, and counts no references to arrays;
+    this shortens the compile time of a scene's kernel, and its run time.
     """
     njit: Any = numba.njit
-    kernel: Callable[_P, _R] = njit(nogil=True, error_model="numpy", **_KERNELS_ONLY)(function)
+    kernel: Callable[_P, _R] = njit(nogil=True, **_KERNELS_ONLY)(function)
+    return kernel
+
+
+def allocating(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a subroutine that makes arrays; others count no references, so they make and return none."""
+    njit: Any = numba.njit
+    kernel: Callable[_P, _R] = njit(nogil=True, **_KERNELS_ONLY | {"_nrt": True})(function)
     return kernel
 
 
 def shared(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Register a function that is compiled in kernels and interpreted when Python calls it."""
-    decorate: Any = register_jitable(error_model="numpy", **_KERNELS_ONLY)
+    decorate: Any = register_jitable(**_KERNELS_ONLY)
     plain: Callable[_P, _R] = decorate(function)
     return plain
 
@@ -158,7 +173,7 @@ def by_part(generic: _Generic) -> _Generic:
     def compiled(part: types.Type, *arguments: types.Type) -> Callable[..., Any] | None:
         return laws.get(getattr(part, "instance_class", type(None)), default)
 
-    options: Any = {"error_model": "numpy", **_KERNELS_ONLY}
+    options: Any = _KERNELS_ONLY
     overload(interpreted, strict=False, jit_options=options)(compiled)
     interpreted.laws = laws  # type: ignore[attr-defined]  # read by `law` alone
     return interpreted  # type: ignore[return-value]  # keeps the generic function's own signature for callers
@@ -188,21 +203,3 @@ def one_of(*parts: type) -> Callable[[Any], bool]:
         return True
 
     return is_one
-
-
-def _without_owner(_: Any, array: types.Array) -> Any:
-    def copy(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        borrowed = context.make_array(array)(context, builder, arguments[0])
-        borrowed.meminfo = borrowed.meminfo.type(None)
-        borrowed.parent = borrowed.parent.type(None)
-        return borrowed._getvalue()
-
-    return array(array), copy
-
-
-unowned: Any = intrinsic(_without_owner)
-"""In a kernel: the same array without its owner, so that references to it are not counted.
-
-In a kernel of short rows the atomic counting costs as much as the arithmetic. The caller must keep the
-array alive.
-"""

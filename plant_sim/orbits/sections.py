@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.arrays import record_type
-from plant_sim.kernels import by_part, subroutine
+from plant_sim.kernels import allocating, by_part, subroutine
 from plant_sim.solvers.double_double import TURN_RAD
 
 SECTION_RAD = -0.5 * math.pi
@@ -179,7 +179,7 @@ def section(carrier: Carrier, motion: Any) -> tuple[float, float, float, float]:
     raise NotImplementedError
 
 
-@subroutine
+@allocating
 def follow_orbit(
     carrier: Carrier,
     y_m: float,
@@ -231,7 +231,7 @@ def follow_orbit(
     )
 
 
-@subroutine
+@allocating
 def classify_starts(
     carrier: Carrier,
     starts: NDArray[np.float64],
@@ -247,7 +247,7 @@ def classify_starts(
         impacts[index] = outcome.impacts
 
 
-@subroutine
+@allocating
 def new_rows(protocol: Protocol, drive_rad_s: float) -> Periods:
     """A ring of rows, long enough for the protocol's record and for recognising a cycle."""
     recorded = math.ceil(protocol.record_s * drive_rad_s / (2.0 * math.pi)) + 2

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.kernels import jit, subroutine, unowned
+from plant_sim.kernels import jit
 from plant_sim.parts.friction import bend_m_s
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import is_rigid, origin_m
@@ -27,7 +27,6 @@ from plant_sim.solvers.adaptive.state_layout import (
     OBSERVED,
     UNSETTLED,
     Memory,
-    Scratch,
     Vector,
     allocate,
 )
@@ -64,8 +63,6 @@ def advance(
     `memory.held[0].elapsed_s` is the time reached. Depth, velocity and crank angle at the times of `grid_s`
     (ascending, absolute) are written into the rows of `samples`.
     """
-    memory = _borrowed(memory)
-    grid_s, samples = unowned(grid_s), unowned(samples)
     mode, held = memory.mode[0], memory.held[0]
     if mode.phase == UNSETTLED:
         settle(parts, memory, torque_n_m, start_s)
@@ -90,28 +87,6 @@ def advance(
     observe(parts, memory, torque_n_m, start_s + held.elapsed_s)
     note_readings(probe)
     return status
-
-
-@subroutine
-def _borrowed(memory: Memory) -> Memory:
-    scratch = memory.scratch
-    return Memory(
-        unowned(memory.y),
-        unowned(memory.mode),
-        unowned(memory.held),
-        unowned(memory.contact),
-        unowned(memory.impacts),
-        unowned(memory.observed),
-        unowned(memory.scale),
-        unowned(memory.contact_scale),
-        unowned(memory.k),
-        unowned(memory.trial),
-        unowned(memory.new),
-        unowned(memory.dense),
-        Scratch(
-            unowned(scratch.poly), unowned(scratch.press), unowned(scratch.stack), unowned(scratch.inner)
-        ),
-    )
 
 
 def simulate(

@@ -284,7 +284,8 @@ def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) 
     At rest the net torque is linear in the striker's position: net(0) + slope (place − place(0)).
     """
     flow, y, scratch = step.flow, step.y, step.scratch
-    place = place_within(parts.wearer, drive, step.dense, scratch.press)
+    place = scratch.press
+    place_within(parts.wearer, drive, step.dense, place)
     slope = crank_load_n_m(parts, y[ANGLE], 0.0) - crank_load_n_m(parts, y[ANGLE], 1.0)
     net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[ANGLE], 0.0)
     limit = crank_limit_n_m(parts, drive.dry_n_m, flow.torque_n_m, y[ANGLE], y)

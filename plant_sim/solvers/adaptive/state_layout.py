@@ -295,8 +295,9 @@ def restart(
 ) -> None:
     """Set a module to a start of undetermined phase; nothing of an earlier run is left."""
     memory.y[:] = 0.0
-    memory.mode[:] = _NEW_MODE
-    memory.contact[:] = _NEW_CONTACT
+    memory.mode[0] = _NEW_MODE[0]
+    if is_soft(parts.stop):
+        memory.contact[0] = _NEW_CONTACT[0]
     memory.y[0], memory.y[1] = depth_m, v_m_s
     held, striker = memory.held[0], parts.striker
     held.elapsed_s = held.elapsed_low_s = 0.0

@@ -5,12 +5,12 @@ Without a wearer the stop is fixed to the housing, and p = 0.
 
 import math
 
-from plant_sim.kernels import by_part, law
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, Wearer
 from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
-from plant_sim.solvers.adaptive.state_layout import DEPTH, Vector, ankle_place, plate_place
+from plant_sim.solvers.adaptive.state_layout import Vector, ankle_place, plate_place
 
 
 @by_part
@@ -39,18 +39,11 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
     return v_m_s
 
 
-@by_part
-def place_within(wearer: Wearer, drive: Drive, dense: Vector, out: Vector) -> Vector:
-    """Bernstein coefficients of `from_stop_m` over a step; `out` is scratch for them."""
-    depth: Vector = dense[DEPTH]
-    return depth
-
-
-@law(place_within, Ankle)
-def _(wearer: Ankle, drive: Drive, dense: Vector, out: Vector) -> Vector:
+@subroutine
+def place_within(wearer: Wearer, drive: Drive, dense: Vector, out: Vector) -> None:
+    """Bernstein coefficients of `from_stop_m` over a step, into `out`."""
     for i in range(DEGREE + 1):
         out[i] = from_stop_m(wearer, drive, dense[:, i])
-    return out
 
 
 @by_part

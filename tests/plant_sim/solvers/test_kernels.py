@@ -8,10 +8,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numba.core import config
 
-from plant_sim import kernels
+from plant_sim import kernels, linking
 from plant_sim.parts import restitution
 
 
@@ -24,6 +25,19 @@ def test_another_packages_cache_folder_is_left_alone() -> None:
     before = config.CACHE_DIR
     kernels.jit(lambda x: x)
     assert before == config.CACHE_DIR
+
+
+def test_a_subroutine_that_returns_an_array_is_refused_but_one_that_makes_it_may() -> None:
+    def made(numbers):  # type: ignore[no-untyped-def]
+        return np.zeros(numbers.size)
+
+    def handed_on(numbers):  # type: ignore[no-untyped-def]
+        return numbers
+
+    make, hand_on = kernels.allocating(made), kernels.subroutine(handed_on)
+    assert list(kernels.jit(lambda numbers: 2.0 * make(numbers))(np.ones(2))) == [0.0, 0.0]
+    with pytest.raises(TypeError, match=r"handed_on returns .*; wanted no arrays"):
+        kernels.jit(lambda numbers: hand_on(numbers)[0])(np.ones(2))
 
 
 PROGRAM = """
@@ -39,7 +53,8 @@ def test_an_edited_callee_in_another_file_is_never_run_stale(tmp_path: Path) -> 
     package = tmp_path / "plant_sim"
     package.mkdir()
     (package / "__init__.py").touch()
-    (package / "kernels.py").write_text(Path(kernels.__file__).read_text())
+    for module in (kernels, linking):
+        (package / Path(module.__file__).name).write_text(Path(module.__file__).read_text())
     (package / "caller.py").write_text(
         "from plant_sim.kernels import jit\nfrom plant_sim.callee import value\n"
         "@jit\ndef call(x):\n    return value(x)\n"
