@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import binomtest
 
 from plant_sim.arrays import FloatArray
 
@@ -48,14 +48,10 @@ def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share
     """
     if trials == 0:
         return Share(math.nan, 0.0, 1.0)
-    z = float(norm.ppf(0.5 + 0.5 * confidence))
-    p = successes / trials
-    scale = 1.0 + z * z / trials
-    middle = (p + 0.5 * z * z / trials) / scale
-    half = z / scale * math.sqrt(p * (1.0 - p) / trials + 0.25 * z * z / (trials * trials))
-    low = 0.0 if successes == 0 else max(0.0, middle - half)
-    high = 1.0 if successes == trials else min(1.0, middle + half)
-    return Share(p, low, high)
+    bounds = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    low = 0.0 if successes == 0 else float(bounds.low)
+    high = 1.0 if successes == trials else float(bounds.high)
+    return Share(successes / trials, low, high)
 
 
 def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribution | None:

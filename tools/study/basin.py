@@ -20,6 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from plant_sim.orbits.sections import CLASSIFY
+from tools.campaign.statistics import wilson
 from tools.study import store, work
 from tools.study.cases import Case
 from tools.study.orbits import classify
@@ -44,7 +45,6 @@ early and from whole runs of 300 s differ by less than 5e-9 m.
 
 RESAMPLES = 400
 BLOCK = 10
-CONFIDENCE_Z = 1.959963984540054  # 95 %
 FARTHEST = 16
 """Largest distance for the uncertainty exponent, in cells; within it a curved border is nearly straight."""
 
@@ -173,7 +173,7 @@ def piece(spec: Mapping[str, Any]) -> tuple[pa.Table, dict[str, Any]]:
 def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the figures of a map; `in_impacts` has the shape (rows, columns)."""
     share = float(in_impacts.mean())
-    low, high = wilson(share, in_impacts.size)
+    _, low, high = wilson(int(in_impacts.sum()), in_impacts.size)
     exponent, exponent_bounds = uncertainty_exponent(in_impacts)
     entropy, border = basin_entropy(in_impacts)
     return {
@@ -186,18 +186,6 @@ def statistics(in_impacts: NDArray[np.bool_]) -> dict[str, Any]:
         "border_entropy": border,
         "attractors": 2 if 0.0 < share < 1.0 else 1,
     }
-
-
-def wilson(share: float, count: int) -> tuple[float, float]:
-    """Return the 95 % bounds of a share of `count` independent trials (Wilson 1927).
-
-    >>> [round(bound, 4) for bound in wilson(0.5, 100)]
-    [0.4038, 0.5962]
-    """
-    z2 = CONFIDENCE_Z * CONFIDENCE_Z / count
-    centre = (share + 0.5 * z2) / (1.0 + z2)
-    half = CONFIDENCE_Z / (1.0 + z2) * math.sqrt(share * (1.0 - share) / count + 0.25 * z2 / count)
-    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 def block_bounds(in_impacts: NDArray[np.bool_]) -> list[float]:

@@ -14,9 +14,10 @@ import numpy as np
 import pyarrow as pa
 
 from plant_sim.scene import read_scene
+from tools.campaign.statistics import wilson
 from tools.output import BadInputError
 from tools.study import store, work
-from tools.study.basin import Basin, axes, keep, specs, statistics, wilson
+from tools.study.basin import Basin, axes, keep, specs, statistics
 from tools.study.cases import Case
 
 PRESET = "table1"
@@ -93,11 +94,11 @@ def compute(case: Case, ratio: float, plane: str, size: int, where: work.Where) 
     paths = work.run(f"soft-{plane}", piece, pieces, where, in_processes=True)
     table = pa.concat_tables([store.read(path)[0] for path in paths])
     reaches_stop = table["impacts"].to_numpy() > 0.0
-    instant = float(table["instant"].to_numpy(zero_copy_only=False).mean())
+    instant = wilson(int(table["instant"].to_numpy(zero_copy_only=False).sum()), size * size)
     captured_s = table["captured_s"].to_numpy()[reaches_stop]
     numbers = statistics(reaches_stop.reshape(size, size)) | {
-        "instant_fraction": instant,
-        "instant_fraction_wilson": list(wilson(instant, size * size)),
+        "instant_fraction": instant.value,
+        "instant_fraction_wilson": [instant.low, instant.high],
         "captured_s": [float(np.quantile(captured_s, q)) for q in (0.5, 1.0)] if len(captured_s) else [],
         "failures": dict(Counter(why for why in table["why"].to_pylist() if why)),
     }

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import norm
 
 from hil.timing.signals import Interrupted
 from tools.campaign import processes
@@ -154,9 +154,13 @@ def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 10), (9, 10), (500, 3000), (3000, 3000)])
 def test_wilson_bounds(successes: int, trials: int) -> None:
-    wanted = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    share = wilson(successes, trials)
-    assert (share.low, share.high) == pytest.approx((wanted.low, wanted.high), abs=1e-12)
+    """They are the shares that lie as far from the one observed as the normal quantile says: Wilson 1927."""
+    share, low, high = wilson(successes, trials)
+    assert share == successes / trials
+    assert 0.0 <= low <= share <= high <= 1.0
+    for bound in (low, high):
+        spread = bound * (1.0 - bound) / trials
+        assert (bound - share) ** 2 == pytest.approx(norm.ppf(0.975) ** 2 * spread, rel=1e-9)
 
 
 def test_bootstrap_bounds_cover_the_quantile_they_are_of() -> None:
