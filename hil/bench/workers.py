@@ -112,7 +112,7 @@ killed_with_parent = partial(end_with_parent, signal.SIGKILL)
 
 
 @contextmanager
-def deaf_children() -> Iterator[None]:
+def interrupts_blocked() -> Iterator[None]:
     """Let processes that start within the block ignore SIGINT and SIGHUP, which are left to this process."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
@@ -198,7 +198,7 @@ class Workers(Generic[Task, Result]):
 
     def _started(self) -> Worker:
         ours, theirs = Pipe()
-        with theirs, deaf_children():
+        with theirs, interrupts_blocked():
             process = subprocess.Popen(
                 [sys.executable, "-c", PROGRAM, str(theirs.fileno()), str(os.getpid())],
                 stdin=subprocess.DEVNULL,

@@ -46,7 +46,7 @@ def is_sampled(frame: Frame) -> bool:
     return frame.can_id in (ACCELEROMETER, ENCODER)
 
 
-class Waking:
+class Resync:
     """Collects frames from the end of a pause until a sample of the current tick is among them.
 
     `last_frames`: the frames of `last_tick`, the last tick with a sample before the pause. `early`: the

@@ -15,7 +15,7 @@ from hil.bus.base import NodeBus
 from hil.faults.memory import ParameterMemory
 from hil.nodes.alignment import Alignment
 from hil.nodes.plant import PlantNode
-from hil.nodes.resync import Waking
+from hil.nodes.resync import Resync
 from hil.record.traces.firmware_trace import FirmwareTrace
 from hil.record.traces.plant_trace import PlantRecord
 from hil.record.traces.trace import TraceWriter
@@ -26,7 +26,7 @@ from plant_sim.result import Impact
 from plant_sim.scene import Scene
 from plant_sim.sensors.gait import GaitTruth
 
-WAKING_SHARE = 0.4
+RESYNC_SHARE = 0.4
 """Share of a period that a tick after a pause waits for its sample, short enough for the next tick."""
 
 
@@ -157,7 +157,7 @@ class FirmwareRunner:
     def _power_up(self, tick: int) -> None:
         self.node = powered_up(self._file.read(tick * self._period_s), self._fixed, self._make)
         self._alignment = Alignment()
-        self._waking: Waking | None = None
+        self._resync: Resync | None = None
         self._last_frames: list[Frame] = []
         self._last_tick = tick
 
@@ -170,7 +170,7 @@ class FirmwareRunner:
         """Run one tick; after a pause, first resynchronise with the sensors."""
         bus = self.bus
         frames = bus.receive()
-        if elapsed_ticks > 1 or self._waking is not None:
+        if elapsed_ticks > 1 or self._resync is not None:
             self._wake_up(tick, elapsed_ticks, self._alignment.take_all(frames))
             return
         frames = self._alignment.take(frames)
@@ -181,29 +181,29 @@ class FirmwareRunner:
     def _wake_up(self, tick: int, elapsed_ticks: int, frames: list[Frame]) -> None:
         """Run one of the first ticks after a pause; the firmware does not tick before a current sample."""
         bus = self.bus
-        waking = self._waking or Waking(self._last_tick, self._last_frames)
-        waking.begin_tick(tick, elapsed_ticks, frames)
-        if not waking.is_fresh:
-            bus.wait(WAKING_SHARE * self._period_s)
-            waking.take(tick, bus.receive())
-        if not waking.is_over:
-            self._waking = waking
+        resync = self._resync or Resync(self._last_tick, self._last_frames)
+        resync.begin_tick(tick, elapsed_ticks, frames)
+        if not resync.is_fresh:
+            bus.wait(RESYNC_SHARE * self._period_s)
+            resync.take(tick, bus.receive())
+        if not resync.is_over:
+            self._resync = resync
             return
-        self._waking = None
-        self._alignment.hold(waking.early)
-        if waking.is_fresh:
-            self._last_frames, self._last_tick = waking.frames, tick
-        bus.send_all(self.node.tick(waking.frames, waking.elapsed_ticks))
+        self._resync = None
+        self._alignment.hold(resync.early)
+        if resync.is_fresh:
+            self._last_frames, self._last_tick = resync.frames, tick
+        bus.send_all(self.node.tick(resync.frames, resync.elapsed_ticks))
 
     def record(self, tick: int, timing: LoopTiming) -> None:
         """Append the tick's record."""
-        if self._trace is not None and self._waking is None:
+        if self._trace is not None and self._resync is None:
             self._trace.append(self.node, tick, (tick + 0.5) * self._period_s, timing)
 
     @property
     def is_in_step(self) -> bool:
         """Whether the last tick has used its own sample, and no sample waits."""
-        return self._waking is None and self._alignment.had_sample and not self._alignment.waits
+        return self._resync is None and self._alignment.had_sample and not self._alignment.waits
 
     @property
     def columns(self) -> Any:

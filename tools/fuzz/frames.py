@@ -25,7 +25,7 @@ BURST = 50
 """Foreign frames a tick at each of the two inputs: about fifteen times the capacity of a bus at 1 Mbit/s."""
 TICKS_A_LIFE = 500
 """Ticks with foreign frames before both nodes restart, which ends any state that the frames have caused."""
-CALM_TICKS = 1500
+QUIET_TICKS = 1500
 """Ticks without foreign frames at the beginning of every other life; after these ticks the crank turns."""
 REMEMBERED = 64
 """Number of the loop's last own frames that are kept as templates of foreign frames."""
@@ -200,10 +200,10 @@ def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcom
     start.
     """
     life = Life(seed)
-    calm_ticks = CALM_TICKS if seed % 2 else 0
+    quiet_ticks = QUIET_TICKS if seed % 2 else 0
     try:
-        while life.tick < ticks + calm_ticks and not life.failures:
-            count = burst if life.tick >= calm_ticks else 0
+        while life.tick < ticks + quiet_ticks and not life.failures:
+            count = burst if life.tick >= quiet_ticks else 0
             life.step(count, count)
     except Exception as error:  # any error is a failure: it is reported and ends this life
         life.fail(f"{type(error).__name__}: {error}")

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 UP_COLOUR, DOWN_COLOUR = "tab:blue", "tab:orange"
-IMPACT_COLOUR, CALM_COLOUR, BAND_COLOUR = "#0072b2", "#e4e4e4", "#f2d98c"
-CALM_LINE_COLOUR, BORDER_COLOUR = "#6b6b6b", "#d55e00"
+IMPACT_COLOUR, NON_IMPACT_COLOUR, BAND_COLOUR = "#0072b2", "#e4e4e4", "#f2d98c"
+NON_IMPACT_LINE_COLOUR, BORDER_COLOUR = "#6b6b6b", "#d55e00"
 """Colours from Okabe and Ito's set, which colour-blind readers can distinguish; the impact regime is blue."""
 LAW_NAMES = {"viscous": "viscous", "coulomb": "Coulomb", "stribeck": "Coulomb–Stribeck"}
 
@@ -108,7 +108,7 @@ def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[st
     axes = grid[0, 0]
     for place, diagram in enumerate(diagrams):
         for sweep, colour, shift in ((diagram.up, UP_COLOUR, 0.17), (diagram.down, DOWN_COLOUR, -0.17)):
-            axes.barh(-place + shift, HIGH_RATIO - LOW_RATIO, 0.3, left=LOW_RATIO, color=CALM_COLOUR)
+            axes.barh(-place + shift, HIGH_RATIO - LOW_RATIO, 0.3, left=LOW_RATIO, color=NON_IMPACT_COLOUR)
             for low, high in sweep.with_impacts():
                 axes.barh(-place + shift, high - low, 0.3, left=low, color=colour)
         if diagram.onset() is None:
@@ -167,7 +167,7 @@ def basin(
         extent=extent,
         aspect="auto",
         interpolation="nearest",
-        cmap=ListedColormap([CALM_COLOUR, IMPACT_COLOUR]),
+        cmap=ListedColormap([NON_IMPACT_COLOUR, IMPACT_COLOUR]),
         vmin=0,
         vmax=1,
     )
@@ -180,7 +180,7 @@ def basin(
     axes.title.set_fontsize(9)
     handles = [
         Patch(color=IMPACT_COLOUR, label="ends in impact motion"),
-        Patch(color=CALM_COLOUR, label="ends without"),
+        Patch(color=NON_IMPACT_COLOUR, label="ends without"),
     ]
     if at_once is not None and at_once.any() and not at_once.all():
         axes.contourf(across_m * 1e3, up, at_once, levels=[-0.5, 0.5], hatches=["///"], colors="none")
@@ -191,7 +191,7 @@ def basin(
 
 
 REGIME_COLOURS = {
-    Regime.NON_IMPACT: CALM_COLOUR,
+    Regime.NON_IMPACT: NON_IMPACT_COLOUR,
     Regime.IMPACT: IMPACT_COLOUR,
     Regime.PERIOD_N: "#cc79a7",
     Regime.LOST: "#ffffff",
@@ -236,7 +236,7 @@ def portraits(pairs: Sequence[Pair], folder: Path, name: str) -> list[str]:
 
 def _portrait(axes: NDArray[Any], motion: Motion, kind: str) -> None:
     case = motion.case
-    colour = IMPACT_COLOUR if motion.reaches_stop else CALM_LINE_COLOUR
+    colour = IMPACT_COLOUR if motion.reaches_stop else NON_IMPACT_LINE_COLOUR
     y_mm = 1e3 * (motion.x_m - case.rest_length_m)
     gap_mm = 1e3 * case.gap_m
     axes[0].plot(motion.t_s, y_mm, color=colour, lw=1.2)
@@ -289,7 +289,7 @@ def chart(
     handles = [
         Patch(
             facecolor=REGIME_COLOURS[one],
-            edgecolor=CALM_LINE_COLOUR,
+            edgecolor=NON_IMPACT_LINE_COLOUR,
             linewidth=0.5,
             label=one.name.lower().replace("_", "-"),
         )
