@@ -26,7 +26,7 @@ from hil.show.highlights import marks
 from hil.show.report.pages import write_report
 from hil.show.rerun_log import LOG_NAME, write_log
 
-KILLED = "the run is still going on, or its process was killed before it could be judged"
+KILLED = "the run is not finished, or its process was killed before the verdict"
 
 
 def verdict_of(

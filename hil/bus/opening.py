@@ -129,16 +129,16 @@ def provide(spec: str) -> ProvidedBus:
         except BusError as error:
             return provide_local(f"auto: no vcan here, so a hub of our own ({error})")
     if spec == "vcan":
-        return provide_vcan("asked for")
+        return provide_vcan("requested")
     if spec == "local":
-        return provide_local("asked for")
+        return provide_local("requested")
     interface, separator, channel = spec.partition(":")
     if not (separator and interface and channel):
         raise BusError(
             f"bus {spec!r} is not known; wanted auto, vcan, local, local:PATH, socketcan:can0 or any "
             "interface:channel of python-can"
         )
-    return ProvidedBus(spec, spec, interface in ("socketcan", "vcan"), "asked for")
+    return ProvidedBus(spec, spec, interface in ("socketcan", "vcan"), "requested")
 
 
 def join(address: str, accept: Collection[int] | None = None, stamped: bool = False) -> Bus:

@@ -402,7 +402,7 @@ def overlay(difference_s: float | None) -> rrb.Blueprint:
                     Dots("/b/impacts/truth", "v_m_s", "b", ESTIMATE, "cross"),
                     legend=rrb.Corner2D.LeftBottom,
                 ),
-                both("Torque asked for [N m]", "/firmware", "outputs.torque_n_m", "N m"),
+                both("Requested torque [N m]", "/firmware", "outputs.torque_n_m", "N m"),
             ),
             name="Side by side",
         ),

@@ -113,7 +113,7 @@ SPEED = (
 
 TORQUE = (
     Line("/plant", "motor_torque_n_m", "motor", "N m", TRUTH),
-    Line("/firmware", "outputs.torque_n_m", "asked for", "N m", ESTIMATE),
+    Line("/firmware", "outputs.torque_n_m", "requested", "N m", ESTIMATE),
     Whole("/limits/torque/**"),
 )
 

@@ -179,7 +179,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
         Campaign(
             name="walk",
-            title="somebody walks, and the crank follows: pulses in late stance, as felt, and their end",
+            title="a walk that the crank follows: pulses in late stance, felt force, end of the walk",
             trials=2100,
             conditions=WALKS,
             numbers={"walk_s": 70.0, "variability": 0.02, **MISMATCH},

@@ -386,6 +386,6 @@ def _warnings(
             found.append(f"{name}: the most likely value lies at the end of those tried")
     if sum(one.stop for one in worths) < 5.0:
         found.append(
-            "the touch-downs are worth fewer than five: how well the stop is known needs more modules"
+            "the logs inform about the stop as fewer than five touch-downs would; use logs of more modules"
         )
     return found

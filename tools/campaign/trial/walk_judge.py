@@ -131,4 +131,4 @@ def judge_end(
     if last_s > latest_s:
         outcome.why = f"last pulse {last_s:.2f} s after"
     elif hardest > HARDER:
-        outcome.why = f"a pulse {hardest:.2f} times as hard as the last steady ones"
+        outcome.why = f"a pulse {hardest:.2f} times as fast as the last steady ones"

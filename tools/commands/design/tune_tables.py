@@ -89,7 +89,11 @@ def show_check(payload: Mapping[str, Any]) -> None:
     for warning in payload["warnings"]:
         console.print(f"[bold yellow]warning:[/] {warning}")
     show_safety(payload["safety"])
-    mark = "[green]the defaults are what tuning gives[/]" if payload["passed"] else "[bold red]not so[/]"
+    mark = (
+        "[green]tuning gives the defaults[/]"
+        if payload["passed"]
+        else "[bold red]tuning gives other values than the defaults[/]"
+    )
     console.print(f"{mark}; files in {escape(payload['out'])}", soft_wrap=True)
 
 

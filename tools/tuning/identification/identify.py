@@ -384,7 +384,7 @@ def _warnings(
                 "or one with several speeds, would show it"
             )
     if found.fit.condition > CONDITION_LIMIT:
-        yield f"the regressors are nearly each other's shadow (condition {found.fit.condition:.2g})"
+        yield f"the regressors are nearly collinear (condition {found.fit.condition:.2g})"
     if _lead(found) < CLEAR_LEAD:
         yield f"the friction laws are hardly distinguished (criterion {_lead(found):.1f} above the next)"
     if len(found.impacts) < FEWEST_IMPACTS:
