@@ -120,7 +120,8 @@ def test_the_listed_runs_that_have_a_log_are_viewed_together(folder, monkeypatch
     assert viewed == [folder / "good"]
 
 
-def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, capsys):
+def test_names_and_paths_in_brackets_are_printed_as_they_are(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(console, "_width", 200)
     odd = "run [/bold] of [red]"
     run = tmp_path / odd
     run.mkdir(parents=True)

@@ -122,11 +122,14 @@ def test_map_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
         (["sweep", "--law", "dry"], "--law is 'dry': wanted one of viscous, coulomb, stribeck"),
         (["basin", "--size", "1"], "--size is 1: wanted 2 to"),
         (["basin", "--ratio", "-1"], "--ratio is -1.0: wanted a positive number"),
-        (["basin", "--value", "nan"], "--value is nan"),
-        (["sweep", "--amplitude", "inf"], "--amplitude is inf"),
+        (["basin", "--value", "nan"], "'--value': nan is not a finite number"),
+        (["sweep", "--amplitude", "inf"], "'--amplitude': inf is not a finite number"),
         (["map", "--over", "r,x"], "--over is 'r,x': wanted one of r,A"),
         (["map", "--over", "r,mu"], "that law has no mu"),
-        (["sweep", "--cores", "0"], "--cores is 0"),
+        (
+            ["sweep", "--cores", "0"],
+            "'--cores': Input should be greater than or equal to 1",
+        ),
     ],
 )
 def test_nonsense_is_refused(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
