@@ -135,7 +135,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         ),
         Campaign(
             name="hold",
-            title="the impact regime, or an impulse asked for, held for a minute",
+            title="the impact regime, or a requested impulse, held for a minute",
             trials=700,
             conditions=(
                 (("viscous",), (1.3, 1.4), NO_IMPULSE),

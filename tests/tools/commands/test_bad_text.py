@@ -4,13 +4,11 @@ import os
 import resource
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
-import typer
+from options import options_of
 
 from tools import cli
-from tools.dev.reference import every_command
 from tools.output import EXIT_BAD_INPUT
 
 SCENE = """
@@ -148,19 +146,8 @@ def test_a_path_that_is_not_utf_8_is_refused(
     assert not path.exists()
 
 
-def numbers() -> list[tuple[str, str]]:
-    """Every option of the program that takes a number which is not whole: command, option."""
-    program: Any = typer.main.get_command(cli.program())
-    return [
-        (name, option.opts[0])
-        for name, command in every_command(program)
-        for option in command.params
-        if option.type_descriptor and "float" in repr(option.type_descriptor.annotation)
-    ]
-
-
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
-@pytest.mark.parametrize(("command", "option"), numbers())
+@pytest.mark.parametrize(("command", "option"), options_of("float"))
 def test_a_number_that_is_not_finite_is_refused(
     command: str, option: str, value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,4 +157,5 @@ def test_a_number_that_is_not_finite_is_refused(
 
 
 def test_every_number_of_an_option_is_tried() -> None:
-    assert {("simulate", "--until"), ("plant", "--until"), ("tune speed", "--tracker-rad-s")} < set(numbers())
+    some = {("simulate", "--until"), ("plant", "--until"), ("tune speed", "--tracker-rad-s")}
+    assert some < set(options_of("float"))

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
+from options import options_of
 
 from hil.scenario.scenario import scenario_names
 from tools import cli
-from tools.dev.reference import every_command
 from tools.output import EXIT_BAD_INPUT, EXIT_INTERNAL_ERROR, BadInputError
 
 FOLDERS = {"run", "suite", "import", "firmware node", "firmware build", "plant", "tune check"}
@@ -24,13 +23,10 @@ READ = {("run", "--parameters"), ("suite", "--parameters"), ("suite", "--baselin
 
 def outputs() -> list[tuple[str, str]]:
     """Every option of the program that takes a path to write to: command, option."""
-    program: Any = typer.main.get_command(cli.program())
     return [
-        (name, option.opts[0])
-        for name, command in every_command(program)
-        for option in command.params
-        if option.type_descriptor and "Path" in repr(option.type_descriptor.annotation)
-        if option.opts[0].startswith("--") and (name, option.opts[0]) not in READ
+        (command, option)
+        for command, option in options_of("Path")
+        if option.startswith("--") and (command, option) not in READ
     ]
 
 
