@@ -1,12 +1,16 @@
 """The campaigns: their conditions, metrics and goals."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from firmware_py.shell.builds import Build
+from tools.campaign.trial.cells import Condition, cells_of
+from tools.campaign.trial.sampling import Mismatch
+from tools.campaign.trial.scenarios import Plan
+from tools.campaign.trial.walk_cells import WalkCondition, walk_cells
+
 Quantile = Literal["lowest", "p50", "p95", "worst"]
-Condition = tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]
-WalkCondition = tuple[str, tuple[str, ...]]
 
 WET_AND_DRY = ("viscous", "coulomb", "stribeck")
 NO_IMPULSE = (0.0,)
@@ -45,17 +49,14 @@ class Campaign:
     units: Mapping[str, str]
     goals: tuple[Goal, ...]
 
+    def plan(self, settings: Sequence[str], seed: int, firmware: Build = "compiled") -> Plan:
+        """Return the plan of the trials after the `--set` changes; BadInputError for an unknown one."""
+        made: Any = walk_cells if self.name == "walk" else cells_of
+        cells, numbers = made(self.conditions, self.numbers, settings)
+        return Plan(self.name, cells, numbers, seed, firmware)
 
-MISMATCH: dict[str, Any] = {
-    "mismatch_spring": 0.02,
-    "mismatch_damping": 0.30,
-    "mismatch_restitution": 0.05,
-    "mismatch_rest_length_m": 1e-3,
-    "mismatch_stop_m": 3e-4,
-    "mismatch_dry_friction": 0.10,
-    "mismatch_bias_g": 0.05,
-    "mismatch_amplitude": 0.0,
-}
+
+MISMATCH: dict[str, Any] = {f"mismatch_{name}": width for name, width in asdict(Mismatch()).items()}
 
 CAMPAIGNS: dict[str, Campaign] = {
     campaign.name: campaign

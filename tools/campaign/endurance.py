@@ -45,7 +45,7 @@ def endurance(
     The result also has the RMS error of the position in mode RUN, in mm, the last mode, the faults, and the
     compute time in s. `passed` means that P stayed positive definite.
     """
-    cell = cells_of({"conditions": CONDITIONS}, settings)[0][0]
+    cell = cells_of(CONDITIONS, {}, settings)[0][0]
     commands = [Command(0.0, Request.IDLE, 0.0), Command(0.5, Request.RUN, cell.ratio, cell.impulse_n_s)]
     duration_s = ticks * config_from(cell.firmware).tick_s
     scenario = scenario_of("endurance", cell.scene, cell.firmware, commands, duration_s, seed)

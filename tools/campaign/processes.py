@@ -1,14 +1,15 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import NamedTuple
 
-from firmware_py.shell.builds import Build
-from tools.campaign.journal import Journal
-from tools.campaign.trial.cells import Cell
+from hil.record import provenance
+from hil.record.run_folder import RUNS
+from tools.campaign.journal import journal
 from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.scenarios import Plan
 from tools.jobs import running
 
 BATCHES_A_WORKER = 16
@@ -21,85 +22,52 @@ Progress = Callable[[int, int], None]
 class Batch(NamedTuple):
     """Trials of one campaign that a worker runs in one call."""
 
-    campaign: str
-    cells: list[Cell]
-    numbers: Mapping[str, Any]
-    seed: int
+    plan: Plan
     trials: list[int]
-    firmware: Build = "compiled"
 
 
 def run_batch(batch: Batch) -> list[Outcome]:
     """Run the trials of a batch in a worker process."""
     from tools.campaign.trial.judges import run_trial
 
-    return [
-        run_trial(batch.campaign, batch.cells, batch.numbers, batch.seed, trial, batch.firmware)
-        for trial in batch.trials
-    ]
+    return [run_trial(batch.plan, trial) for trial in batch.trials]
 
 
-@contextmanager
-def environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables for processes that are started within the context, and restore them."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def batches(
-    campaign: str,
-    cells: list[Cell],
-    numbers: Mapping[str, Any],
-    seed: int,
-    trials: Sequence[int],
-    workers: int,
-    firmware: Build = "compiled",
-) -> list[Batch]:
+def batches(plan: Plan, trials: Sequence[int], workers: int) -> list[Batch]:
     """Divide the trials into batches.
 
     The first batch has one trial of each friction law, so that each kernel is compiled once.
     """
     laws: dict[str, int] = {}
     for trial in trials:
-        laws.setdefault(cells[trial % len(cells)].law, trial)
+        laws.setdefault(plan.cell_of(trial).law, trial)
     first = sorted(laws.values())
     rest = sorted(set(trials) - set(first))
     size = max(1, min(LARGEST_BATCH, len(rest) // (workers * BATCHES_A_WORKER)))
     parts = [first] + [rest[begin : begin + size] for begin in range(0, len(rest), size)]
-    return [Batch(campaign, cells, numbers, seed, part, firmware) for part in parts if part]
+    return [Batch(plan, part) for part in parts if part]
 
 
 def run_all(
-    campaign: str,
-    cells: list[Cell],
-    numbers: Mapping[str, Any],
-    seed: int,
-    trials: int,
-    progress: Progress,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    firmware: Build = "compiled",
+    plan: Plan, trials: int, progress: Progress, workers: int | None = None, scheduler: str | None = None
 ) -> list[Outcome]:
     """Run all trials and return their outcomes in order of the trials' numbers.
 
-    Outcomes that an interrupted campaign has left in its journal are taken from there.
+    Outcomes that an interrupted campaign has left in its journal are taken from there. The journal's name
+    contains a digest of everything on which an outcome depends.
     """
     count = workers or os.cpu_count() or 1
-    with Journal(campaign, cells, numbers, seed, firmware) as journal:
-        known = {outcome.trial: outcome for outcome in journal.outcomes}
+    RUNS.mkdir(exist_ok=True)
+    path = RUNS / f"campaign-{plan.campaign}-{provenance.key(plan)[:16]}.jsonl"
+    with journal(path) as (entries, add):
+        known = {entry["trial"]: Outcome(**entry) for entry in entries}
         missing = [trial for trial in range(trials) if trial not in known]
         progress(trials - len(missing), trials)
         with running(run_batch, count, scheduler) as run:
-            for _, part in run(batches(campaign, cells, numbers, seed, missing, count, firmware)):
-                journal.add(part)
-                known |= {outcome.trial: outcome for outcome in part}
+            for _, outcomes in run(batches(plan, missing, count)):
+                for outcome in outcomes:
+                    add(asdict(outcome))
+                    known[outcome.trial] = outcome
                 progress(sum(trial in known for trial in range(trials)), trials)
+    path.unlink(missing_ok=True)
     return [known[trial] for trial in range(trials)]

@@ -9,6 +9,7 @@ from scipy.stats import binomtest
 from plant_sim.arrays import FloatArray
 
 CONFIDENCE = 0.95
+PERCENTILES = 50.0 * (1.0 - CONFIDENCE), 50.0 * (1.0 + CONFIDENCE)
 RESAMPLES = 1000
 MOST_NUMBERS = 5_000_000
 """Largest number of values that the bootstrap samples in all, unless 100 resamples need more.
@@ -39,7 +40,7 @@ class Distribution(NamedTuple):
     worst: float
 
 
-def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share:
+def wilson(successes: int, trials: int) -> Share:
     """Return a share with Wilson's score interval (J. Am. Stat. Assoc. 22 (1927) 209).
 
     >>> share = wilson(3000, 3000)
@@ -48,13 +49,13 @@ def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Share
     """
     if trials == 0:
         return Share(math.nan, 0.0, 1.0)
-    bounds = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    bounds = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
     low = 0.0 if successes == 0 else float(bounds.low)
     high = 1.0 if successes == trials else float(bounds.high)
     return Share(successes / trials, low, high)
 
 
-def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribution | None:
+def distribution(values: FloatArray) -> Distribution | None:
     """Return the quantiles of the finite values with percentile-bootstrap bounds; None if there are none."""
     finite = values[np.isfinite(values)]
     if len(finite) == 0:
@@ -63,20 +64,10 @@ def distribution(values: FloatArray, confidence: float = CONFIDENCE) -> Distribu
     n = len(ordered)
     p50, p95 = np.quantile(ordered, [0.5, 0.95])
     rng = np.random.default_rng(n)
-    tail = 50.0 * (1.0 - confidence)
     # Resample with replacement: random places of the sorted values.
     resampled = np.empty((max(100, min(RESAMPLES, MOST_NUMBERS // n)), 2))
     for row in resampled:
         row[:] = np.quantile(ordered[rng.integers(0, n, n)], [0.5, 0.95])
-    low, high = np.percentile(resampled, [tail, 100.0 - tail], axis=0)
-    return Distribution(
-        n,
-        float(ordered[0]),
-        float(p50),
-        float(low[0]),
-        float(high[0]),
-        float(p95),
-        float(low[1]),
-        float(high[1]),
-        float(ordered[-1]),
-    )
+    low, high = np.percentile(resampled, PERCENTILES, axis=0)
+    figures = (ordered[0], p50, low[0], high[0], p95, low[1], high[1], ordered[-1])
+    return Distribution(n, *map(float, figures))

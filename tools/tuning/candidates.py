@@ -8,10 +8,11 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 
-from tools.campaign.campaigns import CAMPAIGNS, Condition
+from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.processes import Batch, batches, run_batch
-from tools.campaign.trial.cells import cells_of
+from tools.campaign.trial.cells import Condition
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
 from tools.jobs import Runner, running
@@ -53,13 +54,14 @@ def run_candidates(
     `opened`: processes to reuse; they have kept their compiled kernels and the references of these trials.
     """
     chosen = CAMPAIGNS[campaign]
-    table = {"conditions": conditions or chosen.conditions, **chosen.numbers}
+    if conditions is not None:
+        chosen = replace(chosen, conditions=conditions)
     count = workers or os.cpu_count() or 1
     parts: list[tuple[int, Batch]] = []
     for number, candidate in enumerate(candidates):
         settings = [f"firmware.{name}={value!r}" for name, value in candidate.items()]
-        cells, numbers = cells_of(table, settings)
-        parts += [(number, batch) for batch in batches(campaign, cells, numbers, seed, range(trials), count)]
+        plan = chosen.plan(settings, seed)
+        parts += [(number, batch) for batch in batches(plan, range(trials), count)]
     found: list[list[Outcome]] = [[] for _ in candidates]
     done, total = 0, trials * len(candidates)
     with nullcontext(opened) if opened else processes_for(count) as run:

@@ -30,11 +30,9 @@ import numpy as np
 from firmware_py.shell.parameters import DEFAULTS
 from hil.scenario.parameter_file import nested
 from plant_sim.arrays import FloatArray
-from tools.campaign.processes import environment
 from tools.campaign.trial.cells import LAWS, Cell
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
-from tools.one_thread import ONE_THREAD_EACH
 from tools.output import BadInputError
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.recordings.readings import Ticks
@@ -269,7 +267,7 @@ def scored(
     """Replay all logs with all combinations, on all cores: results by combination, worths by log."""
     found: dict[int, tuple[Worth, list[Score]]] = {}
     count = min(workers or os.cpu_count() or 1, len(sources))
-    with environment(ONE_THREAD_EACH), running(partial(_weighed, combinations), count) as run:
+    with running(partial(_weighed, combinations), count) as run:
         for number, result in run(sources):
             found[number] = result
             progress(len(found), len(sources))

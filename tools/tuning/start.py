@@ -28,9 +28,10 @@ import numpy as np
 from firmware_py.shell.parameters import DEFAULTS
 from hil.record import provenance
 from plant_sim.arrays import FloatArray
-from tools.campaign.campaigns import NO_IMPULSE, Condition
+from tools.campaign.campaigns import NO_IMPULSE
 from tools.campaign.processes import Batch
 from tools.campaign.statistics import wilson
+from tools.campaign.trial.cells import Condition
 from tools.campaign.trial.outcome import Outcome
 from tools.jobs import Runner
 from tools.tuning.aims import CAPTURE_S, ENERGY_J, FAILED, IMPACT, choose, differing, hardest, late, starts_of

@@ -8,7 +8,6 @@ Each trial's outcome is appended to a file as a line of JSON. A killed run conti
 its code or settings have changed.
 """
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -21,12 +20,11 @@ import numpy as np
 from firmware_py.core.configure import STANDARD_GRAVITY_M_S2
 from firmware_py.shell.parameters import with_overrides
 from hil.record import provenance
-from tools.campaign.processes import environment
+from tools.campaign.journal import journal
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import LAWS, Cell, Law
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
-from tools.one_thread import ONE_THREAD_EACH
 
 SECONDS = 60.0
 TRIALS = 300
@@ -134,19 +132,6 @@ def run_trial(seed: int, trial: int, seconds: float) -> Trial:
     return Trial(trial, law, found.law.value, "", errors, held, plain)
 
 
-def known_trials(path: Path, key: str) -> dict[int, Trial]:
-    """The finished trials of an earlier run with the same key; a line cut short by a kill is ignored."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if entry.pop("key") == key:
-            found[entry["trial"]] = Trial(**entry)
-    return found
-
-
 def run_trials(
     trials: int,
     path: Path,
@@ -157,17 +142,17 @@ def run_trials(
 ) -> list[Trial]:
     """Run all trials, except those whose outcomes are already in `path`."""
     key = provenance.key(seed, seconds)
-    done = {number: one for number, one in known_trials(path, key).items() if number < trials}
-    missing = [number for number in range(trials) if number not in done]
-    progress(len(done), trials)
-    with environment(ONE_THREAD_EACH), path.open("a", encoding="utf-8") as file:
+    with journal(path) as (entries, add):
+        known = [Trial(**entry) for entry in entries if entry.pop("key") == key]
+        done = {one.trial: one for one in known if one.trial < trials}
+        missing = [number for number in range(trials) if number not in done]
+        progress(len(done), trials)
         if missing:
             one_of = partial(run_trial, seed, seconds=seconds)
             with running(one_of, min(workers or os.cpu_count() or 1, len(missing))) as run:
                 for _, one in run(missing):
                     done[one.trial] = one
-                    file.write(json.dumps({"key": key, **asdict(one)}) + "\n")
-                    file.flush()
+                    add({"key": key, **asdict(one)})
                     progress(len(done), trials)
     return [done[number] for number in sorted(done)]
 

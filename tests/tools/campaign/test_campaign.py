@@ -12,14 +12,14 @@ from scipy.stats import norm
 
 from hil.timing.signals import Interrupted
 from tools.campaign import processes
-from tools.campaign.campaigns import CAMPAIGNS, MISMATCH
+from tools.campaign.campaigns import CAMPAIGNS
 from tools.campaign.processes import batches
 from tools.campaign.results import result_of
 from tools.campaign.statistics import distribution, wilson
-from tools.campaign.trial.cells import cells_of
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.sampling import Disturbance, Mismatch, mismatch_of, sample
-from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk, walk_cells
+from tools.campaign.trial.scenarios import Plan
+from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk
 from tools.campaign.trial.walk_judge import ended_s
 from tools.cli import run
 from tools.commands.testing.campaign import histogram, is_kept
@@ -28,16 +28,18 @@ from tools.output import EXIT_BAD_INPUT, BadInputError, plain
 ESTIMATE = CAMPAIGNS["estimate"]
 
 
-def table(name: str) -> dict[str, Any]:
-    campaign = CAMPAIGNS[name]
-    return {"conditions": campaign.conditions, **campaign.numbers}
+SEED = 20_000
+
+
+def plan_of(name: str, *settings: str) -> Plan:
+    return CAMPAIGNS[name].plan(settings, SEED)
 
 
 # --- samples -----------------------------------------------------------------------------------------
 
 
 def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() -> None:
-    cell = cells_of(table("start-up"), [])[0][0]
+    cell = plan_of("start-up").cells[0]
     first, again, other = (sample(cell.scene, Mismatch(), 20_000, trial) for trial in (3, 3, 4))
     assert first.scene == again.scene
     assert first.scene.striker.spring_n_m != other.scene.striker.spring_n_m
@@ -45,7 +47,7 @@ def test_a_trial_samples_the_same_module_every_time_and_another_trial_another() 
 
 
 def test_samples_fill_their_ranges_and_stay_inside() -> None:
-    cell = next(cell for cell in cells_of(table("start-up"), [])[0] if cell.law == "stribeck")
+    cell = next(cell for cell in plan_of("start-up").cells if cell.law == "stribeck")
     scenes = [sample(cell.scene, Mismatch(), 20_000, trial).scene for trial in range(300)]
     parts = [scene.parts() for scene in scenes]
     for values, middle, width in (
@@ -68,7 +70,7 @@ def test_samples_fill_their_ranges_and_stay_inside() -> None:
 
 
 def test_parameters_keep_the_nominal_numbers() -> None:
-    for cell in cells_of(table("start-up"), [])[0]:
+    for cell in plan_of("start-up").cells:
         truth = sample(cell.scene, Mismatch(), 20_000, 0).scene
         assert "striker" not in cell.firmware
         assert truth.striker.spring_n_m != 70.0
@@ -76,7 +78,7 @@ def test_parameters_keep_the_nominal_numbers() -> None:
 
 
 def test_a_campaign_may_set_its_own_mismatch() -> None:
-    cells, numbers = cells_of(table("hold"), ["campaign.mismatch_spring=0.0", "campaign.ratios=1.2"])
+    _, cells, numbers, *_ = plan_of("hold", "campaign.mismatch_spring=0.0", "campaign.ratios=1.2")
     assert [cell.ratio for cell in cells] == [1.2]
     assert mismatch_of(numbers).spring == 0.0
     assert mismatch_of(numbers).amplitude == 0.03
@@ -87,15 +89,13 @@ def test_a_campaign_may_set_its_own_mismatch() -> None:
 
 
 def test_settings_reach_scene_parameters_and_conditions() -> None:
-    cells, numbers = cells_of(
-        table("start-up"),
-        [
-            'campaign.laws=["viscous", "coulomb"]',
-            "campaign.ratios=[1.1, 1.2]",
-            "campaign.duration_s=9.0",
-            "scene.stop.contact_s=0.02",
-            "firmware.start.rise_s=3.0",
-        ],
+    _, cells, numbers, *_ = plan_of(
+        "start-up",
+        'campaign.laws=["viscous", "coulomb"]',
+        "campaign.ratios=[1.1, 1.2]",
+        "campaign.duration_s=9.0",
+        "scene.stop.contact_s=0.02",
+        "firmware.start.rise_s=3.0",
     )
     assert [cell.name for cell in cells] == [
         "viscous r=1.1",
@@ -118,7 +118,7 @@ def test_settings_reach_scene_parameters_and_conditions() -> None:
 )
 def test_settings_that_name_nothing_are_refused(setting: str, wanted: str) -> None:
     with pytest.raises(BadInputError, match=wanted):
-        cells_of(table("start-up"), [setting])
+        plan_of("start-up", setting)
 
 
 def test_the_command_line_refuses_a_bad_setting(capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,9 +143,9 @@ def test_kept_are_failures_one_trial_or_all() -> None:
 
 
 def test_every_trial_is_in_one_batch_and_each_law_goes_first_once() -> None:
-    cells = cells_of(table("start-up"), [])[0]
-    first, *rest = batches("start-up", cells, MISMATCH, 20_000, range(101), 2)
-    assert [cells[trial].law for trial in first.trials] == ["viscous", "coulomb", "stribeck"]
+    plan = plan_of("start-up")
+    first, *rest = batches(plan, range(101), 2)
+    assert [plan.cells[trial].law for trial in first.trials] == ["viscous", "coulomb", "stribeck"]
     assert sorted(first.trials + [trial for batch in rest for trial in batch.trials]) == list(range(101))
 
 
@@ -191,7 +191,7 @@ def outcome(trial: int, x_rmse: float, **changes: Any) -> Outcome:
 
 
 def judged(x_rmse: float, seed: int = 20_000) -> dict[str, Any]:
-    cells = cells_of(table("estimate"), [])[0]
+    cells = plan_of("estimate").cells
     outcomes = [outcome(trial, x_rmse + 0.001 * trial) for trial in range(20)]
     outcomes[5].why = "the estimate is no number"
     outcomes[6].eligible, outcomes[6].why = False, "no time in RUN"
@@ -220,7 +220,7 @@ def test_goals_are_met_or_missed() -> None:
 
 
 def test_nothing_measured_passes_nothing() -> None:
-    cells = cells_of(table("estimate"), [])[0]
+    cells = plan_of("estimate").cells
     outcomes = [Outcome(trial, trial % 2, eligible=False, why="no time in RUN") for trial in range(4)]
     result = result_of(ESTIMATE, cells, outcomes, 20_000, wall_s=1.0)
     assert not result["passed"]
@@ -233,7 +233,7 @@ def test_seeds_of_tuning_are_marked() -> None:
 
 
 def test_f1_counts_misses_and_false_alarms_alike() -> None:
-    cells = cells_of(table("detect"), [])[0]
+    cells = plan_of("detect").cells
     outcomes = [
         Outcome(trial, trial, counts={"hits": 99, "misses": trial % 2, "false_alarms": 0, "soft_hits": 1})
         for trial in range(len(cells))
@@ -250,7 +250,7 @@ def test_a_histogram_shows_every_bin_that_is_not_empty() -> None:
 
 
 def test_a_sampled_housing_swings_and_is_knocked_within_its_ranges_and_leaves_all_else_as_it_was() -> None:
-    cell = cells_of(table("shock"), [])[0][0]
+    cell = plan_of("shock").cells[0]
     moved = Disturbance(swing_m_s2=0.5, shock_g=8.0)
     for trial in range(50):
         level = sample(cell.scene, Mismatch(), 20_000, trial).scene
@@ -272,12 +272,8 @@ def test_a_sampled_housing_swings_and_is_knocked_within_its_ranges_and_leaves_al
 WALK = CAMPAIGNS["walk"]
 
 
-def walk_table() -> dict[str, Any]:
-    return {"conditions": WALK.conditions, **WALK.numbers}
-
-
 def test_the_cells_of_a_walk_are_modules_and_courses() -> None:
-    cells, numbers = walk_cells(walk_table(), [])
+    _, cells, numbers, *_ = plan_of("walk")
     assert [cell.name for cell in cells] == [
         "walking steady",
         "walking change",
@@ -302,7 +298,7 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
         "campaign.courses=['stop', 'change']",
         "firmware.spin_down.gain=2.0",
     ]
-    cells, _ = walk_cells(walk_table(), settings)
+    cells = plan_of("walk", *settings).cells
     assert [cell.name for cell in cells] == ["table1 stop", "table1 change"]
     assert cells[0].firmware["spin_down"]["gain"] == 2.0
     for setting, message in (
@@ -311,11 +307,11 @@ def test_a_walk_s_cells_can_be_chosen_and_changed() -> None:
         ("campaign.speed=1", "campaign.speed"),
     ):
         with pytest.raises(BadInputError, match=message):
-            walk_cells(walk_table(), [setting])
+            plan_of("walk", setting)
 
 
 def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
-    cells = {cell.name: cell for cell in walk_cells(walk_table(), [])[0] if isinstance(cell, WalkCell)}
+    cells = {cell.name: cell for cell in plan_of("walk").cells if isinstance(cell, WalkCell)}
     for seed in range(40):
         course = course_of(cells["walking change"], WALK.numbers, np.random.default_rng(seed))
         (_, first), (begins_s, _), (ends_s, second), *_, (_, last) = course.paces
@@ -331,7 +327,7 @@ def test_a_change_of_cadence_is_a_fifth_in_five_strides_and_back() -> None:
 
 
 def test_a_walk_is_sampled_with_its_mismatch_and_starts_at_rest() -> None:
-    cells, numbers = walk_cells(walk_table(), [])
+    _, cells, numbers, *_ = plan_of("walk")
     cell = cells[3]
     assert isinstance(cell, WalkCell)
     sampled, course = sampled_walk(cell, numbers, 20_000, 3)
@@ -347,7 +343,7 @@ def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    cells, numbers = cells_of(table("start-up"), [])
+    plan = plan_of("start-up")
     ran: list[int] = []
 
     @contextmanager
@@ -366,7 +362,7 @@ def test_an_interrupted_campaign_keeps_what_is_finished_and_goes_on(
     monkeypatch.setattr(processes, "running", running)
 
     def run_all() -> list[Outcome]:
-        return processes.run_all("start-up", cells, numbers, 20_000, 100, lambda *_: None, workers=2)
+        return processes.run_all(plan, 100, lambda *_: None, workers=2)
 
     with pytest.raises(Interrupted):
         run_all()

@@ -1,6 +1,7 @@
 """Campaigns on the bench's compiled loop, and from end to end."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,10 @@ from plant_sim.result import Impact
 from plant_sim.scene import load_scene
 from plant_sim.solvers.adaptive import adaptive
 from tools.campaign.campaigns import CAMPAIGNS
-from tools.campaign.trial.cells import cells_of
 from tools.campaign.trial.reference import HELD_S, RAMP_S, alone, at, led, would_be_lost
 from tools.campaign.trial.run import SIGNALS, in_a_folder, in_stretches
 from tools.campaign.trial.run import run as run_loop
 from tools.campaign.trial.scenarios import trial_of
-from tools.campaign.trial.walk_cells import walk_cells
 from tools.cli import run
 from tools.commands.testing.campaign import keep_trial
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
@@ -31,9 +30,8 @@ SEED = 20_001
 
 def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Path) -> None:
     chosen = CAMPAIGNS["recover"]
-    table = {"conditions": chosen.conditions, **chosen.numbers, "coarse_noise_m": 2e-3}
-    cells, numbers = cells_of(table, ["campaign.duration_s=19.0"])
-    trial = trial_of("recover", cells, numbers, SEED, 3)
+    chosen = replace(chosen, numbers={**chosen.numbers, "coarse_noise_m": 2e-3})
+    trial = trial_of(chosen.plan(["campaign.duration_s=19.0"], SEED), 3)
     done = run_loop(trial.scenario, trial.scenario.seed)
 
     kept = load_scenario(keep_trial(tmp_path, trial))
@@ -54,9 +52,7 @@ def test_a_kept_trial_is_a_scenario_that_a_run_repeats_bit_for_bit(tmp_path: Pat
 
 
 def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
-    chosen = CAMPAIGNS["walk"]
-    cells, numbers = walk_cells({"conditions": chosen.conditions, **chosen.numbers}, ["campaign.walk_s=8.0"])
-    trial = trial_of("walk", cells, numbers, SEED, 0)
+    trial = trial_of(CAMPAIGNS["walk"].plan(["campaign.walk_s=8.0"], SEED), 0)
     kept = [
         how(trial.scenario, trial.scenario.seed, columns_of(SIGNALS), "compiled")
         for how in (in_stretches, in_a_folder)
@@ -69,10 +65,7 @@ def test_a_trial_in_a_folder_is_the_one_in_stretches() -> None:
 def test_a_housing_that_swings_at_the_cranks_frequency_does_not_end_the_impacts(
     seed: int, trial: int
 ) -> None:
-    chosen = CAMPAIGNS["start-up"]
-    table = {"conditions": chosen.conditions, **chosen.numbers}
-    cells, numbers = cells_of(table, ["campaign.duration_s=90.0"])
-    sampled = trial_of("start-up", cells, numbers, seed, trial)
+    sampled = trial_of(CAMPAIGNS["start-up"].plan(["campaign.duration_s=90.0"], seed), trial)
     assert sampled.scenario.scene.housing is not None
     done = run_loop(sampled.scenario, sampled.scenario.seed)
     times = done.impacts["t_s"]
@@ -101,13 +94,11 @@ def test_a_striker_left_at_rest_at_a_multistable_speed_is_lost_and_one_in_impact
     record = np.zeros(len(PlantRecord._fields))
     record[PlantRecord._fields.index("x_m")] = scene.striker.rest_length_m
     assert would_be_lost(scene, record, omega_rad_s)
-    trial = trial_of(
-        "start-up", *cells_of({"conditions": ((("viscous",), (1.3,), (0.0,)),), **NUMBERS}, []), 1, 0
-    )
+    trial = trial_of(LEVEL.plan(["campaign.laws='viscous'", "campaign.ratios=1.3"], 1), 0)
     assert not would_be_lost(trial.scenario.scene, run_loop(trial.scenario, 1).plant[-1], omega_rad_s)
 
 
-NUMBERS = {key: value for key, value in CAMPAIGNS["start-up"].numbers.items() if key != "swing_m_s2"}
+LEVEL = replace(CAMPAIGNS["start-up"], numbers={**CAMPAIGNS["start-up"].numbers, "swing_m_s2": 0.0})
 
 
 def test_a_walk_campaign_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,8 +1,11 @@
 """What trials of identification come to: shares, errors, and bounds that hold the truth or do not."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,7 +13,7 @@ from hil.record import provenance
 from tools import cli
 from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 from tools.tuning import trials
-from tools.tuning.trials import GOAL, Trial, known_trials, module_of, run_trials, summary
+from tools.tuning.trials import GOAL, Trial, module_of, run_trials, summary
 
 
 def trial(number: int, named: str = "", b_off: float = 0.0, held: bool = True) -> Trial:
@@ -48,12 +51,26 @@ def test_bounds_that_miss_the_truth_are_counted() -> None:
     assert said["within"]["damping"]["in_bounds"]["hits"] == 30
 
 
-def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
-    """Lines of the same key are known, one cut short and one of other sources are not."""
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines of the same key are known, one cut short and one of other sources are not; none is lost."""
     path = tmp_path / "trials.jsonl"
-    lines = [json.dumps({"key": key, **asdict(trial(number))}) for key, number in (("a", 0), ("b", 1))]
+    known = provenance.key(41, 20.0)
+    lines = [json.dumps({"key": key, **asdict(trial(number))}) for key, number in ((known, 0), ("b", 1))]
     path.write_text("\n".join([*lines, lines[0][:40]]), encoding="utf-8")
-    assert list(known_trials(path, "a")) == [0]
+    ran: list[int] = []
+
+    @contextmanager
+    def running(*_: object) -> Iterator[Any]:
+        def run(numbers: list[int]) -> Iterator[tuple[int, Trial]]:
+            ran.extend(numbers)
+            yield from ((place, trial(number)) for place, number in enumerate(numbers))
+
+        yield run
+
+    monkeypatch.setattr(trials, "running", running)
+    for _ in range(2):
+        assert run_trials(3, path, seed=41, seconds=20.0) == [trial(number) for number in range(3)]
+        assert ran == [1, 2]
 
 
 def test_a_trial_is_recorded_identified_and_judged(tmp_path: Path) -> None:

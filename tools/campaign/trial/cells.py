@@ -11,6 +11,9 @@ from tools.output import BadInputError
 
 BASE_SCENE = "table1-motor-soft"
 
+Condition = tuple[Sequence[str], Sequence[float], Sequence[float]]
+"""Friction laws, speed ratios and impulses, which are combined."""
+
 DRY_AMPLITUDE_M = 0.03
 """Amplitude of the drive with dry friction, m; at 20 mm dry friction holds the striker."""
 
@@ -62,8 +65,11 @@ class Cell:
         return f"{self.law} r={self.ratio:g}{asked}"
 
 
-def _listed(value: Any) -> list[Any]:
-    return list(value) if isinstance(value, list) else [value]
+def listed(value: Any, otherwise: Sequence[Any]) -> Sequence[Any]:
+    """Return the values of a setting, which may be a list or one value; `otherwise` if it is not set."""
+    if value is None:
+        return otherwise
+    return value if isinstance(value, list) else [value]
 
 
 def numbers_after(document: dict[str, Any], settings: Sequence[str]) -> dict[str, Any]:
@@ -87,36 +93,30 @@ def refuse_unlisted(key: str, value: str, known: Collection[str]) -> None:
         raise BadInputError(f"campaign.{key}: {value!r} is none of {', '.join(known)}")
 
 
-def cells_of(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
+def cells_of(
+    conditions: Sequence[Condition], numbers: Mapping[str, Any], settings: Sequence[str]
+) -> tuple[list[Cell], dict[str, Any]]:
     """Return the cells of a campaign and its numbers, both after the `--set` changes.
 
-    `table` has the conditions, each (laws, ratios, impulses), and the campaign's numbers. The settings
-    `campaign.laws`, `campaign.ratios` and `campaign.impulses` replace the conditions. Raises BadInputError
-    for an unknown key or friction law.
+    The settings `campaign.laws`, `campaign.ratios` and `campaign.impulses` replace the conditions. Raises
+    BadInputError for an unknown key or friction law.
     """
-    known = {"laws": None, "ratios": None, "impulses": None, **table}
-    conditions = known.pop("conditions")
-    document = {"campaign": dict(known), "firmware": {}, "scene": read_scene(BASE_SCENE)}
-    changed = numbers_after(document, settings)
-    laws, ratios, impulses = (changed.pop(name) for name in ("laws", "ratios", "impulses"))
-    if laws is not None or ratios is not None or impulses is not None:
-        first_laws, first_ratios, first_impulses = conditions[0]
-        conditions = [
-            (
-                first_laws if laws is None else tuple(_listed(laws)),
-                first_ratios if ratios is None else tuple(_listed(ratios)),
-                first_impulses if impulses is None else tuple(_listed(impulses)),
-            )
-        ]
+    axes = ("laws", "ratios", "impulses")
+    table = {**dict.fromkeys(axes), **numbers}
+    changed = numbers_after({"campaign": table, "firmware": {}, "scene": read_scene(BASE_SCENE)}, settings)
+    chosen = [changed.pop(axis) for axis in axes]
+    if chosen != [None] * len(axes):
+        laws, ratios, impulses = map(listed, chosen, conditions[0])
+        conditions = [(laws, ratios, impulses)]
     cells = []
-    for condition_laws, condition_ratios, condition_impulses in conditions:
-        for law in condition_laws:
+    for laws, ratios, impulses in conditions:
+        for law in laws:
             refuse_unlisted("laws", law, LAWS)
             own = {"campaign": {}, "scene": LAWS[law].scene, "firmware": LAWS[law].nominal}
             own = apply_settings(own, settings)
             cells += [
                 Cell(law, float(ratio), float(impulse), own["scene"], own["firmware"])
-                for ratio in condition_ratios
-                for impulse in condition_impulses
+                for ratio in ratios
+                for impulse in impulses
             ]
     return cells, changed

@@ -2,16 +2,13 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
 from firmware_py.interface.enums import Fault, Mode, Refusal, Regime
-from firmware_py.shell.builds import Build
 from hil.judge import detection, true_regime
 from plant_sim.arrays import FloatArray
-from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.reference import (
     LONGEST_GAP,
@@ -21,7 +18,7 @@ from tools.campaign.trial.reference import (
     would_be_lost,
 )
 from tools.campaign.trial.run import Run, run
-from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Trial, trial_of
+from tools.campaign.trial.scenarios import RUN_S, SETTLED_S, Plan, Trial, trial_of
 from tools.campaign.trial.walk_judge import judge_walk
 
 TRANSIENT_S = 1.5
@@ -91,7 +88,7 @@ def largest_steady_speed(done: Run) -> float:
     return float(np.max(done.impacts[-2 * LATE_IMPACTS :]["v_m_s"], initial=0.0))
 
 
-def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def start_up(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a capture of the impact regime: time, energy and overshoot.
 
     The overshoot is the largest v⁻ on the way, relative to the largest steady v⁻; at low ratios it is
@@ -99,10 +96,8 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     """
     sampled, duration_s, omega_rad_s = trial.sampled, trial.scenario.duration_s, trial.omega_rad_s
     attractor = reference(sampled.scene, omega_rad_s, sampled.more_seed)
-    outcome.counts["sampled"] = 1
     if not attractor.exists:
-        outcome.eligible = False
-        outcome.why = "no impact attractor at this speed"
+        outcome.leave_out("no impact attractor at this speed")
         ended = done.modes[-1]
         outcome.counts["hopeless"] = 1
         refused = bool(np.any(done.firmware["outputs.refusal"] == Refusal.RATIO_TOO_HIGH))
@@ -126,20 +121,19 @@ def start_up(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.metrics["steady_v"] = steady_speed(done)
         # If the firmware moved to a safer speed, the steady impacts at the requested speed count as well.
         steady_m_s = max(largest_steady_speed(done), attractor.hardest_m_s)
-        if cell.ratio >= 1.15:
+        if trial.cell.ratio >= 1.15:
             outcome.metrics["overshoot"] = float(np.max(way)) / steady_m_s
         else:
             outcome.metrics["overshoot_low"] = float(np.max(way)) / max(attractor.path_m_s, steady_m_s)
 
 
-def estimate(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def estimate(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the errors of position and velocity in mode RUN, from `SETTLE_S` after a nominal capture on."""
     known = done.firmware
     judged = known["outputs.mode"] == Mode.RUN
     judged[: round((CAPTURED_S + SETTLE_S) / done.tick_s)] = False
     if np.count_nonzero(judged) < LEAST_JUDGED_S / done.tick_s:
-        outcome.eligible = False
-        outcome.why = lost_by(done, trial.scenario.duration_s, trial.omega_rad_s) or "no time in RUN"
+        outcome.leave_out(lost_by(done, trial.scenario.duration_s, trial.omega_rad_s) or "no time in RUN")
         return
     x_error = (known["state.estimator.x_m"] - done.true("x_m"))[judged]
     v_error = (known["state.estimator.v_m_s"] - done.true("v_m_s"))[judged]
@@ -156,7 +150,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def detect(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Match detections with true touch-downs from power-up to the end, and judge the reported regime."""
     duration_s = trial.scenario.duration_s
     until_s = duration_s - detection.LONGEST_LATENCY_S
@@ -217,7 +211,6 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
         t_s, np.ones_like(t_s), true_regime.cut_periods(t_s, crank_rad, times), times, speeds
     )
     if truth not in (Regime.IMPACT, Regime.NON_IMPACT, Regime.PERIOD_N):
-        outcome.counts["regime_undecided"] = 1
         return
     late = done.firmware[round(from_s / done.tick_s) : round(duration_s / done.tick_s)]
     reported = late["outputs.regime"][late["outputs.period_ended"]]
@@ -228,7 +221,7 @@ def _judge_regime(done: Run, duration_s: float, outcome: Outcome) -> None:
     outcome.counts["periods_uncertain"] = int(np.count_nonzero(reported == Regime.UNCERTAIN.value))
 
 
-def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def hold(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a hold: lasting impacts, their impulse and phase, and the crank's speed."""
     duration_s, omega_rad_s = trial.scenario.duration_s, trial.omega_rad_s
     outcome.why = lost_by(done, duration_s, omega_rad_s)
@@ -243,8 +236,8 @@ def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     outcome.metrics["impulse"] = float(np.mean(impulses))
     outcome.metrics["cycle_variation"] = 100.0 * float(np.std(impulses) / np.mean(impulses))
     outcome.metrics["phase"] = float(np.median(phase_deg))
-    if cell.impulse_n_s > 0.0:
-        error = 100.0 * (float(np.mean(impulses)) / cell.impulse_n_s - 1.0)
+    if trial.cell.impulse_n_s > 0.0:
+        error = 100.0 * (float(np.mean(impulses)) / trial.cell.impulse_n_s - 1.0)
         outcome.metrics["impulse_error"] = abs(error)
         if outcome.why == "" and abs(error) > 3.0:
             outcome.why = f"impulse {error:+.1f} % off"
@@ -260,7 +253,7 @@ def hold(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
         outcome.metrics["speed_error"] = 100.0 * abs(mean / omega_rad_s - 1.0)
 
 
-def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def recover(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge the recovery from a kick during the hold.
 
     Eligible are kicks after which the module at constant crank speed would end without impacts. The metric is
@@ -270,18 +263,15 @@ def recover(_: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
     kicked_s = trial.scenario.faults[0].at_s
     times = done.impacts["t_s"]
     if not goes_on(times[times < kicked_s], kicked_s, omega_rad_s, 5.0):
-        outcome.eligible = False
-        outcome.why = "no impacts before the kick"
+        outcome.leave_out("no impacts before the kick")
         return
     tripped = [change for change in done.modes if change.fault == Fault.IMPULSE_LIMIT]
     if tripped and 0.0 <= tripped[0].t_s - kicked_s < KICK_FAULT_S:
-        outcome.eligible = False
-        outcome.why = "the kick's own impact tripped the impulse limit"
+        outcome.leave_out("the kick's own impact tripped the impulse limit")
         return
     kicked = done.plant[math.ceil(kicked_s / done.tick_s)]
     if not would_be_lost(trial.scenario.scene, kicked, omega_rad_s):
-        outcome.eligible = False
-        outcome.why = "the kick did not throw it out"
+        outcome.leave_out("the kick did not throw it out")
         return
     outcome.why = lost_by(done, duration_s, omega_rad_s)
     if outcome.why == "":
@@ -303,7 +293,7 @@ def _back_s(done: Run, kicked_s: float, omega_rad_s: float) -> float:
     return float(max(from_s, turns[off[-1] + 1] if len(off) else kicked_s))
 
 
-JUDGES: dict[str, Callable[[Cell, Trial, Run, Outcome], None]] = {
+JUDGES: dict[str, Callable[[Trial, Run, Outcome], None]] = {
     "start-up": start_up,
     "estimate": estimate,
     "estimate-coarse": estimate,
@@ -315,20 +305,12 @@ JUDGES: dict[str, Callable[[Cell, Trial, Run, Outcome], None]] = {
 }
 
 
-def run_trial(
-    campaign: str,
-    cells: Sequence[Cell],
-    numbers: Mapping[str, Any],
-    seed: int,
-    trial: int,
-    firmware: Build = "compiled",
-) -> Outcome:
+def run_trial(plan: Plan, number: int) -> Outcome:
     """Sample, run and judge the trial with this number."""
     started_s = time.process_time()
-    number = trial % len(cells)
-    sampled = trial_of(campaign, cells, numbers, seed, trial)
-    outcome = Outcome(trial, number, simulated_s=sampled.scenario.duration_s)
-    done = run(sampled.scenario, sampled.scenario.seed, firmware=firmware)
-    JUDGES[campaign](cells[number], sampled, done, outcome)
+    trial = trial_of(plan, number)
+    outcome = Outcome(number, number % len(plan.cells), simulated_s=trial.scenario.duration_s)
+    done = run(trial.scenario, trial.scenario.seed, firmware=plan.firmware)
+    JUDGES[plan.campaign](trial, done, outcome)
     outcome.compute_s = time.process_time() - started_s
     return outcome

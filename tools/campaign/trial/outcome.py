@@ -21,3 +21,7 @@ class Outcome:
     metrics: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     samples: dict[str, list[float]] = field(default_factory=dict)
+
+    def leave_out(self, why: str) -> None:
+        """Mark the trial as ineligible."""
+        self.eligible, self.why = False, why

@@ -65,13 +65,6 @@ def led(parts: Parts) -> Parts:
     )
 
 
-def stop_m_of(scene: Scene) -> float:
-    """Return the stop's position, m."""
-    stop = scene.parts().stop
-    assert not isinstance(stop, NoStop)
-    return stop.position_m
-
-
 def refuse_other_drives(scene: Scene) -> None:
     """Raise BadInputError unless the drive is a motor whose torque follows its command without delay."""
     if scene.drive.model != "motor":
@@ -108,6 +101,11 @@ def at(x_m: float, v_m_s: float, crank_rad: float) -> MotionState:
     return MotionState(0.0, x_m, v_m_s, crank_rad, 0.0, Phase.FLIGHT)
 
 
+def hardest_m_s(impacts: NDArray[np.void], until_s: float) -> float:
+    """Return the largest v⁻ in the last part of a run, m/s."""
+    return float(np.max(impacts["v_m_s"][impacts["t_s"] > until_s - JUDGED_S]))
+
+
 @lru_cache(KEPT)
 def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Reference:
     """Return the reference of this truth at this speed; `seed` generates the tried initial states."""
@@ -115,23 +113,22 @@ def reference(scene: Scene, omega_rad_s: float, seed: tuple[int, ...]) -> Refere
     start = at(scene.striker.rest_length_m, 0.0, 0.0)
     until_s = RAMP_S + HELD_S
     impacts = alone(scene, start, SLOWEST * omega_rad_s, omega_rad_s, RAMP_S, until_s)
-    times, speeds = impacts["t_s"], impacts["v_m_s"]
-    if goes_on(times, until_s, omega_rad_s):
-        hardest_m_s = float(np.max(speeds[times > until_s - JUDGED_S]))
-        return Reference(True, hardest_m_s, float(np.max(speeds)))
-    path_m_s = float(np.max(speeds, initial=0.0))
+    path_m_s = float(np.max(impacts["v_m_s"], initial=0.0))
+    if goes_on(impacts["t_s"], until_s, omega_rad_s):
+        return Reference(True, hardest_m_s(impacts, until_s), path_m_s)
+    stop = scene.parts().stop
+    assert not isinstance(stop, NoStop)
+    lowest_m, highest_m = -0.1, stop.position_m - scene.striker.rest_length_m
     for _ in range(TRIES):
-        lowest_m, highest_m = -0.1, stop_m_of(scene) - scene.striker.rest_length_m
         start = at(
             scene.striker.rest_length_m + float(more.uniform(lowest_m, highest_m)),
             float(more.uniform(-0.8, 0.8)),
             float(more.uniform(0.0, 2.0 * np.pi)),
         )
         impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
-        times, speeds = impacts["t_s"], impacts["v_m_s"]
-        if goes_on(times, HELD_S, omega_rad_s):
-            hardest_m_s = float(np.max(speeds[times > HELD_S - JUDGED_S]))
-            return Reference(True, hardest_m_s, max(path_m_s, hardest_m_s))
+        if goes_on(impacts["t_s"], HELD_S, omega_rad_s):
+            late_m_s = hardest_m_s(impacts, HELD_S)
+            return Reference(True, late_m_s, max(path_m_s, late_m_s))
     return Reference(False, float("nan"), path_m_s)
 
 
@@ -147,5 +144,4 @@ def would_be_lost(scene: Scene, record: FloatArray, omega_rad_s: float) -> bool:
     state = PlantRecord._make(record)
     start = at(state.x_m, state.v_m_s, state.crank_rad)
     impacts = alone(scene, start, omega_rad_s, omega_rad_s, 0.0, HELD_S)
-    late = impacts[impacts["t_s"] > HELD_S - JUDGED_S]
-    return len(late) == 0
+    return not np.any(impacts["t_s"] > HELD_S - JUDGED_S)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from firmware_py.interface.enums import Fault, Mode
@@ -137,9 +138,5 @@ def in_a_folder(scenario: Scenario, seed: int, columns: Any, firmware: Build) ->
     for name in columns.names:
         if name in (traced.dtype.names or ()):  # a run without a walker records no gait
             known[name] = traced[name]
-    return side_by_side(plant, PlantRecord._fields), known, impacts
-
-
-def side_by_side(records: NDArray[np.void], names: Sequence[str]) -> FloatArray:
-    """Return fields of records as columns, shape (records, names)."""
-    return np.stack([records[name].astype(np.float64) for name in names], axis=-1)
+    truth = structured_to_unstructured(plant[list(PlantRecord._fields)], np.float64)
+    return truth, known, impacts

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from plant_sim.scene import Scene, load_scene
+from plant_sim.tables.table import STANDARD_GRAVITY_M_S2
 
 FIRST_CAMPAIGN_SEED = 10_000
 DEFAULT_SEED = 20_260
 LARGEST_RUN_SEED = 10**9
 """Upper bound of a run's seed; a scenario accepts no larger one."""
-
-STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -69,11 +68,6 @@ def mismatch_of(table: Mapping[str, float]) -> Mismatch:
     )
 
 
-def disturbance_of(table: Mapping[str, Any]) -> Disturbance:
-    """Return the housing's motion from a campaign's table."""
-    return Disturbance(table.get("swing_m_s2", 0.0), table.get("shock_g", 0.0))
-
-
 def _moving_housing(
     disturbance: Disturbance, until_s: float, truth: np.random.Generator
 ) -> dict[str, dict[str, float]]:
@@ -115,12 +109,7 @@ def sample(
         return float(truth.uniform(-width, width))
 
     sampled = deepcopy(dict(scene))
-    striker, stop, friction, drive = (
-        sampled["striker"],
-        sampled["stop"],
-        sampled["friction"],
-        sampled["drive"],
-    )
+    striker, stop, friction, drive = (sampled[part] for part in ("striker", "stop", "friction", "drive"))
     striker["spring_n_m"] *= 1.0 + about(mismatch.spring)
     striker["rest_length_m"] += about(mismatch.rest_length_m)
     stop["position_m"] += about(mismatch.stop_m)
@@ -141,9 +130,7 @@ def sample(
             "x_m": float(striker["rest_length_m"] + truth.uniform(-0.1, highest_m)),
             "v_m_s": about(0.8),
         }
-    housing = _moving_housing(disturbance, until_s, truth)
-    if housing:
+    if housing := _moving_housing(disturbance, until_s, truth):
         sampled["housing"] = housing
-    return Sampled(
-        sampled, load_scene(sampled), int(noise.integers(LARGEST_RUN_SEED)), more, (seed, trial, 2)
-    )
+    run_seed = int(noise.integers(LARGEST_RUN_SEED))
+    return Sampled(sampled, load_scene(sampled), run_seed, more, (seed, trial, 2))

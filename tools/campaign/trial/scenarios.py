@@ -6,10 +6,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from firmware_py.shell.builds import Build
 from hil.scenario.operator import Command, Request
 from hil.scenario.scenario import Scenario, check_scenario
 from tools.campaign.trial.cells import Cell
-from tools.campaign.trial.sampling import Sampled, disturbance_of, mismatch_of, sample
+from tools.campaign.trial.sampling import Disturbance, Sampled, mismatch_of, sample
 from tools.campaign.trial.walk_cells import WalkCell, sampled_walk
 
 CLEAR_S, IDLE_S, RUN_S = 1.0, 1.3, 1.6
@@ -20,9 +21,24 @@ SETTLED_S = RUN_S + 15.0
 """Time from which a hold is judged and a kick may occur, s."""
 
 
+class Plan(NamedTuple):
+    """What the trials of a campaign have in common."""
+
+    campaign: str
+    cells: Sequence[Cell]
+    numbers: Mapping[str, Any]
+    seed: int
+    firmware: Build = "compiled"
+
+    def cell_of(self, trial: int) -> Cell:
+        """Return the cell of the trial with this number: all cells take turns."""
+        return self.cells[trial % len(self.cells)]
+
+
 class Trial(NamedTuple):
     """A sampled module and its scenario."""
 
+    cell: Cell
     sampled: Sampled
     scenario: Scenario
 
@@ -75,24 +91,21 @@ def kick(numbers: Mapping[str, Any], sampled: Sampled) -> dict[str, Any]:
     return {"kind": "kick", "at_s": at_s, "change_m_s": sign * size}
 
 
-def trial_of(
-    campaign: str, cells: Sequence[Cell], numbers: Mapping[str, Any], seed: int, trial: int
-) -> Trial:
+def trial_of(plan: Plan, trial: int) -> Trial:
     """Return the trial with this number: its sample and its scenario."""
-    cell = cells[trial % len(cells)]
+    cell, numbers = plan.cell_of(trial), plan.numbers
     if isinstance(cell, WalkCell):
-        sampled, course = sampled_walk(cell, numbers, seed, trial)
+        sampled, course = sampled_walk(cell, numbers, plan.seed, trial)
         duration_s = course.duration_s
     else:
         until_s = float(numbers.get("duration_s", 0.0))
-        sampled = sample(cell.scene, mismatch_of(numbers), seed, trial, disturbance_of(numbers), until_s)
+        moved = Disturbance(numbers.get("swing_m_s2", 0.0), numbers.get("shock_g", 0.0))
+        sampled = sample(cell.scene, mismatch_of(numbers), plan.seed, trial, moved, until_s)
         duration_s = SETTLED_S + float(numbers["hold_s"]) if "hold_s" in numbers else until_s
     faults = [kick(numbers, sampled)] if "kick_low_m_s" in numbers else []
     scene = dict(sampled.tables)
     if "coarse_noise_m" in numbers:
         scene["sensors"] = {**scene["sensors"], "coarse": {"noise_m": numbers["coarse_noise_m"]}}
-    name = f"{campaign}-{seed}-{trial}"
-    return Trial(
-        sampled,
-        scenario_of(name, scene, cell.firmware, script(cell), duration_s, sampled.run_seed, faults),
-    )
+    name = f"{plan.campaign}-{plan.seed}-{trial}"
+    scenario = scenario_of(name, scene, cell.firmware, script(cell), duration_s, sampled.run_seed, faults)
+    return Trial(cell, sampled, scenario)

@@ -10,11 +10,13 @@ import numpy as np
 from hil.scenario.scenario import read_scenario
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import read_scene
-from tools.campaign.trial.cells import Cell, numbers_after, refuse_unlisted
+from tools.campaign.trial.cells import Cell, listed, numbers_after, refuse_unlisted
 from tools.campaign.trial.sampling import Sampled, mismatch_of, sample
 
-COURSES = ("steady", "change", "stop", "stumble")
+WalkCondition = tuple[str, Sequence[str]]
+"""A preset and its courses."""
 
+COURSES = ("steady", "change", "stop", "stumble")
 
 STEADY_S = 20.0
 """Earliest time of a stop, a stumble or a change, s: three strides, the soft start, and time to settle."""
@@ -61,28 +63,21 @@ class WalkCell(Cell):
         return f"{self.preset} {self.course}"
 
 
-def walk_cells(table: Mapping[str, Any], settings: Sequence[str]) -> tuple[list[Cell], dict[str, Any]]:
+def walk_cells(
+    conditions: Sequence[WalkCondition], numbers: Mapping[str, Any], settings: Sequence[str]
+) -> tuple[list[Cell], dict[str, Any]]:
     """Return the cells of the campaign and its numbers, both after the `--set` changes.
 
-    `table` has the conditions, each a preset and its courses, and the campaign's numbers. The settings
-    `campaign.presets` and `campaign.courses` replace the conditions. Raises BadInputError for an unknown key,
-    preset or course.
+    The settings `campaign.presets` and `campaign.courses` replace the conditions. Raises BadInputError for an
+    unknown key, preset or course.
     """
-    numbers = {key: value for key, value in table.items() if key != "conditions"}
-    known = {"presets": None, "courses": None, **numbers}
-    changed = numbers_after({"campaign": dict(known), "firmware": {}, "scene": {}}, settings)
+    table = {"presets": None, "courses": None, **numbers}
+    changed = numbers_after({"campaign": table, "firmware": {}, "scene": {}}, settings)
     presets, courses = changed.pop("presets"), changed.pop("courses")
-    pairs = [(preset, course) for preset, some in table["conditions"] for course in some]
     if presets is not None or courses is not None:
-        chosen = _listed(presets, [preset for preset, _ in table["conditions"]])
-        pairs = [(preset, course) for preset in chosen for course in _listed(courses, list(COURSES))]
-    return [_cell(preset, course, settings) for preset, course in pairs], changed
-
-
-def _listed(value: Any, otherwise: list[str]) -> list[str]:
-    if value is None:
-        return otherwise
-    return list(value) if isinstance(value, list) else [value]
+        chosen = listed(presets, [preset for preset, _ in conditions])
+        conditions = [(preset, listed(courses, COURSES)) for preset in chosen]
+    return [_cell(preset, course, settings) for preset, some in conditions for course in some], changed
 
 
 def _cell(preset: str, course: str, settings: Sequence[str]) -> WalkCell:

@@ -13,8 +13,8 @@ from hil.judge.detection import WEAKEST_V_M_S
 from hil.judge.figures.gait import following
 from plant_sim.parts.walking import BEGIN_S, FROM_SIZE, KNOCK_M_S2, TO_SIZE, Walking
 from plant_sim.sensors.gait import phases_at
-from tools.campaign.trial.cells import Cell
 from tools.campaign.trial.outcome import Outcome
+from tools.campaign.trial.reference import LONGEST_GAP
 from tools.campaign.trial.run import Run
 from tools.campaign.trial.scenarios import Trial
 from tools.campaign.trial.walk_cells import PRESETS, WalkCell
@@ -23,19 +23,16 @@ SETTLED_S = 5.0
 SOFTEST_N, HARDEST_N = 10.0, 40.0
 HARDER = 1.05
 """Limit of v⁻ after a stop or a stumble, over the steady v⁻; the leg's motion makes impacts uneven."""
-LONGEST_GAP = 2.2
-"""Longest time between two impacts of lasting impact motion, in turns of the crank."""
 
 
-def judge_walk(cell: Cell, trial: Trial, done: Run, outcome: Outcome) -> None:
+def judge_walk(trial: Trial, done: Run, outcome: Outcome) -> None:
     """Judge a walk: its hold, and its end or the rest of the walk."""
+    cell, scenario = trial.cell, trial.scenario
     assert isinstance(cell, WalkCell)
-    scenario = trial.scenario
     captured = done.first_in(Mode.RUN)
     ends_s = ended_s(done.parts.housing)
     if done.first_in(Mode.SOFT_START) is None:
-        outcome.eligible = False
-        outcome.why = "refused: no whole number of turns a stride within the region"
+        outcome.leave_out("refused: no whole number of turns a stride within the region")
         return
     if captured is None or captured.t_s + SETTLED_S > ends_s:
         outcome.why = f"no hold: {last_word(done)}"

@@ -100,28 +100,23 @@ def run_campaign(
     from tools.campaign.campaigns import CAMPAIGNS
     from tools.campaign.processes import run_all
     from tools.campaign.results import result_of
-    from tools.campaign.trial.cells import cells_of
     from tools.campaign.trial.reference import refuse_other_drives
     from tools.campaign.trial.scenarios import trial_of
-    from tools.campaign.trial.walk_cells import walk_cells
 
     chosen = CAMPAIGNS[name]
     count = trials or chosen.trials
-    made = walk_cells if name == "walk" else cells_of
-    cells, numbers = made({"conditions": chosen.conditions, **chosen.numbers}, changes)
-    for cell in cells:
+    plan = chosen.plan(changes, seed, firmware)
+    for cell in plan.cells:
         refuse_other_drives(load_scene(cell.scene))
     refuse_unknown_trials(keep, count)
     prepare(firmware, "lockstep")
     started_s = time.perf_counter()
     with counted_progress(name, count) as progress:
-        outcomes = run_all(
-            name, cells, numbers, seed, count, lambda done, _: progress(done), workers, scheduler, firmware
-        )
-    result = result_of(chosen, cells, outcomes, seed, time.perf_counter() - started_s)
+        outcomes = run_all(plan, count, lambda done, _: progress(done), workers, scheduler)
+    result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
     folder = RUNS / f"campaign-{name}-{seed}"
     kept = [outcome.trial for outcome in outcomes if is_kept(outcome, keep)]
-    result["kept"] = [str(keep_trial(folder, trial_of(name, cells, numbers, seed, trial))) for trial in kept]
+    result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept]
     return result
 
 
