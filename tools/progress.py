@@ -16,8 +16,11 @@ SAID_EVERY_S = 10.0
 Progress = Callable[[float | None, str], None]
 """Called with the finished fraction of the work (None if unknown) and the name of the current step."""
 
+Counted = Callable[[int, int], None]
+"""Called with the number of finished steps and the number of all steps."""
 
-def counting(progress: Progress, doing: str) -> Callable[[int, int], None]:
+
+def counting(progress: Progress, doing: str) -> Counted:
     """`progress` for work that reports its finished steps and its number of steps."""
     return lambda done, total: progress(done / total, doing)
 

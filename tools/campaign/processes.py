@@ -1,7 +1,7 @@
 """Run a campaign's trials on all cores, or on a Dask scheduler's workers."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import NamedTuple
 
@@ -11,12 +11,10 @@ from tools.campaign.journal import journal
 from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.scenarios import Plan
 from tools.jobs import running
+from tools.progress import Counted
 
 BATCHES_A_WORKER = 16
 LARGEST_BATCH = 32
-
-Progress = Callable[[int, int], None]
-"""Called with the number of finished trials and the number of all trials."""
 
 
 class Batch(NamedTuple):
@@ -49,7 +47,7 @@ def batches(plan: Plan, trials: Sequence[int], workers: int) -> list[Batch]:
 
 
 def run_all(
-    plan: Plan, trials: int, progress: Progress, workers: int | None = None, scheduler: str | None = None
+    plan: Plan, trials: int, progress: Counted, workers: int | None = None, scheduler: str | None = None
 ) -> list[Outcome]:
     """Run all trials and return their outcomes in order of the trials' numbers.
 

@@ -4,9 +4,8 @@ A campaign's trial samples its truth from seed and number alone, so that candida
 Parameters are chosen with a seed below `FIRST_CAMPAIGN_SEED` and judged with a seed at or above this limit.
 """
 
-import itertools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
@@ -17,12 +16,12 @@ from tools.campaign.trial.outcome import Outcome
 from tools.campaign.trial.sampling import FIRST_CAMPAIGN_SEED
 from tools.jobs import Runner, running
 from tools.output import BadInputError
+from tools.progress import Counted
 
 TUNING_SEED = 41
 FRESH_SEED = 30_000
 
 Candidate = Mapping[str, float]
-Progress = Callable[[int, int], None]
 
 
 def refuse_same_seeds(seed: int, fresh_seed: int) -> None:
@@ -44,7 +43,7 @@ def run_candidates(
     candidates: Sequence[Candidate],
     seed: int,
     trials: int,
-    progress: Progress,
+    progress: Counted,
     workers: int | None = None,
     conditions: tuple[Condition, ...] | None = None,
     opened: Runner[Batch, list[Outcome]] | None = None,
@@ -70,13 +69,3 @@ def run_candidates(
             done += len(outcomes)
             progress(done, total)
     return [sorted(outcomes, key=lambda outcome: outcome.trial) for outcomes in found]
-
-
-def grid(**axes: Sequence[float]) -> list[dict[str, float]]:
-    """Every combination; a double underscore stands for the dot of a parameter's name.
-
-    >>> grid(start__rise_s=[2.0, 5.0])
-    [{'start.rise_s': 2.0}, {'start.rise_s': 5.0}]
-    """
-    names = [name.replace("__", ".") for name in axes]
-    return [dict(zip(names, values, strict=True)) for values in itertools.product(*axes.values())]

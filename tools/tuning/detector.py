@@ -9,7 +9,7 @@ choice.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from firmware_py.shell.parameters import DEFAULTS
 from tools.campaign.results import counts_of, shares_of, values_of
 from tools.campaign.trial.outcome import Outcome
 from tools.output import BadInputError
+from tools.progress import Counted
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.result import Merit, Tuning, tuned
 
@@ -26,8 +27,6 @@ FLOORS_M_S2 = (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 TRIALS = 110
 """Ten for each condition: some 5000 impacts per floor."""
 COST_MISS, COST_FALSE_ALARM = 1.0, 1.0
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def tune_detector(
     seed: int = TUNING_SEED,
     fresh_seed: int = FRESH_SEED,
     floors_m_s2: Sequence[float] | None = None,
-    progress: Progress = lambda *_: None,
+    progress: Counted = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Operating]]:
     """The floor for these costs, judged on fresh trials, and the whole characteristic."""

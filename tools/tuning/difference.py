@@ -1,24 +1,19 @@
 """The differences of two parameter files, and their effect on scenarios of the suite."""
 
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import BY_NAME, DEFAULTS
-from hil.bench.lockstep import in_lockstep
-from hil.bench.verdict import judge
-from hil.judge.figures.figures import figures_from
 from hil.judge.figures.records import CATALOGUE, value_of
-from hil.record.run_traces import read_run
 from hil.scenario.parameter_file import read_document, values_of
 from hil.scenario.scenario import load_scenario
 from tools.progress import Progress
+from tools.tuning.safety import SEED, verdict_on
 
 SCENARIOS = ("soft-start-multistable", "quick-start-below-the-band", "e-stop-in-the-hold")
 """A start into the multistable band and its hold, a quick start, and an emergency stop."""
-SEED = 1
 OF_THE_MACHINE = (
     *("realtime_factor", "tick_us", "wake_us", "work_us", "loops.", "overruns", "baseline", "memory"),
     *("ticks", "late_wakeups", "long_work", "energy_residual", "real_time"),
@@ -48,7 +43,7 @@ class Change:
 def difference(a: Path, b: Path) -> dict[str, Any]:
     """The JSON object of `tune diff`: differing parameters, equal parameters, figures of merit of both."""
     documents = [read_document(path) for path in (a, b)]
-    values_a, values_b = (values_of(document, path) for document, path in zip(documents, (a, b), strict=True))
+    values_a, values_b = map(values_of, documents, (a, b))
     changed, same = [], []
     for name in sorted({*values_a, *values_b}):
         change = Change(
@@ -79,8 +74,8 @@ def difference(a: Path, b: Path) -> dict[str, Any]:
             for name in sorted({*merits_a, *merits_b})
         },
         "safe": {
-            "a": documents[0].get("tuning", {}).get("safe"),
-            "b": documents[1].get("tuning", {}).get("safe"),
+            side: document.get("tuning", {}).get("safe")
+            for side, document in zip("ab", documents, strict=True)
         },
     }
 
@@ -94,47 +89,35 @@ def effects(
     """Run each scenario in lockstep with either file: verdicts, failed checks and differing figures."""
     found = []
     for number, name in enumerate(scenarios):
-        sides = []
-        for place, path in enumerate((a, b)):
+        sides = {}
+        for place, (side, path) in enumerate({"a": a, "b": b}.items()):
             before = (number + 0.5 * place) / len(scenarios)
 
             def reported(share: float, _: str, name: str = name, before: float = before) -> None:
                 progress(before + 0.5 * share / len(scenarios), name)
 
-            sides.append(_ran(name, path, reported))
-        one, other = sides
+            sides[side] = verdict_on(load_scenario(name, (), [path]), SEED, reported)
         found.append(
             {
                 "scenario": name,
-                "passed": {"a": one["passed"], "b": other["passed"]},
-                "failed": {"a": one["failed"], "b": other["failed"]},
-                "figures": _differing(one["figures"], other["figures"]),
+                "passed": {side: bool(one["passed"]) for side, one in sides.items()},
+                "failed": {
+                    side: [check["name"] for check in one["checks"] if not check["passed"]]
+                    for side, one in sides.items()
+                },
+                "figures": _differing(sides["a"], sides["b"]),
             }
         )
     return found
 
 
-def _ran(name: str, path: Path, progress: Callable[[float, str], None]) -> dict[str, Any]:
-    """Run a scenario with a parameter file: its verdict, failed checks and figures."""
-    scenario = load_scenario(name, (), [path])
-    with tempfile.TemporaryDirectory(prefix="vibrohil-diff-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), SEED, progress, "compiled")
-        traces = read_run(run_dir)
-        figures = figures_from(traces)
-        verdict, results = judge(traces, figures, run_dir)
-        content = figures.as_json()
-    return {
-        "passed": bool(verdict["passed"]),
-        "failed": [one.name for one in results if not one.passed],
-        "figures": {key: value_of(content, key) for key in CATALOGUE if not key.startswith(OF_THE_MACHINE)},
-    }
-
-
 def _differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The numbers that both sides have and that differ by more than `LEAST_CHANGE`."""
+    """The figures that are numbers in both verdicts and differ by more than `LEAST_CHANGE`."""
     found = {}
-    for name in a:
-        one, other = a[name], b[name]
+    for name in CATALOGUE:
+        if name.startswith(OF_THE_MACHINE):
+            continue
+        one, other = value_of(a, name), value_of(b, name)
         numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in (one, other))
         if numbers and abs(other - one) > LEAST_CHANGE * max(abs(one), abs(other)):
             found[name] = {"unit": CATALOGUE[name].unit, "a": one, "b": other}

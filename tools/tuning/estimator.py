@@ -18,7 +18,7 @@ with a truth, so are NEES and errors against the truth; no parameter depends on 
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -34,6 +34,7 @@ from tools.campaign.trial.cells import LAWS, Cell
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
 from tools.output import BadInputError
+from tools.progress import Counted
 from tools.tuning.candidates import FRESH_SEED, TUNING_SEED, refuse_same_seeds, run_candidates
 from tools.tuning.recordings.readings import Ticks
 from tools.tuning.result import Merit, Tuning, Value, tuned
@@ -62,8 +63,6 @@ NAIVE = {
     "estimator.largest_model_std_m_s2": 0.016,
 }
 """The textbook's choice: R is the sensor's noise, and all readings count as independent."""
-
-Progress = Callable[[int, int], None]
 
 
 class Source(NamedTuple):
@@ -261,7 +260,7 @@ def _together(parameters: dict[str, float], scores: Sequence[Score], worths: Seq
 def scored(
     sources: Sequence[Source],
     combinations: Sequence[dict[str, float]],
-    progress: Progress,
+    progress: Counted,
     workers: int | None = None,
 ) -> tuple[list[Combination], list[Worth]]:
     """Replay all logs with all combinations, on all cores: results by combination, worths by log."""
@@ -300,7 +299,7 @@ def tune_estimator(
     fresh_seed: int = FRESH_SEED,
     fresh_trials: int = FRESH_TRIALS,
     grid: dict[str, tuple[float, ...]] | None = None,
-    progress: Progress = lambda *_: None,
+    progress: Counted = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Combination]]:
     """The most likely combination from logs, or from sampled modules' logs; judged on fresh modules."""

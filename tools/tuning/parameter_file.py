@@ -1,6 +1,7 @@
 """Writes a tuned parameter file after the safety scenarios have passed."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,23 +19,22 @@ class UnsafeError(ValueError):
 
 def document_of(tuning: Tuning, safety: Sequence[SafetyResult], forced: bool) -> dict[str, Any]:
     """The tables of the parameter file."""
+    tables = tuning.as_json()
     about: dict[str, Any] = {
-        "command": tuning.command,
-        "source": tuning.source,
-        "range_is": tuning.range_is,
+        **{key: tables[key] for key in ("command", "source", "range_is")},
         "vibrohil": version("vibrohil"),
         "safe": all(result.passed for result in safety),
         "forced": forced,
-        "warnings": list(tuning.warnings),
+        "warnings": tables["warnings"],
     }
     if tuning.seed is not None:
         about["seed"] = tuning.seed
     return {
         "format": FORMAT,
         "tuning": about,
-        "parameters": {name: value._asdict() for name, value in tuning.parameters.items()},
-        "figures_of_merit": {name: merit._asdict() for name, merit in tuning.figures_of_merit.items()},
-        "safety": [result.as_json() for result in safety],
+        "parameters": tables["parameters"],
+        "figures_of_merit": tables["figures_of_merit"],
+        "safety": [asdict(result) for result in safety],
     }
 
 

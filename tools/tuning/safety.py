@@ -6,18 +6,17 @@ The runs are scenarios of the bench in lockstep on the compiled build, with thei
 import tempfile
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from firmware_py.shell.parameters import ParameterError, with_overrides
-from hil.bench.lockstep import in_lockstep
+from hil.bench.lockstep import Progress, in_lockstep
 from hil.bench.verdict import judge
 from hil.judge.figures.figures import figures_from
 from hil.record.run_traces import read_run
 from hil.scenario.parameter_file import nested
-from hil.scenario.scenario import check_scenario, read_scenario
-from tools.progress import Progress
+from hil.scenario.scenario import Scenario, check_scenario, read_scenario
 
 SCENARIOS = ("quick-start-below-the-band", "e-stop-in-the-hold")
 SEED = 1
@@ -31,10 +30,6 @@ class SafetyResult:
     seed: int
     passed: bool
     why: str
-
-    def as_json(self) -> dict[str, Any]:
-        """The result as a table of the parameter file."""
-        return asdict(self)
 
 
 def within_bounds(values: Mapping[str, float]) -> SafetyResult:
@@ -52,6 +47,14 @@ class Bench:
 
     scene: Mapping[str, Any]
     ratio: float
+
+
+def verdict_on(scenario: Scenario, seed: int, progress: Progress) -> dict[str, Any]:
+    """Run a scenario in a folder that is removed again; return the verdict with all figures."""
+    with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
+        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
+        traces = read_run(run_dir)
+        return judge(traces, figures_from(traces), run_dir)[0]
 
 
 def judged(
@@ -75,11 +78,12 @@ def judged(
         scenario = check_scenario(document, name)
     except ParameterError as error:
         return SafetyResult(name, seed, False, str(error))
-    with tempfile.TemporaryDirectory(prefix="vibrohil-tune-") as folder:
-        run_dir, _ = in_lockstep(scenario, Path(folder), seed, progress, "compiled")
-        traces = read_run(run_dir)
-        verdict, results = judge(traces, figures_from(traces), run_dir)
-    failed = [f"{one.name} = {one.value} {one.unit}".strip() for one in results if not one.passed]
+    verdict = verdict_on(scenario, seed, progress)
+    failed = [
+        f"{one['name']} = {one['value']} {one['unit']}".strip()
+        for one in verdict["checks"]
+        if not one["passed"]
+    ]
     return SafetyResult(name, seed, bool(verdict["passed"]), ", ".join([*verdict["reasons"], *failed]))
 
 

@@ -9,7 +9,7 @@ its code or settings have changed.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import LAWS, Cell, Law
 from tools.campaign.trial.sampling import Mismatch, sample
 from tools.jobs import running
+from tools.progress import Counted
 
 SECONDS = 60.0
 TRIALS = 300
@@ -51,8 +52,6 @@ ABSOLUTE = ("stop", "restitution")
 OF_FLIGHT = ("spring", "damping", "dry")
 GOAL = 0.99
 """Required share of the trials within each limit, and of the correctly named friction laws."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def run_trials(
     path: Path,
     seed: int = SEED,
     seconds: float = SECONDS,
-    progress: Progress = lambda *_: None,
+    progress: Counted = lambda *_: None,
     workers: int | None = None,
 ) -> list[Trial]:
     """Run all trials, except those whose outcomes are already in `path`."""

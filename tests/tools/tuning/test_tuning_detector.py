@@ -11,7 +11,7 @@ from tools import cli
 from tools.campaign.trial.outcome import Outcome
 from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
-from tools.tuning.candidates import grid, refuse_same_seeds, run_candidates
+from tools.tuning.candidates import refuse_same_seeds, run_candidates
 from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
 
 ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0)
@@ -60,13 +60,6 @@ def test_what_chooses_does_not_judge() -> None:
             refuse_same_seeds(seed, fresh_seed)
     with pytest.raises(BadInputError, match="wanted both above 0"):
         tune_detector(cost_miss=0.0)
-
-
-def test_a_grid_has_every_combination() -> None:
-    assert grid(start__rise_s=[1.0, 2.0], start__again_s=[3.0]) == [
-        {"start.rise_s": 1.0, "start.again_s": 3.0},
-        {"start.rise_s": 2.0, "start.again_s": 3.0},
-    ]
 
 
 def test_candidates_meet_the_same_sampled_modules() -> None:

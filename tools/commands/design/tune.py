@@ -105,7 +105,7 @@ def conclude(
     payload = {
         **tuning.as_json(),
         **also,
-        "safety": [result.as_json() for result in safety],
+        "safety": [asdict(result) for result in safety],
         "safe": safe,
         "out": str(outputs.out) if is_written else None,
     }
@@ -357,7 +357,7 @@ def check(
             write(out / f"{tuning.command}.toml", tuning, safety, force=True)
     payload = {
         **payload,
-        "safety": [result.as_json() for result in safety],
+        "safety": [asdict(result) for result in safety],
         "passed": payload["passed"] and all(result.passed for result in safety),
     }
     answer(payload, as_json, lambda: show_check(payload), exit_of(payload))
