@@ -6,7 +6,8 @@ resolution. Otherwise the two count as equal in this aim, and the next aim decid
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +27,8 @@ class Aim(NamedTuple):
     """A figure of starts that is to be small; differences up to `resolution` do not count."""
 
     name: str
-    unit: str
     row: int
-    of: Callable[[FloatArray], FloatArray]
+    of: Callable[[FloatArray], Any]
     """Computes the figure over the last axis, the starts."""
     resolution: float
 
@@ -39,24 +39,14 @@ def hardest(values: FloatArray) -> FloatArray:
     return np.asarray(np.mean(np.sort(np.nan_to_num(values, nan=0.0), axis=-1)[..., -count:], axis=-1))
 
 
-def late(values: FloatArray) -> FloatArray:
-    """The 95th percentile."""
-    return np.asarray(np.nanquantile(values, QUANTILE, axis=-1))
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    return np.asarray(np.mean(values, axis=-1))
-
-
-def _median(values: FloatArray) -> FloatArray:
-    return np.asarray(np.nanmedian(values, axis=-1))
-
+late = partial(np.nanquantile, q=QUANTILE, axis=-1)
+"""The 95th percentile."""
 
 AIMS = (
-    Aim("failures", "1", FAILED, _mean, 0.0),
-    Aim("overshoot", "1", IMPACT, hardest, 0.0),
-    Aim("capture", "s", CAPTURE_S, late, 0.1),
-    Aim("energy", "J", ENERGY_J, _median, 0.05),
+    Aim("failures", FAILED, partial(np.mean, axis=-1), 0.0),
+    Aim("overshoot", IMPACT, hardest, 0.0),
+    Aim("capture", CAPTURE_S, late, 0.1),
+    Aim("energy", ENERGY_J, partial(np.nanmedian, axis=-1), 0.05),
 )
 """Reliability comes first: any significant difference counts. A wearer does not notice 0.1 s or 0.05 J."""
 

@@ -6,6 +6,7 @@ two. The defaults of the start pass together, if fresh trials do not show them t
 Defaults and naive values are compared on sampled modules that had no part in any choice.
 """
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,10 +34,8 @@ TIMID_FLOOR = {detector.PARAMETER: 0.1}
 """Seven times the sensor's noise, a common choice of a threshold."""
 LEAST_SQUARES = "least squares on the equations alone"
 HASTY = "up to speed in 0.5 s"
-
 TIMID = "a floor of seven times the noise"
-
-Merits = Mapping[str, Merit]
+PLAIN = "R is the sensor's noise"
 
 
 class Tolerance(NamedTuple):
@@ -149,27 +148,19 @@ def tunings(folder: Path, effort: Effort, progress: Progress, workers: int | Non
 
     progress(0.0, "speed")
     speed = tune_speed()[0]
-    run_dir, _ = in_lockstep(
-        load_scenario(RECORDED),
-        _emptied(folder / "recorded"),
-        RECORDED_SEED,
-        lambda one, _: progress(one, "recording"),
-        "compiled",
-    )
+    recorded = folder / "recorded"
+    shutil.rmtree(recorded, ignore_errors=True)
+
+    def noted(share: float, _: str) -> None:
+        progress(share, "recording")
+
+    run_dir, _ = in_lockstep(load_scenario(RECORDED), recorded, RECORDED_SEED, noted, "compiled")
     progress(0.0, "identify")
     identified = tune_identify(run_dir)[0]
     estimated = estimator.tune_estimator(**effort.estimator, **shown("estimator"))[0]
     detected = detector.tune_detector(**effort.detector, **shown("detector"))[0]
     started = start.tune_start(folder / "start.journal", **effort.start, **shown("start"))[0]
     return [speed, identified, estimated, detected, started]
-
-
-def _emptied(folder: Path) -> Path:
-    """Remove the folder of an earlier run, and return its path."""
-    import shutil
-
-    shutil.rmtree(folder, ignore_errors=True)
-    return folder
 
 
 def rows_of(found: Sequence[Tuning]) -> list[Row]:
@@ -246,39 +237,31 @@ def _of_detector(effort: Effort, progress: Progress, workers: int | None) -> Mar
     return Margin("detector", "misses and false alarms", "1/h", costs[0], costs[1], TIMID)
 
 
-def _of_estimator(merits: Merits) -> list[Margin]:
+def _of_estimator(merits: Mapping[str, Merit]) -> list[Margin]:
     """Margins of the estimator; an empty list if the tuning was not judged on fresh trials."""
     return [
-        Margin(
-            "estimator",
-            f"error of {name}, RMS",
-            unit,
-            merits[f"fresh_default_{name}_rmse"].value,
-            merits[f"fresh_naive_{name}_rmse"].value,
-            "R is the sensor's noise",
-        )
-        for name, unit in (("x", "mm"), ("v", "m/s"))
+        _of_merits("estimator", f"error of {name}, RMS", merits, "fresh_{}_" + f"{name}_rmse", PLAIN)
+        for name in ("x", "v")
         if f"fresh_{name}_rmse" in merits
     ]
 
 
-def _of_start(merits: Merits) -> list[Margin]:
+def _of_start(merits: Mapping[str, Merit]) -> list[Margin]:
     return [
-        Margin(
-            "start",
-            what,
-            unit,
-            merits[f"default_{name}"].value,
-            merits[f"naive_{name}"].value,
-            naive_is=HASTY,
-        )
-        for what, name, unit in (
-            (f"starts that fail, of {merits['default_eligible'].value:g}", "failures", "1"),
-            ("hardest twentieth of impacts, steady ones = 1", "hardest_overshoot", "1"),
-            ("largest impact of all starts, steady ones = 1", "largest_overshoot", "1"),
-            ("until 95 % of starts have captured", "capture_p95", "s"),
+        _of_merits("start", what, merits, "{}_" + name, HASTY)
+        for what, name in (
+            (f"starts that fail, of {merits['default_eligible'].value:g}", "failures"),
+            ("hardest twentieth of impacts, steady ones = 1", "hardest_overshoot"),
+            ("largest impact of all starts, steady ones = 1", "largest_overshoot"),
+            ("until 95 % of starts have captured", "capture_p95"),
         )
     ]
+
+
+def _of_merits(command: str, what: str, merits: Mapping[str, Merit], name: str, naive_is: str) -> Margin:
+    """The margin between two figures of merit, whose names have `default` or `naive` in place of {}."""
+    default, naive = (merits[name.format(which)] for which in ("default", "naive"))
+    return Margin(command, what, default.unit, default.value, naive.value, naive_is)
 
 
 def check_defaults(

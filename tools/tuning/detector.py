@@ -46,11 +46,7 @@ class Operating:
     latency_p95_ms: float
     cost_1_h: float
     cost_error_1_h: float
-
-    @property
-    def false_alarms_1_h(self) -> float:
-        """False alarms per hour of simulated time."""
-        return self.false_alarms / self.hours
+    false_alarms_1_h: float
 
 
 def operating(
@@ -80,6 +76,7 @@ def operating(
         latency_p95_ms=float(np.percentile(latencies, 95)),
         cost_1_h=(cost_miss * misses + cost_false_alarm * alarms) / hours,
         cost_error_1_h=math.sqrt(variance) / hours,
+        false_alarms_1_h=alarms / hours,
     )
 
 
@@ -113,35 +110,23 @@ def tune_detector(
             f"--cost-miss {cost_miss:g}, --cost-false-alarm {cost_false_alarm:g}: wanted both above 0"
         )
     floors_m_s2 = floors_m_s2 or FLOORS_M_S2
-    total = trials * (len(floors_m_s2) + 2)
-    swept = run_candidates(
-        "detect",
-        [{PARAMETER: floor} for floor in floors_m_s2],
-        seed,
-        trials,
-        lambda done, _: progress(done, total),
-        workers,
-    )
-    points = [
-        operating(floor, outcomes, cost_miss, cost_false_alarm)
-        for floor, outcomes in zip(floors_m_s2, swept, strict=True)
-    ]
+    swept, total = trials * len(floors_m_s2), trials * (len(floors_m_s2) + 2)
+
+    def tried(floors: Sequence[float], its_seed: int, before: int) -> list[Operating]:
+        candidates = [{PARAMETER: floor} for floor in floors]
+
+        def noted(done: int, _: int) -> None:
+            progress(before + done, total)
+
+        found = run_candidates("detect", candidates, its_seed, trials, noted, workers)
+        return [
+            operating(floor, outcomes, cost_miss, cost_false_alarm)
+            for floor, outcomes in zip(floors, found, strict=True)
+        ]
+
+    points = tried(floors_m_s2, seed, 0)
     best, alike = chosen(points)
-    fresh, default = (
-        operating(floor, outcomes, cost_miss, cost_false_alarm)
-        for floor, outcomes in zip(
-            (best.floor_m_s2, DEFAULTS[PARAMETER]),
-            run_candidates(
-                "detect",
-                [{PARAMETER: best.floor_m_s2}, {PARAMETER: DEFAULTS[PARAMETER]}],
-                fresh_seed,
-                trials,
-                lambda done, _: progress(total - 2 * trials + done, total),
-                workers,
-            ),
-            strict=True,
-        )
-    )
+    fresh, default = tried((best.floor_m_s2, DEFAULTS[PARAMETER]), fresh_seed, swept)
     warnings = []
     if best.floor_m_s2 in (floors_m_s2[0], floors_m_s2[-1]) and len(alike) == 1:
         warnings.append("the best floor lies at the end of those tried: the costs ask for one beyond")

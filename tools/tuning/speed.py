@@ -96,11 +96,11 @@ def respond(
 
     At lower frequencies the double integrator has no margins, only rounding errors.
     """
-    J, B, T, _ = nominal
+    J, T = nominal.inertia_kg_m2, nominal.tick_s
     if omega_rad_s is None:
         omega_rad_s = np.geomspace(0.01 * gain_p_n_m_s / J, 0.99 * math.pi / T, POINTS)
-    loop = _response(speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m), omega_rad_s)
-    motor = _response(_motor(J, B, T), omega_rad_s)
+    loop = _response(speed_loop(nominal, gain_p_n_m_s, gain_i_n_m), omega_rad_s)
+    motor = _response(control.ss(*_motor(nominal), [[0.0, 1.0]], [[0.0]], T), omega_rad_s)
     # The tracker has the acting torque and so follows the motor exactly: the target sees K G / (1 + K G).
     tick = np.exp(-1j * omega_rad_s * T)
     pi = gain_p_n_m_s + gain_i_n_m * T * tick / (1.0 - tick)
@@ -134,7 +134,7 @@ def margins(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> Sp
 
 def is_stable(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> bool:
     """Whether the closed loop is stable, except for the pole at 1 of the crank's uncontrolled angle."""
-    loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
+    loop = speed_loop(nominal, gain_p_n_m_s, gain_i_n_m)
     poles = np.sort(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)))
     return bool(poles[-2] < 1.0)
 
@@ -145,7 +145,6 @@ def shape(nominal: NominalDrive, bandwidth_hz: float, phase_margin_deg: float) -
     Bandwidth grows with the crossover and the phase margin with the ratio, so that both are bisected.
     """
     wanted_rad_s = 2.0 * math.pi * bandwidth_hz
-
     at_wanted = np.array([wanted_rad_s])
 
     def crossover(ratio: float) -> float:
@@ -250,30 +249,22 @@ def merits(design: SpeedDesign) -> dict[str, Merit]:
     }
 
 
-def speed_loop(
-    inertia_kg_m2: float,
-    viscous_n_m_s: float,
-    tick_s: float,
-    tracker_rad_s: float,
-    gain_p_n_m_s: float,
-    gain_i_n_m: float,
-) -> control.StateSpace:
+def speed_loop(nominal: NominalDrive, gain_p_n_m_s: float, gain_i_n_m: float) -> control.StateSpace:
     """L(z) = −(torque commanded) / (torque acting), cut where the torque reaches the motor.
 
     State at t_k, after the firmware's tick on the sensors of t_k: motor (θ, ω), tracker (θ̂, ω̂, d̂) after
     its correction, integral, the torque just commanded, and the torque of the last tick, which acts from t_k.
     """
-    T, J = tick_s, inertia_kg_m2
+    J, B, T, tracker_rad_s = nominal
     g, h, k = critically_damped_gains(tracker_rad_s, T)
-    motor = _motor_matrices(J, viscous_n_m_s, T)
     # One tick: the torque u acts from t_k to t_{k+1}; the sensors are read at t_{k+1}.
     a = np.zeros((8, 8))
     b = np.zeros((8, 1))
-    a[0:2, 0:2], b[0:2] = motor
+    a[0:2, 0:2], b[0:2] = _motor(nominal)
     # The tracker predicts with the torque that it assumes: the command of the tick before.
     predicted = np.zeros((3, 8))
-    predicted[0, 2:5] = (1.0, T - 0.5 * T * T * viscous_n_m_s / J, 0.5 * T * T)
-    predicted[1, 2:5] = (0.0, 1.0 - T * viscous_n_m_s / J, T)
+    predicted[0, 2:5] = (1.0, T - 0.5 * T * T * B / J, 0.5 * T * T)
+    predicted[1, 2:5] = (0.0, 1.0 - T * B / J, T)
     predicted[2, 2:5] = (0.0, 0.0, 1.0)
     predicted[0, 7], predicted[1, 7] = 0.5 * T * T / J, T / J
     error_a, error_b = a[0] - predicted[0], b[0, 0]
@@ -300,7 +291,7 @@ def closed_loops(
 ) -> tuple[control.StateSpace, control.StateSpace]:
     """Closed loops from target to speed and from crank torque to speed, without limits or feed-forward."""
     T = nominal.tick_s
-    loop = speed_loop(*nominal, gain_p_n_m_s, gain_i_n_m)
+    loop = speed_loop(nominal, gain_p_n_m_s, gain_i_n_m)
     a = loop.A - loop.B @ loop.C
     target = np.zeros((8, 1))
     # e = ω* − ω̂ enters the integral and the proportional part.
@@ -311,24 +302,12 @@ def closed_loops(
     return control.ss(a, target, speed, nothing, T), control.ss(a, loop.B, speed, nothing, T)
 
 
-def _motor_matrices(
-    inertia_kg_m2: float, viscous_n_m_s: float, tick_s: float
-) -> tuple[FloatArray, FloatArray]:
+def _motor(nominal: NominalDrive) -> tuple[FloatArray, FloatArray]:
     """Exact discretisation of J θ'' + B θ' = T_motor, state (θ, θ'), with the torque held over a tick."""
-    continuous = control.ss(
-        [[0.0, 1.0], [0.0, -viscous_n_m_s / inertia_kg_m2]],
-        [[0.0], [1.0 / inertia_kg_m2]],
-        np.eye(2),
-        np.zeros((2, 1)),
-    )
-    sampled = control.sample_system(continuous, tick_s, method="zoh")
+    J, B, T, _ = nominal
+    continuous = control.ss([[0.0, 1.0], [0.0, -B / J]], [[0.0], [1.0 / J]], np.eye(2), np.zeros((2, 1)))
+    sampled = control.sample_system(continuous, T, method="zoh")
     return np.asarray(sampled.A), np.asarray(sampled.B)
-
-
-def _motor(inertia_kg_m2: float, viscous_n_m_s: float, tick_s: float) -> control.StateSpace:
-    """The sampled motor from torque to speed."""
-    a, b = _motor_matrices(inertia_kg_m2, viscous_n_m_s, tick_s)
-    return control.ss(a, b, [[0.0, 1.0]], [[0.0]], tick_s)
 
 
 def _response(system: control.StateSpace, omega_rad_s: FloatArray) -> ComplexArray:

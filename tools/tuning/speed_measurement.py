@@ -9,7 +9,7 @@ between harmonics of the crank's turn, at which the load acts; a Hann window sep
 The commanded torque contains other frequencies too, so the neighbouring lines give the noise of a line.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from hil.scenario.operator import OPERATOR_PERIOD_S, Command, OperatorNode, Requ
 from plant_sim.arrays import FloatArray, IntArray
 from plant_sim.scene import load_scene, read_scene
 from tools.output import BadInputError
+from tools.progress import Progress
 from tools.tuning.result import Merit, Tuning
 from tools.tuning.speed import NominalDrive, respond
 
@@ -43,8 +44,6 @@ AMPLITUDE_N_M = 0.02
 """Amplitude of each sine. Their sum is at most 0.2 N m, so that the torque is not limited."""
 LOWEST_HZ, HIGHEST_HZ = 3.0, 110.0
 TORQUE = CODECS[SetInputTorque]
-
-Progress = Callable[[float, str], None]
 
 
 class MeasuredLoop(NamedTuple):

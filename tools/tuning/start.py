@@ -19,7 +19,7 @@ that was killed can continue.
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,15 +29,14 @@ from firmware_py.shell.parameters import DEFAULTS
 from hil.record import provenance
 from plant_sim.arrays import FloatArray
 from tools.campaign.campaigns import NO_IMPULSE
-from tools.campaign.processes import Batch
 from tools.campaign.statistics import wilson
 from tools.campaign.trial.cells import Condition
-from tools.campaign.trial.outcome import Outcome
-from tools.jobs import Runner
+from tools.progress import Counted
 from tools.tuning.aims import CAPTURE_S, ENERGY_J, FAILED, IMPACT, choose, differing, hardest, late, starts_of
 from tools.tuning.candidates import (
     FRESH_SEED,
     TUNING_SEED,
+    Candidate,
     processes_for,
     refuse_same_seeds,
     run_candidates,
@@ -87,8 +86,7 @@ BEST_PLACE, DEFAULT_PLACE = 0, 1
 DIGITS = 6
 """Decimals to which multiples of a step are rounded."""
 
-Progress = Callable[[int, int], None]
-Run = Callable[[Sequence[Mapping[str, float]]], list[FloatArray]]
+Run = Callable[[Sequence[Candidate]], list[FloatArray]]
 """Runs candidates, all on the same trials; returns the table of starts of each."""
 
 
@@ -144,9 +142,7 @@ def dominates(one: Ramp, other: Ramp) -> bool:
 
 def with_front(tried: Sequence[Ramp]) -> list[Ramp]:
     """All candidates, with those of the Pareto front marked."""
-    return [
-        Ramp(**{**vars(one), "on_front": not any(dominates(other, one) for other in tried)}) for one in tried
-    ]
+    return [replace(one, on_front=not any(dominates(other, one) for other in tried)) for one in tried]
 
 
 # --- the search ---------------------------------------------------------------------------------------
@@ -199,42 +195,20 @@ def finished(study: "optuna.Study") -> list[Ramp]:
     return [Ramp(**trial.user_attrs["ramp"]) for trial in study.trials if trial.values is not None]
 
 
-class Judge(NamedTuple):
-    """Runs candidates, always in the same processes."""
-
-    run: Runner[Batch, list[Outcome]]
-    workers: int | None
-
-    def __call__(
-        self, candidates: Sequence[Mapping[str, float]], seed: int, trials: int, progress: Progress
-    ) -> list[FloatArray]:
-        """Each candidate's starts, all on the same trials."""
-        found = run_candidates(
-            "start-up", candidates, seed, trials, progress, self.workers, CONDITIONS, self.run
-        )
-        return [starts_of(outcomes) for outcomes in found]
-
-
 def searched(
     study: "optuna.Study",
     free: Sequence[str],
     candidates: int,
-    trials: int,
-    seed: int,
-    progress: Progress,
-    judged: Judge,
+    run: Callable[[Sequence[Candidate], int], list[FloatArray]],
 ) -> list[Ramp]:
-    """Let Optuna suggest candidates, run them and report their results, until `candidates` are finished."""
+    """Let Optuna suggest candidates, run them and report their results, until `candidates` are finished.
+
+    `run` runs candidates; its second argument is the number of candidates that are finished.
+    """
     known = finished(study)
     while len(known) < candidates:
-        progress(len(known) * trials, candidates * trials)
         batch = asked(study, min(BATCH, candidates - len(known)), free)
-        begun = len(known) * trials
-
-        def report(done: int, _: int, begun: int = begun) -> None:
-            progress(begun + done, candidates * trials)
-
-        found = judged([values for _, values in batch], seed, trials, report)
+        found = run([values for _, values in batch], len(known))
         for (trial, values), some in zip(batch, found, strict=True):
             one = ramp(values, some)
             trial.set_user_attr("ramp", vars(one))
@@ -308,7 +282,7 @@ def tune_start(
     fresh_trials: int = FRESH_TRIALS,
     seed: int = TUNING_SEED,
     fresh_seed: int = FRESH_SEED,
-    progress: Progress = lambda *_: None,
+    progress: Counted = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[Tuning, list[Ramp]]:
     """The best start and all candidates; both the final and the judgement have `fresh_trials` trials."""
@@ -316,19 +290,31 @@ def tune_start(
     refuse_same_seeds(final_seed, fresh_seed)
     study = study_in(journal, name_of_search([trials, fresh_trials, seed]), seed)
 
-    with processes_for(workers) as run:
-        judged = Judge(run, workers)
+    with processes_for(workers) as processes:
+
+        def judged(
+            some: Sequence[Candidate], its_seed: int, its_trials: int, noted: Counted = progress
+        ) -> list[FloatArray]:
+            found = run_candidates(
+                "start-up", some, its_seed, its_trials, noted, workers, CONDITIONS, processes
+            )
+            return [starts_of(outcomes) for outcomes in found]
+
+        def suggested(some: Sequence[Candidate], known: int) -> list[FloatArray]:
+            total = candidates * trials
+            progress(known * trials, total)
+            return judged(some, seed, trials, lambda done, _: progress(known * trials + done, total))
 
         if "free" not in study.user_attrs:
-            found = screened(lambda some: judged(some, final_seed, screening_trials, progress))
+            found = screened(lambda some: judged(some, final_seed, screening_trials))
             study.set_user_attr("free", found)
         free = tuple(study.user_attrs["free"])
-        tried = with_front(searched(study, free, candidates, trials, seed, progress, judged))
+        tried = with_front(searched(study, free, candidates, suggested))
         best, finalists, alike, alone = final(
-            tried, free, lambda some: judged(some, final_seed, fresh_trials, progress)
+            tried, free, lambda some: judged(some, final_seed, fresh_trials)
         )
         everyone = [best, DEFAULT, {**DEFAULT, **NAIVE}]
-        fresh = judged(everyone, fresh_seed, fresh_trials, progress)
+        fresh = judged(everyone, fresh_seed, fresh_trials)
     after, before, naive = (ramp(one, starts) for one, starts in zip(everyone, fresh, strict=True))
     as_good = choose(fresh[:2]).alike
     tuning = Tuning(

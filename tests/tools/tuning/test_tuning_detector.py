@@ -14,7 +14,7 @@ from tools.tuning import safety
 from tools.tuning.candidates import refuse_same_seeds, run_candidates
 from tools.tuning.detector import PARAMETER, Operating, chosen, operating, tune_detector
 
-ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0)
+ANY = Operating(1.0, 100, 0, 0, 1.0, 1.0, 0.99, 1.0, 1.0, 1.4, 1.9, 0.0, 1.0, 0.0)
 
 
 def characteristic(*costs: float) -> list[Operating]:

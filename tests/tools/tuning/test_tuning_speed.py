@@ -98,7 +98,7 @@ def test_the_gain_margin_is_where_the_loop_in_time_becomes_unstable(
 
 
 def test_the_closed_loop_matrix_is_stable(design: SpeedDesign) -> None:
-    loop = speed_loop(J, B, T, TRACKER, design.gain_p_n_m_s, design.gain_i_n_m)
+    loop = speed_loop(NominalDrive(J, B, T, TRACKER), design.gain_p_n_m_s, design.gain_i_n_m)
     poles = np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C))
     # The crank's angle is no part of the loop: one pole stays at 1.
     assert np.count_nonzero(poles > 1.0 - 1e-6) == 1
@@ -193,7 +193,7 @@ def test_the_command_takes_the_motor_and_the_tracker_that_are_named(
 
 
 def test_the_disk_margin_is_controls(design: SpeedDesign) -> None:
-    loop = speed_loop(J, B, T, TRACKER, design.gain_p_n_m_s, design.gain_i_n_m)
+    loop = speed_loop(NominalDrive(J, B, T, TRACKER), design.gain_p_n_m_s, design.gain_i_n_m)
     omega = np.geomspace(1.0, 3000.0, 4000)
     alpha, gain_db, phase_deg = control.disk_margins(loop, omega)
     assert design.disk_margin == pytest.approx(alpha, rel=1e-3)

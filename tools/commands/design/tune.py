@@ -148,9 +148,7 @@ def speed(
         )
         if not measure:
             return tuning, (design, None)
-        measured = measure_loop(
-            nested(tuning.values), progress=lambda share, _: progress(share, "measuring the loop")
-        )
+        measured = measure_loop(nested(tuning.values), progress=progress)
         tuning, points["measured"] = compared(tuning, nominal, measured)
         return tuning, (design, measured)
 
@@ -261,11 +259,7 @@ def detector(
         ),
         draw_detector,
         views.of_detector,
-        lambda points: {
-            "characteristic": [
-                {**asdict(point), "false_alarms_1_h": point.false_alarms_1_h} for point in points
-            ]
-        },
+        lambda points: {"characteristic": [asdict(point) for point in points]},
     )
 
 

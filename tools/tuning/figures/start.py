@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from firmware_py.shell.parameters import DEFAULTS
 from tools.tuning.result import Tuning
-from tools.tuning.start import RISE, SPACE, Ramp
+from tools.tuning.start import DEFAULT, RISE, Ramp
 
 
 def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
@@ -14,8 +13,6 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
 
     figure = Figure(figsize=(14.0, 4.4), layout="constrained")
     panels = figure.subplots(1, 3)
-    chosen = {name: value.value for name, value in tuning.parameters.items()}
-    default = {name: DEFAULTS[name] for name in SPACE}
     rises = [one.parameters[RISE] for one in tried]
     aims = (
         ([100.0 * one.failures / max(one.eligible, 1) for one in tried], "starts that fail [%]"),
@@ -25,8 +22,8 @@ def draw_start(tuning: Tuning, tried: Sequence[Ramp], path: Path) -> None:
     times = [one.capture_p95_s for one in tried]
     marks = (
         ("o", 110, "tab:red", "Pareto front", [one.on_front for one in tried]),
-        ("s", 220, "tab:green", "chosen", [one.parameters == chosen for one in tried]),
-        ("D", 190, "tab:blue", "default", [one.parameters == default for one in tried]),
+        ("s", 220, "tab:green", "chosen", [one.parameters == tuning.values for one in tried]),
+        ("D", 190, "tab:blue", "default", [one.parameters == DEFAULT for one in tried]),
     )
     for axes, (values, name) in zip(panels, aims, strict=True):
         dots = axes.scatter(times, values, c=rises, cmap="viridis", s=28, zorder=2)
