@@ -42,12 +42,15 @@ def begins_as_log(path: Path) -> bool:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a log can be read from its first message to its footer."""
+    """Whether a log holds a recording that can be read from its first message to its footer."""
     if not begins_as_log(path):
         return False
     try:
         with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
-            deque(RrdReader(path).store().stream(), maxlen=0)
+            reader = RrdReader(path)
+            if not reader.recordings():
+                return False
+            deque(reader.store().stream(), maxlen=0)
     except RuntimeError:
         return False
     return True
@@ -56,7 +59,8 @@ def is_whole(path: Path) -> bool:
 def repair(path: Path) -> bool:
     """Repair a log that is incomplete after a kill, in place; returns whether a repair was needed.
 
-    An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable.
+    An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable
+    or ends before its recording begins.
     """
     if is_whole(path):
         return False
@@ -68,6 +72,9 @@ def repair(path: Path) -> bool:
     outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
     if outcome.returncode != 0 or not mended.exists():
         raise RerunError(f"{path} is cut and cannot be mended; rebuild it from the traces ({outcome.stderr})")
+    if not is_whole(mended):
+        mended.unlink()
+        raise RerunError(f"{path} ends before its recording begins; rebuild it from the traces")
     mended.rename(path)
     return True
 

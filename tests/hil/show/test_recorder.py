@@ -18,6 +18,7 @@ from firmware_py.interface import codec
 from firmware_py.interface.generated.records import SetInputTorque
 from hil.bus import join, provide
 from hil.record.log_reader import read_traces, repair
+from hil.record.rerun_program import RerunError
 from hil.record.run_traces import read_bus, read_run
 from hil.record.traces.trace import TraceWriter
 from hil.show.rerun_log import rebuild
@@ -141,11 +142,11 @@ def has_plant(run_dir) -> bool:
     if not (run_dir / "run.rrd").exists():
         return False
     so_far = Path(shutil.copy(run_dir / "run.rrd", run_dir / "so-far.rrd"))
-    repair(so_far)
     try:
-        return bool(len(read_traces(so_far).plant))
-    except ValueError:  # not even its beginning is written
+        repair(so_far)
+    except RerunError:  # not even its beginning is written
         return False
+    return bool(len(read_traces(so_far).plant))
 
 
 @pytest.mark.realtime

@@ -12,9 +12,9 @@ from run_folder import END_S, STOP_M, T_S, make_run, write_run
 from firmware_py.interface.enums import Fault, Mode
 from hil.judge.checks import CheckResult
 from hil.judge.figures.figures import figures_from, figures_of
-from hil.record.log_reader import read_traces, repair, tables
+from hil.record.log_reader import is_whole, read_traces, repair, tables
 from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
-from hil.record.rerun_program import rerun
+from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
 from hil.show.log_stream import recording_id
@@ -191,6 +191,19 @@ def test_a_log_that_was_cut_is_mended(log_path, tmp_path, lost):
     assert rerun(["rrd", "verify", cut]).returncode == 0
     assert not repair(cut)
     assert read_traces(cut).plant.dtype == read_traces(log_path).plant.dtype
+
+
+@pytest.mark.parametrize("kept", [5, 12, 100, 1000])
+def test_a_log_that_ends_before_its_recording_begins_is_refused_as_it_stands(log_path, tmp_path, kept):
+    cut = tmp_path / LOG_NAME
+    beginning = log_path.read_bytes()[:kept]
+    cut.write_bytes(beginning)
+
+    assert not is_whole(cut)
+    with pytest.raises(RerunError, match="ends before its recording begins"):
+        repair(cut)
+    assert cut.read_bytes() == beginning
+    assert list(tmp_path.iterdir()) == [cut]
 
 
 def test_what_was_appended_outlives_a_kill(run_dir, tmp_path):

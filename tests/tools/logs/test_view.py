@@ -97,6 +97,17 @@ def test_a_run_that_goes_on_is_not_touched(log):
     assert rerun(["rrd", "verify", opened]).returncode == 0
 
 
+def test_a_run_whose_log_has_only_begun_is_not_touched(log):
+    (log.parent / "plant.trace").touch()
+    log.write_bytes(log.read_bytes()[:12])
+    held = os.open(log.parent, os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    with pytest.raises(RunError, match="has only begun"):
+        recorded_run.log_of(log.parent)
+    os.close(held)
+    assert log.stat().st_size == 12
+
+
 def test_the_newest_run_is_the_one_without_a_name(log, tmp_path, monkeypatch):
     monkeypatch.setattr(recorded_run, "RUNS", tmp_path / "runs")
     with pytest.raises(RunError, match="no run in"):
