@@ -6,7 +6,6 @@ internal error, 4 usage or bad input, 5 nothing ran.
 
 import errno
 import functools
-import gc
 import os
 import resource
 import sys
@@ -19,6 +18,7 @@ import typer
 from typer.exceptions import TyperException
 from typer.models import CommandInfo
 
+from hil.timing.realtime import collect_rarely
 from hil.timing.signals import Interrupted, ending_signals
 from tools.examples import EXAMPLES
 from tools.output import (
@@ -34,8 +34,6 @@ from tools.standard_streams import open_streams
 
 LONGEST_MESSAGE = 4000
 """Length of the longest error message about an input, in characters."""
-RARE_COLLECTION = 50_000
-"""Allocations between two garbage collections; Python's 700 would slow down the start of the program."""
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 """Errors of the machine that are not defects of the program."""
 GIB = 2**30
@@ -257,7 +255,7 @@ def run(arguments: list[str]) -> int:
 
 def main() -> None:
     """Entry point of the installed program."""
-    gc.set_threshold(RARE_COLLECTION)
+    collect_rarely()
     output = open_streams()
     status = run(sys.argv[1:])
     sys.stdout.flush()

@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from hil.timing.patient_clock import has_stopped
-from hil.timing.realtime import end_with_parent
+from hil.timing.realtime import collect_rarely, end_with_parent
 from hil.timing.signals import Interrupted
 
 Task = TypeVar("Task")
@@ -73,6 +73,7 @@ class Worker:
 
 def main() -> None:
     """Run a worker; its arguments are the descriptor of its pipe and the program's process id."""
+    collect_rarely()
     pipe, program = Connection(int(sys.argv[1])), int(sys.argv[2])
     if os.getppid() != program:  # the program was killed while this process started
         return

@@ -84,6 +84,11 @@ def become_realtime(reservation: Reservation) -> RealtimeReport:
     return RealtimeReport(take_scheduler(library, reservation), memory_locked, timer_slack)
 
 
+def collect_rarely() -> None:
+    """Make garbage collections rare: Python's 700 allocations between two slow down imports and compiling."""
+    gc.set_threshold(50_000)
+
+
 def settle_garbage() -> None:
     """Collect garbage now, and exclude the surviving objects from later collections.
 
