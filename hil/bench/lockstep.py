@@ -17,7 +17,7 @@ from firmware_py.shell.node import MakeNode
 from hil.bench import beginning
 from hil.bench.ending import Outcome
 from hil.bench.lockstep_bus import FIRMWARE, OPERATOR, PLANT, BusAsModelled, IdealBus, LockstepBus
-from hil.bench.soak import SETTLED_SHARE, MemoryWatch
+from hil.bench.soak import SETTLING_SHARE, MemoryWatch
 from hil.bus.can_log import CanLog
 from hil.bus.in_process import InProcessNode
 from hil.faults.clocks import Turns, in_turns
@@ -175,7 +175,7 @@ def simulate(
         outcome.wall_s = time.perf_counter() - started
     if any(check.name.startswith("memory.") for check in scenario.checks):
         outcome.memory_growth_mb = memory.growth_mb()
-        outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * scenario.duration_s
+        outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * scenario.duration_s
 
 
 def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-SETTLED_SHARE = 0.25
+SETTLING_SHARE = 0.25
 """Share of a run's samples, at its start, in which processes may still grow by filling caches and pools."""
 FEWEST_SAMPLES = 40
 SAMPLE_S = 1.0
@@ -112,6 +112,6 @@ def grown_mb(samples_mb: Sequence[float]) -> float:
     >>> grown_mb([1.0] * 10 + [50.0] * 30)
     0.0
     """
-    settled = samples_mb[int(SETTLED_SHARE * len(samples_mb)) :]
+    settled = samples_mb[int(SETTLING_SHARE * len(samples_mb)) :]
     tenth = max(len(settled) // 10, 1)
     return float(np.median(settled[-tenth:]) - np.median(settled[:tenth]))

@@ -50,7 +50,7 @@ GRID: dict[str, tuple[float, ...]] = {
 CONDITIONS = (("viscous", 1.1), ("coulomb-0.2", 0.95), ("viscous", 1.3), ("coulomb", 1.1))
 MODULES = 16
 SECONDS = 40.0
-SETTLED_SHARE = 0.25
+SETTLING_SHARE = 0.25
 """Share of a log that is left out at its beginning, where the initial covariance still has an effect."""
 LARGEST_NIS = 1.5
 """Largest median NIS at the stop. Too large a variance costs some accuracy, too small a one fails the run."""
@@ -164,7 +164,7 @@ def _course(log: Log, parameters: dict[str, float]) -> tuple[Any, FloatArray, in
     for block, table in nested(parameters).items():
         firmware.setdefault(block, {}).update(table)
     config = config_from(firmware)
-    begin = round(SETTLED_SHARE * len(log.ticks.low_m_s2))
+    begin = round(SETTLING_SHARE * len(log.ticks.low_m_s2))
     return config, replay(config, log.ticks)[begin:], begin
 
 

@@ -75,7 +75,10 @@ def rms(errors: FloatArray) -> float | None:
 
 
 def loop_timing(records: Records, period_s: float) -> LoopTiming:
-    """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on."""
+    """A loop's timing from its own trace; skipped ticks are the numbers missing in its ticks from 0 on.
+
+    A duration of 0 was not measured, as in lockstep.
+    """
     tick = column(records, "tick")
     work_us, wake_us = column(records, "work_us"), column(records, "wake_latency_us")
     half_tick_us = 0.5e6 * period_s
@@ -88,8 +91,8 @@ def loop_timing(records: Records, period_s: float) -> LoopTiming:
         long_work=int(np.count_nonzero(work_us > half_tick_us)),
         longest_hold_ms=None if longest is None else 1e3 * period_s * float(held[longest]),
         longest_hold_at_s=None if longest is None else period_s * (float(tick[longest]) + 1.0),
-        work_us=spread(work_us),
-        wake_us=spread(wake_us),
+        work_us=spread(work_us[work_us > 0.0]),
+        wake_us=spread(wake_us[wake_us > 0.0]),
     )
 
 

@@ -23,7 +23,7 @@ from hil.record.traces.trace import flatten
 
 Signal = NDArray[np.float64]
 
-SETTLED_SHARE: Final = 0.1
+FINAL_SHARE: Final = 0.1
 """Share of a window, at its end, whose median is the final value of a step response."""
 SAMPLES_TO_TRY: Final = 200
 
@@ -100,7 +100,7 @@ def step_figure(key: str, t_s: Signal) -> Callable[[Signal], float]:
         from control import step_info  # noqa: PLC0415 - the import takes a second, and few figures need it
 
         response = signal - signal[0]
-        final = float(np.median(response[-math.ceil(SETTLED_SHARE * response.size) :]))
+        final = float(np.median(response[-math.ceil(FINAL_SHARE * response.size) :]))
         return float(step_info(response, T=t_s - t_s[0], yfinal=final)[key])
 
     return figure

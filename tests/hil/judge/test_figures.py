@@ -21,6 +21,7 @@ from run_folder import (
 from firmware_py.interface.enums import Fault, Mode, Regime
 from hil.judge import detection, true_regime
 from hil.judge.figures.figures import figures_of
+from hil.judge.figures.records import Spread
 from hil.record.candump import parse_candump
 from hil.record.run_traces import column
 
@@ -109,6 +110,15 @@ def test_real_time_is_judged_beside_a_bare_loop(made_up, tmp_path, skipped, base
     figures = figures_of(write_run(made_up, tmp_path))
 
     assert (figures.overruns, figures.real_time) == (skipped, met)
+
+
+def test_durations_that_were_not_measured_have_no_quantiles(made_up, tmp_path):
+    made_up.firmware["wake_latency_us"][:] = 0.0
+    made_up.firmware["work_us"][:] = 0.0
+    made_up.firmware["work_us"][7] = 90.0
+    figures = figures_of(write_run(made_up, tmp_path))
+    assert figures.tick_us == Spread(90.0, 90.0, 90.0)
+    assert figures.wake_us == Spread(None, None, None)
 
 
 def test_late_wake_ups_and_long_work_are_counted_apart(made_up, tmp_path):
