@@ -23,7 +23,7 @@ from tools.campaign.trial.run import run as run_loop
 from tools.campaign.trial.scenarios import trial_of
 from tools.cli import run
 from tools.commands.testing.campaign import keep_trial
-from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.output import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PASSED
 
 SEED = 20_001
 
@@ -140,3 +140,13 @@ def test_the_covariance_stays_positive(firmware: str, capsys: pytest.CaptureFixt
     assert 0.0 < result["smallest_eigenvalue"] < 1e-5
     assert result["mode"] == "run"
     assert result["x_rmse_mm"] < 1.0
+
+
+@pytest.mark.parametrize("options", [("endurance", "--seed", "3"), ("start-up", "--ticks", "10000")])
+def test_an_option_that_a_campaign_would_ignore_is_refused(
+    options: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["campaign", *options]) == EXIT_BAD_INPUT
+    assert f"{options[1]}: campaign {options[0]} does not use this" in " ".join(
+        capsys.readouterr().err.split()
+    )

@@ -46,8 +46,11 @@ def campaign(
         int | None, typer.Option(help="Number of trials; by default enough for the campaign's goals.", min=1)
     ] = None,
     seed: Annotated[
-        int, typer.Option(help="Seed of all trials; seeds below 10000 belong to tuning and tests.", min=0)
-    ] = 20_260,
+        int | None,
+        typer.Option(
+            help="Seed of all trials, by default 20260; seeds below 10000 belong to tuning and tests.", min=0
+        ),
+    ] = None,
     change: Annotated[
         list[str] | None, setting("Change a value: scene.KEY, firmware.KEY or campaign.KEY=VALUE")
     ] = None,
@@ -59,17 +62,29 @@ def campaign(
         str | None,
         typer.Option(help="Write trials as scenarios under runs/: failures, all, or a trial's number."),
     ] = None,
-    ticks: Annotated[int, typer.Option(help="Ticks of an endurance run.", min=10_000)] = 1_000_000,
+    ticks: Annotated[
+        int | None, typer.Option(help="Ticks of an endurance run, by default a million.", min=10_000)
+    ] = None,
     firmware: FirmwareBuild = "compiled",
     as_json: Json = False,
 ) -> None:
     """Run the closed loop on many sampled modules and starts, and judge the results by goals."""
     if name == "endurance":
-        result = run_endurance(ticks, change or [], firmware)
+        refuse_unused(name, trials=trials, seed=seed, workers=workers, scheduler=scheduler, keep=keep)
+        result = run_endurance(ticks or 1_000_000, change or [], firmware)
     else:
+        refuse_unused(name, ticks=ticks)
+        seed = 20_260 if seed is None else seed
         result = run_campaign(name, trials, seed, change or [], workers, scheduler, keep, firmware)
     shown = show_endurance if name == "endurance" else show
     answer(result, as_json, lambda: shown(result), exit_of(result))
+
+
+def refuse_unused(name: str, **options: Any) -> None:
+    """Raise BadInputError for options that the campaign `name` would ignore."""
+    given = " and ".join(f"--{option}" for option, value in options.items() if value is not None)
+    if given:
+        raise BadInputError(f"{given}: campaign {name} does not use this; leave it out")
 
 
 def run_endurance(ticks: int, changes: list[str], firmware: "Build") -> dict[str, Any]:
