@@ -22,7 +22,7 @@ from firmware_py.shell.parameters import addresses_from
 from hil.bench import beginning
 from hil.bench.ending import Outcome, ending_with_a_verdict
 from hil.bench.lockstep import Progress, simulate
-from hil.bench.soak import SAMPLE_S, SETTLED_SHARE, MemoryWatch
+from hil.bench.soak import SAMPLE_S, SETTLING_SHARE, MemoryWatch
 from hil.bus import ProvidedBus, join, provide
 from hil.bus.addressed import addressed
 from hil.bus.base import BusError
@@ -30,11 +30,9 @@ from hil.faults.line import with_faults
 from hil.faults.processes import FIRMWARE, ProcessFaults
 from hil.nodes.runners import OperatorRunner, Pace
 from hil.record import run_folder
-from hil.record.log_reader import is_whole
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario, refuse_modelled_bus, refuse_other_periods
 from hil.show.live import show
-from hil.show.rerun_log import LOG_NAME
 from hil.timing.clock import NS_PER_S, ClockName, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.patient_clock import PatientClock, Row, shared_memory
@@ -120,7 +118,7 @@ def run_scenario(
             progress(1.0, "writing log and verdict")
         if viewer is not None and clock == "lockstep":
             show(run_dir, viewer)
-        if not keep_traces and ending.verdict["passed"] and is_whole(run_dir / LOG_NAME):
+        if not keep_traces and ending.verdict["passed"]:
             run_folder.keep_the_log(run_dir)
     return ending.verdict
 
@@ -357,7 +355,7 @@ class ProcessesRun:
         loop.run(periods, step, None)
         self.continue_paused()
         self.outcome.memory_growth_mb = memory.growth_mb()
-        self.outcome.memory_watched_s = (1.0 - SETTLED_SHARE) * self.scenario.duration_s
+        self.outcome.memory_watched_s = (1.0 - SETTLING_SHARE) * self.scenario.duration_s
 
     def continue_paused(self) -> None:
         """End the nodes that are paused beyond the end of the script; as in lockstep, they tick no more."""

@@ -25,7 +25,8 @@ from hil.judge.figures.records import Figures, TrueImpact
 from hil.record import log_reader
 from hil.record.damage import reading
 from hil.record.frame_tables import contiguous
-from hil.record.log_reader import TIMELINES, read_traces, repair
+from hil.record.log_file import repair
+from hil.record.log_reader import TIMELINES, read_traces
 from hil.record.rerun_program import RerunError
 from hil.record.run_folder import RUNS, VERDICT, is_in_use, is_own
 from hil.record.run_traces import RunTraces

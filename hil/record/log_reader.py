@@ -1,10 +1,8 @@
-"""Reads a log back: its tables and traces; repairs an incomplete log."""
+"""Reads a log back: its tables and traces."""
 
 import json
 import re
 import tomllib
-import warnings
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,13 +11,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from firmware_py.interface.codec import CODEC_BY_ID, FrameCodec
 from hil.record.candump import NO_BUS, Bus, BusLog
 from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
 from hil.record.rates import slow_entity
-from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
 from hil.record.traces.stored_trace import Records, Selected, StoredColumns
@@ -27,56 +23,8 @@ from hil.record.traces.stored_trace import Records, Selected, StoredColumns
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
 """Columns that depend on the machine and therefore differ between runs."""
-MAGIC = b"RRF2"
-"""First bytes of a log."""
 ROW_ID = "rerun.controls.RowId"
 FENCE = re.compile(r"\A```\w*\n(.*)\n```\Z", re.DOTALL)
-
-
-def begins_as_log(path: Path) -> bool:
-    """Whether a file begins like a log; Rerun's program would read any other file into memory as a whole."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
-def is_whole(path: Path) -> bool:
-    """Whether a log holds a recording that can be read from its first message to its footer."""
-    if not begins_as_log(path):
-        return False
-    try:
-        with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
-            reader = RrdReader(path)
-            if not reader.recordings():
-                return False
-            deque(reader.store().stream(), maxlen=0)
-    except RuntimeError:
-        return False
-    return True
-
-
-def repair(path: Path) -> bool:
-    """Repair a log that is incomplete after a kill, in place; returns whether a repair was needed.
-
-    An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable
-    or ends before its recording begins.
-    """
-    if is_whole(path):
-        return False
-    if not begins_as_log(path):
-        raise RerunError(
-            f"{path} is no Rerun log: its first bytes are not those of one; rebuild it from the traces"
-        )
-    mended = path.with_name(f"{path.name}.mended")
-    outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
-    if outcome.returncode != 0 or not mended.exists():
-        raise RerunError(f"{path} is cut and cannot be mended; rebuild it from the traces ({outcome.stderr})")
-    if not is_whole(mended):
-        mended.unlink()
-        raise RerunError(f"{path} ends before its recording begins; rebuild it from the traces")
-    mended.rename(path)
-    return True
 
 
 RAW = "/can/raw"

@@ -2,7 +2,8 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from hil.record.log_file import ROOM_BYTES, refuse_full_disk, written_whole
 from hil.record.run_traces import column
 from hil.record.state_timeline import ALARM, Lane, lower_name, state_name
 from hil.record.traces.precision import TIME
@@ -28,6 +30,19 @@ def recording_id(run: Mapping[str, Any]) -> str:
     """Identifier of a run's recording, the same each time its log is written."""
     parts = (str(run.get(key)) for key in ("scenario", "clock", "bus", "seed", "wall_start_s"))
     return hashlib.sha256("|".join(parts).encode()).hexdigest()[:32]
+
+
+@contextmanager
+def recorded(
+    path: Path, name: str, blueprint: rrb.Blueprint, needed_bytes: int = ROOM_BYTES
+) -> Iterator[rr.RecordingStream]:
+    """Give an empty recording; after the block it stands in the file `path`. Raises as `written_whole`."""
+    with written_whole(path, needed_bytes) as unfinished:
+        recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
+        recording.save(unfinished, default_blueprint=blueprint)
+        recording.send_recording_name(name)
+        yield recording
+        recording.disconnect()
 
 
 def colors(rgba: Iterable[int]) -> NDArray[np.uint32]:
@@ -92,7 +107,7 @@ class LogStream:
             self.recording.save(to, default_blueprint=blueprint)
         else:
             self.recording.connect_grpc(to, default_blueprint=blueprint)
-        self._flush_s = math.inf if isinstance(to, Path) else VIEWER_TIMEOUT_S
+        self._file = to if isinstance(to, Path) else None
         self.time = Timebase(float(run.get("wall_start_s", 0.0)))
         self._declared: set[str] = set()
         self._last: dict[str, int] = {}
@@ -102,8 +117,13 @@ class LogStream:
         self.recording.send_recording_start_time_nanos(self.time.wall_start_ns)
 
     def flush(self) -> None:
-        """Pass all data to the file or the viewer; raises RuntimeError if the viewer is gone or stopped."""
-        self.recording.flush(timeout_sec=self._flush_s)
+        """Pass all data to the file or the viewer.
+
+        Raises RuntimeError if the viewer is gone or stopped, OSError if the disk has little room for more.
+        """
+        if self._file is not None:
+            refuse_full_disk(self._file)
+        self.recording.flush(timeout_sec=math.inf if self._file else VIEWER_TIMEOUT_S)
 
     def declare(self, entity: str, *what: Any) -> None:
         """Log the static style of an entity, once."""

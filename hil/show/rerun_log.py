@@ -31,6 +31,7 @@ from hil.judge.figures.records import Figures
 from hil.judge.reasons import IMPORTED, reasons_of
 from hil.record.candump import BusLog
 from hil.record.frame_tables import FREQUENT, decoded, in_rows
+from hil.record.log_file import written_whole
 from hil.record.rates import by_rate, signals_of_checks, slow_entity
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
@@ -397,15 +398,14 @@ class RunLog:
 
 def write_log(path: Path, traces: RunTraces, figures: Figures, results: Sequence[CheckResult]) -> Path:
     """Write the log of a whole run; the file gets its name when it is complete."""
-    unfinished = path.with_name(f"{path.name}.new")
-    try:
-        with closing(RunLog(unfinished, traces.run, traces.scenario, is_over=True)) as log:
-            for piece in pieces(traces):
-                log.append(piece)
-            log.conclude(traces, figures, results)
-        return unfinished.rename(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with (
+        written_whole(path) as unfinished,
+        closing(RunLog(unfinished, traces.run, traces.scenario, is_over=True)) as log,
+    ):
+        for piece in pieces(traces):
+            log.append(piece)
+        log.conclude(traces, figures, results)
+    return path
 
 
 def judged(run_dir: Path) -> tuple[RunTraces, Figures, list[CheckResult]]:

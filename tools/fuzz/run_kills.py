@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from hil.bench.recorded_run import open_run
-from hil.record.log_reader import is_whole
+from hil.record.log_file import is_whole
 from hil.record.run_traces import read_json
 from tools.fuzz.kill import END_LIMIT_S, REPORT, SCENARIO, Kill, KillError, begun, left_over, wait_for
 

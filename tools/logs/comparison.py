@@ -21,7 +21,7 @@ from hil.judge.figures.records import CATALOGUE, value_of
 from hil.record.log_reader import MEASURED
 from hil.record.state_timeline import ALARM
 from hil.show.layout import overlay
-from hil.show.log_stream import APPLICATION_ID, colors
+from hil.show.log_stream import colors, recorded
 from tools.output import BadInputError
 
 TRACES = ("operator", "plant", "impacts/truth", "firmware")
@@ -205,16 +205,18 @@ def compare(a: Run, b: Run) -> dict[str, Any]:
 
 def write_overlay(a: Run, b: Run, difference: Difference | None, path: Path) -> None:
     """Write both runs into one recording, one under /a and the other under /b, with plots of both."""
-    recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
-    recording.save(path, default_blueprint=overlay(None if difference is None else difference.t_s))
-    recording.send_recording_name(f"{a.log.parent.name} (a), {b.log.parent.name} (b)")
-    for side, run in zip(SIDES, (a, b), strict=True):
-        for chunk in RrdReader(run.log).store().stream():
-            if not chunk.entity_path.startswith("/__"):
-                recording.send_chunks([chunk.with_entity_path(f"/{side}{chunk.entity_path}")])
-    if difference is not None:
-        text = f"first difference: {difference.signal}"
-        recording.log("difference", rr.StateConfiguration(values=[text], colors=colors([ALARM])), static=True)
-        time = rr.TimeColumn("sim_time", duration=np.array([difference.t_s]))
-        recording.send_columns("difference", [time], [*rr.StateChange.columns(state=[text])])
-    recording.disconnect()
+    name = f"{a.log.parent.name} (a), {b.log.parent.name} (b)"
+    layout = overlay(None if difference is None else difference.t_s)
+    needed_bytes = 2 * sum(run.log.stat().st_size for run in (a, b))
+    with recorded(path, name, layout, needed_bytes) as recording:
+        for side, run in zip(SIDES, (a, b), strict=True):
+            for chunk in RrdReader(run.log).store().stream():
+                if not chunk.entity_path.startswith("/__"):
+                    recording.send_chunks([chunk.with_entity_path(f"/{side}{chunk.entity_path}")])
+        if difference is not None:
+            text = f"first difference: {difference.signal}"
+            recording.log(
+                "difference", rr.StateConfiguration(values=[text], colors=colors([ALARM])), static=True
+            )
+            time = rr.TimeColumn("sim_time", duration=np.array([difference.t_s]))
+            recording.send_columns("difference", [time], [*rr.StateChange.columns(state=[text])])

@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from hil.record.state_timeline import ALARM, ESTIMATE, OTHER, TRUTH
-from hil.show.log_stream import APPLICATION_ID
+from hil.show.log_stream import recorded
 from tools.study.cases import Case
 from tools.study.portraits import Motion, Pair, sample, with_impacts
 from tools.study.sweep import Diagram, Sweep
@@ -73,14 +73,6 @@ def stop_line(recording: rr.RecordingStream, name: str) -> None:
     recording.log(f"{name}/stop", line, static=True)
 
 
-def begun(path: Path, name: str, layout: rrb.Blueprint) -> rr.RecordingStream:
-    """Open an empty recording in a file."""
-    recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
-    recording.save(path, default_blueprint=layout)
-    recording.send_recording_name(name)
-    return recording
-
-
 def plane(name: str, origin: str) -> rrb.Spatial2DView:
     """Return a view of the plane of states."""
     bounds = rrb.VisualBounds2D(x_range=[-2.2, 1.4], y_range=[-2.2, 2.2])
@@ -119,13 +111,12 @@ def sweeps(diagrams: Sequence[Diagram], path: Path) -> None:
         rrb.TimePanel(timeline=RATIO_LINE, state="collapsed", play_state="playing", fps=10.0),
         collapse_panels=True,
     )
-    recording = begun(path, "amplitude–frequency diagrams", layout)
-    for diagram in diagrams:
-        name = entity(diagram.case)
-        stop_line(recording, f"{name}/orbits")
-        for sweep, way in ((diagram.up, RUN_UP), (diagram.down, RUN_DOWN)):
-            _one_way(recording, diagram.case, sweep, way)
-    recording.disconnect()
+    with recorded(path, "amplitude–frequency diagrams", layout) as recording:
+        for diagram in diagrams:
+            name = entity(diagram.case)
+            stop_line(recording, f"{name}/orbits")
+            for sweep, way in ((diagram.up, RUN_UP), (diagram.down, RUN_DOWN)):
+                _one_way(recording, diagram.case, sweep, way)
 
 
 def _one_way(recording: rr.RecordingStream, case: Case, sweep: Sweep, way: Way) -> None:
@@ -163,10 +154,9 @@ def portraits(pairs: Sequence[Pair], path: Path) -> None:
         rrb.TimePanel(timeline=TIME_LINE, state="collapsed", play_state="playing", playback_speed=0.25),
         collapse_panels=True,
     )
-    recording = begun(path, f"portraits, {pairs[0].case.preset}", layout)
-    for case, kind, motion in motions:
-        _run_through(recording, f"{entity(case)}/{kind}", motion)
-    recording.disconnect()
+    with recorded(path, f"portraits, {pairs[0].case.preset}", layout) as recording:
+        for case, kind, motion in motions:
+            _run_through(recording, f"{entity(case)}/{kind}", motion)
 
 
 def _run_through(recording: rr.RecordingStream, name: str, motion: Motion) -> None:

@@ -14,7 +14,7 @@ from hil.bench.verdict import judge
 from hil.judge.figures.figures import figures_from
 from hil.record.candump import StoredBus, parse_candump
 from hil.record.damage import DamagedFileError, reading
-from hil.record.log_reader import repair
+from hil.record.log_file import repair
 from hil.record.rerun_program import RerunError
 from hil.record.run_traces import read_run
 

@@ -1,6 +1,7 @@
 """The log: all of the traces, read back; the same whoever wrote it; mended when cut."""
 
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -12,13 +13,15 @@ from run_folder import END_S, STOP_M, T_S, make_run, write_run
 from firmware_py.interface.enums import Fault, Mode
 from hil.judge.checks import CheckResult
 from hil.judge.figures.figures import figures_from, figures_of
-from hil.record.log_reader import is_whole, read_traces, repair, tables
+from hil.record import log_file
+from hil.record.log_file import ROOM_BYTES, is_whole, repair, written_whole
+from hil.record.log_reader import read_traces, tables
 from hil.record.rates import SLOW_TICKS, is_slow, slow_rows
 from hil.record.rerun_program import RerunError, rerun
 from hil.record.run_traces import read_run
 from hil.show.highlights import highlights
 from hil.show.log_stream import recording_id
-from hil.show.rerun_log import LOG_NAME, RunLog, rebuild, write_log
+from hil.show.rerun_log import LOG_NAME, RunLog, judged, rebuild, write_log
 
 
 @pytest.fixture(scope="module")
@@ -285,3 +288,24 @@ def test_write_log_leaves_no_half_written_file(run_dir, tmp_path):
     result = CheckResult("regime", passed=True, value="impact", unit="", limit="= impact")
     write_log(tmp_path / LOG_NAME, traces, figures_from(traces), [result])
     assert [path.name for path in tmp_path.iterdir()] == [LOG_NAME]
+
+
+@pytest.mark.parametrize("pieces_before", [0, 1])
+def test_a_log_for_which_the_disk_has_no_room_leaves_the_one_that_was_there(
+    log_path, run_dir, tmp_path, monkeypatch, pieces_before
+):
+    path = tmp_path / LOG_NAME
+    path.write_bytes(log_path.read_bytes())
+    free_bytes = iter([ROOM_BYTES] * pieces_before)
+    monkeypatch.setattr(log_file.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free_bytes, 0)))
+    with pytest.raises(OSError, match="No space left"):
+        write_log(path, *judged(run_dir))
+    assert path.read_bytes() == log_path.read_bytes()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_log_of_which_only_a_part_was_written_is_refused(log_path, tmp_path):
+    path = tmp_path / LOG_NAME
+    with pytest.raises(RerunError, match="is not written"), written_whole(path) as unfinished:
+        unfinished.write_bytes(log_path.read_bytes()[:-1])
+    assert list(tmp_path.iterdir()) == []

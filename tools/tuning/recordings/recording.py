@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from hil.record.state_timeline import ALARM, ESTIMATE, OTHER, TARGET, TRUTH
-from hil.show.log_stream import APPLICATION_ID
+from hil.show.log_stream import recorded
 from tools.tuning.result import Tuning
 
 COLOURS = (TRUTH, ESTIMATE, OTHER, ALARM, TARGET)
@@ -74,15 +74,12 @@ def record_tuning(path: Path, tuning: Tuning, timeline: str, views: Views) -> No
         rrb.TimePanel(timeline=timeline, state="collapsed"),
         collapse_panels=True,
     )
-    recording = rr.RecordingStream(APPLICATION_ID, send_properties=False)
-    recording.save(path, default_blueprint=layout)
-    recording.send_recording_name(f"tune {tuning.command}")
-    text = rr.TextDocument(as_markdown(tuning), media_type="text/markdown")
-    recording.log("parameters", text, static=True)
-    for name, curves in views.items():
-        for number, (label, one) in enumerate(curves.items()):
-            _log_curve(recording, f"{_entity(name)}/{_entity(label)}", label, one, number, timeline)
-    recording.disconnect()
+    with recorded(path, f"tune {tuning.command}", layout) as recording:
+        text = rr.TextDocument(as_markdown(tuning), media_type="text/markdown")
+        recording.log("parameters", text, static=True)
+        for name, curves in views.items():
+            for number, (label, one) in enumerate(curves.items()):
+                _log_curve(recording, f"{_entity(name)}/{_entity(label)}", label, one, number, timeline)
 
 
 def _log_curve(

@@ -1,0 +1,89 @@
+"""A log as a file: written as a whole or not at all, recognised if it is incomplete, and repaired."""
+
+import errno
+import os
+import shutil
+import warnings
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from hil.record.rerun_program import RerunError, rerun
+
+MAGIC = b"RRF2"
+"""First bytes of a log."""
+ROOM_BYTES = 64 << 20
+"""Room on the disk that a log must have before each of its pieces, which is at most two thirds of it."""
+
+
+def begins_as_log(path: Path) -> bool:
+    """Whether a file begins like a log; Rerun's program would read any other file into memory as a whole."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a log holds a recording that can be read from its first message to its footer."""
+    if not begins_as_log(path):
+        return False
+    try:
+        with warnings.catch_warnings(action="ignore", category=RerunWarning):  # of a log without a footer
+            reader = RrdReader(path)
+            if not reader.recordings():
+                return False
+            deque(reader.store().stream(), maxlen=0)
+    except RuntimeError:
+        return False
+    return True
+
+
+def repair(path: Path) -> bool:
+    """Repair a log that is incomplete after a kill, in place; returns whether a repair was needed.
+
+    An incomplete log lacks its footer and may end within a message. Raises `RerunError` if it is unreadable
+    or ends before its recording begins.
+    """
+    if is_whole(path):
+        return False
+    if not begins_as_log(path):
+        raise RerunError(
+            f"{path} is no Rerun log: its first bytes are not those of one; rebuild it from the traces"
+        )
+    mended = path.with_name(f"{path.name}.mended")
+    outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
+    if outcome.returncode != 0 or not mended.exists():
+        raise RerunError(f"{path} is cut and cannot be mended; rebuild it from the traces ({outcome.stderr})")
+    if not is_whole(mended):
+        mended.unlink()
+        raise RerunError(f"{path} ends before its recording begins; rebuild it from the traces")
+    mended.rename(path)
+    return True
+
+
+def refuse_full_disk(path: Path, needed_bytes: int = ROOM_BYTES) -> None:
+    """Raise OSError if a file at `path` has no room; a recording that meets a full disk may wait for ever."""
+    if shutil.disk_usage(path.parent).free < needed_bytes:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+@contextmanager
+def written_whole(path: Path, needed_bytes: int = ROOM_BYTES) -> Iterator[Path]:
+    """Give the path of an unfinished file for a log; after the block the log gets its name `path`.
+
+    Raises OSError if there is no room for `needed_bytes`, `RerunError` if only a part was written.
+    """
+    refuse_full_disk(path, needed_bytes)
+    unfinished = path.with_name(f"{path.name}.new")
+    try:
+        yield unfinished
+        if not is_whole(unfinished):
+            raise RerunError(f"{path} is not written, there was room for a part of it only; make room for it")
+        unfinished.rename(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
