@@ -1,25 +1,23 @@
 """Any python-can interface as a bus, for real adapters; slower than the bench's own sockets."""
 
-import select
 from collections.abc import Iterable
 
 import can
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection
 from hil.bus.wire import REMOTE_FLAG
 
 BITRATE = 1_000_000
 """Bit rate of the bench's bus; interfaces without a bit rate ignore it."""
 
 
-class AdapterBus(Leaving):
+class AdapterBus(Connection):
     """A node on `interface:channel` of python-can."""
 
     def __init__(self, interface: str, channel: str, accept: Iterable[int] | None) -> None:
         super().__init__()
         self.counters = BusCounters(lost=None)
-        self.losses: list[Loss] = []
         # Filtered here: with python-can's own filter a read without waiting ends at the first rejected frame
         self._accept = None if accept is None else frozenset(accept)
         try:
@@ -31,18 +29,14 @@ class AdapterBus(Leaving):
                 f"python-can's interfaces ({known}) with its channel, e.g. socketcan:can0"
             ) from error
 
-    def send(self, frame: Frame) -> None:
-        """Queue one frame."""
-        message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False, check=False)
-        try:
-            self._bus.send(message, timeout=SEND_RETRIES * SEND_RETRY_S)
-        except can.CanError:
-            self.counters.unsent += 1
-
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in order."""
-        for frame in frames:
-            self.send(frame)
+        for can_id, data in frames:
+            message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False, check=False)
+            try:
+                self._bus.send(message, timeout=SEND_RETRIES * SEND_RETRY_S)
+            except can.CanError:
+                self.counters.unsent += 1
 
     def receive(self) -> list[Frame]:
         """All frames that have arrived."""
@@ -56,23 +50,17 @@ class AdapterBus(Leaving):
             if message is None:
                 break
             can_id = message.arbitration_id | (REMOTE_FLAG if message.is_remote_frame else 0)
-            is_asked = message.is_remote_frame and self._accept is not None and can_id in self._accept
-            if message.is_extended_id or message.is_error_frame or message.is_fd:
+            is_accepted = self._accept is None or can_id in self._accept
+            is_asked = self._accept is not None and is_accepted
+            is_foreign = message.is_extended_id or message.is_error_frame or message.is_fd
+            if is_foreign or (message.is_remote_frame and not is_asked):
                 self.counters.foreign += 1
                 continue
-            if message.is_remote_frame and not is_asked:
-                self.counters.foreign += 1
-                continue
-            if self._accept is not None and can_id not in self._accept:
+            if not is_accepted:
                 continue
             stamp_ns = int(message.timestamp * 1e9)
             frames.append((stamp_ns, Frame(message.arbitration_id, bytes(message.data))))
         return frames
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived or after `timeout_s`; at once if the interface cannot wait."""
-        if self.fileno() >= 0:
-            select.select([self], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The interface's descriptor; -1 where it has none."""

@@ -1,5 +1,6 @@
 """The interface of every bus to a node, and the bus's counters."""
 
+import select
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -45,24 +46,42 @@ class NodeBus(Protocol):
     """The interface of a bus to a node."""
 
     def send_all(self, frames: Iterable[Frame]) -> None:
-        """Send frames in order."""
+        """Queue frames in order, in as few system calls as the bus allows."""
 
     def receive(self) -> list[Frame]:
-        """All frames that have arrived."""
+        """All frames that have arrived, oldest first, without waiting."""
 
     def wait(self, timeout_s: float) -> None:
         """Return when frames have arrived, or after `timeout_s`."""
 
 
-class Leaving(ABC):
-    """Closes a connection: the node leaves the bus, then the functions in `closing` are called in order."""
+class Connection(ABC):
+    """What every node's connection through a descriptor has in common; `Bus` describes its methods."""
 
     def __init__(self) -> None:
         self.closing: list[Callable[[], None]] = []
+        self.losses: list[Loss] = []
+
+    @abstractmethod
+    def send_all(self, frames: Iterable[Frame]) -> None:
+        """Queue frames in order."""
+
+    @abstractmethod
+    def fileno(self) -> int:
+        """A descriptor that becomes readable when frames arrive; -1 where the interface has none."""
 
     @abstractmethod
     def leave(self) -> None:
         """Leave the bus."""
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame."""
+        self.send_all((frame,))
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when frames have arrived or after `timeout_s`; at once if the interface cannot wait."""
+        if self.fileno() >= 0:
+            select.select([self], [], [], timeout_s)
 
     def close(self) -> None:
         """Leave the bus, then call the functions in `closing`."""
@@ -71,7 +90,7 @@ class Leaving(ABC):
             close()
 
 
-class Bus(Protocol):
+class Bus(NodeBus, Protocol):
     """One node's connection. It never receives its own frames; only `wait` may block longer than a send."""
 
     @property
@@ -89,17 +108,8 @@ class Bus(Protocol):
     def send(self, frame: Frame) -> None:
         """Queue one frame; if the queue stays full during the retries, the frame is dropped and counted."""
 
-    def send_all(self, frames: Iterable[Frame]) -> None:
-        """Queue frames in order, in as few system calls as the bus allows."""
-
-    def receive(self) -> list[Frame]:
-        """All frames that have arrived, oldest first, without waiting."""
-
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """Like `receive`, with each arrival on the wall clock in ns; for a bus opened with `stamped`."""
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
 
     def fileno(self) -> int:
         """A descriptor that becomes readable when frames arrive."""

@@ -9,7 +9,6 @@ import ctypes
 import errno
 import json
 import os
-import select
 import socket
 import struct
 import time
@@ -18,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
-from hil.bus.wire import CAN_FRAME, FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
+from hil.bus.base import SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
+from hil.bus.wire import FRAME_BYTES, MAX_STANDARD_ID, pack, unpack
 from hil.timing.realtime import libc
 
 BATCH = 256
@@ -184,7 +183,7 @@ def fetch_can_socket(path: Path, accept: Iterable[int] | None, stamped: bool) ->
     return socket.socket(fileno=descriptors[0])
 
 
-class CanSocket(Leaving):
+class CanSocket(Connection):
     """A node's bus over a raw CAN socket that is open and bound."""
 
     def __init__(self, can_socket: socket.socket, requests: frozenset[int] = frozenset()) -> None:
@@ -192,7 +191,6 @@ class CanSocket(Leaving):
         library = libc()
         assert library is not None, "kernel CAN is Linux's"
         self._counters = BusCounters()
-        self.losses: list[Loss] = []
         self._noted_drops = 0
         self._requests = requests
         self._last_ns = time.time_ns()
@@ -209,10 +207,6 @@ class CanSocket(Leaving):
         """The errors counted so far."""
         self._counters.lost = self._drops()
         return self._counters
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame."""
-        self._write(CAN_FRAME.pack(frame[0], len(frame[1]), frame[1]))
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call for each batch."""
@@ -281,10 +275,6 @@ class CanSocket(Leaving):
         if 0 < new < 1 << 31:
             self._noted_drops = drops
             self.losses.append(Loss(self._last_ns, until_ns, new))
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
-        select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The socket's descriptor."""

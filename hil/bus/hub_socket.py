@@ -1,13 +1,12 @@
 """A node on the bus `local`: a stream to and from the hub; one system call moves all frames of a tick."""
 
-import select
 import socket
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from firmware_py.interface.frame import Frame
-from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Leaving, Loss
+from hil.bus.base import MAX_BURST, SEND_RETRIES, SEND_RETRY_S, BusCounters, BusError, Connection, Loss
 from hil.bus.wire import (
     CAN_FRAME,
     CONTROL_ID,
@@ -28,13 +27,12 @@ HELLO_DEAF = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
 JOIN_TIMEOUT_S = 5.0
 
 
-class HubSocket(Leaving):
+class HubSocket(Connection):
     """A node on the bus `local`: a stream socket to the hub."""
 
     def __init__(self, path: Path, greeting: bytes = HELLO, requests: frozenset[int] = frozenset()) -> None:
         super().__init__()
         self.counters = BusCounters()
-        self.losses: list[Loss] = []
         self._lost = 0
         self._requests = requests
         self._received = b""
@@ -61,10 +59,6 @@ class HubSocket(Leaving):
                 "both sides with one version of vibrohil"
             )
         self._socket.setblocking(False)
-
-    def send(self, frame: Frame) -> None:
-        """Queue one frame."""
-        self._write(CAN_FRAME.pack(frame[0], len(frame[1]), frame[1]))
 
     def send_all(self, frames: Iterable[Frame]) -> None:
         """Queue frames in one system call."""
@@ -157,10 +151,6 @@ class HubSocket(Leaving):
                 self._stamp_ns = stamp_ns
             else:
                 yield self._stamp_ns, can_id, data[:length]
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when frames have arrived, or after `timeout_s`."""
-        select.select([self._socket], [], [], timeout_s)
 
     def fileno(self) -> int:
         """The socket's descriptor."""
