@@ -35,6 +35,9 @@ BITS_BEFORE_DATA = 19
 ARBITRATION_BITS = 13
 """Start bit, identifier and RTR, before stuffing: the part in which several nodes may send."""
 
+_IDLE = 1
+"""State of the stuffing rule on an idle bus: run 0 of recessive bits."""
+
 NS_PER_S = 1_000_000_000
 
 
@@ -77,8 +80,16 @@ def stuffed(bits: tuple[int, ...]) -> tuple[int, ...]:
     >>> stuffed((1, 1, 1, 1, 1, 0, 0, 0, 0))
     (1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1)
     """
+    return _stuffed_from(_IDLE, bits)[0]
+
+
+def _stuffed_from(state: int, bits: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
+    """Return `bits` with the stuff bits inserted, and the stuffing rule's new state.
+
+    The state is 2 · run + bit: the last wire bit and the number of equal bits in a row up to it.
+    """
     wire: list[int] = []
-    run_bit, run = -1, 0
+    run, run_bit = state >> 1, state & 1
     for bit in bits:
         wire.append(bit)
         run = run + 1 if bit == run_bit else 1
@@ -86,7 +97,7 @@ def stuffed(bits: tuple[int, ...]) -> tuple[int, ...]:
         if run == STUFF_RUN:
             run_bit, run = 1 - bit, 1
             wire.append(run_bit)
-    return tuple(wire)
+    return tuple(wire), run << 1 | run_bit
 
 
 def _bits(value: int, count: int) -> tuple[int, ...]:
@@ -122,8 +133,7 @@ def arbitration_length(frame: Frame) -> int:
     return len(stuffed(unstuffed_bits(frame)[:ARBITRATION_BITS]))
 
 
-# The functions below compute the same lengths from tables, for models that send millions of frames. The state
-# of the stuffing rule is 2 · run + bit: the last wire bit and the number of equal bits in a row up to it.
+# The functions below compute the same lengths from tables, for models that send millions of frames.
 
 _STATES = 2 * STUFF_RUN
 _STATE_BITS = 4
@@ -139,15 +149,8 @@ class _Tables(NamedTuple):
 
 
 def _stuffing_step(state: int, bits: tuple[int, ...]) -> int:
-    run, run_bit = state >> 1, state & 1
-    inserted = 0
-    for bit in bits:
-        run = run + 1 if bit == run_bit else 1
-        run_bit = bit
-        if run == STUFF_RUN:
-            run_bit, run = 1 - bit, 1
-            inserted += 1
-    return inserted << _STATE_BITS | run << 1 | run_bit
+    wire, after = _stuffed_from(state, bits)
+    return len(wire) - len(bits) << _STATE_BITS | after
 
 
 @cache
@@ -163,7 +166,7 @@ def _tables() -> _Tables:
 def _header(can_id: int, length: int) -> tuple[int, int, int]:
     """Checksum register, stuffing state and stuff bits after start bit … length code; at most 2048 · 9."""
     bits = unstuffed_bits(Frame(can_id, bytes(length)))[:BITS_BEFORE_DATA]
-    step = _stuffing_step(1, bits)  # run 0 of recessive bits: the bus was idle
+    step = _stuffing_step(_IDLE, bits)
     return crc15(bits), step & _STATE_MASK, step >> _STATE_BITS
 
 

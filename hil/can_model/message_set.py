@@ -82,32 +82,23 @@ def bus_streams(
 def _module_streams(bitrate: int, paced: Collection[str], places: Addresses, suffix: str) -> Iterator[Stream]:
     """Yield the streams of `vibro.dbc` for the module at `places`, its names ending in `suffix`."""
     bit_ns = bit_ns_of(bitrate)
-    for stream in (
-        _stream(message, sender, bit_ns, paced)
-        for message in sorted(database().messages, key=lambda message: message.frame_id)
-        for sender in message.senders
-        if sender != NO_NODE
-    ):
-        name, sender = f"{stream.name}{suffix}", f"{stream.sender}{suffix}"
-        pacing = None if stream.pacing is None else stream.pacing._replace(sender=sender)
-        can_id = bus_id(places, stream.can_id)
-        yield stream._replace(can_id=can_id, name=name, sender=sender, pacing=pacing)
-
-
-def _stream(message: Message, sender: str, bit_ns: int, paced: Collection[str]) -> Stream:
-    period_ns = _period_ns(message)
-    slow = period_ns > TICK_NS
-    return Stream(
-        can_id=message.frame_id,
-        name=message.name,
-        sender=sender,
-        length=message.length,
-        period_ns=period_ns,
-        jitter_ns=QUEUING_JITTER_NS,
-        deadline_ns=period_ns,
-        transmission_ns=worst_case_bits(message.length) * bit_ns,
-        pacing=Pacing(sender, TICK_NS) if slow and sender in paced else None,
-    )
+    for message in sorted(database().messages, key=lambda message: message.frame_id):
+        for sender in message.senders:
+            if sender == NO_NODE:
+                continue
+            period_ns = _period_ns(message)
+            is_paced = period_ns > TICK_NS and sender in paced
+            yield Stream(
+                can_id=bus_id(places, message.frame_id),
+                name=f"{message.name}{suffix}",
+                sender=f"{sender}{suffix}",
+                length=message.length,
+                period_ns=period_ns,
+                jitter_ns=QUEUING_JITTER_NS,
+                deadline_ns=period_ns,
+                transmission_ns=worst_case_bits(message.length) * bit_ns,
+                pacing=Pacing(f"{sender}{suffix}", TICK_NS) if is_paced else None,
+            )
 
 
 def _period_ns(message: Message) -> int:

@@ -14,8 +14,9 @@ All times are integer nanoseconds, so that every ceiling is exact.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import partial
 from itertools import groupby
 from typing import NamedTuple
 
@@ -155,41 +156,41 @@ def _response(stream: Stream, order: Sequence[Stream], bit_ns: int, errors: Erro
     hp_groups = _groups(higher)
     hep_groups = _groups([*higher, stream])
 
+    def queued_ns(instance: int, wait_ns: int) -> int:
+        # w = E(w + C) + B + q C + Σ_{hp} ⌈(w + J + τ)/T⌉ C   (w never decreases with q)
+        return (
+            lost_ns(wait_ns + stream.transmission_ns)
+            + blocking_ns
+            + instance * stream.transmission_ns
+            + _interference(hp_groups, wait_ns + bit_ns)
+        )
+
     # t = E(t) + B + Σ_{hep} ⌈(t + J)/T⌉ C   (busy period)
-    busy_ns = stream.transmission_ns
-    for _ in range(MAX_ITERATIONS):
-        next_ns = lost_ns(busy_ns) + blocking_ns + _interference(hep_groups, busy_ns)
-        if next_ns == busy_ns:
-            break
-        busy_ns = next_ns
-    else:
-        raise _endless(stream)
+    busy_ns = _fixed_point(
+        lambda busy_ns: lost_ns(busy_ns) + blocking_ns + _interference(hep_groups, busy_ns),
+        stream.transmission_ns,
+        stream,
+    )
     instances = _most_queued(stream.period_ns, stream.jitter_ns, busy_ns)
 
     worst_ns = 0
     wait_ns = blocking_ns
     for instance in range(instances):
-        # w = E(w + C) + B + q C + Σ_{hp} ⌈(w + J + τ)/T⌉ C   (w never decreases with q)
-        for _ in range(MAX_ITERATIONS):
-            next_ns = (
-                lost_ns(wait_ns + stream.transmission_ns)
-                + blocking_ns
-                + instance * stream.transmission_ns
-                + _interference(hp_groups, wait_ns + bit_ns)
-            )
-            if next_ns == wait_ns:
-                break
-            wait_ns = next_ns
-        else:
-            raise _endless(stream)
+        wait_ns = _fixed_point(partial(queued_ns, instance), wait_ns, stream)
         # R(q) = J + w(q) − q T + C
         response_ns = stream.jitter_ns + wait_ns - instance * stream.period_ns + stream.transmission_ns
         worst_ns = max(worst_ns, response_ns)
     return Response(stream, blocking_ns, instances, worst_ns)
 
 
-def _endless(stream: Stream) -> SchedulabilityError:
-    return SchedulabilityError(
+def _fixed_point(step: Callable[[int], int], from_ns: int, stream: Stream) -> int:
+    """Repeat `step` from `from_ns` on until it returns its argument."""
+    for _ in range(MAX_ITERATIONS):
+        next_ns = step(from_ns)
+        if next_ns == from_ns:
+            return next_ns
+        from_ns = next_ns
+    raise SchedulabilityError(
         f"{stream.name}: no end of its busy period after {MAX_ITERATIONS} steps; the bus is loaded to within "
         "a hair of 1: lower a rate or raise the bit rate"
     )
