@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, get_args
+from typing import Protocol
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import NodeBus
@@ -86,7 +86,7 @@ class BusAsModelled:
 
     def break_by(self, faults: Sequence[Fault]) -> list[Fault]:
         """Add bus-off, destroyed transmissions and babbling to the model; return the other faults."""
-        self._faults = [fault for fault in faults if isinstance(fault, get_args(ModelledFault))]
+        self._faults = [fault for fault in faults if isinstance(fault, ModelledFault)]
         for fault in faults:
             if isinstance(fault, Babbling):
                 frame = Frame(fault.can_id, bytes.fromhex(fault.data_hex))

@@ -5,7 +5,7 @@ connection, and the plant receives them too.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, TypeGuard, get_args
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,11 +38,6 @@ class Late(NamedTuple):
 
     due_s: float
     frame: Frame
-
-
-def is_of_the_line(fault: Fault) -> TypeGuard[LineFault]:
-    """Whether a fault acts at a node's connection to the bus."""
-    return isinstance(fault, get_args(LineFault))
 
 
 def broken(frame: Frame, noise: np.random.Generator) -> Frame:
@@ -140,7 +135,7 @@ class FaultyBus:
     def __init__(self, bus: NodeBus, node: str, faults: Sequence[Fault], seed: int) -> None:
         self._bus = bus
         self._node = node
-        self._faults = [fault for fault in faults if is_of_the_line(fault)]
+        self._faults = [fault for fault in faults if isinstance(fault, LineFault)]
         self._noise = [np.random.default_rng([seed, number]) for number in range(len(self._faults))]
         self._held: list[Held] = [()] * len(self._faults)
         self._t_s = self._since_s = 0.0
@@ -189,7 +184,7 @@ def with_faults(
     bus: NodeBus, node: str, faults: Sequence[Fault], seed: int
 ) -> tuple[NodeBus, Callable[[float], None]]:
     """Return a node's bus with faults, and the function that sets its time; `bus` itself without faults."""
-    if not any(is_of_the_line(fault) for fault in faults):
+    if not any(isinstance(fault, LineFault) for fault in faults):
         return bus, lambda _: None
     faulty = FaultyBus(bus, node, faults, seed)
     return faulty, faulty.move_to

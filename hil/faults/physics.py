@@ -2,11 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeGuard, get_args
 
 from hil.drive.axis import DriveConfig
 from hil.scenario.fault_tables import (
-    Fault,
     FrictionChanged,
     MotorStall,
     PhaseLoss,
@@ -22,11 +20,6 @@ from plant_sim.parts.stop import NoStop
 
 JAM_N_M = 10.0
 """Dry friction of a jammed crank, more than ten times the motor's torque: stops the crank within a tick."""
-
-
-def is_physical(fault: Fault) -> TypeGuard[PhysicalFault]:
-    """Whether a fault acts on the drive or the module."""
-    return isinstance(fault, get_args(PhysicalFault))
 
 
 def broken_parts(parts: Parts, faults: Sequence[PhysicalFault]) -> Parts:

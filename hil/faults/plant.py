@@ -7,7 +7,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
-from hil.faults.physics import broken_config, broken_parts, is_physical, torque_share
+from hil.faults.physics import broken_config, broken_parts, torque_share
 from hil.faults.readings import SensorFaults
 from hil.scenario.fault_tables import (
     BrownOut,
@@ -48,7 +48,7 @@ class PlantFaults:
 
     def __init__(self, faults: Sequence[Fault], seed: int, plant: Plant, config: DriveConfig) -> None:
         self._sensors = SensorFaults(faults, seed)
-        self._faults = [fault for fault in faults if is_physical(fault)]
+        self._faults = [fault for fault in faults if isinstance(fault, PhysicalFault)]
         self._plant = plant
         self._parts = plant.parts
         self._config = self._acting_config = config

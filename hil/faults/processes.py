@@ -3,16 +3,11 @@
 import math
 import signal
 from collections.abc import Sequence
-from typing import NamedTuple, TypeGuard, get_args
+from typing import NamedTuple
 
 from hil.scenario.fault_tables import Fault, Killed, Paused, ProcessFault, Restarted
 
 PLANT, FIRMWARE = "plant", "firmware"
-
-
-def is_of_a_process(fault: Fault) -> TypeGuard[ProcessFault]:
-    """Whether a fault acts on a process."""
-    return isinstance(fault, get_args(ProcessFault))
 
 
 class Signal(NamedTuple):
@@ -35,7 +30,7 @@ class ProcessFaults:
     """A scenario's process faults."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
-        self._faults = [fault for fault in faults if is_of_a_process(fault)]
+        self._faults = [fault for fault in faults if isinstance(fault, ProcessFault)]
 
     def runs(self, process: str, t_s: float) -> bool:
         """Whether `process` runs at `t_s`; a killed process does not run again."""

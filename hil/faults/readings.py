@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeGuard, get_args
 
 import numpy as np
 
@@ -29,11 +28,6 @@ FIELDS = {
     "encoder": ("encoder_position_rev", "encoder_velocity_rev_s"),
 }
 POSITION = "encoder_position_rev"
-
-
-def is_of_a_sensor(fault: Fault) -> TypeGuard[ReadingFault]:
-    """Whether a fault acts on a sensor's readings."""
-    return isinstance(fault, get_args(ReadingFault))
 
 
 def shifted(reading: SensorReading, sensor: str, by: float) -> SensorReading:
@@ -99,7 +93,7 @@ class SensorFaults:
     """All sensor faults of a scenario; call `published` once per reading."""
 
     def __init__(self, faults: Sequence[Fault], seed: int) -> None:
-        self._faults = [fault for fault in faults if is_of_a_sensor(fault)]
+        self._faults = [fault for fault in faults if isinstance(fault, ReadingFault)]
         self._noise = [np.random.default_rng([seed, 1000 + number]) for number in range(len(self._faults))]
         self._before: dict[int, SensorReading] = {}
         self._given: dict[int, SensorReading] = {}

@@ -9,29 +9,12 @@ import argparse
 import json
 import signal
 
-from hil.timing.clock import NS_PER_S, Clock, MonotonicClock
+from hil.timing.clock import NS_PER_S, MonotonicClock
 from hil.timing.loop import FixedRateLoop
 from hil.timing.processes import READY, read_start, report_to_parent
 from hil.timing.realtime import BASELINE, become_realtime, die_with_parent
 
 PERIOD_NS = NS_PER_S // 1000
-
-
-class BareLoop:
-    """A loop at 1 kHz that does nothing, from `t0_ns` of its clock on."""
-
-    def __init__(self, clock: Clock, t0_ns: int) -> None:
-        self._loop = FixedRateLoop(clock, t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
-        self.stop = self._loop.stop
-
-    @property
-    def overruns(self) -> int:
-        """Number of skipped ticks."""
-        return self._loop.overruns
-
-    def run(self, ticks: int) -> None:
-        """Run for `ticks`, or until `stop`."""
-        self._loop.run(ticks, lambda *_: None, None)
 
 
 def main() -> None:
@@ -43,10 +26,9 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     become_realtime(BASELINE)
     report_to_parent(READY)
-    start = read_start()
-    loop = BareLoop(MonotonicClock(), start.t0_ns)
+    loop = FixedRateLoop(MonotonicClock(), read_start().t0_ns, PERIOD_NS, offset_ns=3 * PERIOD_NS // 4)
     signal.signal(signal.SIGTERM, lambda *_: loop.stop())
-    loop.run(ticks)
+    loop.run(ticks, lambda *_: None, None)
     report_to_parent(json.dumps({"overruns": loop.overruns}))
 
 
