@@ -127,17 +127,18 @@ def rig_of(scene: Scene) -> Rig:
 def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
     """Advance by a number of drive periods at a speed; return the impacts as records of `Impact`."""
     speed_rad_s = ratio * rig.natural_rad_s
-    end_s = float(rig.memory.held[0].elapsed_s) + periods * 2.0 * math.pi / speed_rad_s
+    now_s = float(rig.memory.held[0].elapsed_s)
+    end_s = now_s + periods * 2.0 * math.pi / speed_rad_s
     drive = rig.parts.drive
     if isinstance(drive, IdealDrive):
         _advance(rig, rig.parts._replace(drive=drive._replace(omega_rad_s=speed_rad_s)), 0.0, end_s)
     else:
-        while rig.memory.held[0].elapsed_s < end_s:
+        while now_s < end_s:
             error = speed_rad_s - rig.memory.y[3]
             rig.integral[0] += LOOP_N_M * error * LOOP_S
             torque_n_m = LOOP_N_M_S * error + float(rig.integral[0])
-            until_s = min(float(rig.memory.held[0].elapsed_s) + LOOP_S, end_s)
-            _advance(rig, rig.parts, torque_n_m, until_s)
+            now_s = min(now_s + LOOP_S, end_s)
+            _advance(rig, rig.parts, torque_n_m, now_s)
     impacts: NDArray[np.void] = rig.memory.impacts[: rig.memory.mode[0].impacts].copy()
     rig.memory.mode[0].impacts = 0
     return impacts
