@@ -9,10 +9,10 @@ from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame
-from hil.can_model import Corruption, ErrorCounters
 from hil.can_model.core import advance, queue
 from hil.can_model.errors_on_the_wire import disturbed_bit
-from hil.can_model.state import Arrival, BusState, NodeState
+from hil.can_model.fault_confinement import ErrorCounters
+from hil.can_model.state import Arrival, BusState, Corruption, NodeState
 
 SHORT = Frame(0x100, b"")
 LONG = Frame(0x200, bytes.fromhex("0123456789abcdef"))

@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.interface.frame import Frame
-from hil.can_model import Delivery, ErrorCounters, ErrorState, ModelledBus, ModelledInProcessBus
 from hil.can_model import fault_confinement as rules
 from hil.can_model.bits import arbitration_length, frame_bits, wire_bits
 from hil.can_model.core import advance, queue
+from hil.can_model.fault_confinement import ErrorCounters, ErrorState
+from hil.can_model.in_process import ModelledInProcessBus
+from hil.can_model.modelled_bus import Delivery, ModelledBus
 from hil.can_model.state import BusState, NodeState
 
 US = 1000
