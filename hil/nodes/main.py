@@ -70,7 +70,7 @@ class NodeProcess(NamedTuple):
         `offset`: delay of its ticks in periods. `accept`: the identifiers that it receives.
         """
         pace = Pace(period_s, self.until_s)
-        start = await_restart() if self.again else Start(0)
+        start = await_start(self.sync, again=True) if self.again else Start(0)
         if self.out_dir is not None:
             self.out_dir.mkdir(parents=True, exist_ok=True)
         with joined(self.bus, accept, places) as node_bus:
@@ -176,21 +176,18 @@ def joined(spec: str, accept: Collection[int], places: Addresses) -> Iterator[Bu
             node_bus.close()
 
 
-def await_start(sync: bool) -> Start:
-    """Acquire real-time scheduling as far as permitted, report it, and wait for the start time."""
+def await_start(sync: bool, again: bool = False) -> Start:
+    """Acquire real-time scheduling as far as permitted, report it, and wait for the start time.
+
+    `again`: wait at ordinary priority, since the other nodes' loops are running.
+    """
     report = become_realtime(NODE)
-    if sync:
+    if again:
+        leave_realtime()
+    if sync or again:
         report_to_parent(f"{READY} {json.dumps(report._asdict())}")
         return read_start()
     return Start(MonotonicClock().now_ns() + round(START_DELAY_S * NS_PER_S))
-
-
-def await_restart() -> Start:
-    """Like `await_start`, at ordinary priority, for a node that starts while the other nodes' loops run."""
-    report = become_realtime(NODE)
-    leave_realtime()
-    report_to_parent(f"{READY} {json.dumps(report._asdict())}")
-    return read_start()
 
 
 def run_loop(

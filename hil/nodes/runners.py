@@ -67,14 +67,16 @@ class PlantRunner:
         self._make_node: Callable[[int], PlantNode] = partial(PlantNode, scene, seed, pace.period_s, faults)
         self.node = self._make_node(first_tick)
         self.bus = bus
-        self._trace = self._impacts = None
+        self._traces: tuple[TraceWriter, TraceWriter] | None = None
         if out_dir is not None:
             gait = [("gait", GaitTruth)] if scene.gait is not None else []
             fields = [("", PlantRecord), *gait, ("", LoopTiming)]
             again = first_tick > 0
             expected = 0 if again else pace.ticks or 0
-            self._trace = TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed)
-            self._impacts = TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again)
+            self._traces = (
+                TraceWriter(out_dir / "plant.trace", fields, expected, again, pace.is_timed),
+                TraceWriter(out_dir / "impacts.trace", [("", Impact)], resume=again),
+            )
 
     def restart(self, tick: int) -> None:
         """Replace the node by a new one whose first tick is `tick`."""
@@ -92,38 +94,37 @@ class PlantRunner:
     def record(self, _: int, timing: LoopTiming) -> None:
         """Append the tick's records."""
         impacts = self.node.take_impacts()
-        if self._trace is None or self._impacts is None:
+        if self._traces is None:
             return
-        if self.node.gait is None:
-            self._trace.append(self.node.record, timing)
-        else:
-            self._trace.append(self.node.record, self.node.gait, timing)
+        ticks, of_impacts = self._traces
+        gait = () if self.node.gait is None else (self.node.gait,)
+        ticks.append(self.node.record, *gait, timing)
         for impact in impacts:
-            self._impacts.append(impact)
+            of_impacts.append(impact)
 
     @property
     def columns(self) -> Any:
         """A record of the trace as numpy has it."""
-        assert self._trace is not None
-        return self._trace.dtype
+        assert self._traces is not None
+        return self._traces[0].dtype
 
     def append(self, records: NDArray[np.void], impacts: NDArray[np.void]) -> None:
         """Append records, and impacts: records as `Impact`."""
-        if self._trace is not None and self._impacts is not None:
-            self._trace.append_all(records)
-            for t_s, *others in impacts.tolist():
-                self._impacts.append((self.node.began_s + t_s, *others))
+        assert self._traces is not None
+        ticks, of_impacts = self._traces
+        ticks.append_all(records)
+        for t_s, *others in impacts.tolist():
+            of_impacts.append((self.node.began_s + t_s, *others))
 
     @property
     def lost_records(self) -> int:
         """Records for which the disk had no room."""
-        return sum(trace.lost for trace in (self._trace, self._impacts) if trace is not None)
+        return sum(trace.lost for trace in self._traces or ())
 
     def close(self) -> None:
         """Close the traces."""
-        if self._trace is not None and self._impacts is not None:
-            self._trace.close()
-            self._impacts.close()
+        for trace in self._traces or ():
+            trace.close()
 
 
 class FirmwareRunner:
@@ -217,8 +218,8 @@ class FirmwareRunner:
 
     def append(self, records: NDArray[np.void]) -> None:
         """Append records."""
-        if self._trace is not None:
-            self._trace.writer.append_all(records)
+        assert self._trace is not None
+        self._trace.writer.append_all(records)
 
     @property
     def lost_records(self) -> int:
@@ -241,7 +242,7 @@ class OperatorRunner:
         if out_dir is not None:
             self._trace = TraceWriter(out_dir / "operator.trace", [("", OperatorRecord)])
 
-    def step(self, period: int, _: int = 1) -> None:
+    def step(self, period: int) -> None:
         """Run one period."""
         self.bus.send_all(self.frames(period))
 
