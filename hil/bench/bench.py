@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -178,33 +179,24 @@ def program() -> str:
     return found
 
 
+@dataclass
 class ProcessesRun:
     """One run on the wall clock, or on patient clocks, with a process for each node."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        run_dir: Path,
-        seed: int,
-        provided: ProvidedBus,
-        patient: bool,
-        outcome: Outcome,
-        progress: Progress,
-        viewer: str | None = None,
-        firmware: Build = "python",
-    ) -> None:
-        self.scenario = scenario
-        self.firmware = firmware
-        self.run_dir = run_dir
-        self.seed = seed
-        self.provided = provided
-        self.progress = progress
-        self.viewer = viewer
-        self.patient = patient
-        self.shared = shared_memory() if patient else -1
-        self.clock = PatientClock(self.shared, Row.OPERATOR) if patient else MonotonicClock()
-        self.outcome = outcome
-        self.children: dict[str, Child] = {}
+    scenario: Scenario
+    run_dir: Path
+    seed: int
+    provided: ProvidedBus
+    patient: bool
+    outcome: Outcome
+    progress: Progress
+    viewer: str | None = None
+    firmware: Build = "python"
+    children: dict[str, Child] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self.shared = shared_memory() if self.patient else -1
+        self.clock = PatientClock(self.shared, Row.OPERATOR) if self.patient else MonotonicClock()
 
     def run(self) -> None:
         """Start, run, stop in order."""

@@ -136,13 +136,9 @@ def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[dict[st
             other = known.get((check["name"], check["limit"]))
             if other is None or not places:
                 continue
-            sides = (
-                [other["values"][first] for first, _ in places],
-                [check["values"][last] for _, last in places],
-            )
-            margins = (
-                [other["margins"][first] for first, _ in places],
-                [check["margins"][last] for _, last in places],
+            sides, margins = (
+                ([other[key][first] for first, _ in places], [check[key][last] for _, last in places])
+                for key in ("values", "margins")
             )
             rows.append(row(one["name"], check, sides, margins))
     ticks = tick_times(before, after) if places else None

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from firmware_py.shell.builds import Build
 from hil.bench.bench import run_scenario
+from hil.bench.lockstep import silent
 from hil.bench.recorded_run import Run, open_run
 from hil.scenario.scenario import load_scenario
 from hil.scenario.settings import Settings
@@ -34,9 +35,5 @@ def run(
     """
     loaded = load_scenario(scenario, set, [Path(file) for file in parameters])
     folder = None if out is None else Path(out)
-    verdict = run_scenario(loaded, clock, bus, folder, seed, progress=_silent, firmware=firmware)
+    verdict = run_scenario(loaded, clock, bus, folder, seed, progress=silent, firmware=firmware)
     return open_run(verdict["out"])
-
-
-def _silent(_fraction: float, _doing: str) -> None:
-    """Show no progress."""

@@ -34,6 +34,11 @@ from plant_sim.scene import Scene
 Progress = Callable[[float, str], None]
 """Called with the completed share of the run, 0…1, and the present activity."""
 
+
+def silent(_: float, __: str) -> None:
+    """Show no progress."""
+
+
 WARM_TICKS = 50
 WARM: list[tuple[Scene, bool, Build]] = []
 """Compiled or loaded combinations in this process: scene, whether the bus is ideal, and build."""
@@ -92,11 +97,12 @@ def run_lockstep(  # noqa: PLR0915 - the order of the nodes, read top to bottom
             stack.callback(node.close)
         stretches = None
         if build in NATIVE and make is None and isinstance(to_plant, InProcessNode):
-            from hil.bench.stretches import Nodes, stretches_of  # noqa: PLC0415 - imports compiled code
+            from hil.bench import stretches as compiled  # noqa: PLC0415 - imports compiled code
 
-            nodes = Nodes(plant_node, firmware_node, operator, to_plant)
-            turns = [node for node in (plant, firmware) if isinstance(node, Turns)]
-            stretches = stretches_of(scenario, nodes, turns, can_log)
+            if compiled.has_stretches(scenario):
+                nodes = compiled.Nodes(plant_node, firmware_node, operator, to_plant)
+                turns = [node for node in (plant, firmware) if isinstance(node, Turns)]
+                stretches = compiled.RecordedStretches(scenario, nodes, turns, can_log)
         tick = 0
         while tick < scenario.ticks:
             ticks = 0 if stretches is None else min(stretches.ticks_from(tick), progress_ticks)
@@ -190,7 +196,7 @@ def warm_lockstep(scenario: Scenario, firmware: Build, run_dir: Path) -> None:
     folder = run_dir / run_folder.WARM_UP
     folder.mkdir()
     try:
-        run_lockstep(moment, folder, 0, lambda *_: None, firmware)
+        run_lockstep(moment, folder, 0, silent, firmware)
         WARM.append(kind)
     finally:
         run_folder.discard(folder)

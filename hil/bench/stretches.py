@@ -312,10 +312,3 @@ def records_of(scenario: Scenario, seed: int, columns: Any, build: Build = "comp
         records, operator_period = stretches.run(tick, ticks, operator_period)
         yield records
         tick += ticks
-
-
-def stretches_of(
-    scenario: Scenario, nodes: Nodes, turns: Sequence[Turns], can_log: CanLog
-) -> RecordedStretches | None:
-    """The stretches of a run on these nodes; None if the scenario cannot have any."""
-    return RecordedStretches(scenario, nodes, turns, can_log) if has_stretches(scenario) else None

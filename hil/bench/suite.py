@@ -14,7 +14,7 @@ from hil.bench import beginning, workers
 from hil.bench.bench import prepare, run_scenario
 from hil.bench.changes import changes
 from hil.bench.ending import Outcome, close, reason_of, was_cut_short
-from hil.bench.lockstep import Progress
+from hil.bench.lockstep import Progress, silent
 from hil.bench.verdict import KILLED, unjudged
 from hil.judge import junit, requirements
 from hil.record import run_folder
@@ -74,10 +74,6 @@ def cases_of(scenarios: Sequence[Scenario], seeds: Sequence[int], folder: Path) 
         for one in scenarios
         for seed in seeds
     ]
-
-
-def silent(_: float, __: str) -> None:
-    """Show no progress of a single run."""
 
 
 def judged(case: Case, clock: ClockName, bus: str, firmware: Build = "compiled") -> dict[str, Any]:

@@ -28,8 +28,8 @@ from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
 from hil.bench import workers
-from hil.bench.lockstep import run_lockstep
-from hil.bench.suite import PROCESSES, silent
+from hil.bench.lockstep import run_lockstep, silent
+from hil.bench.suite import PROCESSES
 from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.nodes.warm import warm_firmware, warm_plant
 from hil.record.traces.trace import read

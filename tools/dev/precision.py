@@ -27,8 +27,7 @@ from firmware_py.interface.frame import Frame
 from firmware_py.node.tick import NodeState
 from firmware_py.shell import board_node
 from firmware_py.shell.compiled_node import CompiledNode
-from hil.bench.lockstep import in_lockstep
-from hil.bench.suite import silent
+from hil.bench.lockstep import in_lockstep, silent
 from hil.bench.verdict import judge
 from hil.judge.decisions import Decisions, decisions_of
 from hil.judge.figures.figures import figures_from

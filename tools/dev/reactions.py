@@ -29,8 +29,8 @@ from firmware_py.interface.generated.records import (
     SetInputTorque,
 )
 from hil.bench import workers
-from hil.bench.lockstep import run_lockstep
-from hil.bench.suite import PROCESSES, Case, cases_of, scenarios_for, silent
+from hil.bench.lockstep import run_lockstep, silent
+from hil.bench.suite import PROCESSES, Case, cases_of, scenarios_for
 from hil.scenario.fault_tables import Flood
 from hil.scenario.scenario import Scenario
 

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 from firmware_py.interface.frame import Frame
 from firmware_py.shell.builds import Build, node_of
 from firmware_py.shell.node import FirmwareNode
-from hil.bench.lockstep import in_lockstep, run_lockstep
-from hil.bench.suite import silent
+from hil.bench.lockstep import in_lockstep, run_lockstep, silent
 from hil.judge.decisions import Decisions, decisions_of, differences
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant

@@ -6,8 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hil.bench.lockstep import in_lockstep
-from hil.bench.suite import silent
+from hil.bench.lockstep import in_lockstep, silent
 from hil.judge.checks import evaluate
 from hil.judge.figures.figures import figures_of
 from hil.nodes.warm import warm_firmware, warm_plant
