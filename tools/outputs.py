@@ -60,6 +60,8 @@ def refuse_file(option: str, path: Path, endings: tuple[str, ...]) -> None:
             raise BadInputError(f"{option} is {path}: that is a folder; name a file in it")
         if path.exists() and not path.is_file():
             raise BadInputError(f"{option} is {path}: that is no regular file; name one, or a new one")
+        if path.parent.is_file():
+            raise BadInputError(f"{option} is {path}: {path.parent} is a file; name a file in a folder")
         if not path.parent.exists():
             raise BadInputError(f"{option} is {path}: its folder is missing; mkdir -p {path.parent}")
     except OSError as error:

@@ -79,6 +79,16 @@ def test_a_file_in_a_missing_folder_is_refused(
 
 
 @pytest.mark.parametrize(("command", "option"), FILES)
+def test_a_file_below_a_file_is_refused(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").write_text("mine")
+    said = refused(command, option, tmp_path / "mine" / file_name(command, option), capsys)
+    assert "is a file" in said
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("command", "option"), FILES)
 def test_a_folder_is_no_file(
     command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -97,3 +97,11 @@ def test_nothing_is_written_over(run_dir, tmp_path, capsys):
     arguments = ["export", str(run_dir), "--to", "csv", "--out", str(tmp_path / "taken")]
     assert cli.run(arguments) == EXIT_BAD_INPUT
     assert "there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "kind"), [("frames.csv", "csv"), ("frames.MF4", "mf4"), ("frames", "mf4")])
+def test_the_format_is_by_default_the_ending_of_the_place(run_dir, tmp_path, name, kind):
+    with redirect_stdout(io.StringIO()) as printed:
+        assert cli.run(["export", str(run_dir), "--out", str(tmp_path / name), "--json"]) == EXIT_PASSED
+    assert json.loads(printed.getvalue())["to"] == kind
+    assert (tmp_path / name).is_dir() == (kind == "csv")

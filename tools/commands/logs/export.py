@@ -1,13 +1,15 @@
 """`vibrohil export RUN --to KIND`: the frames of a run for other programs."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import typer
 
 from tools.commands.options import Json, Logged
 from tools.output import answer, console, figure_table
 from tools.outputs import new_option, refuse_existing
+
+Kind = Literal["mf4", "mcap", "parquet", "csv"]
 
 
 def register(app: typer.Typer) -> None:
@@ -18,9 +20,12 @@ def register(app: typer.Typer) -> None:
 def export(
     run: Logged = None,
     to: Annotated[
-        Literal["mf4", "mcap", "parquet", "csv"],
-        typer.Option(help="The format; parquet and csv write a folder with a file per frame."),
-    ] = "mf4",
+        Kind | None,
+        typer.Option(
+            help="The format, by default the ending of --out, else mf4; parquet and csv write a folder with "
+            "a file per frame."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, new_option("File or folder to write; by default frames.KIND in the run's folder.")
     ] = None,
@@ -30,10 +35,12 @@ def export(
     from hil.bench.recorded_run import open_run
     from tools.logs.exporting import export as write
 
+    ending = "" if out is None else out.suffix.removeprefix(".").lower()
+    kind = to or (ending if ending in get_args(Kind) else "mf4")
     logged = open_run(run)
-    place = logged.log.parent / f"frames.{to}" if out is None else out
+    place = logged.log.parent / f"frames.{kind}" if out is None else out
     refuse_existing("--out", place)
-    frames = write(logged, to, place)
-    payload = {"run": str(logged.folder), "to": to, "out": str(place), "frames": frames}
+    frames = write(logged, kind, place)
+    payload = {"run": str(logged.folder), "to": kind, "out": str(place), "frames": frames}
     rows = [(name, number, "") for name, number in frames.items()]
     answer(payload, as_json, lambda: console.print(figure_table(str(place), rows)))
