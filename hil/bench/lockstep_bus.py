@@ -99,8 +99,8 @@ class BusAsModelled:
         if self._faults:
             self._break(from_ns / NS_PER_S)
         logged = [(delivery.t_ns, [delivery.frame]) for delivery in self._bus.move_to(to_ns)]
-        for deaf in (OPERATOR, STRANGER):
-            self._bus.join(deaf).pending.clear()
+        for sender in (OPERATOR, STRANGER):
+            self._bus.join(sender).pending.clear()
         self._note_errors(to_ns / NS_PER_S)
         return logged
 

@@ -69,15 +69,15 @@ def log_of(run: Path | None) -> Path:
     log = place / LOG_NAME
     if not log.exists():
         return rebuilt(place)
-    goes_on = not (place / "outcome.json").exists() and is_in_use(place)
-    if goes_on:
+    is_running = not (place / "outcome.json").exists() and is_in_use(place)
+    if is_running:
         folder = Path(tempfile.mkdtemp(prefix="vibrohil-view-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         log = Path(shutil.copy(log, folder))
     try:
         repair(log)
     except RerunError:
-        if goes_on:
+        if is_running:
             raise RunError(f"{place} has only begun: its log holds nothing yet; look again") from None
         return rebuilt(place)
     return log

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED
+from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED
 from hil.bus.wire import CAN_FRAME, CONTROL_ID, FRAME_BYTES, LOSS_KIND, STAMP_KIND
 from hil.timing.processes import READY, report_to_parent, stop_requests
 from hil.timing.realtime import HUB, become_realtime
@@ -137,11 +137,11 @@ class Hub:
     def _admit(self, client: Client, chunk: bytes) -> bytes:
         """Admit a node by its greeting and return the frames after it; disconnect an unknown client."""
         greeting, rest = chunk[:FRAME_BYTES], chunk[FRAME_BYTES:]
-        if greeting not in (HELLO, HELLO_STAMPED, HELLO_DEAF):
+        if greeting not in (HELLO, HELLO_STAMPED, HELLO_SEND_ONLY):
             self._part_with(client)
             return b""
         client.joined = True
-        client.listening = greeting != HELLO_DEAF
+        client.listening = greeting != HELLO_SEND_ONLY
         client.stamped = greeting == HELLO_STAMPED
         self._pass_on(client, HELLO)
         return rest

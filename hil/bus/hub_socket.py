@@ -21,7 +21,7 @@ from hil.bus.wire import (
 HELLO = CAN_FRAME.pack(CONTROL_ID, 0, b"vibro-1\0")
 HELLO_STAMPED = CAN_FRAME.pack(CONTROL_ID, 1, b"vibro-1\0")
 """The greeting of a node that requests the time at which each frame passed the hub."""
-HELLO_DEAF = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
+HELLO_SEND_ONLY = CAN_FRAME.pack(CONTROL_ID, 2, b"vibro-1\0")
 """The greeting of a node that only sends."""
 
 JOIN_TIMEOUT_S = 5.0

@@ -14,7 +14,7 @@ import can
 
 from firmware_py.interface.frame import Frame
 from hil.bus.base import BusError
-from hil.bus.hub_socket import HELLO_DEAF, HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
 from hil.bus.wire import REMOTE_FLAG
 
 EXTENDED_FLAG = 0x80000000
@@ -48,7 +48,7 @@ class LocalBus(can.BusABC):
         try:
             self._hub = HubSocket(Path(path), HELLO_STAMPED)
             # The hub returns no frame to its sender, but forwards it to another node of the same program.
-            self._sender = HubSocket(Path(path), HELLO_DEAF) if receive_own_messages else self._hub
+            self._sender = HubSocket(Path(path), HELLO_SEND_ONLY) if receive_own_messages else self._hub
         except BusError as error:
             raise can.CanInitializationError(str(error)) from error
         self._own: deque[tuple[int, bytes]] = deque()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hil.bus.base import Bus, BusError
 from hil.bus.can_socket import CanSocket, fetch_can_socket, has_kernel_can, open_can_socket
-from hil.bus.hub_socket import HELLO, HELLO_DEAF, HELLO_STAMPED, HubSocket
+from hil.bus.hub_socket import HELLO, HELLO_SEND_ONLY, HELLO_STAMPED, HubSocket
 from hil.bus.wire import requests_in
 from hil.timing.processes import READY, Child, ChildError
 
@@ -151,8 +151,8 @@ def join(address: str, accept: Collection[int] | None = None, stamped: bool = Fa
     interface, _, channel = address.partition(":")
     requests = requests_in(accept)
     if interface == "local":
-        deaf = accept is not None and len(accept) == 0
-        greeting = HELLO_DEAF if deaf else HELLO_STAMPED if stamped else HELLO
+        only_sends = accept is not None and len(accept) == 0
+        greeting = HELLO_SEND_ONLY if only_sends else HELLO_STAMPED if stamped else HELLO
         return HubSocket(Path(channel), greeting, requests)
     if interface == "vcan":
         return CanSocket(fetch_can_socket(Path(channel), accept, stamped), requests)

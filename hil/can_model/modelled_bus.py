@@ -92,8 +92,8 @@ class ModelledBus:
         seen_by: str | None = None,
     ) -> None:
         """Destroy transmissions as described in `Corruption`."""
-        deaf = None if seen_by is None else self._number(seen_by)
-        corruption = Corruption(can_id, skip, hits, bit, deaf)
+        affected = None if seen_by is None else self._number(seen_by)
+        corruption = Corruption(can_id, skip, hits, bit, affected)
         if skip < 0 or hits < 1 or bit < 0:
             raise ValueError(f"{corruption}: wanted skip and bit of 0 or more and hits of 1 or more")
         self._state = self._state._replace(corruptions=(*self._state.corruptions, corruption))

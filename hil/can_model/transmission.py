@@ -145,13 +145,13 @@ def _outcome(parts: Parts, hit: Corruption | None) -> Outcome:
     """Return the outcome of a frame whose senders all send the same bits."""
     if hit is not None and hit.seen_by is None:
         return _disturbed(parts, hit.bit)
-    deaf = hit.seen_by if hit is not None and hit.seen_by in parts.receivers else None
-    acknowledging = tuple(number for number in parts.receivers if number != deaf)
+    affected = hit.seen_by if hit is not None and hit.seen_by in parts.receivers else None
+    acknowledging = tuple(number for number in parts.receivers if number != affected)
     if not acknowledging:
-        return _unacknowledged(parts, deaf)
-    if deaf is not None and parts.any_active([deaf]):
-        return _refused(parts, deaf)
-    counters = parts.receive_errors()  # all but those of the deaf node are overwritten
+        return _unacknowledged(parts, affected)
+    if affected is not None and parts.any_active([affected]):
+        return _refused(parts, affected)
+    counters = parts.receive_errors()  # all but those of the affected node are overwritten
     counters |= {number: after_receiving(parts.nodes[number].counters) for number in acknowledging}
     counters |= {number: after_transmitting(parts.nodes[number].counters) for number in parts.senders}
     return Outcome(None, counters, acknowledging)
@@ -173,10 +173,10 @@ def _disturbed(parts: Parts, bits_after_arbitration: int) -> Outcome:
     return Outcome(failure, counters | parts.receive_errors())
 
 
-def _unacknowledged(parts: Parts, deaf: int | None) -> Outcome:
+def _unacknowledged(parts: Parts, affected: int | None) -> Outcome:
     """No receiver acknowledges the frame: there is none, or the only one has received it with an error."""
     bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_SLOT
-    answered = deaf is not None and parts.any_active([deaf])
+    answered = affected is not None and parts.any_active([affected])
     dominant = answered or parts.any_active(parts.senders)
     failure = Failure(bit, signalling_bits([1] if answered else []), dominant)
     charged = {
@@ -186,12 +186,12 @@ def _unacknowledged(parts: Parts, deaf: int | None) -> Outcome:
     return Outcome(failure, charged | parts.receive_errors())
 
 
-def _refused(parts: Parts, deaf: int) -> Outcome:
+def _refused(parts: Parts, affected: int) -> Outcome:
     """One receiver finds the checksum wrong, and signals the error after the others' acknowledgement."""
     bit = len(wire_bits(parts.pending(parts.senders[0]).frame)) + ACKNOWLEDGEMENT_DELIMITER
-    others = [number for number in (*parts.senders, *parts.receivers) if number != deaf]
+    others = [number for number in (*parts.senders, *parts.receivers) if number != affected]
     answered = parts.any_active(others)
-    counters = parts.transmit_errors(parts.senders) | parts.receive_errors(deaf if answered else None)
+    counters = parts.transmit_errors(parts.senders) | parts.receive_errors(affected if answered else None)
     return Outcome(Failure(bit, signalling_bits([1] if answered else [])), counters)
 
 

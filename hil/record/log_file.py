@@ -57,11 +57,10 @@ def repair(path: Path) -> bool:
         )
     mended = path.with_name(f"{path.name}.mended")
     outcome = rerun(["rrd", "optimize", "--continue-on-error", path, "-o", mended])
-    if outcome.returncode != 0 or not mended.exists():
-        raise RerunError(f"{path} is cut and cannot be mended; rebuild it from the traces ({outcome.stderr})")
-    if not is_whole(mended):
-        mended.unlink()
-        raise RerunError(f"{path} ends before its recording begins; rebuild it from the traces")
+    if outcome.returncode != 0 or not is_whole(mended):
+        mended.unlink(missing_ok=True)
+        reason = outcome.stderr.strip() if outcome.returncode else "it ends before its recording begins"
+        raise RerunError(f"{path} is cut and cannot be mended ({reason}); rebuild it from the traces")
     mended.rename(path)
     return True
 

@@ -14,11 +14,11 @@ from plant_sim.sensors.gait import LegState
 
 TRUTH, ESTIMATE, TARGET, OTHER, ALARM = 0x56B4E9FF, 0xE69F00FF, 0x9A9AA2FF, 0xCC79A7FF, 0xD55E00FF
 """Colours (RGBA) by meaning in all plots: truth, the firmware's estimate, target, other signals, alarms."""
-CALM, BUSY, GOOD, WARN = 0x5B6470FF, 0x56B4E9FF, 0x009E73FF, 0xE69F00FF
+NEUTRAL, BUSY, GOOD, WARN = 0x5B6470FF, 0x56B4E9FF, 0x009E73FF, 0xE69F00FF
 PALETTE = (TRUTH, ESTIMATE, TARGET, OTHER, ALARM, GOOD)
 
 
-class Lane(NamedTuple):
+class StateTimeline(NamedTuple):
     """One column of a trace as a state timeline; states without an entry in `colors` are alarms."""
 
     entity: str
@@ -27,40 +27,40 @@ class Lane(NamedTuple):
     colors: Mapping[IntEnum, int]
 
 
-PLANT_LANES = (
-    Lane(
+PLANT_TIMELINES = (
+    StateTimeline(
         "states/axis",
         "axis_state",
         AxisState,
-        {AxisState.UNDEFINED: CALM, AxisState.IDLE: CALM, AxisState.CLOSED_LOOP_CONTROL: BUSY},
+        {AxisState.UNDEFINED: NEUTRAL, AxisState.IDLE: NEUTRAL, AxisState.CLOSED_LOOP_CONTROL: BUSY},
     ),
-    Lane(
+    StateTimeline(
         "states/motion",
         "phase",
         Phase,
-        {Phase.FLIGHT: CALM, Phase.STICK: WARN, Phase.REST_ON_STOP: WARN},
+        {Phase.FLIGHT: NEUTRAL, Phase.STICK: WARN, Phase.REST_ON_STOP: WARN},
     ),
 )
 
-FIRMWARE_LANES = (
-    Lane(
+FIRMWARE_TIMELINES = (
+    StateTimeline(
         "states/mode",
         "outputs.mode",
         Mode,
-        {Mode.INIT: CALM, Mode.READY: CALM, Mode.SOFT_START: WARN, Mode.RUN: GOOD, Mode.STOPPING: BUSY},
+        {Mode.INIT: NEUTRAL, Mode.READY: NEUTRAL, Mode.SOFT_START: WARN, Mode.RUN: GOOD, Mode.STOPPING: BUSY},
     ),
-    Lane(
+    StateTimeline(
         "states/regime",
         "outputs.regime",
         Regime,
-        {Regime.UNCERTAIN: CALM, Regime.NON_IMPACT: BUSY, Regime.IMPACT: GOOD, Regime.PERIOD_N: WARN},
+        {Regime.UNCERTAIN: NEUTRAL, Regime.NON_IMPACT: BUSY, Regime.IMPACT: GOOD, Regime.PERIOD_N: WARN},
     ),
-    Lane(
+    StateTimeline(
         "states/limit",
         "outputs.acting_limit",
         ActingLimit,
         {
-            ActingLimit.NONE: CALM,
+            ActingLimit.NONE: NEUTRAL,
             ActingLimit.TORQUE: WARN,
             ActingLimit.TORQUE_RATE: WARN,
             ActingLimit.SPEED: WARN,
@@ -69,21 +69,21 @@ FIRMWARE_LANES = (
             ActingLimit.RETREAT: WARN,
         },
     ),
-    Lane("states/fault", "outputs.fault", Fault, {Fault.NONE: CALM}),
+    StateTimeline("states/fault", "outputs.fault", Fault, {Fault.NONE: NEUTRAL}),
 )
 
-LEG_LANE = Lane(
+LEG_TIMELINE = StateTimeline(
     "states/leg",
     "gait.state",
     LegState,
-    {LegState.STANDING: CALM, LegState.STANCE: BUSY, LegState.SWING: GOOD},
+    {LegState.STANDING: NEUTRAL, LegState.STANCE: BUSY, LegState.SWING: GOOD},
 )
-LEG_ESTIMATED_LANE = Lane(
+LEG_ESTIMATED_TIMELINE = StateTimeline(
     "states/leg_estimated",
     "state.gait.doing",
     GaitState,
     {
-        GaitState.STANDING: CALM,
+        GaitState.STANDING: NEUTRAL,
         GaitState.STANCE: BUSY,
         GaitState.SWING: GOOD,
         GaitState.UNCERTAIN: WARN,

@@ -12,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from hil.record.run_traces import column
-from hil.record.state_timeline import ALARM, CALM, ESTIMATE, TRUTH
+from hil.record.state_timeline import ALARM, ESTIMATE, NEUTRAL, TRUTH
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
 
@@ -73,7 +73,7 @@ class Drawing:
         a, slot = self.amplitude_mm, self.amplitude_mm + 6.0
         angle = np.linspace(0.0, 2.0 * np.pi, 48)
         circle = np.column_stack([CRANK_MM + a * np.cos(angle), a * np.sin(angle)])
-        self._strips("frame", [circle.tolist(), [[CRANK_MM - 40.0, 36.0], [215.0, 36.0]]], CALM, 1.0)
+        self._strips("frame", [circle.tolist(), [[CRANK_MM - 40.0, 36.0], [215.0, 36.0]]], NEUTRAL, 1.0)
         self._strips("crank", [[[0.0, 0.0], [0.0, -a]]], METAL, 4.0)
         yoke = [[[CRANK_MM, -slot], [CRANK_MM, slot]], [[CRANK_MM, 0.0], [0.0, 0.0]]]
         self._strips("yoke", [*yoke, [[0.0, -14.0], [0.0, 14.0]]], METAL, 3.0)

@@ -17,10 +17,10 @@ from hil.show.views import (
     Dots,
     Line,
     Whole,
-    lanes,
     module,
     plot,
     shares,
+    state_timelines,
     texts,
 )
 
@@ -75,7 +75,7 @@ def overview(
     verdict = [rrb.TextDocumentView(origin="/about/verdict", name="Verdict")] * contents.judged
     return shares(
         rrb.Vertical,
-        lanes("Modes and regimes", "mode", "regime", *more),
+        state_timelines("Modes and regimes", "mode", "regime", *more),
         plot("Striker, close up [m]", *POSITION, span_s=detail_s, legend=rrb.Corner2D.LeftBottom),
         rrb.Horizontal(
             *(
@@ -217,7 +217,7 @@ def gait(detail_s: tuple[float, float] | None) -> Any:
 
     return shares(
         rrb.Vertical,
-        lanes("The leg: true, estimated", "leg", "leg_estimated"),
+        state_timelines("The leg: true, estimated", "leg", "leg_estimated"),
         plot(
             "Gait cycle: phase and pulses",
             Line("/plant", "gait.phase", "true", "", TRUTH),
@@ -293,7 +293,7 @@ def bus_and_timing(contents: Contents) -> Any:
         rrb.Horizontal(*([skipped] if contents.measured else []), load),
         *([bus_errors()] if contents.bus_errors else []),
         rrb.Horizontal(
-            lanes("Drive, faults, limits", "axis", "fault", "limit", "motion"),
+            state_timelines("Drive, faults, limits", "axis", "fault", "limit", "motion"),
             *([texts("Frames refused", "/can/rejected")] if contents.refused else []),
         ),
         name="Bus and timing",
@@ -310,7 +310,7 @@ def bus_errors() -> Any:
             *(Line("/bus_errors", f"{node}.transmit", f"{node}, sent", "", color) for node, color in nodes),
             *(Line("/bus_errors", f"{node}.receive", f"{node}, received", "", TARGET) for node, _ in nodes),
         ),
-        lanes("Error states", *(f"bus_{node}" for node, _ in nodes)),
+        state_timelines("Error states", *(f"bus_{node}" for node, _ in nodes)),
     )
 
 

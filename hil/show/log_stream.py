@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hil.record.log_file import ROOM_BYTES, refuse_full_disk, written_whole
 from hil.record.run_traces import column
-from hil.record.state_timeline import ALARM, Lane, lower_name, state_name
+from hil.record.state_timeline import ALARM, StateTimeline, lower_name, state_name
 from hil.record.traces.precision import TIME
 from hil.record.traces.stored_trace import Records
 from plant_sim.arrays import FloatArray
@@ -151,21 +151,21 @@ class LogStream:
         """Log records without their time column, which the timeline already has."""
         self.send(entity, column(records, "t_s"), dynamic("trace", struct_of(records, but=TIME)), late_us)
 
-    def lanes(self, records: Records, lanes: Iterable[Lane]) -> None:
+    def state_timelines(self, records: Records, timelines: Iterable[StateTimeline]) -> None:
         """Log the changes of state timelines."""
-        for lane in lanes:
+        for timeline in timelines:
             self.declare(
-                lane.entity,
+                timeline.entity,
                 rr.StateConfiguration(
-                    values=[lower_name(state) for state in lane.states],
-                    colors=colors(lane.colors.get(state, ALARM) for state in lane.states),
+                    values=[lower_name(state) for state in timeline.states],
+                    colors=colors(timeline.colors.get(state, ALARM) for state in timeline.states),
                 ),
             )
-            changes = self.changes(lane.entity, records, lane.column)
+            changes = self.changes(timeline.entity, records, timeline.column)
             if changes:
-                states = [state_name(lane.states, value) for _, value in changes]
+                states = [state_name(timeline.states, value) for _, value in changes]
                 times = np.array([t_s for t_s, _ in changes])
-                self.send(lane.entity, times, rr.StateChange.columns(state=states))
+                self.send(timeline.entity, times, rr.StateChange.columns(state=states))
 
     def changes(self, key: str, records: Records, name: str) -> list[tuple[float, int]]:
         """Times and new values at which a column of integers changes; `key` identifies it between calls."""

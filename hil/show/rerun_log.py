@@ -36,14 +36,14 @@ from hil.record.rates import by_rate, signals_of_checks, slow_entity
 from hil.record.run_traces import LogLoss, RunTraces, column, pieces, read_run
 from hil.record.state_timeline import (
     ALARM,
-    CALM,
-    FIRMWARE_LANES,
-    LEG_ESTIMATED_LANE,
-    LEG_LANE,
-    PLANT_LANES,
+    FIRMWARE_TIMELINES,
+    LEG_ESTIMATED_TIMELINE,
+    LEG_TIMELINE,
+    NEUTRAL,
+    PLANT_TIMELINES,
     TARGET,
     WARN,
-    Lane,
+    StateTimeline,
     lower_name,
     state_name,
 )
@@ -57,12 +57,12 @@ from hil.show.log_stream import LogStream, colors, dynamic
 from hil.show.verdict_text import verdict_text
 from plant_sim.arrays import FloatArray
 
-BUS_LANES = tuple(
-    Lane(
+BUS_TIMELINES = tuple(
+    StateTimeline(
         f"states/bus_{node}",
         f"{node}.error_state",
         ErrorState,
-        {ErrorState.ERROR_ACTIVE: CALM, ErrorState.ERROR_PASSIVE: WARN},
+        {ErrorState.ERROR_ACTIVE: NEUTRAL, ErrorState.ERROR_PASSIVE: WARN},
     )
     for node in ("plant", "firmware", "operator")
 )
@@ -202,7 +202,7 @@ class RunLog:
         if not changes:
             return
         states = [state for _, state in changes]
-        shades = colors(CALM if state == NONE else ALARM for state in states)
+        shades = colors(NEUTRAL if state == NONE else ALARM for state in states)
         self.out.declare(entity, rr.StateConfiguration(values=states, colors=shades))
         self.out.send(entity, np.array([t_s for t_s, _ in changes]), rr.StateChange.columns(state=states))
 
@@ -243,7 +243,7 @@ class RunLog:
             return
         t_s = column(records, "t_s")
         self._ticked("plant", records)
-        self.out.lanes(records, PLANT_LANES)
+        self.out.state_timelines(records, PLANT_TIMELINES)
         self.drawing.truth(records)
         if self.stop_m is not None:
             self.out.declare(
@@ -260,7 +260,7 @@ class RunLog:
     def _gait(self, records: Records) -> None:
         """Log the leg's states and the window, and keep the phases for the next pulses."""
         t_s = column(records, "t_s")
-        self.out.lanes(records, (LEG_LANE,))
+        self.out.state_timelines(records, (LEG_TIMELINE,))
         for edge, phase in zip(("from", "to"), self._push_off or (), strict=True):
             entity = f"gait/window/{edge}"
             self.out.declare(entity, rr.SeriesLines(names=[f"window {edge}"], colors=colors([TARGET])))
@@ -284,9 +284,9 @@ class RunLog:
         if len(records) == 0:
             return
         self._ticked("firmware", records)
-        self.out.lanes(records, FIRMWARE_LANES)
+        self.out.state_timelines(records, FIRMWARE_TIMELINES)
         if self._walked:
-            self.out.lanes(records, (LEG_ESTIMATED_LANE,))
+            self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
         seen = records[column(records, "outputs.impact") != 0.0]
@@ -371,10 +371,10 @@ class RunLog:
         if len(records) == 0:
             return
         self.out.records("bus_errors", records)
-        self.out.lanes(records, BUS_LANES)
-        for lane in BUS_LANES:
-            node = lane.column.partition(".")[0]
-            for t_s, value in self.out.changes(f"events of {node}", records, lane.column):
+        self.out.state_timelines(records, BUS_TIMELINES)
+        for states in BUS_TIMELINES:
+            node = states.column.partition(".")[0]
+            for t_s, value in self.out.changes(f"events of {node}", records, states.column):
                 if value != ErrorState.ERROR_ACTIVE:
                     self.out.event(t_s, f"bus: {node} is {state_name(ErrorState, value)}", "WARN")
 

@@ -125,7 +125,7 @@ IMPACTS = (
 )
 
 
-def lanes(name: str, *states: str) -> rrb.StateTimelineView:
+def state_timelines(name: str, *states: str) -> rrb.StateTimelineView:
     """State timelines over the whole run."""
     return rrb.StateTimelineView(
         origin="/states", contents=[f"/states/{state}" for state in states], name=name

@@ -8,7 +8,7 @@ from hil.judge.checks import checks_of
 from hil.judge.figures.records import Figures
 from hil.record import state_timeline
 from hil.record.run_traces import RunTraces, column
-from hil.record.state_timeline import Lane, state_name
+from hil.record.state_timeline import StateTimeline, state_name
 from hil.record.traces.stored_trace import Records
 from hil.show.injected import Injected, injected
 from hil.show.limits import limits
@@ -46,9 +46,9 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     plant_s, firmware_s = column(plant, "t_s"), column(firmware, "t_s")
     target_rad_s = column(firmware, "outputs.target_omega_rad_s")
     commanded_n_m = column(firmware, "outputs.torque_n_m")
-    lanes = [lane for lane in state_timeline.FIRMWARE_LANES if lane.entity in STRIPS]
+    timelines = [timeline for timeline in state_timeline.FIRMWARE_TIMELINES if timeline.entity in STRIPS]
     drawn = [
-        *(strip(lane, firmware, figures.duration_s) for lane in lanes),
+        *(strip(timeline, firmware, figures.duration_s) for timeline in timelines),
         *([fault_strip(faults, figures.duration_s)] if faults else []),
         points(SPEEDS, "true impact", column(impacts, "t_s"), column(impacts, "v_m_s"), TRUTH),
         points(SPEEDS, "reported impact", reported_s, reported_m_s, ESTIMATE, "x"),
@@ -88,13 +88,13 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     )
 
 
-def bars(lane: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> Json:
+def bars(timeline: str, spans: list[tuple[float, float]], names: list[str], shades: list[str]) -> Json:
     """A row of the states' panel: a bar for each interval in s, with its name if there is room."""
     return {
         "type": "bar",
         "orientation": "h",
         "showlegend": False,
-        "y": [lane] * len(spans),
+        "y": [timeline] * len(spans),
         "base": [from_s for from_s, _ in spans],
         "x": [to_s - from_s for from_s, to_s in spans],
         "text": names,
@@ -114,17 +114,17 @@ def fault_strip(faults: list[Injected], end_s: float) -> Json:
     return bars("injected", spans, [fault.text for fault in faults], [ALARM] * len(faults))
 
 
-def strip(lane: Lane, records: Records, end_s: float) -> Json:
+def strip(timeline: StateTimeline, records: Records, end_s: float) -> Json:
     """A state timeline as a row of bars."""
-    values, t_s = column(records, lane.column).astype(int), column(records, "t_s")
+    values, t_s = column(records, timeline.column).astype(int), column(records, "t_s")
     starts = np.flatnonzero(np.diff(values, prepend=-1))
     states = values[starts].tolist()
-    known = [next((state for state in lane.states if state.value == value), None) for value in states]
+    known = [next((state for state in timeline.states if state.value == value), None) for value in states]
     alarm = state_timeline.ALARM
-    shades = [css(alarm if state is None else lane.colors.get(state, alarm)) for state in known]
+    shades = [css(alarm if state is None else timeline.colors.get(state, alarm)) for state in known]
     return bars(
-        lane.entity.removeprefix("states/"),
+        timeline.entity.removeprefix("states/"),
         list(itertools.pairwise([*t_s[starts].tolist(), end_s])),
-        [state_name(lane.states, value) for value in states],
+        [state_name(timeline.states, value) for value in states],
         shades,
     )

@@ -10,7 +10,7 @@ from firmware_py.core.safety.monitors import Findings
 from firmware_py.core.safety.supervisor import Conditions, SupervisorState, counting_fault, transition
 from firmware_py.interface.enums import LATCHED, MOVING, Fault, Mode, OperatorRequest
 
-CALM = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
+NO_FINDINGS = zeroed(Findings, watchdog=Fault.NONE, limit=Fault.NONE, drive=Fault.NONE, standstill=True)
 
 
 def all_conditions() -> list[Conditions]:
@@ -78,27 +78,27 @@ def test_every_mode_under_every_condition(mode: Mode) -> None:
             assert after not in (Mode.SOFT_START, Mode.RUN)
 
 
-WATCHDOG = CALM._replace(watchdog=Fault.SENSOR_TIMEOUT)
-LIMIT = CALM._replace(limit=Fault.OVERCURRENT)
-FAST = CALM._replace(overspeed=True, freewheel_overspeed=True)
-DRIVE = CALM._replace(drive=Fault.DRIVE_ERROR)
-ALONE = CALM._replace(operator_lost=True)
-DAMAGED = CALM._replace(parameters_damaged=True)
+WATCHDOG = NO_FINDINGS._replace(watchdog=Fault.SENSOR_TIMEOUT)
+LIMIT = NO_FINDINGS._replace(limit=Fault.OVERCURRENT)
+FAST = NO_FINDINGS._replace(overspeed=True, freewheel_overspeed=True)
+DRIVE = NO_FINDINGS._replace(drive=Fault.DRIVE_ERROR)
+ALONE = NO_FINDINGS._replace(operator_lost=True)
+DAMAGED = NO_FINDINGS._replace(parameters_damaged=True)
 
 
 @pytest.mark.parametrize(
     ("findings", "failed", "expected"),
     [
-        (CALM, False, {}),
+        (NO_FINDINGS, False, {}),
         (WATCHDOG, False, dict.fromkeys((*MOVING, *LATCHED), Fault.SENSOR_TIMEOUT)),
         (LIMIT, False, dict.fromkeys((*MOVING, *LATCHED, Mode.READY), Fault.OVERCURRENT)),
         (FAST, False, dict.fromkeys((*MOVING, *LATCHED), Fault.OVERSPEED)),
-        (CALM._replace(freewheel_overspeed=True), False, {}),
+        (NO_FINDINGS._replace(freewheel_overspeed=True), False, {}),
         (DRIVE, False, dict.fromkeys((*MOVING, Mode.READY), Fault.DRIVE_ERROR)),
         (ALONE, False, dict.fromkeys(MOVING, Fault.OPERATOR_TIMEOUT)),
         (DAMAGED, False, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
         (WATCHDOG._replace(parameters_damaged=True), True, dict.fromkeys(Mode, Fault.PARAMETERS_DAMAGED)),
-        (CALM, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
+        (NO_FINDINGS, True, {Mode.SOFT_START: Fault.START_FAILED, Mode.RUN: Fault.ATTRACTOR_LOST}),
     ],
 )
 def test_which_finding_is_a_fault_in_which_mode(
@@ -110,7 +110,7 @@ def test_which_finding_is_a_fault_in_which_mode(
 
 def step(
     state: SupervisorState,
-    findings: Findings = CALM,
+    findings: Findings = NO_FINDINGS,
     request: OperatorRequest = OperatorRequest.IDLE,
     estop: bool = False,
     captured: bool = False,
@@ -125,7 +125,7 @@ def test_nothing_is_remembered_at_power_up() -> None:
 
 
 def test_the_time_in_a_mode_is_counted() -> None:
-    state = step(step(running(), CALM, OperatorRequest.RUN), CALM, OperatorRequest.RUN)
+    state = step(step(running(), NO_FINDINGS, OperatorRequest.RUN), NO_FINDINGS, OperatorRequest.RUN)
     assert state.ticks_in_mode == 2
     assert step(state, LIMIT, OperatorRequest.RUN).ticks_in_mode == 0
 
@@ -135,14 +135,14 @@ def test_the_way_to_motion_and_back() -> None:
     modes = []
     for request, findings, captured in [
         (OperatorRequest.RUN, WATCHDOG, False),
-        (OperatorRequest.RUN, CALM, False),
-        (OperatorRequest.RUN, CALM, False),
-        (OperatorRequest.IDLE, CALM, False),
-        (OperatorRequest.RUN, CALM, False),
-        (OperatorRequest.RUN, CALM, True),
-        (OperatorRequest.IDLE, CALM._replace(standstill=False), True),
-        (OperatorRequest.RUN, CALM, False),
-        (OperatorRequest.RUN, CALM, False),
+        (OperatorRequest.RUN, NO_FINDINGS, False),
+        (OperatorRequest.RUN, NO_FINDINGS, False),
+        (OperatorRequest.IDLE, NO_FINDINGS, False),
+        (OperatorRequest.RUN, NO_FINDINGS, False),
+        (OperatorRequest.RUN, NO_FINDINGS, True),
+        (OperatorRequest.IDLE, NO_FINDINGS._replace(standstill=False), True),
+        (OperatorRequest.RUN, NO_FINDINGS, False),
+        (OperatorRequest.RUN, NO_FINDINGS, False),
     ]:
         state = step(state, findings, request, captured=captured)
         modes.append(state.mode)
@@ -168,13 +168,13 @@ def test_the_first_reason_stays_latched() -> None:
     assert (state.mode, state.fault, state.disarm_reason) == (Mode.FAULT, Fault.OVERSPEED, 0)
     state = step(state, WATCHDOG, OperatorRequest.RUN)
     assert state.fault == Fault.OVERSPEED
-    state = step(state, CALM, OperatorRequest.IDLE)
+    state = step(state, NO_FINDINGS, OperatorRequest.IDLE)
     assert (state.mode, state.fault) == (Mode.FAULT, Fault.OVERSPEED)
 
 
 def test_the_drives_reason_is_latched_when_it_arrives() -> None:
     """The drive says that it is in error before it says why; what it says later is of no interest."""
-    drive = CALM._replace(drive=Fault.DRIVE_ERROR)
+    drive = NO_FINDINGS._replace(drive=Fault.DRIVE_ERROR)
     state = running()
     for arriving, latched in ((0, 0), (0, 0), (0x200, 0x200), (0x100, 0x200)):
         request = OperatorRequest.RUN
@@ -188,22 +188,22 @@ def test_a_crank_that_the_striker_drives_only_delays_the_start() -> None:
     for _ in range(3):
         state = step(state, FAST, OperatorRequest.RUN)
         assert (state.mode, state.fault) == (Mode.READY, Fault.NONE)
-    assert step(state, CALM, OperatorRequest.RUN).mode == Mode.SOFT_START
+    assert step(state, NO_FINDINGS, OperatorRequest.RUN).mode == Mode.SOFT_START
 
 
 def test_a_clear_that_was_already_being_sent_does_not_clear() -> None:
     state = step(running(), LIMIT, OperatorRequest.CLEAR_FAULTS)
     for _ in range(5):
-        state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+        state = step(state, NO_FINDINGS, OperatorRequest.CLEAR_FAULTS)
     assert state.mode == Mode.FAULT
-    state = step(state, CALM, OperatorRequest.IDLE)
-    state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+    state = step(state, NO_FINDINGS, OperatorRequest.IDLE)
+    state = step(state, NO_FINDINGS, OperatorRequest.CLEAR_FAULTS)
     assert (state.mode, state.fault, state.disarm_reason) == (Mode.INIT, Fault.NONE, 0)
     # and holding it leads to READY, never further
     for _ in range(5):
-        state = step(state, CALM, OperatorRequest.CLEAR_FAULTS)
+        state = step(state, NO_FINDINGS, OperatorRequest.CLEAR_FAULTS)
     assert state.mode == Mode.READY
-    assert step(state, CALM, OperatorRequest.RUN).mode == Mode.READY
+    assert step(state, NO_FINDINGS, OperatorRequest.RUN).mode == Mode.READY
 
 
 def test_a_cause_that_stands_cannot_be_cleared() -> None:
@@ -218,9 +218,9 @@ def test_an_e_stop_takes_every_mode_and_stays(mode: Mode) -> None:
     state = step(supervisor.INITIAL._replace(mode=mode), estop=True)
     assert state.mode == Mode.E_STOP
     for request in (OperatorRequest.RUN, OperatorRequest.IDLE, OperatorRequest.RUN):
-        state = step(state, CALM, request)
+        state = step(state, NO_FINDINGS, request)
         assert state.mode == Mode.E_STOP
-    assert step(state, CALM, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
+    assert step(state, NO_FINDINGS, OperatorRequest.CLEAR_FAULTS).mode == Mode.INIT
 
 
 def test_a_fault_before_an_e_stop_keeps_its_reason() -> None:
@@ -232,5 +232,5 @@ def test_an_operator_who_falls_silent_in_ready_has_to_be_seen_idle_again() -> No
     state = supervisor.INITIAL._replace(mode=Mode.READY, idle_seen=True)
     state = step(state, ALONE)
     assert state.mode == Mode.INIT
-    state = step(state, CALM, OperatorRequest.RUN)
+    state = step(state, NO_FINDINGS, OperatorRequest.RUN)
     assert (state.mode, state.idle_seen) == (Mode.READY, False)

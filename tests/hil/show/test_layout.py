@@ -13,7 +13,7 @@ from firmware_py.core.state import Outputs, State
 from firmware_py.interface.generated.records import Accelerometer
 from firmware_py.shell.node import Counters
 from hil.can_model.error_trace import BusErrorRecord
-from hil.record import state_timeline as lanes
+from hil.record import state_timeline
 from hil.record.rates import SLOW_BLOCKS, is_slow
 from hil.record.rerun_program import rerun_environment, rerun_program
 from hil.record.traces.plant_trace import PlantRecord
@@ -82,14 +82,14 @@ def test_every_slow_block_is_written_by_the_bench(block):
 
 
 def test_every_lane_is_written_by_the_bench():
-    assert {lane.column for lane in lanes.PLANT_LANES} <= WRITTEN["/plant"]
-    assert {lane.column for lane in lanes.FIRMWARE_LANES} <= WRITTEN["/firmware"]
-    assert lanes.LEG_LANE.column in WRITTEN["/plant"]
-    assert lanes.LEG_ESTIMATED_LANE.column in WRITTEN["/firmware"]
+    assert {timeline.column for timeline in state_timeline.PLANT_TIMELINES} <= WRITTEN["/plant"]
+    assert {timeline.column for timeline in state_timeline.FIRMWARE_TIMELINES} <= WRITTEN["/firmware"]
+    assert state_timeline.LEG_TIMELINE.column in WRITTEN["/plant"]
+    assert state_timeline.LEG_ESTIMATED_TIMELINE.column in WRITTEN["/firmware"]
 
 
 def test_a_state_that_has_no_name_is_shown_by_its_number():
-    assert lanes.state_name(lanes.PLANT_LANES[0].states, 17) == "unknown 17"
+    assert state_timeline.state_name(state_timeline.PLANT_TIMELINES[0].states, 17) == "unknown 17"
 
 
 def near(picture, rgba, tolerance=40):
@@ -100,7 +100,7 @@ def near(picture, rgba, tolerance=40):
 
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display; install xvfb")
 def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
-    """Rendered as a user sees it, without a display: see that the plots, lanes and the picture are there."""
+    """Rendered as a user sees it, without a display: plots, state timelines and the picture are there."""
     made_up = make_run()
     made_up.scenario["checks"] = [{"name": "peak_force_n", "high": 1.0}]
     log = rebuild(write_run(made_up, tmp_path))
@@ -119,8 +119,8 @@ def test_the_overview_shows_truth_estimate_stop_and_modes(tmp_path):
     picture = np.asarray(Image.open(picture_path).convert("RGB"), dtype=int)
     rows = len(picture)
     top, middle = picture[rows * 60 // HEIGHT : rows * 250 // HEIGHT], picture[rows // 3 : rows * 3 // 5]
-    assert near(top, lanes.GOOD) > 2000, "the lane of mode run"
-    assert near(top, lanes.ALARM, tolerance=60) > 500, "the failed check"
-    assert near(middle, lanes.TRUTH) > 300, "the true striker"
-    assert near(middle, lanes.ALARM) > 500, "the stop's line"
-    assert near(picture[rows * 3 // 4 :], lanes.TRUTH) > 100, "the striker in the moving picture"
+    assert near(top, state_timeline.GOOD) > 2000, "the timeline of mode run"
+    assert near(top, state_timeline.ALARM, tolerance=60) > 500, "the failed check"
+    assert near(middle, state_timeline.TRUTH) > 300, "the true striker"
+    assert near(middle, state_timeline.ALARM) > 500, "the stop's line"
+    assert near(picture[rows * 3 // 4 :], state_timeline.TRUTH) > 100, "the striker in the moving picture"

@@ -34,8 +34,8 @@ def log_path(run_dir):
     return rebuild(run_dir)
 
 
-def states(path, lane):
-    table = tables(path)[f"/states/{lane}"]
+def states(path, timeline):
+    table = tables(path)[f"/states/{timeline}"]
     times = table["sim_time"].combine_chunks().cast(pa.int64()).to_numpy() / 1e9
     return list(
         zip(times.tolist(), [value[0] for value in table["StateChange:state"].to_pylist()], strict=True)

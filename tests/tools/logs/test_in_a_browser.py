@@ -19,7 +19,7 @@ from tools.logs.quiet_viewer import served
 GREEN, RED = {False: (31, 138, 76), True: (63, 184, 114)}, {False: (207, 52, 56), True: (240, 102, 106)}
 PAPER = {False: (255, 255, 255), True: (18, 20, 23)}
 LANE_ROWS, STRIKER_ROWS = slice(100, 225), slice(250, 440)
-"""Where the overview has its lanes and the striker's motion."""
+"""Where the overview has its state timelines and the striker's motion."""
 
 
 def rgb(rgba: int) -> tuple[int, int, int]:
@@ -85,7 +85,7 @@ def test_the_viewer_shows_a_run_in_the_browser_from_this_machine_alone(browser, 
         return int(drawn_in(seen[STRIKER_ROWS], STOP).sum(axis=1).max())
 
     def start_rows(seen: Picture) -> int:
-        """How high the lane of the run-up is, some 20 rows where it is drawn."""
+        """How high the timeline of the run-up is, some 20 rows where it is drawn."""
         return int((drawn_in(seen[LANE_ROWS], START).sum(axis=1) > 1000).sum())
 
     command = view.viewer_command(run_dir / "run.rrd", web=True)
