@@ -235,7 +235,7 @@ def chart(rows: Sequence[Row], folder: Path, name: str) -> list[str]:
     handles = [Patch(color=COLOURS[reason], label=reason) for reason in REASONS]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(REASONS), frameon=False, fontsize=8)
     figure.suptitle(
-        "where a module can serve a walk, and what forbids it first; numbers: crank turns a stride"
+        "Where a module suits a walk, and which condition fails first; the numbers are crank turns per stride"
     )
     return save(figure, folder, name)
 
