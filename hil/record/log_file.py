@@ -67,8 +67,10 @@ def repair(path: Path) -> bool:
 
 def refuse_full_disk(path: Path, needed_bytes: int = ROOM_BYTES) -> None:
     """Raise OSError if a file at `path` has no room; a recording that meets a full disk may wait for ever."""
-    if shutil.disk_usage(path.parent).free < needed_bytes:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+    free_bytes = shutil.disk_usage(path.parent).free
+    if free_bytes < needed_bytes:
+        sizes = f"{free_bytes / 1e6:.0f} MB free, wanted {needed_bytes / 1e6:.0f} MB"
+        raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}: {sizes}", str(path))
 
 
 @contextmanager
@@ -82,7 +84,7 @@ def written_whole(path: Path, needed_bytes: int = ROOM_BYTES) -> Iterator[Path]:
     try:
         yield unfinished
         if not is_whole(unfinished):
-            raise RerunError(f"{path} is not written, there was room for a part of it only; make room for it")
+            raise RerunError(f"{path} is not written: the disk took only a part of it; make room for all")
         unfinished.rename(path)
     finally:
         unfinished.unlink(missing_ok=True)
