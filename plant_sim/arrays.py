@@ -1,5 +1,6 @@
 """Types of arrays by their elements, and arrays of records."""
 
+from functools import cache
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ class One(Protocol[_Record]):
     def __setitem__(self, place: Literal[0], record: _Record) -> None: ...
 
 
+@cache
 def record_type(kind: type) -> np.dtype[np.void]:
     """The type of records with the fields that `kind` declares as float or int."""
     return np.dtype((np.record, [(name, np.dtype(number)) for name, number in kind.__annotations__.items()]))

@@ -95,6 +95,13 @@ def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return kernel
 
 
+def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a subroutine as a part of its callers; a call would copy its arguments, long records."""
+    njit: Any = numba.njit
+    kernel: Callable[_P, _R] = njit(nogil=True, forceinline=True, **_KERNELS_ONLY)(function)
+    return kernel
+
+
 def allocating(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a subroutine that makes arrays; others count no references, so they make and return none."""
     njit: Any = numba.njit

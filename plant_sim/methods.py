@@ -41,8 +41,8 @@ STEPPING_COSTS = (
 )
 """Coarsest first. The method is of first order: the error is proportional to the step."""
 
-ADAPTIVE_COST_US_S = 17.0
-"""Cost of the adaptive solver at the loosest accuracy, where a step is limited to a radian."""
+ADAPTIVE_COST_US_S = 12.0
+"""Cost of the adaptive solver at the loosest accuracy, where a step is limited to some radians."""
 
 FINEST_STEP_RAD = 1e-4
 """With a smaller step, time stepping takes longer than any other method takes to reach rounding error."""
@@ -71,7 +71,7 @@ def choose(scene: Scene, parts: Parts) -> Choice:
             "stepping",
             step_s,
             f"auto took stepping at {step_s:.3g} s: up to {error_m:.2g} m of error a period, within the "
-            f"{solver.accuracy:g} asked for, at a third of the adaptive solver's time",
+            f"{solver.accuracy:g} asked for, at less than half of the adaptive solver's time",
         )
     return Choice(
         "adaptive", note=f"auto took adaptive: stepping at its cheapest errs by {error_m:.2g} m a period"

@@ -34,7 +34,7 @@ from plant_sim.solvers.adaptive.observation import (
     observation,
     peak_felt_force_n,
 )
-from plant_sim.solvers.adaptive.state_layout import OBSERVED, UNSETTLED, Memory, allocate
+from plant_sim.solvers.adaptive.state_layout import UNSETTLED, Memory, allocate
 from plant_sim.validation_messages import real
 
 GAIT_PERIOD_S = 5e-3
@@ -61,7 +61,6 @@ class Lent(NamedTuple):
     noise: Noise
     t_s: float
     t_rest_s: float
-    stored_before_j: float
 
 
 class Plant:
@@ -97,8 +96,7 @@ class Plant:
         self._impacts: list[Impact] = []
         self._advance = compiled_advance(self)
         self._call(0.0, 0.0)
-        self._stored_before_j = float(self._memory.observed[OBSERVED.stored_j])
-        self.now: Observation = observation(self._memory, self._stored_before_j)
+        self.now: Observation = observation(self._memory)
         """The present observation of the module."""
 
     def advance(self, torque_n_m: float, dt_s: float) -> None:
@@ -109,7 +107,7 @@ class Plant:
                 f"torque_n_m = {torque_n_m}, dt_s = {dt_s}: both must be finite and the time not negative"
             )
         self._call(torque_n_m, dt_s)
-        self.now = observation(self._memory, self._stored_before_j)
+        self.now = observation(self._memory)
         self._torque_n_m = torque_n_m
         # Neumaier's sum: a day of ticks adds up to a day.
         t_s = self._t_s + dt_s
@@ -145,12 +143,11 @@ class Plant:
     def _disturb(self, in_contact_too: bool) -> None:
         """Determine the phase again after a change from outside, and exclude its energy from the ledger."""
         memory = self._memory
-        stored_j = float(memory.observed[OBSERVED.stored_j])
+        memory.held[0].stored_before_j = math.nan
         if in_contact_too or memory.mode[0].phase != Phase.CONTACT:
             memory.mode[0].phase = UNSETTLED
         self._call(self._torque_n_m, 0.0)
-        self._stored_before_j += float(memory.observed[OBSERVED.stored_j]) - stored_j
-        self.now = observation(memory, self._stored_before_j)
+        self.now = observation(memory)
 
     def _call(self, torque_n_m: float, dt_s: float) -> None:
         memory = self._memory
@@ -218,7 +215,6 @@ class Plant:
             self._sensors.noise,
             self._t_s,
             self._t_rest_s,
-            self._stored_before_j,
         )
 
     def take_back(self, t_s: float, t_rest_s: float, torque_n_m: float, status: int) -> None:
@@ -226,7 +222,7 @@ class Plant:
         self._t_s, self._t_rest_s, self._torque_n_m = t_s, t_rest_s, torque_n_m
         if status != DONE:
             raise refusal(status, self.parts, self._memory, self.t_s)
-        self.now = observation(self._memory, self._stored_before_j)
+        self.now = observation(self._memory)
 
     def take_impacts(self) -> list[Impact]:
         """Impacts completed since the last call, oldest first (at a soft stop: after separation)."""

@@ -174,7 +174,6 @@ class Stretches:
             plant.plant.sampled,
             plant.drive_config,
             plant.report_periods,
-            lent.stored_before_j,
             self._firmware_rows.itemsize,
         )
         frames, sent = np.zeros((MOST_FRAMES, 3), np.int64), np.zeros(7, np.int64)

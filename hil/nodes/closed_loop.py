@@ -105,7 +105,6 @@ class Constants(NamedTuple):
     sampled: tuple[SampledSensor, ...]
     drive: DriveConfig
     report_ticks: Ticks
-    stored_before_j: float
     firmware_record_bytes: int
 
 
@@ -159,7 +158,6 @@ def record_plant(
     tick: int,
     t_s: float,
     observed: Vector,
-    stored_before_j: float,
     torque_n_m: float,
     drive: DriveState,
     reading: SensorReading,
@@ -168,7 +166,6 @@ def record_plant(
     row[0], row[1] = tick, t_s
     for which in range(observed.size):
         row[2 + which] = observed[which]
-    row[2 + OBSERVED.stored_j] -= stored_before_j
     place = 2 + observed.size
     row[place], row[place + 1], row[place + 2] = torque_n_m, drive.axis.state.value, drive.axis.errors
     row[place + 3], row[place + 4] = reading.striker_low_m_s2, reading.striker_high_m_s2
@@ -367,17 +364,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
             if frame.can_id != 0:
                 drive, _ = obey(drive_config, drive, frame, reading.encoder_position_rev)
         torque_n_m = axis.torque_n_m(drive_config, drive, omega_rad_s)
-        stored_before_j = constants.stored_before_j
-        record_plant(
-            buffers.plant[row],
-            number,
-            number * period_s,
-            observed,
-            stored_before_j,
-            torque_n_m,
-            drive,
-            reading,
-        )
+        record_plant(buffers.plant[row], number, number * period_s, observed, torque_n_m, drive, reading)
         armed_s = min(period_s, axis.watchdog_left_s(drive_config, drive))
         status = DONE
         if armed_s > 0.0:

@@ -23,8 +23,8 @@ from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
 from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
-from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
+from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 Complex = NDArray[np.complex128]

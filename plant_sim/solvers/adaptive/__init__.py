@@ -1,1 +1,1 @@
-"""DOP853 over the hybrid automaton of every part, with dense output and located events."""
+"""Taylor series and DOP853 over the hybrid automaton of every part, with dense output and located events."""

@@ -1,4 +1,4 @@
-"""The adaptive solver for any scene: DOP853 with error control, from event to event."""
+"""The adaptive solver for any scene: steps by Taylor series or DOP853, from event to event."""
 
 import math
 
@@ -14,6 +14,7 @@ from plant_sim.sensors.sensing import NoSensing, Probe, note_readings
 from plant_sim.solvers.adaptive.automaton import settle
 from plant_sim.solvers.adaptive.crank import settle_crank
 from plant_sim.solvers.adaptive.observation import (
+    begin_ledger,
     electrical_ledger,
     ledger,
     motion_state,
@@ -24,7 +25,6 @@ from plant_sim.solvers.adaptive.observation import (
 )
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
-    OBSERVED,
     UNSETTLED,
     Memory,
     Vector,
@@ -69,6 +69,7 @@ def advance(
     elif mode.crank_stuck == 1:
         settle_crank(parts.drive, parts, memory, torque_n_m)
     settle_voltage(parts.winding, parts.drive, parts, memory, torque_n_m)
+    begin_ledger(parts, memory)
     status = DONE
     while True:
         sample_now(parts, memory, start_s, grid_s, samples)
@@ -105,8 +106,6 @@ def simulate(
     memory = allocate(parts, initial, accuracy, IMPACTS_AT_ONCE)
     grid = np.ascontiguousarray(NO_GRID if samples_t_s is None else samples_t_s, dtype=np.float64)
     samples = np.zeros((grid.size, 3))
-    run(parts, NoSensing(), memory, torque_n_m, initial.t_s, 0.0, grid, samples)
-    stored_before_j = float(memory.observed[OBSERVED.stored_j])
     rows = [run(parts, NoSensing(), memory, torque_n_m, initial.t_s, until_s - initial.t_s, grid, samples)]
     while memory.held[0].elapsed_s < until_s - initial.t_s:
         rows.append(
@@ -114,7 +113,7 @@ def simulate(
         )
     impacts = np.concatenate(rows)
     origin = origin_m(parts.stop, parts.striker)
-    end = observation(memory, stored_before_j)
+    end = observation(memory)
     return SimulationResult(
         impacts=Impacts(**{name: impacts[name] for name in Impact._fields}),
         final=motion_state(end, until_s),

@@ -11,7 +11,6 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, has_stop, is_soft, stop_force_n
 from plant_sim.parts.wearer import is_worn
 from plant_sim.sensors.sensing import Probe
-from plant_sim.solvers.adaptive.bernstein import NO_ROOT
 from plant_sim.solvers.adaptive.crank import crank_events, crank_may_halt, halt_or_break_crank, settle_crank
 from plant_sim.solvers.adaptive.event_location import (
     CLEAR,
@@ -25,6 +24,7 @@ from plant_sim.solvers.adaptive.event_location import (
     RELEASE,
     TOUCH,
     UNLIMIT,
+    Course,
     Found,
     Step,
     Zeros,
@@ -58,6 +58,7 @@ from plant_sim.solvers.adaptive.stop import (
 )
 from plant_sim.solvers.adaptive.wearer import closing_m_s
 from plant_sim.solvers.adaptive.winding import limit_voltage, voltage_events, voltage_may_end
+from plant_sim.solvers.bernstein import NO_ROOT
 
 
 @subroutine
@@ -89,20 +90,22 @@ def settle(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> No
 
 
 @subroutine
-def may_end(parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector, zeros: Zeros) -> bool:
-    """Whether an event may occur in the step, by bounds from its ends and twice its stages' largest slopes.
+def may_end(
+    parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course, zeros: Zeros
+) -> bool:
+    """Whether an event may occur in the step, by bounds from its ends and its largest slopes.
 
     A function with slopes within ± S and values g0 and g1 at the ends is at least (g0 + g1 − S h) / 2.
     """
     if is_worn(parts.wearer) or flow.phase != FLIGHT or zeros.depth + zeros.velocity + zeros.crank > 0:
         return True
-    change = h_s * 2.0 * steepest(k, VELOCITY)
+    change = h_s * steepest(course, VELOCITY)
     if dry_limit_n(parts) > 0.0 and (y[1] + new[1]) * flow.direction <= change:
         return True
     if has_stop(parts.stop) and max(y[0], new[0]) + 0.125 * h_s * change >= 0.0:
         return True
-    return crank_may_halt(parts.drive, flow, h_s, y, new, k) or voltage_may_end(
-        parts.winding, parts.drive, parts, flow, h_s, y, new, k
+    return crank_may_halt(parts.drive, flow, h_s, y, new, course) or voltage_may_end(
+        parts.winding, parts.drive, parts, flow, h_s, y, new, course
     )
 
 

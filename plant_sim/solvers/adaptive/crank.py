@@ -15,10 +15,10 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.winding import DqWinding, Winding, cogging, wave_sum
-from plant_sim.solvers.adaptive.bernstein import DEGREE, NO_ROOT, NODES, evaluate, interpolate
 from plant_sim.solvers.adaptive.event_location import (
     CRANK_BREAK,
     CRANK_HALT,
+    Course,
     Found,
     Step,
     earlier,
@@ -38,6 +38,7 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 from plant_sim.solvers.adaptive.wearer import from_stop_m, place_within
 from plant_sim.solvers.adaptive.winding import turning_torque_n_m
+from plant_sim.solvers.bernstein import DEGREE, NO_ROOT, NODES, at, interpolate
 from plant_sim.solvers.double_double import TURN_LOW_RAD, TURN_RAD
 
 
@@ -86,7 +87,7 @@ def _(drive: IdealDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> flo
 
 @law(angle_at, MotorDrive)
 def _(drive: MotorDrive, flow: Flow, s: float, h_s: float, dense: Vector) -> float:
-    return evaluate(dense[ANGLE], DEGREE, s)
+    return at(dense[ANGLE], s)
 
 
 @by_part
@@ -245,19 +246,19 @@ def _(drive: MotorDrive, parts: Parts, memory: Memory, torque_n_m: float, event:
 
 
 @by_part
-def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+def crank_may_halt(drive: Drive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course) -> bool:
     """Whether the crank may halt or break away in a step; bounds as in `automaton.may_end`."""
     return False
 
 
 @law(crank_may_halt, MotorDrive)
-def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector) -> bool:
+def _(drive: MotorDrive, flow: Flow, h_s: float, y: Vector, new: Vector, course: Course) -> bool:
     if drive.dry_n_m == 0.0:
         return False
     if flow.crank_stuck:
         return True
     twice_mean: float = (y[SPEED] + new[SPEED]) * flow.crank_direction
-    return twice_mean <= h_s * 2.0 * steepest(k, SPEED)
+    return twice_mean <= h_s * steepest(course, SPEED)
 
 
 @by_part
@@ -284,7 +285,7 @@ def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) 
     At rest the net torque is linear in the striker's position: net(0) + slope (place − place(0)).
     """
     flow, y, scratch = step.flow, step.y, step.scratch
-    place = scratch.press
+    place = scratch.press[: step.dense.shape[1]]
     place_within(parts.wearer, drive, step.dense, place)
     slope = crank_load_n_m(parts, y[ANGLE], 0.0) - crank_load_n_m(parts, y[ANGLE], 1.0)
     net = motor_torque_n_m(drive, flow.torque_n_m, 0.0) - crank_load_n_m(parts, y[ANGLE], 0.0)
@@ -294,7 +295,7 @@ def _break_event(winding: Winding, drive: MotorDrive, parts: Parts, step: Step) 
 
 @law(_break_event, DqWinding)
 def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step) -> float:
-    flow, y, values, net = step.flow, step.y, step.scratch.poly, step.scratch.press
+    flow, y, values, net = step.flow, step.y, step.scratch.poly, step.scratch.press[: DEGREE + 1]
     for i in range(DEGREE + 1):
         look_within(step.dense, NODES[i], step.scratch)
         values[i] = crank_net_n_m(parts, flow.torque_n_m, y[ANGLE], step.scratch.inner)

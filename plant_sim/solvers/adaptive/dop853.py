@@ -12,7 +12,6 @@ import numpy as np
 from plant_sim.arrays import FloatArray
 from plant_sim.kernels import subroutine
 from plant_sim.parts.parts import Parts
-from plant_sim.solvers.adaptive.bernstein import DEGREE
 from plant_sim.solvers.adaptive.motion import derivative
 from plant_sim.solvers.adaptive.state_layout import (
     STAGES,
@@ -21,6 +20,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     state_size,
     work_place,
 )
+from plant_sim.solvers.bernstein import DEGREE
 
 
 def _table(text: str) -> FloatArray:

@@ -4,11 +4,11 @@ Every condition is a polynomial over the step: depth, velocity, crank speed, or 
 rest from its limit. A quantity that starts at zero is first divided by s, because that zero is not an event.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from plant_sim.kernels import subroutine
-from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate, first_rise, without_root_at_start
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.solvers.adaptive.state_layout import Flow, Scratch, Vector
+from plant_sim.solvers.bernstein import ORDER, at, first_rise, without_root_at_start
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
 """Events: touch-down; end of contact; clearing a stop that released early, or pressing it again; halt;
@@ -54,10 +54,10 @@ def earlier(found: Found, event: int, s: float) -> Found:
 def root(b: Vector, sign: float, offset: float, zeros: int, scratch: Scratch) -> float:
     """First s at which sign · p(s) + offset, negative at first, reaches 0; `zeros` as in Zeros."""
     poly = scratch.poly
-    degree = DEGREE
-    for i in range(DEGREE + 1):
+    degree = b.size - 1
+    for i in range(b.size):
         poly[i] = sign * b[i] + offset
-    while degree > DEGREE - zeros:
+    while degree > b.size - 1 - zeros:
         without_root_at_start(poly, degree)
         degree -= 1
     return first_rise(poly, degree, scratch.stack)
@@ -74,13 +74,44 @@ def first_beyond(b: Vector, slope: float, offset: float, limit: float, scratch: 
 def look_within(dense: Vector, s: float, scratch: Scratch) -> None:
     """The motion within a step, into `scratch.inner`."""
     for i in range(dense.shape[0]):
-        scratch.inner[i] = evaluate(dense[i], DEGREE, s)
+        scratch.inner[i] = at(dense[i], s)
 
 
-@subroutine
-def steepest(k: Vector, place: int) -> float:
-    """Largest slope of a quantity in the step's stages, of either sign."""
+class Stages(NamedTuple):
+    """Slopes in the stages of a step of DOP853, shape (STAGES, state)."""
+
+    k: Vector
+
+
+class Series(NamedTuple):
+    """Taylor coefficients of a step, shape (at least motion, ORDER + 1), and its length."""
+
+    coefficients: Vector
+    h_s: float
+
+
+Course: TypeAlias = Stages | Series
+
+
+@by_part
+def steepest(course: Course, place: int) -> float:
+    """A bound of a quantity's slope within a step, of either sign."""
+    raise NotImplementedError
+
+
+@law(steepest, Stages)
+def _(course: Stages, place: int) -> float:
+    """Twice the largest slope of a stage."""
     largest = 0.0
     for stage in range(12):
-        largest = max(largest, abs(k[stage, place]))
-    return largest
+        largest = max(largest, abs(course.k[stage, place]))
+    return 2.0 * largest
+
+
+@law(steepest, Series)
+def _(course: Series, place: int) -> float:
+    """Σ k |c_k| hᵏ⁻¹."""
+    total = 0.0
+    for k in range(ORDER, 0, -1):
+        total = total * course.h_s + k * abs(course.coefficients[place, k])
+    return total

@@ -1,5 +1,6 @@
 """Observations of a module: samples and largest forces within a step, state and ledgers at its end."""
 
+import math
 from typing import NamedTuple
 
 from plant_sim.kernels import by_part, law, subroutine
@@ -10,7 +11,6 @@ from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m, s
 from plant_sim.parts.wearer import Ankle, Wearer, is_worn
 from plant_sim.parts.winding import DqWinding
 from plant_sim.result import ElectricalLedger, EnergyLedger, MotionState, Observation, Phase
-from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
 from plant_sim.solvers.adaptive.crank import angle_at, crank_now
 from plant_sim.solvers.adaptive.motion import derivative, flow_now, stored_energy_j
 from plant_sim.solvers.adaptive.state_layout import (
@@ -32,6 +32,7 @@ from plant_sim.solvers.adaptive.stiction import dry_limit_n, held_force_n
 from plant_sim.solvers.adaptive.stop import in_touch
 from plant_sim.solvers.adaptive.wearer import closing_m_s, felt_force_n, from_stop_m, plate_at
 from plant_sim.solvers.adaptive.winding import magnetic_energy_j, turning_current_a, turning_torque_n_m
+from plant_sim.solvers.bernstein import at
 
 GOLDEN = 0.6180339887498949
 GOLDEN_CUTS = 20
@@ -61,8 +62,8 @@ def force_at(force: StopForce | FeltForce, dense: Vector, s: float) -> float:
 @law(force_at, StopForce)
 def _(force: StopForce, dense: Vector, s: float) -> float:
     parts = force.parts
-    depth = max(evaluate(dense[DEPTH], DEGREE, s), 0.0)
-    closing = evaluate(dense[VELOCITY], DEGREE, s) - plate_at(parts.wearer, parts.drive, dense, s)[1]
+    depth = max(at(dense[DEPTH], s), 0.0)
+    closing = at(dense[VELOCITY], s) - plate_at(parts.wearer, parts.drive, dense, s)[1]
     return stop_force_n(parts.stop, elastic_force_n(parts.stop, depth), closing, force.damping_s_m)
 
 
@@ -73,10 +74,10 @@ def _(force: FeltForce, dense: Vector, s: float) -> float:
 
 
 @subroutine
-def follow_contact(parts: Parts, memory: Memory, damping_s_m: float, share: float) -> None:
+def follow_contact(parts: Parts, memory: Memory, dense: Vector, damping_s_m: float, share: float) -> None:
     """Update the largest force of the contact by the used share of a step."""
     contact = memory.contact[0]
-    contact.peak_n = _largest(StopForce(parts, damping_s_m), memory.dense, share, contact.peak_n)
+    contact.peak_n = _largest(StopForce(parts, damping_s_m), dense, share, contact.peak_n)
 
 
 @by_part
@@ -102,13 +103,18 @@ def _largest(force: StopForce | FeltForce, dense: Vector, share: float, before_n
             best, best_s = force_n, s
     if best > before_n:
         low, high = max(best_s - 0.25 * share, 0.0), min(best_s + 0.25 * share, share)
+        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        left_n, right_n = force_at(force, dense, left), force_at(force, dense, right)
         for _ in range(GOLDEN_CUTS):
-            cut = GOLDEN * (high - low)
-            if force_at(force, dense, high - cut) > force_at(force, dense, low + cut):
-                high = low + cut
+            if left_n > right_n:
+                high, right, right_n = right, left, left_n
+                left = high - GOLDEN * (high - low)
+                left_n = force_at(force, dense, left)
             else:
-                low = high - cut
-        return max(best, force_at(force, dense, 0.5 * (low + high)))
+                low, left, left_n = left, right, right_n
+                right = low + GOLDEN * (high - low)
+                right_n = force_at(force, dense, right)
+        return max(best, left_n, right_n)
     return before_n
 
 
@@ -125,17 +131,34 @@ def sample_now(parts: Parts, memory: Memory, start_s: float, grid_s: Vector, sam
 
 @subroutine
 def sample_step(
-    parts: Parts, memory: Memory, flow: Flow, h_s: float, used_s: float, grid_s: Vector, samples: Vector
+    parts: Parts,
+    memory: Memory,
+    flow: Flow,
+    dense: Vector,
+    h_s: float,
+    used_s: float,
+    grid_s: Vector,
+    samples: Vector,
 ) -> None:
     """Fill samples at times within the used part of a step."""
-    mode, dense = memory.mode[0], memory.dense
+    mode = memory.mode[0]
     while mode.samples < grid_s.size and grid_s[mode.samples] < flow.time_s + used_s:
         row = samples[mode.samples]
         s = (grid_s[mode.samples] - flow.time_s) / h_s
-        row[0] = evaluate(dense[DEPTH], DEGREE, s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
-        row[1] = evaluate(dense[VELOCITY], DEGREE, s)
+        row[0] = at(dense[DEPTH], s) + plate_at(parts.wearer, parts.drive, dense, s)[0]
+        row[1] = at(dense[VELOCITY], s)
         row[2] = angle_at(parts.drive, flow, s, h_s, dense)
         mode.samples += 1
+
+
+@subroutine
+def begin_ledger(parts: Parts, memory: Memory) -> None:
+    """Begin the ledger at a start; after a change from outside, continue it without that change."""
+    held = memory.held[0]
+    if math.isnan(held.stored_before_j):
+        crank = crank_now(parts.drive, memory)
+        stored_j = stored_energy_j(parts, memory.mode[0].phase, memory.y, crank)
+        held.stored_before_j = stored_j - memory.observed[OBSERVED.stored_j]
 
 
 @subroutine
@@ -163,7 +186,8 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
     observed[OBSERVED.felt_force_n] = felt_force_n(parts.wearer, parts.drive, y)
     work = work_place(parts)
     observed[OBSERVED.drive_work_j] = y[work]
-    observed[OBSERVED.stored_j] = stored_energy_j(parts, flow.phase, y, crank)
+    stored_j = stored_energy_j(parts, flow.phase, y, crank)
+    observed[OBSERVED.stored_j] = stored_j - memory.held[0].stored_before_j
     observed[OBSERVED.friction_j] = y[work + 1]
     if is_soft(parts.stop) or is_rigid(parts.stop):
         observed[OBSERVED.impact_loss_j] = y[work + 2]
@@ -181,10 +205,9 @@ def observe(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> N
 _PHASES = tuple(Phase)
 
 
-def observation(memory: Memory, stored_before_j: float) -> Observation:
-    """The present observation; the ledger starts where the stored energy was `stored_before_j`."""
+def observation(memory: Memory) -> Observation:
+    """The present observation."""
     *values, phase = memory.observed.tolist()
-    values[OBSERVED.stored_j] -= stored_before_j
     return Observation._make((*values, _PHASES[int(phase)]))
 
 

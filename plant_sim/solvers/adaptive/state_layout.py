@@ -25,7 +25,7 @@ from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, Wearer, is_worn
 from plant_sim.parts.winding import DqWinding, Winding
 from plant_sim.result import Impact, MotionState, Observation, Phase
-from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE
+from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE, ORDER
 from plant_sim.solvers.double_double import TURN_RAD
 
 Vector = NDArray[np.float64]
@@ -37,6 +37,10 @@ STAGES = 16
 
 DEPTH, VELOCITY, ANGLE, SPEED = range(4)
 """Places of the motion in the state; the integrals of the ledger follow from `work_place` on."""
+
+SINE, COSINE, SPRING, DRAG, POWER, FALL, BESIDE = range(7)
+"""Rows of a Taylor series behind those of the state: sin θ, cos θ, force of the coupling spring, friction,
+exponent and exponential of Stribeck's law."""
 
 
 @by_part
@@ -157,6 +161,8 @@ class Held:
     """Cost (`plant_sim.solvers.cost`) that simulated time has not yet paid off."""
     crank_rad: float
     """Crank angle with an ideal drive; with a motor it is in the integrated state."""
+    stored_before_j: float
+    """Stored energy where the ledger begins; NaN until it is taken anew, after a change from outside."""
 
 
 class Contact:
@@ -224,7 +230,7 @@ class Flow(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Scratch arrays of event location: shapes (DEGREE + 1,) twice, (DEEPEST_HALVING + 2, DEGREE + 3).
+    """Scratch arrays of event location: shapes (ORDER + 1,) twice, (DEEPEST_HALVING + 2, ORDER + 3).
 
     `inner` is the motion within a step; only windings use it.
     """
@@ -254,6 +260,11 @@ class Memory(NamedTuple):
     trial: Vector
     new: Vector
     dense: Vector
+    """Bernstein coefficients of the motion within a step of DOP853, shape (motion, DEGREE + 1)."""
+    series: Vector
+    """Taylor coefficients of a step, shape (state + BESIDE, ORDER + 1)."""
+    long_dense: Vector
+    """Bernstein coefficients of the motion within it, shape (motion, ORDER + 1)."""
     scratch: Scratch
 
 
@@ -263,6 +274,7 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
     motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
     has_winding = isinstance(parts.winding, DqWinding)
+    scale = _scale(parts, accuracy)
     memory = Memory(
         y=np.zeros(size),
         mode=zeros_of(Mode, 1),
@@ -270,16 +282,18 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         contact=zeros_of(Contact, 1 if is_soft(stop) else 0),
         impacts=zeros_of(Impact, impacts),
         observed=np.zeros(len(OBSERVED)),
-        scale=_scale(parts, accuracy),
-        contact_scale=SHARE_OF_A_CONTACT * _scale(parts, accuracy)[: None if is_soft(stop) else 0],
+        scale=scale,
+        contact_scale=SHARE_OF_A_CONTACT * scale[: None if is_soft(stop) else 0],
         k=np.zeros((STAGES, size)),
         trial=np.zeros(size),
         new=np.zeros(size),
         dense=np.zeros((motion, DEGREE + 1)),
+        series=np.zeros((size + BESIDE, ORDER + 1)),
+        long_dense=np.zeros((motion, ORDER + 1)),
         scratch=Scratch(
-            poly=np.zeros(DEGREE + 1),
-            press=np.zeros(DEGREE + 1),
-            stack=np.zeros((DEEPEST_HALVING + 2, DEGREE + 3)),
+            poly=np.zeros(ORDER + 1),
+            press=np.zeros(ORDER + 1),
+            stack=np.zeros((DEEPEST_HALVING + 2, ORDER + 3)),
             inner=np.zeros(motion if has_winding else 0),
         ),
     )
@@ -303,6 +317,8 @@ def restart(
     held.elapsed_s = held.elapsed_low_s = 0.0
     held.free_step_s = held.contact_step_s = 0.1 / math.sqrt(striker.spring_n_m / striker.mass_kg)
     held.last_step_s = held.last_margin = held.debt = 0.0
+    held.stored_before_j = math.nan
+    memory.observed[:] = 0.0
     _set_crank(parts.drive, memory, crank_rad % TURN_RAD, omega_rad_s)
 
 

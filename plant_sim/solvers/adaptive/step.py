@@ -1,21 +1,23 @@
 """A step of the adaptive solver: its length, its end at the first event, and the quantities recorded from it.
 
-Bernstein coefficients of the continuous extension locate the first of any number of events. The step is then
+It is a step by a Taylor series where there is one, otherwise one of DOP853. Bernstein coefficients of the
+motion within it locate the first of any number of events. The step is then
 repeated up to that event, so that the state there has the accuracy of a step.
 """
 
 import math
 
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import inlined, subroutine
 from plant_sim.parts.housing import smooth_for_s
 from plant_sim.parts.parts import Parts
 from plant_sim.sensors.sensing import Probe, is_sensing, sense_step
 from plant_sim.solvers.adaptive.automaton import apply, first_event, may_end
 from plant_sim.solvers.adaptive.crank import crank_now, turn_crank
 from plant_sim.solvers.adaptive.dop853 import attempt, extend
-from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Found, Step, Zeros
+from plant_sim.solvers.adaptive.event_location import NONE, TOUCH, Found, Series, Stages, Step, Zeros
 from plant_sim.solvers.adaptive.motion import derivative, flow_now
 from plant_sim.solvers.adaptive.observation import follow_contact, follow_felt, sample_step
+from plant_sim.solvers.adaptive.series import motion_within, series_step_s, state_after
 from plant_sim.solvers.adaptive.state_layout import (
     CONTACT,
     Flow,
@@ -32,8 +34,11 @@ from plant_sim.solvers.double_double import two_sum
 LEAST_ERROR = 1e-6
 """Smallest error of a step, in tolerances, that influences the next step; at rest the error may be 0."""
 
+LONGEST_SERIES = 4.0
+"""Longest step of a Taylor series, in longest steps of DOP853."""
 
-@subroutine
+
+@inlined
 def take_step(
     parts: Parts,
     probe: Probe,
@@ -46,48 +51,39 @@ def take_step(
 ) -> float:
     """Take one step, at most up to an event; return its length, s, or −1 if no step is small enough."""
     y, mode, held, new = memory.y, memory.mode[0], memory.held[0], memory.new
-    k, trial, dense = memory.k, memory.trial, memory.dense
     begin_s = start_s + held.elapsed_s
     flow = flow_now(parts, memory, torque_n_m, begin_s)
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
     remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s
-    longest = 1.0 / max(
-        math.sqrt(parts.striker.spring_n_m / parts.striker.mass_kg),
-        abs(crank_now(parts.drive, memory).speed_rad_s),
-    )
-    longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
-    longest = min(longest, current_s(parts.winding, parts.drive))
-    derivative(parts, flow, 0.0, y, k[0])
-    attempts, next_s = 0.0, held.contact_step_s if flow.phase == CONTACT else held.free_step_s
-    while True:
-        h = min(next_s, longest, remaining)
-        attempts += 1.0
-        error = attempt(parts, flow, h, y, scale, k, trial, new)
-        if error <= 1.0:
-            break
-        next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
-        if next_s < 1e-12 * longest:
-            return -1.0
-    _choose_next(held, flow.phase, next_s, h, error)
+    longest = _longest_s(parts, memory, begin_s)
+    h = series_step_s(probe, parts, flow, memory, scale, min(LONGEST_SERIES * longest, remaining))
+    is_series, attempts = h > 0.0, 1.0
+    if is_series:
+        state_after(memory.series, h, new)
+    else:
+        h, attempts = _stages_step_s(parts, flow, memory, scale, longest, remaining)
+        if h < 0.0:
+            return h
 
     zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, voltage_zeros(parts.winding, memory))
     used: float = h
     event = NONE
     has_sample = mode.samples < grid_s.size and grid_s[mode.samples] < begin_s + h
-    is_checked = may_end(parts, flow, h, y, new, k, zeros)
+    is_checked = _may_end(parts, flow, h, memory, zeros, is_series)
+    dense = memory.long_dense if is_series else memory.dense
     if is_sensing(probe) or has_sample or is_checked:
-        extend(parts, flow, h, y, new, k, trial, dense)
+        _look_within(parts, flow, h, memory, is_series)
     if is_checked:
         found = first_event(parts, Step(flow, zeros, h, y, dense, memory.scratch))
         event = found.event
         if event != NONE:
-            used = _repeat(parts, flow, found, h, memory)
+            used = _repeat(parts, flow, found, h, memory, is_series)
     if flow.phase == CONTACT:
-        follow_contact(parts, memory, flow.damping_s_m, used / h)
+        follow_contact(parts, memory, dense, flow.damping_s_m, used / h)
     follow_felt(parts.wearer, parts.drive, memory, used / h)
     sense_step(probe, parts, dense, h, used, begin_s)
     if has_sample:
-        sample_step(parts, memory, flow, h, used, grid_s, samples)
+        sample_step(parts, memory, flow, dense, h, used, grid_s, samples)
 
     for i in range(state_size(parts)):
         y[i] = new[i]
@@ -100,6 +96,38 @@ def take_step(
         held.last_step_s = 0.0
         apply(parts, probe, memory, torque_n_m, event, start_s + held.elapsed_s)
     return used
+
+
+@subroutine
+def _longest_s(parts: Parts, memory: Memory, begin_s: float) -> float:
+    """The longest step of DOP853, s: a radian of the fastest motion of any part."""
+    striker = parts.striker
+    natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
+    longest = 1.0 / max(natural, abs(crank_now(parts.drive, memory).speed_rad_s))
+    longest = min(longest, ankle_s(parts.wearer), smooth_for_s(parts.housing, begin_s))
+    return min(longest, current_s(parts.winding, parts.drive))
+
+
+@subroutine
+def _stages_step_s(
+    parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float, remaining_s: float
+) -> tuple[float, float]:
+    """Step of DOP853 from `memory.y` to `memory.new`: its length, s, or −1 if none is small enough, and the
+    number of attempts."""
+    held, k = memory.held[0], memory.k
+    derivative(parts, flow, 0.0, memory.y, k[0])
+    attempts, next_s = 0.0, held.contact_step_s if flow.phase == CONTACT else held.free_step_s
+    while True:
+        h = min(next_s, longest_s, remaining_s)
+        attempts += 1.0
+        error = attempt(parts, flow, h, memory.y, scale, k, memory.trial, memory.new)
+        if error <= 1.0:
+            break
+        next_s = h * (max(0.2, 0.9 * _eighth_root(1.0 / error)) if error < 1e300 else 0.2)
+        if next_s < 1e-12 * longest_s:
+            return -1.0, attempts
+    _choose_next(held, flow.phase, next_s, h, error)
+    return h, attempts
 
 
 @subroutine
@@ -141,15 +169,42 @@ def _eighth_root(value: float) -> float:
 
 
 @subroutine
-def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory) -> float:
+def _may_end(parts: Parts, flow: Flow, h_s: float, memory: Memory, zeros: Zeros, is_series: bool) -> bool:
+    """Whether an event may occur in the step."""
+    y, new = memory.y, memory.new
+    if is_series:
+        return may_end(parts, flow, h_s, y, new, Series(memory.series, h_s), zeros)
+    return may_end(parts, flow, h_s, y, new, Stages(memory.k), zeros)
+
+
+@subroutine
+def _look_within(parts: Parts, flow: Flow, h_s: float, memory: Memory, is_series: bool) -> None:
+    """The motion within the step, into `memory.long_dense` or `memory.dense`."""
+    if is_series:
+        motion_within(memory.series, h_s, memory.long_dense)
+    else:
+        extend(parts, flow, h_s, memory.y, memory.new, memory.k, memory.trial, memory.dense)
+
+
+@subroutine
+def _repeat(parts: Parts, flow: Flow, found: Found, h_s: float, memory: Memory, is_series: bool) -> float:
     """Repeat the step up to the event; the time of a touch-down is then corrected by Newton's method."""
-    y, k, trial, new = memory.y, memory.k, memory.trial, memory.new
+    new = memory.new
     used = found.s * h_s
-    attempt(parts, flow, used, y, memory.scale, k, trial, new)
+    _end_at(parts, flow, used, memory, is_series)
     closing = closing_m_s(parts.wearer, parts.drive, new)
     if found.event == TOUCH and closing != 0.0:
         correction = -new[0] / closing
         if abs(correction) < 1e-3 * used:
             used = min(used + correction, h_s)
-            attempt(parts, flow, used, y, memory.scale, k, trial, new)
+            _end_at(parts, flow, used, memory, is_series)
     return used
+
+
+@subroutine
+def _end_at(parts: Parts, flow: Flow, used_s: float, memory: Memory, is_series: bool) -> None:
+    """The state `used_s` after the step's start, into `memory.new`."""
+    if is_series:
+        state_after(memory.series, used_s, memory.new)
+    else:
+        attempt(parts, flow, used_s, memory.y, memory.scale, memory.k, memory.trial, memory.new)

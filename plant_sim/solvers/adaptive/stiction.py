@@ -15,7 +15,6 @@ from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.walking import Walking
 from plant_sim.parts.wearer import Ankle, Wearer
-from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
 from plant_sim.solvers.adaptive.event_location import Step, root
 from plant_sim.solvers.adaptive.state_layout import (
@@ -30,6 +29,7 @@ from plant_sim.solvers.adaptive.state_layout import (
 )
 from plant_sim.solvers.adaptive.stop import leaving_zeros, open_contact
 from plant_sim.solvers.adaptive.wearer import from_stop_m
+from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.double_double import TURN_RAD
 
 NEAR_RAD = 1e-9
@@ -116,7 +116,7 @@ def _(housing: Level | Tilted, parts: Parts, step: Step) -> float:
 def _(housing: Moving | Walking, parts: Parts, step: Step) -> float:
     """The sum of spring and housing force is approximated by a polynomial, to 1e-9 over a radian."""
     flow, h_s = step.flow, step.h_s
-    values, pull = step.scratch.poly, step.scratch.press
+    values, pull = step.scratch.poly, step.scratch.press[: DEGREE + 1]
     largest = 0.0
     for i in range(DEGREE + 1):
         angle = angle_at(parts.drive, flow, NODES[i], h_s, step.dense)

@@ -20,7 +20,6 @@ from plant_sim.parts.stop import (
 )
 from plant_sim.parts.wearer import contact_mass_kg
 from plant_sim.sensors.sensing import Probe, sense_jump
-from plant_sim.solvers.adaptive.bernstein import DEGREE
 from plant_sim.solvers.adaptive.crank import crank_now
 from plant_sim.solvers.adaptive.event_location import CLEAR, LEAVE, PRESS, TOUCH, Found, Step, earlier, root
 from plant_sim.solvers.adaptive.state_layout import (
@@ -70,7 +69,8 @@ def _(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
 def _(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
     slope_s = stop.damping_n_s_m / stop.stiffness_n_m
     phase, zeros, scratch = step.flow.phase, step.zeros.depth, step.scratch
-    depth, press = step.dense[DEPTH], scratch.press
+    depth = step.dense[DEPTH]
+    press = scratch.press[: depth.size]
     beyond = phase == FLIGHT and depth[0] > 0.0
     if phase == FLIGHT and not beyond:
         return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, scratch))
@@ -78,7 +78,7 @@ def _(stop: KelvinVoigt, parts: Parts, step: Step, found: Found) -> Found:
         return found
     if beyond:
         found = earlier(found, CLEAR, root(depth, -1.0, 0.0, 0, scratch))
-    for i in range(DEGREE + 1):
+    for i in range(depth.size):
         press[i] = depth[i] + slope_s * closing_m_s(parts.wearer, parts.drive, step.dense[:, i])  # F/K
     if beyond:
         return earlier(found, PRESS, root(press, 1.0, 0.0, zeros, scratch))

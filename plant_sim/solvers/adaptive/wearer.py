@@ -9,8 +9,8 @@ from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.drive import Drive
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.wearer import Ankle, Wearer
-from plant_sim.solvers.adaptive.bernstein import DEGREE, evaluate
 from plant_sim.solvers.adaptive.state_layout import Vector, ankle_place, plate_place
+from plant_sim.solvers.bernstein import at
 
 
 @by_part
@@ -42,7 +42,7 @@ def _(wearer: Ankle, drive: Drive, y: Vector) -> float:
 @subroutine
 def place_within(wearer: Wearer, drive: Drive, dense: Vector, out: Vector) -> None:
     """Bernstein coefficients of `from_stop_m` over a step, into `out`."""
-    for i in range(DEGREE + 1):
+    for i in range(out.size):
         out[i] = from_stop_m(wearer, drive, dense[:, i])
 
 
@@ -55,7 +55,7 @@ def plate_at(wearer: Wearer, drive: Drive, dense: Vector, s: float) -> tuple[flo
 @law(plate_at, Ankle)
 def _(wearer: Ankle, drive: Drive, dense: Vector, s: float) -> tuple[float, float]:
     place = plate_place(drive)
-    return evaluate(dense[place], DEGREE, s), evaluate(dense[place + 1], DEGREE, s)
+    return at(dense[place], s), at(dense[place + 1], s)
 
 
 @by_part

@@ -18,10 +18,10 @@ from plant_sim.parts.winding import (
     mean_flux_wb,
     voltage_limit_v,
 )
-from plant_sim.solvers.adaptive.bernstein import DEGREE, NODES, interpolate
 from plant_sim.solvers.adaptive.event_location import (
     LIMIT,
     UNLIMIT,
+    Course,
     Found,
     Step,
     earlier,
@@ -38,6 +38,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     current_place,
     terminal_place,
 )
+from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
 
 STABLE = 4.5
 """h |λ| for which DOP853 damps a real pole well; its limit of stability is about 6."""
@@ -144,7 +145,14 @@ def _(
 
 @by_part
 def voltage_may_end(
-    winding: Winding, drive: Drive, parts: Parts, flow: Flow, h_s: float, y: Vector, new: Vector, k: Vector
+    winding: Winding,
+    drive: Drive,
+    parts: Parts,
+    flow: Flow,
+    h_s: float,
+    y: Vector,
+    new: Vector,
+    course: Course,
 ) -> bool:
     """Whether the voltage command may exceed the bus within a step, by bounds as for other events.
 
@@ -162,18 +170,21 @@ def _(
     h_s: float,
     y: Vector,
     new: Vector,
-    k: Vector,
+    course: Course,
 ) -> bool:
     if flow.voltage_limited:
         return True
     place, torque_n_m = current_place(parts), flow.torque_n_m
-    steep_d, steep_q, steep_speed = steepest(k, place), steepest(k, place + 1), steepest(k, SPEED)
-    steep_u_d, steep_u_q = steepest(k, place + 2), steepest(k, place + 3)
+    steep_d, steep_q, steep_speed = (
+        steepest(course, place),
+        steepest(course, place + 1),
+        steepest(course, SPEED),
+    )
+    steep_u_d, steep_u_q = steepest(course, place + 2), steepest(course, place + 3)
     L_d, L_q, alpha = winding.d_inductance_h, winding.q_inductance_h, winding.bandwidth_rad_s
-    h = 2.0 * h_s
-    fastest = drive.pole_pairs * (max(abs(y[SPEED]), abs(new[SPEED])) + h * steep_speed)
-    most_d = max(abs(y[place]), abs(new[place])) + h * steep_d
-    most_q = max(abs(y[place + 1]), abs(new[place + 1])) + h * steep_q
+    fastest = drive.pole_pairs * (max(abs(y[SPEED]), abs(new[SPEED])) + h_s * steep_speed)
+    most_d = max(abs(y[place]), abs(new[place])) + h_s * steep_d
+    most_q = max(abs(y[place + 1]), abs(new[place + 1])) + h_s * steep_q
     faster = drive.pole_pairs * steep_speed
     change_d = steep_u_d + alpha * L_d * steep_d + L_q * (faster * most_q + fastest * steep_q)
     change_q = (
@@ -184,8 +195,8 @@ def _(
     )
     before = asked_voltages(winding, drive, torque_n_m, y[SPEED], y, place)
     after = asked_voltages(winding, drive, torque_n_m, new[SPEED], new, place)
-    d = 0.5 * (abs(before.d) + abs(after.d) + h * change_d)
-    q = 0.5 * (abs(before.q) + abs(after.q) + h * change_q)
+    d = 0.5 * (abs(before.d) + abs(after.d) + h_s * change_d)
+    q = 0.5 * (abs(before.q) + abs(after.q) + h_s * change_q)
     limit = voltage_limit_v(drive)
     reached: bool = d * d + q * q >= limit * limit
     return reached
@@ -294,7 +305,7 @@ def voltage_events(winding: Winding, drive: Drive, parts: Parts, step: Step, fou
 @law(voltage_events, DqWinding)
 def _(winding: DqWinding, drive: MotorDrive, parts: Parts, step: Step, found: Found) -> Found:
     flow, dense, scratch = step.flow, step.dense, step.scratch
-    values, excess = scratch.poly, scratch.press
+    values, excess = scratch.poly, scratch.press[: DEGREE + 1]
     place = current_place(parts)
     if not flow.voltage_limited and stays_within_voltage(winding, drive, flow.torque_n_m, dense, place):
         return found

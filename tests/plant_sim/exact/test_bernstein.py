@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.polynomial import Polynomial
 
-from plant_sim.solvers.adaptive import bernstein
-from plant_sim.solvers.adaptive.bernstein import DEEPEST_HALVING, DEGREE, NO_ROOT
+from plant_sim.solvers import bernstein
+from plant_sim.solvers.bernstein import DEEPEST_HALVING, DEGREE, NO_ROOT, ORDER
 
 
 @njit
@@ -33,7 +33,7 @@ def coefficients(polynomial: Polynomial) -> np.ndarray:
 
 
 def first_rise(polynomial: Polynomial) -> float:
-    return _first_rise(coefficients(polynomial), DEGREE, np.zeros((DEEPEST_HALVING + 2, DEGREE + 3)))
+    return _first_rise(coefficients(polynomial), DEGREE, np.zeros((DEEPEST_HALVING + 2, ORDER + 3)))
 
 
 def test_evaluation() -> None:

@@ -141,7 +141,7 @@ def test_a_law_of_friction_is_one_file(tmp_path: Path) -> None:
     assert len(files_of(LAW_CHANGE)) <= 3
 
 
-def test_backlash_in_the_crank_is_three_files(tmp_path: Path) -> None:
+def test_backlash_in_the_crank_is_four_files(tmp_path: Path) -> None:
     [end] = with_change(BACKLASH_CHANGE, "backlash", "backlash,", tmp_path)
     truth = by_scipy(WithBacklash, "table1-viscous")
     assert end[4] == "adaptive"

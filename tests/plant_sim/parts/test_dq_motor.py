@@ -19,8 +19,8 @@ from plant_sim.scene import Scene, SceneError, load_scene
 from plant_sim.sensors.sensing import NoSensing
 from plant_sim.simulation import initial_state, simulate
 from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
-from plant_sim.solvers.adaptive.bernstein import NODES
 from plant_sim.solvers.adaptive.state_layout import OBSERVED, Memory, allocate, current_place
+from plant_sim.solvers.bernstein import NODES
 
 SALIENT = {"d_inductance_h": 0.25e-3, "q_inductance_h": 0.35e-3}
 COGGING = [{"order": 84, "amplitude_n_m": 2e-3}, {"order": 12, "amplitude_n_m": 1e-3, "phase_rad": 0.7}]

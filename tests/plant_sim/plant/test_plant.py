@@ -15,8 +15,8 @@ from plant_sim.plant import Plant, PlantError
 from plant_sim.result import Phase
 from plant_sim.scene import load_scene
 from plant_sim.simulation import initial_state, simulate
-from plant_sim.solvers.adaptive.bernstein import NODES
 from plant_sim.solvers.adaptive.state_layout import allocate
+from plant_sim.solvers.bernstein import NODES
 
 MOTOR = load_scene("gait-motor-soft")
 WEARER = {"plate_kg": 1.0, "ankle_n_m": 1e4, "ankle_n_s_m": 100.0}
@@ -175,15 +175,14 @@ def test_the_kernel_holds_only_what_the_scene_names() -> None:
     assert not has_exponential(plain)
     assert has_exponential(rubbed)
     soft = kernel_code({"stop": hertz})
-    rod = kernel_code({"drive.rod_m": 0.1})
+    rod = kernel_code({"stop": hertz, "drive.rod_m": 0.1})
     worn = kernel_code({"stop": hertz, "wearer": WEARER})
     shaken = kernel_code({"stop": hertz, "housing": SHAKEN})
     assert constant(NODES[1]) in shaken
     for code in (plain, rubbed, soft, rod, worn):
         assert constant(NODES[1]) not in code
-    assert arithmetic(rod) > arithmetic(plain)
-    for code in (worn, shaken):
-        assert arithmetic(code) > arithmetic(soft) > arithmetic(plain)
+    for code in (rod, worn, shaken):
+        assert arithmetic(code) > arithmetic(soft)
     # A rod takes square roots; an ankle's frequency takes one, as does the time derivative of a swing's pull.
     # LLVM copies calls into several places, so that counts of two kernels are ranked, not subtracted.
     assert calls(rod, "sqrt") > calls(worn, "sqrt") > calls(soft, "sqrt")

@@ -1,0 +1,333 @@
+"""A step by a Taylor series, whose coefficients follow by recurrence from the parts' own equations.
+
+The length of a step follows from the last two coefficients, as in Jorba & Zou, Experimental Mathematics 14,
+2005. There are recurrences for an endless rod, a housing at rest, a stop on it that is rigid or a linear
+spring, and a motor's ideal current below the limit of its supply. All other steps are steps of DOP853; so are
+those of scenes with sensors, whose readings leave no time for a longer step.
+"""
+
+import math
+
+from plant_sim.kernels import by_part, law, one_of, subroutine
+from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
+from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
+from plant_sim.parts.housing import Level, Tilted, housing_m_s2, is_level
+from plant_sim.parts.linkage import Sine
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, Stop, origin_m
+from plant_sim.parts.striker import spring_force_n
+from plant_sim.parts.wearer import NoWearer
+from plant_sim.parts.winding import IdealCurrent
+from plant_sim.sensors.sensing import NoSensing, Probe
+from plant_sim.solvers.adaptive.crank import crank_in_stage
+from plant_sim.solvers.adaptive.state_layout import (
+    ANGLE,
+    CONTACT,
+    COSINE,
+    DEPTH,
+    DRAG,
+    FALL,
+    FLIGHT,
+    POWER,
+    SINE,
+    SPEED,
+    SPRING,
+    VELOCITY,
+    Flow,
+    Memory,
+    Vector,
+    housing_place,
+    state_size,
+    work_place,
+)
+from plant_sim.solvers.adaptive.stop import in_touch
+from plant_sim.solvers.bernstein import ORDER, from_powers
+
+UNSEEN = 40.0
+"""e^−40 is below rounding."""
+
+LEAST = 1e-300
+"""Keeps the length of a step finite if nothing moves."""
+
+_is_endless = one_of(Sine)
+_is_at_rest = one_of(Level, Tilted)
+_is_fixed = one_of(NoWearer)
+_is_ideal = one_of(IdealCurrent)
+
+
+@by_part
+def series_step_s(
+    probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
+) -> float:
+    """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series."""
+    return 0.0
+
+
+@law(series_step_s, NoSensing)
+def _(probe: NoSensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
+    return _step_s(parts.stop, parts, flow, memory, scale, longest_s)
+
+
+@by_part
+def _step_s(stop: Stop, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
+    return 0.0
+
+
+@law(_step_s, NoStop, RigidStop, KelvinVoigt)
+def _(
+    stop: NoStop | RigidStop | KelvinVoigt,
+    parts: Parts,
+    flow: Flow,
+    memory: Memory,
+    scale: Vector,
+    longest_s: float,
+) -> float:
+    if not (
+        _is_endless(parts.linkage)
+        and _is_at_rest(parts.housing)
+        and _is_fixed(parts.wearer)
+        and _is_ideal(parts.winding)
+        and _has_recurrence(parts.friction)
+    ):
+        return 0.0
+    series = memory.series
+    expand(parts, flow, memory.y, series)
+    h_s = min(longest_s, _accurate_s(series, scale))
+    if flow.phase in (FLIGHT, CONTACT):
+        h_s = _seen_s(parts.friction, series[state_size(parts) + POWER], h_s)
+    if not _is_torque_constant(parts.drive, flow, series, h_s):
+        return 0.0
+    return h_s
+
+
+@by_part
+def _has_recurrence(friction: Friction) -> bool:
+    return False
+
+
+@law(_has_recurrence, NoFriction, Viscous, Coulomb)
+def _(friction: NoFriction | Viscous | Coulomb) -> bool:
+    return True
+
+
+@law(_has_recurrence, Stribeck)
+def _(friction: Stribeck) -> bool:
+    return friction.delta in (1.0, 2.0)
+
+
+@subroutine
+def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
+    """Taylor coefficients of the motion from the state `y` on, into `series`, shape (state + BESIDE,
+    ORDER + 1)."""
+    n, work, striker = state_size(parts), work_place(parts), parts.striker
+    depth, velocity, loss = series[DEPTH], series[VELOCITY], series[work + 1]
+    sine, spring, drag = series[n + SINE], series[n + SPRING], series[n + DRAG]
+    crank = crank_in_stage(parts.drive, flow, 0.0, y)
+    torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, crank.speed_rad_s)
+    reach_m = striker.rest_length_m - origin_m(parts.stop, striker)
+    normal_n = striker.mass_kg * striker.gravity_m_s2
+    inertia_n = striker.mass_kg * housing_m_s2(parts.housing, flow.time_s)
+    slides = flow.phase in (FLIGHT, CONTACT)
+    is_pressed = in_touch(flow.phase, y[DEPTH])
+    for i in range(n):
+        series[i, 0] = y[i]
+        for k in range(1, ORDER + 1):
+            series[i, k] = 0.0
+    sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
+    for k in range(ORDER):
+        per = 1.0 / (k + 1)
+        stretch_m = parts.drive.amplitude_m * sine[k] - depth[k] + _at_start(reach_m, k)
+        spring[k] = spring_force_n(striker, stretch_m)
+        lost_w = _turn(parts.drive, flow, torque_n_m, k, per, n, work, series)
+        push_n = 0.0
+        if is_pressed:
+            push_n = _press(parts.stop, k, per, work, series)
+        if slides:
+            drag[k] = _drag(parts.friction, normal_n, flow.direction, k, n, series)
+            for j in range(k + 1):
+                lost_w -= drag[j] * velocity[k - j]
+            depth[k + 1] = per * velocity[k]
+            force_n = spring[k] - push_n + drag[k] - _at_start(inertia_n, k)
+            velocity[k + 1] = per * force_n * (1.0 / striker.mass_kg)
+        loss[k + 1] = per * lost_w
+        if not is_level(parts.housing):
+            series[housing_place(parts), k + 1] = -per * inertia_n * velocity[k]
+
+
+@subroutine
+def _at_start(value: float, k: int) -> float:
+    """Coefficient k of a constant."""
+    return value if k == 0 else 0.0
+
+
+@by_part
+def _turn(
+    drive: Drive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
+) -> float:
+    """Coefficients k + 1 of crank and drive's work; return coefficient k of the crank's loss, W."""
+    raise NotImplementedError
+
+
+@law(_turn, IdealDrive)
+def _(
+    drive: IdealDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
+) -> float:
+    sine, cosine, spring = series[n + SINE], series[n + COSINE], series[n + SPRING]
+    turn = per * drive.omega_rad_s
+    load_n = 0.0
+    for j in range(k + 1):
+        load_n += spring[j] * cosine[k - j]
+    sine[k + 1], cosine[k + 1] = turn * cosine[k], -turn * sine[k]
+    series[work, k + 1] = turn * drive.amplitude_m * load_n
+    return 0.0
+
+
+@law(_turn, MotorDrive)
+def _(
+    drive: MotorDrive, flow: Flow, torque_n_m: float, k: int, per: float, n: int, work: int, series: Vector
+) -> float:
+    sine, cosine, spring, speed = series[n + SINE], series[n + COSINE], series[n + SPRING], series[SPEED]
+    load_n = sine_rate = cosine_rate = square = 0.0
+    for j in range(k + 1):
+        load_n += spring[j] * cosine[k - j]
+        sine_rate += speed[j] * cosine[k - j]
+        cosine_rate -= speed[j] * sine[k - j]
+        square += speed[j] * speed[k - j]
+    sine[k + 1], cosine[k + 1] = per * sine_rate, per * cosine_rate
+    if flow.crank_stuck:
+        return 0.0
+    dry_n_m = drive.dry_n_m * flow.crank_direction
+    held_n_m = drive.viscous_n_m_s * speed[k] + drive.amplitude_m * load_n
+    net_n_m = _at_start(torque_n_m - dry_n_m, k) - held_n_m
+    series[ANGLE, k + 1] = per * speed[k]
+    speed[k + 1] = per * net_n_m * (1.0 / drive.inertia_kg_m2)
+    series[work, k + 1] = per * torque_n_m * speed[k]
+    lost_w: float = drive.viscous_n_m_s * square + dry_n_m * speed[k]
+    return lost_w
+
+
+@by_part
+def _press(stop: Stop, k: int, per: float, work: int, series: Vector) -> float:
+    """Coefficients k + 1 of a soft stop's loss and impulse; return coefficient k of its force, N."""
+    return 0.0
+
+
+@law(_press, KelvinVoigt)
+def _(stop: KelvinVoigt, k: int, per: float, work: int, series: Vector) -> float:
+    velocity = series[VELOCITY]
+    square = 0.0
+    for j in range(k + 1):
+        square += velocity[j] * velocity[k - j]
+    push_n: float = stop.stiffness_n_m * series[DEPTH, k] + stop.damping_n_s_m * velocity[k]
+    series[work + 2, k + 1] = per * stop.damping_n_s_m * square
+    series[work + 3, k + 1] = per * push_n
+    return push_n
+
+
+@by_part
+def _drag(friction: Friction, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
+    """Coefficient k of the friction force, N, of a striker sliding in `direction`, ±1."""
+    return 0.0
+
+
+@law(_drag, Viscous)
+def _(friction: Viscous, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
+    force_n: float = -friction.b_n_s_m * series[VELOCITY, k]
+    return force_n
+
+
+@law(_drag, Coulomb)
+def _(friction: Coulomb, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
+    dry_n = friction.mu * normal_n * direction
+    force_n: float = -_at_start(dry_n, k) - friction.b_n_s_m * series[VELOCITY, k]
+    return force_n
+
+
+@law(_drag, Stribeck)
+def _(friction: Stribeck, normal_n: float, direction: float, k: int, n: int, series: Vector) -> float:
+    velocity, power, fall = series[VELOCITY], series[n + POWER], series[n + FALL]
+    per_speed = direction / friction.v_s_m_s
+    power[k] = per_speed * velocity[k]
+    if friction.delta == 2.0:
+        power[k] = 0.0
+        for j in range(k + 1):
+            power[k] += per_speed * velocity[j] * per_speed * velocity[k - j]
+    if k == 0:
+        fall[k] = math.exp(-power[k])
+    else:  # f = e^−p: f' = −p' f
+        fall[k] = 0.0
+        for j in range(1, k + 1):
+            fall[k] -= j * power[j] * fall[k - j]
+        fall[k] /= k
+    weight_n = normal_n * direction
+    falling_n: float = (friction.mu_s - friction.mu) * weight_n * fall[k]
+    force_n: float = -_at_start(friction.mu * weight_n, k) - falling_n - friction.b_n_s_m * velocity[k]
+    return force_n
+
+
+@subroutine
+def _accurate_s(series: Vector, scale: Vector) -> float:
+    """The length of a step, s, over which the last two terms are within the tolerances in the mean."""
+    last = before = 0.0
+    for i in range(scale.size):
+        last += (series[i, ORDER] / scale[i]) ** 2
+        before += (series[i, ORDER - 1] / scale[i]) ** 2
+    per_s: float = math.sqrt(last / scale.size) ** (1.0 / ORDER)
+    per_s = max(per_s, math.sqrt(before / scale.size) ** (1.0 / (ORDER - 1)))
+    return 1.0 / max(per_s, LEAST)
+
+
+@by_part
+def _seen_s(friction: Friction, power: Vector, h_s: float) -> float:
+    """The length of a step, at most `h_s`, over which the last terms show how friction changes."""
+    return h_s
+
+
+@law(_seen_s, Stribeck)
+def _(friction: Stribeck, power: Vector, h_s: float) -> float:
+    """While p is large, all terms of e^−p are small; they show a fall of p by as much as ORDER."""
+    most = max(power[0] - UNSEEN, float(ORDER))
+    while largest_change(power, h_s) > most:
+        h_s *= 0.5
+    return h_s
+
+
+@by_part
+def _is_torque_constant(drive: Drive, flow: Flow, series: Vector, h_s: float) -> bool:
+    return True
+
+
+@law(_is_torque_constant, MotorDrive)
+def _(drive: MotorDrive, flow: Flow, series: Vector, h_s: float) -> bool:
+    """Whether the supply does not limit the current at any speed within the step; torque falls with speed."""
+    speed = series[SPEED]
+    change = largest_change(speed, h_s)
+    fastest = motor_torque_n_m(drive, flow.torque_n_m, speed[0] + change)
+    slowest = motor_torque_n_m(drive, flow.torque_n_m, speed[0] - change)
+    return fastest == slowest
+
+
+@subroutine
+def largest_change(c: Vector, h_s: float) -> float:
+    """A bound of a series' change within a step: Σ |c_k| hᵏ from k = 1 on."""
+    total = 0.0
+    for k in range(ORDER, 0, -1):
+        total = (total + abs(c[k])) * h_s
+    return total
+
+
+@subroutine
+def state_after(series: Vector, h_s: float, out: Vector) -> None:
+    """The state after `h_s` of a series, into `out`, shape (state,)."""
+    for i in range(out.size):
+        total = series[i, ORDER]
+        for k in range(ORDER - 1, -1, -1):
+            total = total * h_s + series[i, k]
+        out[i] = total
+
+
+@subroutine
+def motion_within(series: Vector, h_s: float, dense: Vector) -> None:
+    """Bernstein coefficients of the motion over a step, into `dense`, shape (motion, ORDER + 1)."""
+    for i in range(dense.shape[0]):
+        from_powers(series[i], h_s, dense[i])

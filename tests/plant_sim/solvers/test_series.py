@@ -1,0 +1,115 @@
+"""The Taylor series of the adaptive solver against the equations of motion and against steps of DOP853."""
+
+from dataclasses import astuple
+from typing import Any
+
+import numpy as np
+import pytest
+from changed_scenes import changed
+
+from plant_sim.kernels import jit
+from plant_sim.scene import load_scene
+from plant_sim.sensors.sensing import NoSensing
+from plant_sim.simulation import initial_state, simulate
+from plant_sim.solvers.adaptive.adaptive import NO_GRID, NO_SAMPLES, run
+from plant_sim.solvers.adaptive.motion import derivative, flow_now
+from plant_sim.solvers.adaptive.series import expand, motion_within, state_after
+from plant_sim.solvers.adaptive.state_layout import Memory, allocate
+from plant_sim.solvers.bernstein import ORDER, at
+
+KELVIN_VOIGT = {"law": "kelvin-voigt", "position_m": 0.18, "restitution": 0.5, "contact_s": 0.01}
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "viscous": ("table1-viscous", {}),
+    "coulomb": ("table1-coulomb", {"stop": KELVIN_VOIGT}),
+    "stribeck": ("table1-stribeck", {}),
+    "stribeck-linear": ("table1-stribeck", {"friction.delta": 1.0}),
+    "tilted": ("table1-viscous", {"housing": {"tilt_rad": 0.1}}),
+    "motor": ("table1-motor-soft", {"stop": KELVIN_VOIGT}),
+}
+H_S = 1e-2
+
+
+@jit
+def _expanded(parts, memory, torque_n_m, h_s):
+    flow = flow_now(parts, memory, torque_n_m, 0.0)
+    expand(parts, flow, memory.y, memory.series)
+    state_after(memory.series, h_s, memory.new)
+    motion_within(memory.series, h_s, memory.long_dense)
+
+
+@jit
+def _slopes(parts, memory, torque_n_m, y, out):
+    derivative(parts, flow_now(parts, memory, torque_n_m, 0.0), 0.0, y, out)
+
+
+@jit
+def _at(b, s):
+    return at(b, s)
+
+
+def expanded(name: str, torque_n_m: float = 0.02) -> tuple[Any, Memory]:
+    """A module after a third of a second, and the series of its motion from there on."""
+    base, changes = SCENES[name]
+    scene = load_scene(changed(base, {"sensors": None, **changes}))
+    parts = scene.parts()
+    memory = allocate(parts, initial_state(scene), 1e-10, 100)
+    run(parts, NoSensing(), memory, torque_n_m, 0.0, 0.3, NO_GRID, NO_SAMPLES)
+    _expanded(parts, memory, torque_n_m, H_S)
+    return parts, memory
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_series_obeys_the_equations_of_motion(name: str) -> None:
+    """Its slope at both ends of a step is the derivative of all quantities there."""
+    parts, memory = expanded(name)
+    size = memory.y.size
+    series = memory.series[:size]
+    slopes = np.zeros(size)
+    _slopes(parts, memory, 0.02, memory.y, slopes)
+    assert series[:, 1] == pytest.approx(slopes, rel=1e-12, abs=1e-13)
+    if parts.drive.phase_rad == 0.0 and hasattr(parts.drive, "omega_rad_s"):
+        memory.held[0].crank_rad += parts.drive.omega_rad_s * H_S
+    _slopes(parts, memory, 0.02, memory.new, slopes)
+    at_end = (series[:, 1:] * np.arange(1, ORDER + 1) * H_S ** np.arange(ORDER)).sum(axis=1)
+    assert at_end == pytest.approx(slopes, rel=1e-9, abs=1e-11)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_motion_within_a_step_is_the_series(name: str) -> None:
+    _, memory = expanded(name)
+    for place, b in enumerate(memory.long_dense):
+        for s in (0.0, 0.3, 1.0):
+            exact = (memory.series[place] * (s * H_S) ** np.arange(ORDER + 1)).sum()
+            assert _at(b, s) == pytest.approx(exact, rel=1e-13, abs=1e-15)
+
+
+def by_dop853(base: str, changes: dict[str, Any]) -> dict[str, Any]:
+    """The scene with a shock of the housing long after the run, for which there is no series."""
+    shock = {"peak_m_s2": 1.0, "start_s": 1e6, "duration_s": 0.1}
+    return changed(base, {"sensors": None, "housing": {"shock": shock}, **changes})
+
+
+@pytest.mark.parametrize(
+    ("base", "changes", "torque_n_m"),
+    [
+        ("table1-viscous", {"solver": {"method": "adaptive", "accuracy": 1e-11}}, 0.0),
+        ("table1-coulomb", {"solver": {"method": "adaptive", "accuracy": 1e-11}}, 0.0),
+        # The friction rises within a fiftieth of the striker's speed, where no term of e^−p showed it before.
+        ("table1-stribeck", {"friction.v_s_m_s": 0.01, "solver.accuracy": 1e-11}, 0.0),
+        ("table1-stribeck", {"friction.delta": 1.0, "solver.accuracy": 1e-11}, 0.0),
+        ("table1-motor-soft", {"stop": KELVIN_VOIGT, "solver.accuracy": 1e-11}, 0.02),
+        # The supply limits the torque from some 20 rad/s on, and then holds the speed.
+        ("table1-motor-soft", {"stop": KELVIN_VOIGT, "motor.supply_v": 2.0, "solver.accuracy": 1e-11}, 0.05),
+        # At its dry loss the crank halts and breaks away again.
+        ("table1-motor-soft", {"stop": KELVIN_VOIGT, "motor.dry_n_m": 0.019, "solver.accuracy": 1e-11}, 0.02),
+    ],
+)
+def test_a_run_by_series_ends_as_one_by_dop853(base: str, changes: dict[str, Any], torque_n_m: float) -> None:
+    series = simulate(load_scene(changed(base, {"sensors": None, **changes})), 4.0, torque_n_m)
+    stages = simulate(load_scene(by_dop853(base, changes)), 4.0, torque_n_m)
+    assert len(series.impacts.t_s) == len(stages.impacts.t_s)
+    assert series.final.x_m == pytest.approx(stages.final.x_m, abs=2e-9)
+    assert series.final.v_m_s == pytest.approx(stages.final.v_m_s, abs=2e-8)
+    assert series.final.crank_rad == pytest.approx(stages.final.crank_rad, abs=1e-7)
+    for ledger, wanted in zip(astuple(series.energy), astuple(stages.energy), strict=True):
+        assert ledger == pytest.approx(wanted, abs=1e-8)
