@@ -14,6 +14,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input install --quiet --quiet
 content = $(shell cat $(1) | cksum | cut -d ' ' -f 1)
+# A lock names all packages, so pip resolves nothing: an old pip takes the newest release of a package with extras,
+# which has no hash here, and refuses it. `pip check` then says whether a lock lacks something.
+FROM_LOCK := --no-deps --require-hashes -r
+COMPLETE = missing=$$($(BIN)/python -m pip check) || { echo "$$missing" >&2; exit 1; }
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-emit-index-url
 INSTALLED := $(VENV)/.installed-$(call content,requirements.lock pyproject.toml)
 INSTALLED_DEV := $(VENV)/.installed-dev-$(call content,requirements-dev.lock pyproject.toml)
@@ -70,13 +74,15 @@ $(BIN)/python:
 
 $(INSTALLED): | $(BIN)/python
 	@echo "setup: the packages of requirements.lock, checked against its hashes (1.3 GB on disk; some minutes)"
-	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) $(FROM_LOCK) requirements.lock
 	@$(PIP) --no-deps --no-build-isolation -e .
+	@$(COMPLETE)
 	@rm -f $(VENV)/.installed-[0-9]* && touch $@
 
 $(INSTALLED_DEV): | $(INSTALLED)
 	@echo "setup: what tests and checks need, from requirements-dev.lock"
-	@$(PIP) --require-hashes -r requirements-dev.lock
+	@$(PIP) $(FROM_LOCK) requirements-dev.lock
+	@$(COMPLETE)
 	@rm -f $(VENV)/.installed-dev-* && touch $@
 
 $(WARM): | $(INSTALLED)

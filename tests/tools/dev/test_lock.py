@@ -1,0 +1,56 @@
+"""The lock alone decides what is installed, whatever has been released since it was made."""
+
+import hashlib
+import shlex
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+
+
+def wheel(folder: Path, name: str, version: str, requirement: str = "") -> str:
+    """Writes a wheel without code; returns its line of a lock."""
+    path = folder / f"{name}-{version}-py3-none-any.whl"
+    about = f"{name}-{version}.dist-info"
+    requires = f"Requires-Dist: {requirement}\n" if requirement else ""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(
+            f"{about}/METADATA",
+            f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\nProvides-Extra: toml\n{requires}",
+        )
+        archive.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        archive.writestr(f"{about}/RECORD", "")
+    return f"{name}=={version} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
+
+
+def test_a_newer_release_of_a_package_with_extras_does_not_break_the_set_up(tmp_path):
+    """pip 23 refuses `measured[toml]` from the lock as soon as a release newer than the locked one exists."""
+    lock = tmp_path / "requirements.lock"
+    lock.write_text(
+        wheel(tmp_path, "measured", "1.0") + wheel(tmp_path, "wants", "1.0", "measured[toml]>=1.0")
+    )
+    wheel(tmp_path, "measured", "1.1")
+    shown = subprocess.run(
+        [
+            "make",
+            "--eval",
+            "shown: ; @echo '$(PIP) $(FROM_LOCK)'",
+            "shown",
+            f"BIN={Path(sys.executable).parent}",
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    command = [*shlex.split(shown), str(lock), "--no-index", "--find-links", str(tmp_path)]
+    answer = subprocess.run(
+        [*command, "--target", str(tmp_path / "installed")], capture_output=True, text=True, check=False
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert {path.name for path in (tmp_path / "installed").glob("*.dist-info")} == {
+        "measured-1.0.dist-info",
+        "wants-1.0.dist-info",
+    }
