@@ -10,6 +10,7 @@ firmware's core is decorated.
 """
 
 import ast
+import gc
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -144,6 +145,7 @@ def _in_child(name: str, code: ast.Module, tests: Sequence[str]) -> int:
         if loaded.split(".")[0] == name.split(".", maxsplit=1)[0]:
             del sys.modules[loaded]
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+    gc.freeze()  # pytest collects garbage at its end, which would copy all memory that the parent holds
     return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
 
 
