@@ -36,6 +36,16 @@ class EndingSignals:
 
 
 @contextmanager
+def delayed_signals() -> Iterator[None]:
+    """Deliver the signals at the end of a block of imports: an exception within an import may be lost."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def ending_signals() -> Iterator[EndingSignals]:
     """Handle the signals that request an end; a signal that was ignored stays ignored, as under nohup."""
     signals = EndingSignals()

@@ -157,8 +157,8 @@ def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> No
     def defective() -> None:
         raise RuntimeError("broken")
 
-    monkeypatch.setattr(cli, "program", defective)
-    monkeypatch.setattr(cli, "bad_input_types", defective)
+    monkeypatch.setattr("tools.program.program", defective)
+    monkeypatch.setattr("tools.error_report.bad_input_types", defective)
     assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
     assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
 
