@@ -27,7 +27,10 @@ class EndingSignals:
         self.came: list[str] = []
 
     def handle(self, number: int, _: FrameType | None) -> None:
-        """Raise `Interrupted` at the first signal; record the later ones."""
+        """Raise `Interrupted` at the first signal, if need be after a delay; record the later ones."""
+        if DELAYS:
+            DELAYS[-1].append((self, signal.Signals(number)))
+            return
         reason = interruption(signal.Signals(number))
         if self.raises:
             self.raises = False
@@ -35,14 +38,26 @@ class EndingSignals:
         self.came.append(reason)
 
 
+DELAYS: list[list[tuple[EndingSignals, signal.Signals]]] = []
+"""The signals that came within each nested block of `delayed_signals`."""
+
+
 @contextmanager
 def delayed_signals() -> Iterator[None]:
-    """Deliver the signals at the end of a block of imports: an exception within an import may be lost."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+    """Raise `Interrupted` only at the end of a block that no exception may interrupt.
+
+    Within an import the exception may be lost. Where compiled code makes records of its results, numba does
+    not check for it, and the process would end with a segmentation fault.
+    """
+    delayed: list[tuple[EndingSignals, signal.Signals]] = []
+    DELAYS.append(delayed)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        DELAYS.pop()
+        if delayed:
+            signals, number = delayed[0]
+            signals.handle(number, None)
 
 
 @contextmanager
