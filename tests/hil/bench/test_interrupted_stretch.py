@@ -43,6 +43,5 @@ def test_a_signal_during_compiled_ticks_is_an_interruption(number: signal.Signal
     name = "Ctrl-C" if number == signal.SIGINT else "SIGTERM"
     assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
     assert f"interrupted by {name}" in ended.stdout
-    assert json.loads((tmp_path / "run" / "verdict.json").read_text())["reasons"] == [
-        f"interrupted by {name}"
-    ]
+    verdict = json.loads((tmp_path / "run" / "verdict.json").read_text())
+    assert verdict["reasons"][0] == f"interrupted by {name}"
