@@ -24,6 +24,7 @@ def run(arguments: list[str]) -> int:
                 from tools.output import EXIT_PASSED
 
                 error_report.note_small_address_space()
+                program.refuse_removed_folder()
                 program.refuse_other_bytes(arguments)
                 command = program.program()
             return command(arguments, standalone_mode=False) or EXIT_PASSED

@@ -53,13 +53,15 @@ def bad_input_types() -> tuple[type[Exception], ...]:
 
 def is_bad_input(error: Exception) -> bool:
     """Whether the input or the machine caused an error, and not a defect."""
-    from plant_sim.kernels import KernelCacheError
-
-    if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
+    if isinstance(error, BadInputError):
         return True
     try:
+        from plant_sim.kernels import KernelCacheError
+
+        if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
+            return True
         return isinstance(error, bad_input_types())
-    except Exception:  # a defect in a module of the other types
+    except Exception:  # a defect in a module of these types
         return False
 
 

@@ -1,6 +1,7 @@
 """The program `vibrohil`: its commands, in the groups of the help page."""
 
 import functools
+import os
 from importlib import import_module
 from typing import Annotated
 
@@ -79,6 +80,14 @@ def program() -> typer.Typer:
         for module in modules:
             register(app, module, group)
     return app
+
+
+def refuse_removed_folder() -> None:
+    """Raise BadInputError if the current folder was removed: modules and paths are looked up in it."""
+    try:
+        os.getcwd()
+    except FileNotFoundError as error:
+        raise BadInputError("the current folder was removed; change to another folder") from error
 
 
 def refuse_other_bytes(arguments: list[str]) -> None:
