@@ -42,7 +42,7 @@ class Bench:
         *,
         set: "Settings" = (),
         parameters: Sequence[str | Path] = (),
-        seed: int = 1,
+        seed: int | None = None,
     ) -> "Run":
         """Run one scenario, by its name or its file, and return it judged; see `hil.run`."""
         import hil

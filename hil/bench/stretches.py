@@ -50,6 +50,7 @@ from hil.scenario.fault_tables import (
 from hil.scenario.operator import OPERATOR_PERIOD_S
 from hil.scenario.scenario import Scenario
 from hil.timing.clock import NS_PER_S
+from hil.timing.signals import delayed_signals
 from plant_sim.arrays import zeros_of
 from plant_sim.kernels import entry_point
 from plant_sim.result import Impact
@@ -203,7 +204,8 @@ class Stretches:
             NO_SAMPLES,
         )
         self._run = self._run or entry_point(run, *arguments)
-        loop, status = self._run(*arguments)
+        with delayed_signals():
+            loop, status = self._run(*arguments)
         if status == FIRMWARE_FAILED:
             raise FirmwareFailedError(
                 f"a division by zero or a domain error in the compiled firmware's tick {loop.tick}"

@@ -14,11 +14,14 @@ GIT_TIMEOUT_S = 5.0
 
 
 def git(*arguments: str) -> str | None:
-    """Git's output in the folder of this code; None without a checkout or without git."""
+    """Git's output in the folder of this code; None without a checkout or without git.
+
+    It takes no lock: git is killed when a run is interrupted, and the lock would remain.
+    """
     here = Path(__file__).parent
     try:
         done = subprocess.run(
-            ["git", "-C", str(here), *arguments],
+            ["git", "--no-optional-locks", "-C", str(here), *arguments],
             capture_output=True,
             text=True,
             timeout=GIT_TIMEOUT_S,

@@ -27,12 +27,37 @@ class EndingSignals:
         self.came: list[str] = []
 
     def handle(self, number: int, _: FrameType | None) -> None:
-        """Raise `Interrupted` at the first signal; record the later ones."""
+        """Raise `Interrupted` at the first signal, if need be after a delay; record the later ones."""
+        if DELAYS:
+            DELAYS[-1].append((self, signal.Signals(number)))
+            return
         reason = interruption(signal.Signals(number))
         if self.raises:
             self.raises = False
             raise Interrupted(reason)
         self.came.append(reason)
+
+
+DELAYS: list[list[tuple[EndingSignals, signal.Signals]]] = []
+"""The signals that came within each nested block of `delayed_signals`."""
+
+
+@contextmanager
+def delayed_signals() -> Iterator[None]:
+    """Raise `Interrupted` only at the end of a block that no exception may interrupt.
+
+    Within an import the exception may be lost. Where compiled code makes records of its results, numba does
+    not check for it, and the process would end with a segmentation fault.
+    """
+    delayed: list[tuple[EndingSignals, signal.Signals]] = []
+    DELAYS.append(delayed)
+    try:
+        yield
+    finally:
+        DELAYS.pop()
+        if delayed:
+            signals, number = delayed[0]
+            signals.handle(number, None)
 
 
 @contextmanager

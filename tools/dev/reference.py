@@ -31,7 +31,7 @@ from hil.scenario.scenario import (
 from plant_sim.scene import Scene
 from plant_sim.tables.quantities import QUANTITIES
 from plant_sim.tables.table import tables_in
-from tools.cli import program
+from tools.program import program
 
 PLACE = Path("docs/reference")
 MADE = "<!-- made by `python -m tools.dev.reference`; change the code it is made from -->"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.judge.figures.records import CATALOGUE, value_of
-from hil.record.run_folder import discard, is_own
+from hil.record.run_folder import RUNS, discard, is_own
 from tools.output import BadInputError
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -57,7 +57,12 @@ class ListedRun:
 
 
 def listed(runs: Path) -> list[ListedRun]:
-    """Every run in the folder `runs` and its subfolders, including suites, the newest first."""
+    """Every run in the folder `runs` and its subfolders, including suites, the newest first.
+
+    Raises BadInputError for a place that is no folder; only the default one may be missing, before any run.
+    """
+    if not runs.is_dir() and runs != RUNS:
+        raise BadInputError(f"{runs} is no folder; name one that holds runs")
     found = []
     for document in runs.glob("**/run.json"):
         folder = document.parent
@@ -68,6 +73,14 @@ def listed(runs: Path) -> list[ListedRun]:
             verdict = None
         found.append(ListedRun(folder, document.stat().st_mtime, verdict))
     return sorted(found, key=lambda run: run.begun_s, reverse=True)
+
+
+def refuse_other_figures(option: str, text: str, name: str) -> None:
+    """Raise BadInputError unless `name` is `passed` or the name of a figure."""
+    if name not in CATALOGUE and name != "passed":
+        raise BadInputError(
+            f"{option} {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed`"
+        )
 
 
 def condition(text: str) -> Callable[[ListedRun], bool]:
@@ -81,10 +94,7 @@ def condition(text: str) -> Callable[[ListedRun], bool]:
             f"--where {text!r} is no condition; write FIGURE<VALUE, with one of < <= > >= = !="
         )
     name, sign, wanted_text = match.groups()
-    if name not in CATALOGUE and name != "passed":
-        raise BadInputError(
-            f"--where {text!r}: no figure {name!r}; docs/reference/figures.md lists them, beside `passed`"
-        )
+    refuse_other_figures("--where", text, name)
     try:
         wanted: Any = json.loads(wanted_text)
     except ValueError:

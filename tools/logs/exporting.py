@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -59,10 +60,10 @@ def frames_of(run: Run, name: str, units: Mapping[str, str]) -> DecodedFrames:
 
 
 def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
-    """Write one MDF file."""
+    """Write one MDF file; asammdf would write any other name than `….mf4` with that ending instead."""
     from asammdf import MDF, Signal
 
-    with MDF(version="4.10") as file:
+    with TemporaryDirectory(dir=path.parent, prefix=".vibrohil-") as folder, MDF(version="4.10") as file:
         for number, one in enumerate(frames):
             if number == 0:
                 file.start_time = datetime.fromtimestamp(one.wall_ns[0] * 1e-9 - one.t_s[0], UTC)
@@ -71,7 +72,8 @@ def as_mf4(frames: Iterable[DecodedFrames], path: Path) -> None:
                 for name, values in one.signals.items()
             ]
             file.append(signals, acq_name=one.name, comment=f"frame {one.name} of vibro.dbc")
-        file.save(path, overwrite=True)
+        written = file.save(Path(folder) / "frames.mf4")
+        written.rename(path)
 
 
 def as_mcap(frames: Iterable[DecodedFrames], path: Path) -> None:

@@ -83,7 +83,8 @@ def import_log(
 ) -> dict[str, Any]:
     """Make a run folder from a log; return the folder's path and the contents of the log."""
     if not path.is_file():
-        raise BadInputError(f"{path} is not there; wanted {FORMATS}")
+        state = "no file" if path.exists() else "not there"
+        raise BadInputError(f"{path} is {state}; wanted {FORMATS}")
     census = Census()
     frames: list[tuple[float, Frame]] = []
     log = read_log(path, tolerant)

@@ -68,9 +68,39 @@ def test_what_cannot_run_raises_a_sentence():
         _ = hil.walk
 
 
+@pytest.mark.parametrize(
+    ("argument", "wanted"),
+    [
+        ({"clock": "lock-step"}, "clock = 'lock-step': wanted real, patient or lockstep"),
+        ({"firmware": "c"}, "firmware = 'c': wanted python, compiled, host-single, cortex-m7 or cortex-m4f"),
+        ({"seed": -1}, "seed = -1: wanted a whole number of at least 0"),
+        ({"seed": 1.5}, "seed = 1.5: wanted a whole number of at least 0"),
+        ({"seed": "a"}, "seed = 'a': wanted a whole number of at least 0"),
+        ({"seed": float("nan")}, "seed = nan: wanted a whole number of at least 0"),
+    ],
+)
+def test_an_unusable_argument_is_named_before_a_folder_is_made(scenario, tmp_path, argument, wanted):
+    with pytest.raises(ScenarioError) as refused:
+        hil.run(scenario, out=tmp_path / "run", **argument)
+    assert str(refused.value) == wanted
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_has_by_default_the_seed_of_its_scenario(tmp_path):
+    """A trial that a campaign keeps is repeated by its seed."""
+    (tmp_path / "seeded.toml").write_text(f"seed = 7\n{SCENARIO}")
+    seeds = [
+        read_json(hil.run(tmp_path / "seeded.toml", out=tmp_path / name, **given).folder / "run.json")["seed"]
+        for name, given in (("own", {}), ("other", {"seed": np.int64(8)}))
+    ]
+    assert seeds == [7, 8]
+
+
 TESTS = """
 def test_that_passes(bench):
-    assert bench.run("still.toml").passed
+    run = bench.run("still.toml")
+    assert run.passed
+    assert run.verdict["provenance"]["seed"] == 7
 
 
 def test_that_fails(bench):
@@ -80,7 +110,7 @@ def test_that_fails(bench):
 
 
 def test_the_plug_in_keeps_and_names_the_runs_of_a_failed_test(pytester):
-    (pytester.path / "still.toml").write_text(SCENARIO)
+    (pytester.path / "still.toml").write_text(f"seed = 7\n{SCENARIO}")
     pytester.makepyfile(TESTS)
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)

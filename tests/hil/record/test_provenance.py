@@ -1,6 +1,7 @@
 """A run says where it comes from: the commit, what was edited since, what was changed over its scenario."""
 
 import json
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -49,6 +50,19 @@ def test_report_and_junit_say_so_too(run):
 def test_outside_of_a_checkout_there_is_no_commit(monkeypatch):
     monkeypatch.setattr(provenance, "git", lambda *_: None)
     assert provenance.commit.__wrapped__() == {"commit": None, "edited": None}
+
+
+def test_asking_for_edits_takes_no_lock_of_the_repository(monkeypatch, tmp_path):
+    """An interrupted run would kill git and leave the lock there, and nobody could commit any more."""
+    (tmp_path / "code.py").write_text("one = 1\n")
+    for command in (["init", "-q"], ["add", "code.py"]):
+        subprocess.run(["git", "-C", tmp_path, *command], check=True)
+    index = tmp_path / ".git" / "index"
+    os.utime(tmp_path / "code.py", (0, 0))  # a status would now refresh the index, if it took its lock
+    before = index.read_bytes()
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "code.py"))
+    assert provenance.git("status", "--porcelain") == "A  code.py"
+    assert index.read_bytes() == before
 
 
 def test_an_edit_of_any_file_changes_the_digest_of_the_sources(monkeypatch, tmp_path):

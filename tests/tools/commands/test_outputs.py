@@ -157,8 +157,27 @@ def test_a_defect_that_breaks_imports_is_one_line_too(monkeypatch, capsys) -> No
     def defective() -> None:
         raise RuntimeError("broken")
 
-    monkeypatch.setattr(cli, "program", defective)
-    monkeypatch.setattr(cli, "bad_input_types", defective)
+    monkeypatch.setattr("tools.program.program", defective)
+    monkeypatch.setattr("tools.error_report.bad_input_types", defective)
+    assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
+    assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_a_current_folder_that_was_removed_is_refused(tmp_path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = f"import os; from tools.cli import run; os.rmdir({str(gone)!r}); os._exit(run(['list', '--json']))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=gone, capture_output=True, text=True, check=False)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert "the current folder was removed" in json.loads(done.stdout)["error"]
+
+
+def test_an_error_that_breaks_the_import_of_the_kernels_is_one_line_too(monkeypatch, capsys) -> None:
+    def defective() -> None:
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr("tools.program.program", defective)
+    monkeypatch.setitem(sys.modules, "plant_sim.kernels", None)
     assert cli.run(["list", "--json"]) == EXIT_INTERNAL_ERROR
     assert "RuntimeError: broken" in json.loads(capsys.readouterr().out)["error"]
 

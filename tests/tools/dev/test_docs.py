@@ -16,6 +16,7 @@ from tools import cli
 from tools.dev import reference
 from tools.examples import EXAMPLES
 from tools.output import EXIT_CHECK_FAILED, EXIT_PASSED
+from tools.program import program
 
 DOCS = Path(__file__).parents[3] / "docs"
 BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -105,12 +106,12 @@ EXAMPLES_SHOWN = [shlex.split(example)[1:] for example in EXAMPLES.values()]
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_every_command_and_option_that_is_shown_is_there(place, shown):
-    program = typer.main.get_command(cli.program())
+    commands = typer.main.get_command(program()).commands
     for name, *words in shown:
         if name.startswith("--"):
             continue
-        assert name in program.commands, f"{place}: vibrohil {name}"
-        command = program.commands[name]
+        assert name in commands, f"{place}: vibrohil {name}"
+        command = commands[name]
         if hasattr(command, "commands") and words and words[0] != "--help":
             named = words[0] if words[0] in command.commands else getattr(command, "unnamed", words[0])
             assert named in command.commands, f"{place}: vibrohil {name} {words[0]}"
@@ -124,10 +125,10 @@ def test_every_command_and_option_that_is_shown_is_there(place, shown):
 
 
 def test_every_command_is_in_the_readme():
-    program = typer.main.get_command(cli.program())
+    commands = typer.main.get_command(program()).commands
     named = {name for name, *_ in shown_on(README)}
     # The plant stands beside the firmware.
-    assert named | {"plant"} == set(program.commands)
+    assert named | {"plant"} == set(commands)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -105,3 +105,14 @@ def test_the_format_is_by_default_the_ending_of_the_place(run_dir, tmp_path, nam
         assert cli.run(["export", str(run_dir), "--out", str(tmp_path / name), "--json"]) == EXIT_PASSED
     assert json.loads(printed.getvalue())["to"] == kind
     assert (tmp_path / name).is_dir() == (kind == "csv")
+
+
+@pytest.mark.parametrize("name", ["run", "run.of.today", "run.MF4"])
+def test_mf4_is_written_to_the_named_file_and_to_no_other(run_dir, tmp_path, name):
+    asammdf = pytest.importorskip("asammdf", reason="asammdf reads .mf4; it is in requirements-dev.lock")
+    (tmp_path / "run.mf4").write_text("mine")
+    exported(run_dir, "mf4", tmp_path / name)
+    assert (tmp_path / "run.mf4").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {name, "run.mf4"}
+    with asammdf.MDF(io.BytesIO((tmp_path / name).read_bytes())) as file:
+        assert f"{FRAME}.{SIGNAL}" in file.channels_db

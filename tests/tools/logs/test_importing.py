@@ -144,6 +144,7 @@ def test_times_of_a_wall_clock_stay_on_the_wall_time(tmp_path):
     ("name", "content", "message"),
     [
         ("nothing.log", None, "is not there"),
+        (".", None, "is no file"),
         ("notes.txt", "hello", ".blf"),
         ("broken.blf", "hello", ".blf"),
         ("broken.log", "hello", ".log"),

@@ -141,3 +141,21 @@ def test_verdicts_of_checks_are_whole_in_a_narrow_terminal(monkeypatch, capsys):
     show_checks({"checks": [check | {"passed": False}], "reasons": [], "passed": False, "out": "x"})
     said = capsys.readouterr().out
     assert all(whole in said for whole in ("247.1 N", "200 … 260", "failed"))
+
+
+def test_a_figure_to_show_that_no_run_has_is_refused(folder, capsys):
+    assert cli.run(["runs", str(folder), "--show", "speeed.error"]) == EXIT_BAD_INPUT
+    assert "--show 'speeed.error': no figure" in capsys.readouterr().err
+    assert cli.run(["runs", str(folder), "--show", "speed.error", "--show", "passed"]) == EXIT_PASSED
+
+
+@pytest.mark.parametrize("name", ["nowhere", "good/run.json"])
+def test_a_place_that_is_no_folder_is_refused(folder, name, capsys):
+    assert cli.run(["runs", str(folder / name), "--json"]) == EXIT_BAD_INPUT
+    assert "is no folder" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_without_any_run_so_far_none_is_listed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["runs", "--json"]) == EXIT_NOTHING_RAN
+    assert json.loads(capsys.readouterr().out) == {"runs": []}

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
-from tools.cli import program
 from tools.output import BadInputError
+from tools.program import program
 from tools.study.feasibility import feasibility
 from tools.study.feasibility import page as feasibility_page
 from tools.study.feasibility.feasibility import (

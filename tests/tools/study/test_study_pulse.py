@@ -13,8 +13,8 @@ from hil.scenario.scenario import read_scenario
 from plant_sim.parts.walking import Walking
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene, read_scene
-from tools.cli import program
 from tools.output import BadInputError
+from tools.program import program
 from tools.study.feasibility.feasibility import STEP_S, Driven
 from tools.study.pulse import gate
 from tools.study.pulse.gate import WINDOW_MIDDLE, Gate, GateState, Stage

@@ -50,8 +50,10 @@ def runs(
     as_json: Json = False,
 ) -> None:
     """List the runs with their verdicts and key figures."""
-    from tools.logs.catalogue import age_s, chosen, listed, prune
+    from tools.logs.catalogue import age_s, chosen, listed, prune, refuse_other_figures
 
+    for name in show or []:
+        refuse_other_figures("--show", name, name)
     found = chosen(listed(folder), where or [])
     if older is not None:
         removed = prune(found, age_s(older))

@@ -1,0 +1,166 @@
+"""Reports of errors: a sentence about bad input; a line about a defect, and a file with its traceback."""
+
+import errno
+import os
+import resource
+import sys
+import tempfile
+import traceback
+
+import typer
+from typer.exceptions import TyperException
+
+from tools.output import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERNAL_ERROR,
+    EXIT_INTERRUPTED,
+    BadInputError,
+    print_json,
+    progress_console,
+)
+
+LONGEST_MESSAGE = 4000
+"""Length of the longest error message about an input, in characters."""
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+"""Errors of the machine that are not defects of the program."""
+GIB = 2**30
+ADDRESS_SPACE_GIB = 3
+"""Address space that the largest process of a run maps; most of it is never used."""
+
+
+def bad_input_types() -> tuple[type[Exception], ...]:
+    """The types of errors caused by the input; imported only after an error."""
+    from firmware_py.shell.parameters import ParameterError
+    from hil.bench.recorded_run import RunError
+    from hil.bench.workers import WorkerDiedError
+    from hil.bus import BusError
+    from hil.bus.uml import UmlError
+    from hil.record.damage import DamagedFileError
+    from hil.record.rerun_program import RerunError
+    from hil.record.run_folder import RunFolderError
+    from hil.record.traces.trace import TraceError
+    from hil.timing.processes import ChildRefusalError
+    from plant_sim.text_input import TextInputError
+
+    return (
+        *(BadInputError, TextInputError, ParameterError),
+        *solver_errors(),
+        *board_errors(),
+        *(BusError, TraceError, UmlError, ChildRefusalError, RunError, RunFolderError),
+        *(DamagedFileError, RerunError, WorkerDiedError),
+    )
+
+
+def is_bad_input(error: Exception) -> bool:
+    """Whether the input or the machine caused an error, and not a defect."""
+    if isinstance(error, BadInputError):
+        return True
+    try:
+        from plant_sim.kernels import KernelCacheError
+
+        if isinstance(error, KernelCacheError):  # then the modules of the other types cannot be imported
+            return True
+        return isinstance(error, bad_input_types())
+    except Exception:  # a defect in a module of these types
+        return False
+
+
+def solver_errors() -> tuple[type[Exception], ...]:
+    """The solvers' error types, if a solver has been loaded; loading one would take time."""
+    if "plant_sim.solvers.cost" not in sys.modules:
+        return ()
+    from plant_sim.solvers.cost import SolverError
+    from plant_sim.solvers.exact.exact import UnsupportedSceneError
+
+    return SolverError, UnsupportedSceneError
+
+
+def board_errors() -> tuple[type[Exception], ...]:
+    """The error types of a build for a board, if such a build has been loaded."""
+    if "firmware_py.builds.board" not in sys.modules:
+        return ()
+    from firmware_py.builds.board import BoardError
+
+    return (BoardError,)
+
+
+def unwritable(error: Exception) -> str:
+    """A sentence about a file that the machine does not allow to be written; empty for another error."""
+    if not isinstance(error, OSError) or error.errno not in UNWRITABLE:
+        return ""
+    place = "a file" if error.filename is None else error.filename
+    return f"{place} cannot be written ({error.strerror}); make room or give permission, or write elsewhere"
+
+
+def say_error(label: str, message: str, as_json: bool) -> None:
+    """Print an error on the console and, if requested, in JSON."""
+    progress_console.print(label, style="bold red", end=" ")
+    progress_console.print(message, markup=False, soft_wrap=True)
+    if as_json:
+        print_json({"error": message})
+
+
+def refuse(message: str, as_json: bool) -> int:
+    """Print the error in the input in one sentence and, if requested, in JSON."""
+    if len(message) > LONGEST_MESSAGE:  # the quoted input may have a megabyte
+        half = LONGEST_MESSAGE // 2
+        message = f"{message[:half]} … {message[-half:]}"
+    say_error("error:", message, as_json)
+    return EXIT_BAD_INPUT
+
+
+def report_internal_error(error: Exception, as_json: bool) -> int:
+    """Write the traceback to a file, and print the error and the file's path in one line."""
+    text = "".join(traceback.format_exception(error))
+    try:
+        descriptor, where = tempfile.mkstemp(prefix="vibrohil-", suffix=".traceback")
+        with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(text)
+    except OSError:  # a full or read-only disk: print the traceback on the terminal
+        where = "above"
+        sys.stderr.write(text)
+    summary = " ".join(traceback.format_exception_only(error)[-1].split())
+    message = f"{summary} (a defect of vibrohil; its traceback: {where})"
+    say_error("internal error:", message, as_json)
+    return EXIT_INTERNAL_ERROR
+
+
+def small_address_space() -> str:
+    """A sentence about a limit of the address space that is too small for a run; empty if it suffices."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= ADDRESS_SPACE_GIB * GIB:
+        return ""
+    return (
+        f"this process may map {limit / GIB:.1f} GiB of memory (ulimit -v), and a run maps "
+        f"{ADDRESS_SPACE_GIB} GiB; raise the limit if the run ends for lack of memory"
+    )
+
+
+def note_small_address_space() -> None:
+    """Print a note if the limit of the address space is too small for a run."""
+    if note := small_address_space():
+        progress_console.print(f"note: {note}", markup=False)
+
+
+def report_interruption(reason: str, as_json: bool) -> int:
+    """Print that the program was interrupted, and by which signal."""
+    message = reason or "interrupted"
+    progress_console.print(message)
+    if as_json:
+        print_json({"error": message})
+    return EXIT_INTERRUPTED
+
+
+def report(error: Exception, as_json: bool) -> int:
+    """Print the error that ended the program, and give the exit status."""
+    if isinstance(error, typer.Abort):
+        return report_interruption(str(error), as_json)
+    if isinstance(error, TyperException):
+        message = error.format_message()
+        return refuse(message, as_json) if message else EXIT_BAD_INPUT  # no message: the help was printed
+    if isinstance(error, MemoryError):
+        remedy = small_address_space() or "free some, or run less at once"
+        say_error("error:", f"out of memory; {remedy}", as_json)
+        return EXIT_INTERNAL_ERROR
+    sentence = str(error) if is_bad_input(error) else unwritable(error)
+    return refuse(sentence, as_json) if sentence else report_internal_error(error, as_json)

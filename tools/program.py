@@ -1,0 +1,99 @@
+"""The program `vibrohil`: its commands, in the groups of the help page."""
+
+import functools
+import os
+from importlib import import_module
+from typing import Annotated
+
+import typer
+from typer.models import CommandInfo
+
+from tools.examples import EXAMPLES
+from tools.output import BadInputError
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and the commit of the code, and exit."""
+    if not wanted:
+        return
+    from hil.record.provenance import commit, versions
+
+    origin = commit()
+    edited = ", edited since" if origin["edited"] else ""
+    place = f" ({origin['commit'][:12]}{edited})" if origin["commit"] else ""
+    typer.echo(f"vibrohil {versions()['vibrohil']}{place}")
+    raise typer.Exit
+
+
+COMMANDS = {
+    "Test the firmware": ("testing.run", "testing.suite", "testing.campaign", "testing.fuzz"),
+    "Look at runs": (
+        *("logs.runs", "logs.view", "logs.inspect", "logs.compare"),
+        *("logs.import_log", "logs.export"),
+    ),
+    "Design": ("design.tune", "design.trade", "design.schedule"),
+    "The module alone": ("design.simulate", "design.study"),
+    "One node on a bus": ("nodes.firmware", "nodes.plant", "nodes.operator"),
+    "This machine": ("machine.doctor", "machine.kernel", "machine.list_names"),
+}
+"""The modules of the commands, in the groups of the help page."""
+
+
+def register(app: typer.Typer, module: str, group: str) -> None:
+    """Add one module's command, or its group of sub-commands, to the program."""
+    commands, groups = len(app.registered_commands), len(app.registered_groups)
+    import_module(f"tools.commands.{module}").register(app)
+    for command in app.registered_commands[commands:]:
+        command.rich_help_panel = group
+        show_example(command, "")
+    for sub_commands in app.registered_groups[groups:]:
+        sub_commands.rich_help_panel = group
+        program = sub_commands.typer_instance
+        if program is not None:
+            for command in program.registered_commands:
+                show_example(command, f"{program.info.name} ")
+
+
+def show_example(command: CommandInfo, prefix: str) -> None:
+    """Put the command's example at the end of its help."""
+    name = str(command.name or getattr(command.callback, "__name__", ""))
+    command.epilog = f"Example: {EXAMPLES[prefix + name]}"
+
+
+def vibrohil(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version and the commit.", callback=print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Hardware-in-the-loop bench for a vibro-impact drive."""
+
+
+@functools.cache
+def program() -> typer.Typer:
+    """The program with all its commands; KernelCacheError if the kernels' folder cannot be written."""
+    app = typer.Typer(name="vibrohil", no_args_is_help=True, pretty_exceptions_enable=False)
+    app.callback()(vibrohil)
+    for group, modules in COMMANDS.items():
+        for module in modules:
+            register(app, module, group)
+    return app
+
+
+def refuse_removed_folder() -> None:
+    """Raise BadInputError if the current folder was removed: modules and paths are looked up in it."""
+    try:
+        os.getcwd()
+    except FileNotFoundError as error:
+        raise BadInputError("the current folder was removed; change to another folder") from error
+
+
+def refuse_other_bytes(arguments: list[str]) -> None:
+    """Raise BadInputError for an argument that is not valid UTF-8 (e.g. a path): no log could hold it."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError as error:
+            raise BadInputError(f"{argument!a} is not valid UTF-8; give paths and values that are") from error
