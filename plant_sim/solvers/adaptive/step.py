@@ -34,8 +34,12 @@ from plant_sim.solvers.double_double import two_sum
 LEAST_ERROR = 1e-6
 """Smallest error of a step, in tolerances, that influences the next step; at rest the error may be 0."""
 
-LONGEST_SERIES = 4.0
-"""Longest step of a Taylor series, in longest steps of DOP853."""
+LONGEST_SERIES = 2.0
+"""Longest step of a Taylor series, in longest steps of DOP853: two radians of the fastest motion.
+
+Over longer steps the last two terms may be smaller than the terms cut off, as of a crank that starts from
+rest; the error per forcing period then exceeds the accuracy.
+"""
 
 
 @inlined
