@@ -71,7 +71,6 @@ class GaitInput(NamedTuple):
     """
 
     shank_rate_rad_s: float
-    along_m_s2: float
     heel: bool
     toe: bool
     age_ticks: int

@@ -57,7 +57,6 @@ def inputs_of(received: Received, tick: int, elapsed_ticks: int) -> Inputs:
         ),
         GaitInput(
             leg.shank_rate_rad_s,
-            leg.along_m_s2,
             leg.heel_contact == 1,
             leg.toe_contact == 1,
             age(tick, received.gait_sensors_arrival),

@@ -75,7 +75,7 @@ INITIAL = zeroed(DetectorState, phase=FREE, measurable=True)
 REFERENCE_M_S = 0.9
 """Touch-down speed to which the contact time refers."""
 
-FLYING = Contact(FREE, False, False, 0.0, 0.0, measured=True, settled=True)
+FLYING = Contact(False, False, 0.0, 0.0, measured=True, settled=True)
 SWINGING_OUT = FLYING._replace(settled=False)
 """Result during the refractory time after a contact."""
 
@@ -188,7 +188,7 @@ def _free(
         measurable=predicted.carried and not predicted.sensor.clipped,
         impacts=state.impacts + 1,
     )
-    return touched, Contact(CONTACT, True, False, age_s, speed_m_s, measured=True, settled=False)
+    return touched, Contact(True, False, age_s, speed_m_s, measured=True, settled=False)
 
 
 def _contact(
@@ -217,9 +217,7 @@ def _contact(
             since_touch_down_s=since_touch_down_s,
             measurable=measurable,
         )
-        return held, Contact(
-            CONTACT, False, False, 0.0, state.approach_speed_m_s, measured=measurable, settled=False
-        )
+        return held, Contact(False, False, 0.0, state.approach_speed_m_s, measured=measurable, settled=False)
 
     before_m_s = state.approach_speed_m_s
     # A stop returns at most the kinetic energy of the touch-down.
@@ -241,4 +239,4 @@ def _contact(
         since_touch_down_s=since_touch_down_s,
         measurable=True,
     )
-    return freed, Contact(FREE, False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)
+    return freed, Contact(False, True, SEPARATION_AGE_S, before_m_s, measured=measured, settled=False)

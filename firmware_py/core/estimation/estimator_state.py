@@ -8,7 +8,6 @@ from firmware_py.core.estimation.striker_model import NominalStriker
 from firmware_py.core.measurements import AllMeasured
 from firmware_py.core.records import zeroed
 from firmware_py.interface.arrivals import NEVER_TICKS
-from firmware_py.interface.enums import ContactPhase
 
 INITIAL_POSITION_STD_M = 0.03
 """The striker may rest anywhere in its travel."""
@@ -156,7 +155,6 @@ class Prediction(NamedTuple):
 class Contact(NamedTuple):
     """The detector's result in this tick. `settled`: the model may correct the estimate again."""
 
-    phase: ContactPhase
     touch_down: bool
     separation: bool
     age_s: float

@@ -3,9 +3,9 @@
 A period is one turn of the crank from θ = 0, a quarter turn before its forward dead centre: the impacts of a
 steady motion lie 0° to 91° past that centre, far from the limit between two periods. A period is described by
 its number of impacts, their mean approach speed, the crank angle of the last impact and the peak
-acceleration; the last four periods are kept. A new regime is reported once two successive periods agree on
-it, so that a single outlier does not change the report. Below its slowest speed the crank ends no period:
-there is no regime, and the decision starts anew.
+acceleration; the last four, the one just ended included, decide. A new regime is reported once two
+successive periods agree on it, so that a single outlier does not change the report. Below its slowest speed
+the crank ends no period: there is no regime, and the decision starts anew.
 """
 
 import math
@@ -41,14 +41,13 @@ class Period(NamedTuple):
 
 
 class RegimeState(NamedTuple):
-    """The running period, the last four (newest first), and the decision."""
+    """The running period, the last three (newest first), and the decision."""
 
     angle_rad: float
     running: Period
     last: Period
     second: Period
     third: Period
-    fourth: Period
     periods: int
     candidate: Regime
     agreed: int
@@ -64,7 +63,6 @@ INITIAL = RegimeState(
     last=_EMPTY,
     second=_EMPTY,
     third=_EMPTY,
-    fourth=_EMPTY,
     periods=0,
     candidate=Regime.UNCERTAIN,
     agreed=0,
@@ -158,7 +156,6 @@ def step(
         last=running,
         second=state.last,
         third=state.second,
-        fourth=state.third,
         periods=state.periods + 1,
         candidate=candidate,
         agreed=agreed,

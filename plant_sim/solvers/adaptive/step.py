@@ -27,15 +27,19 @@ from plant_sim.solvers.adaptive.state_layout import (
     state_size,
 )
 from plant_sim.solvers.adaptive.wearer import ankle_s, closing_m_s
-from plant_sim.solvers.adaptive.winding import current_s, voltage_zeros
+from plant_sim.solvers.adaptive.winding import current_s
 from plant_sim.solvers.cost import debt
 from plant_sim.solvers.double_double import two_sum
 
 LEAST_ERROR = 1e-6
 """Smallest error of a step, in tolerances, that influences the next step; at rest the error may be 0."""
 
-LONGEST_SERIES = 4.0
-"""Longest step of a Taylor series, in longest steps of DOP853."""
+LONGEST_SERIES = 2.0
+"""Longest step of a Taylor series, in longest steps of DOP853: two radians of the fastest motion.
+
+Over longer steps the last two terms may be smaller than the terms cut off, as of a crank that starts from
+rest; the error per forcing period then exceeds the accuracy.
+"""
 
 
 @inlined
@@ -65,7 +69,7 @@ def take_step(
         if h < 0.0:
             return h
 
-    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, voltage_zeros(parts.winding, memory))
+    zeros = Zeros(mode.zero_depth, mode.zero_velocity, mode.zero_crank, mode.zero_voltage)
     used: float = h
     event = NONE
     has_sample = mode.samples < grid_s.size and grid_s[mode.samples] < begin_s + h
@@ -88,7 +92,7 @@ def take_step(
     for i in range(state_size(parts)):
         y[i] = new[i]
     turn_crank(parts.drive, memory, used)
-    mode.zero_depth = mode.zero_velocity = mode.zero_crank = 0
+    mode.zero_depth = mode.zero_velocity = mode.zero_crank = mode.zero_voltage = 0
     _pass_time(memory, flow.phase, used, remaining, duration_s)
     if used < remaining:  # what ends a call is as short as the caller asked for
         held.debt = debt(held.debt, attempts, used / longest)

@@ -21,7 +21,7 @@ STANDING = (0.0, True, True)
 def fed(state: CycleState, rate_rad_s: float, heel: bool, toe: bool) -> CycleState:
     """One frame's five ticks."""
     for age in range(TICKS):
-        state = gait.step(CONFIG, state, GaitInput(rate_rad_s, 9.8, heel, toe, age), 1)
+        state = gait.step(CONFIG, state, GaitInput(rate_rad_s, heel, toe, age), 1)
     return state
 
 
@@ -31,10 +31,10 @@ def followed(walked: Walk, state: CycleState = gait.INITIAL) -> list[CycleState]
     for rate, heel, toe in zip(
         walked.rate_rad_s.tolist(), walked.heel.tolist(), walked.toe.tolist(), strict=True
     ):
-        state = gait.step(CONFIG, state, GaitInput(rate, 9.8, heel, toe, 0), 1)
+        state = gait.step(CONFIG, state, GaitInput(rate, heel, toe, 0), 1)
         seen.append(state)
         for age in range(1, TICKS):
-            state = gait.step(CONFIG, state, GaitInput(rate, 9.8, heel, toe, age), 1)
+            state = gait.step(CONFIG, state, GaitInput(rate, heel, toe, age), 1)
     return seen
 
 
@@ -110,10 +110,10 @@ def test_who_stops_is_not_trusted_within_a_third_of_a_second_and_stands_after_a_
 def test_frames_that_stop_coming_end_all_trust() -> None:
     state = followed(walk(np.random.default_rng(1), count=12))[-1]
     for age in range(5, CONFIG.stale_ticks + 1):
-        state = gait.step(CONFIG, state, GaitInput(0.5, 9.8, True, True, age), 1)
+        state = gait.step(CONFIG, state, GaitInput(0.5, True, True, age), 1)
     assert state.confidence > 0.25
     for age in range(CONFIG.stale_ticks + 1, CONFIG.stale_ticks + 3):
-        state = gait.step(CONFIG, state, GaitInput(0.5, 9.8, True, True, age), 1)
+        state = gait.step(CONFIG, state, GaitInput(0.5, True, True, age), 1)
     assert state.confidence == 0.0
 
 
@@ -166,6 +166,6 @@ def test_a_stride_unlike_all_others_begins_anew() -> None:
 def test_time_that_is_never_fed_stays_bounded() -> None:
     state = gait.INITIAL
     for _ in range(100):
-        state = gait.step(CONFIG, state, GaitInput(0.0, 9.8, True, True, NEVER_TICKS), 100_000)
+        state = gait.step(CONFIG, state, GaitInput(0.0, True, True, NEVER_TICKS), 100_000)
     assert state.stride.since_s == state.stride.since_seen_s == gait.LONGEST_S
     assert state.doing == GaitState.STANDING

@@ -23,7 +23,7 @@ HEALTHY = Inputs(
     drive=DriveInput(AxisState.IDLE, 0, 0, 0),
     power=PowerInput(0.0, 24.0, 30.0, 30.0, 0),
     operator=OperatorInput(OperatorRequest.IDLE, 1.3, 0.0, 0),
-    gait=GaitInput(0.0, 9.8, True, True, NEVER_TICKS),
+    gait=GaitInput(0.0, True, True, NEVER_TICKS),
     estop=False,
 )
 

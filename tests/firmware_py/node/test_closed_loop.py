@@ -329,7 +329,6 @@ END_OF = {
     "operator.target_ratio": {Fault.LOAD_IMPLAUSIBLE},  # it stops, and the recorded crank does not follow
     "operator.target_impulse_n_s": None,  # refused, and the ratio held
     "gait.shank_rate_rad_s": None,  # none is fitted
-    "gait.along_m_s2": None,
 }
 """How a run ends in which a field has no number any more; None: it goes on."""
 

@@ -56,7 +56,7 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     spring_n_m = 0.8 * nominal.natural_rad_s**2
     off_m = POSITION_ERROR_M * float(np.random.default_rng([DEFAULT_SEED, walker, 4]).standard_normal())
     cycle, state = gait.INITIAL, initial(gate)
-    newest = GaitInput(0.0, 0.0, False, False, GAIT_TICKS)
+    newest = GaitInput(0.0, False, False, GAIT_TICKS)
     drive = plant.parts.drive
     assert isinstance(drive, MotorDrive)
     every = round(STEP_S / TICK_S)
@@ -66,7 +66,9 @@ def gated(module: str, stride_hz: float, walker: int, strides: int = SETTLING + 
     for k in range(ticks):
         reading = plant.sense_gait(plant.t_s) if k % GAIT_TICKS == 0 else None
         newest = (
-            newest._replace(age_ticks=newest.age_ticks + 1) if reading is None else GaitInput(*reading, 0)
+            newest._replace(age_ticks=newest.age_ticks + 1)
+            if reading is None
+            else GaitInput(reading.shank_rate_rad_s, reading.heel_contact, reading.toe_contact, 0)
         )
         cycle = gait.step(config.gait, cycle, newest, 1)
         now = plant.now
