@@ -42,14 +42,6 @@ GOLDEN_3D = 1.2207440846057596
 """Root of x⁴ = x + 1; its inverse powers are the recurrence's steps in three dimensions."""
 
 
-def second_of(over: str) -> str:
-    """Return the second parameter NAME of `r,NAME`; raises BadInputError for another text."""
-    first, _, second = over.partition(",")
-    if first != "r" or second not in SECOND:
-        raise BadInputError(f"--over is {over!r}: wanted one of {', '.join(f'r,{name}' for name in SECOND)}")
-    return second
-
-
 def changed(case: Case, second: str, value: float) -> Case:
     """Return the case with another value of the second parameter."""
     other: Case = replace(case, **{SECOND[second][0]: value})  # type: ignore[arg-type]  # all are floats
@@ -84,11 +76,6 @@ def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
     low = np.array([-reach, -fastest, 0.0])
     high = np.array([reach, fastest, 2.0 * math.pi])
     return np.vstack((np.zeros(3), low + spread * (high - low)))
-
-
-def summary_spec(case: Case, second: str, size: int) -> dict[str, Any]:
-    """Return the specification of a whole map."""
-    return {"case": case.parameters(), "second": second, "size": size}
 
 
 def specs(case: Case, second: str, size: int) -> list[dict[str, Any]]:
