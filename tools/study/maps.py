@@ -67,10 +67,10 @@ def axes(second: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float6
     return np.linspace(LOW_RATIO, HIGH_RATIO, size), np.linspace(low, high, size)
 
 
-def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
-    """Return the start at rest with crank angle 0, then evenly distributed starts; shape (count + 1, 3)."""
+def starts(case: Case) -> NDArray[np.float64]:
+    """Return the start at rest with crank angle 0, then evenly distributed starts; shape (STARTS + 1, 3)."""
     steps = GOLDEN_3D ** -np.arange(1.0, 4.0)
-    spread = (0.5 + np.outer(np.arange(1.0, count + 1), steps)) % 1.0
+    spread = (0.5 + np.outer(np.arange(1.0, STARTS + 1), steps)) % 1.0
     reach = max(case.gap_m, 0.0)
     fastest = FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
     low = np.array([-reach, -fastest, 0.0])

@@ -17,17 +17,6 @@ if TYPE_CHECKING:
     from tools.study.sweep import Diagram
 
 
-class Stopwatch:
-    """Wall and processor time of this process and of its ended child processes, since the object was made."""
-
-    def __init__(self) -> None:
-        self.wall_s, self.cpu_s = time.perf_counter(), sum(os.times()[:4])
-
-    def read(self) -> dict[str, float]:
-        """Times so far in s, by their keys in the commands' JSON."""
-        return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
-
-
 class StudyJob:
     """One study from its options to its result: place of computation, cost and report."""
 
@@ -47,10 +36,10 @@ class StudyJob:
 
     @contextmanager
     def computing(self) -> Iterator[None]:
-        """Measure the time within the context as the study's computing time."""
-        clock = Stopwatch()
+        """Measure wall and processor time within the context, with that of ended child processes, in s."""
+        wall_s, cpu_s = time.perf_counter(), sum(os.times()[:4])
         yield
-        self._cost = clock.read()
+        self._cost = {"wall_s": time.perf_counter() - wall_s, "cpu_s": sum(os.times()[:4]) - cpu_s}
 
     def answer(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
         """Print the result and its cost: one JSON object, or the output of `show` and a table."""
