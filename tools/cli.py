@@ -18,9 +18,10 @@ def run(arguments: list[str]) -> int:
         try:
             with delayed_signals():
                 from hil.timing.realtime import collect_rarely
+                from tools import error_report
 
                 collect_rarely()
-                from tools import error_report, program
+                from tools import program  # may fail, which the report must survive
                 from tools.output import EXIT_PASSED
 
                 error_report.note_small_address_space()

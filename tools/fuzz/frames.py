@@ -7,6 +7,7 @@ the firmware and at the drive. Every frame must be accounted for: accepted, or d
 """
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -138,13 +139,13 @@ class Life:
         self._frames = [0, 0]
         self._not_addressed = [0, 0]
 
-    def step(self, strangers_at_firmware: int, strangers_at_plant: int) -> None:
+    def step(self, strangers: int) -> None:
         """Advance both nodes by one tick, each with this number of foreign frames."""
         published = self.plant.publish()
         if self.tick % self._operator_ticks == 0:
             published += self._operator.publish(self.tick // self._operator_ticks)
-        self.plant.advance(self._mixed(PLANT, self._commanded, strangers_at_plant))
-        self._commanded = self.firmware.tick(self._mixed(FIRMWARE, published, strangers_at_firmware), 1)
+        self.plant.advance(self._mixed(PLANT, self._commanded, strangers))
+        self._commanded = self.firmware.tick(self._mixed(FIRMWARE, published, strangers), 1)
         self._strangers.seen = [*self._strangers.seen, *published, *self._commanded][-REMEMBERED:]
         torques_n_m = (self.firmware.outputs.torque_n_m, self.plant.record.torque_command_n_m)
         for which, torque_n_m in enumerate(torques_n_m):
@@ -193,8 +194,8 @@ class Life:
         )
 
 
-def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcome:
-    """Run both nodes from power-up for `ticks` ticks with `burst` foreign frames a tick at each input.
+def one_life(seed: int) -> Outcome:
+    """Run both nodes from power-up for TICKS_A_LIFE ticks with BURST foreign frames a tick at each input.
 
     In every other life the foreign frames begin when the crank already turns, because they usually prevent a
     start.
@@ -202,9 +203,8 @@ def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcom
     life = Life(seed)
     quiet_ticks = QUIET_TICKS if seed % 2 else 0
     try:
-        while life.tick < ticks + quiet_ticks and not life.failures:
-            count = burst if life.tick >= quiet_ticks else 0
-            life.step(count, count)
+        while life.tick < TICKS_A_LIFE + quiet_ticks and not life.failures:
+            life.step(BURST if life.tick >= quiet_ticks else 0)
     except Exception as error:  # any error is a failure: it is reported and ends this life
         life.fail(f"{type(error).__name__}: {error}")
     return life.outcome()
@@ -212,17 +212,9 @@ def one_life(seed: int, burst: int = BURST, ticks: int = TICKS_A_LIFE) -> Outcom
 
 def together(outcomes: Sequence[Outcome]) -> Outcome:
     """Return the sums of the counts, the largest torques and all failures."""
-    return Outcome(
-        frames=sum(outcome.frames for outcome in outcomes),
-        taken=sum(outcome.taken for outcome in outcomes),
-        dropped=sum(outcome.dropped for outcome in outcomes),
-        not_addressed=sum(outcome.not_addressed for outcome in outcomes),
-        ticks=sum(outcome.ticks for outcome in outcomes),
-        ticks_with_torque=sum(outcome.ticks_with_torque for outcome in outcomes),
-        firmware_torque_n_m=max(outcome.firmware_torque_n_m for outcome in outcomes),
-        drive_torque_n_m=max(outcome.drive_torque_n_m for outcome in outcomes),
-        failures=tuple(failure for outcome in outcomes for failure in outcome.failures),
-    )
+    *counts, firmware_n_m, drive_n_m, failures = zip(*outcomes, strict=True)
+    found = tuple(chain.from_iterable(failures))
+    return Outcome._make([*map(sum, counts), max(firmware_n_m), max(drive_n_m), found])
 
 
 def fuzz(frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> Outcome:

@@ -23,16 +23,15 @@ LIVE_URL = f"rerun+http://{LOOPBACK}:{LIVE_PORT}/proxy"
 OPENING_S = 20.0
 
 
-def viewer_command(log: Path, web: bool, port: str = "auto") -> list[str]:
-    """Command for a viewer of a log; it listens on the loopback interface only, by default on a free port."""
-    command = [str(rerun_program()), str(log), "--bind", LOOPBACK, "--port", port]
+def viewer_command(*logs: Path, web: bool = False, port: str = "auto") -> list[str]:
+    """Command for a viewer of logs; it listens on the loopback interface only, by default on a free port."""
+    command = [str(rerun_program()), *map(str, logs), "--bind", LOOPBACK, "--port", port]
     return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
 
 
 def live_viewer_command(web: bool) -> list[str]:
     """Command for a viewer that waits for live runs."""
-    command = [str(rerun_program()), "--bind", LOOPBACK, "--port", str(LIVE_PORT)]
-    return [*command, "--serve-web", "--web-viewer-port", "0"] if web else command
+    return viewer_command(web=web, port=str(LIVE_PORT))
 
 
 def has_display() -> bool:
@@ -50,7 +49,7 @@ def view(run: Path | None, web: bool, live: bool) -> None:
     shown = f"waiting for `vibrohil run --live` at {LIVE_URL}" if log is None else str(log)
     try:
         if web:
-            in_browser(live_viewer_command(web) if log is None else viewer_command(log, web), shown)
+            in_browser(live_viewer_command(web) if log is None else viewer_command(log, web=web), shown)
             return
         progress_console.print(shown)
         if log is None:
@@ -67,7 +66,7 @@ def in_window(log: Path) -> None:
     """Open a log with the cursor on the first failed check, if any; return when the window is closed."""
     at_s = read_json(log.parent / VERDICT).get("first_failure_s")
     port = free_port()
-    command = viewer_command(log, web=False, port=str(port))
+    command = viewer_command(log, port=str(port))
     with subprocess.Popen(command, env=rerun_environment()) as viewer:
         if at_s is not None:
             put_cursor(f"rerun+http://{LOOPBACK}:{port}/proxy", at_s, viewer)
@@ -104,9 +103,7 @@ def view_together(folders: Sequence[Path]) -> None:
         raise BadInputError(
             "no display to open a window on; look at one run in a browser with `vibrohil view --web`"
         )
-    logs = [str(log_of(folder)) for folder in folders]
-    command = [str(rerun_program()), *logs, "--bind", LOOPBACK, "--port", "auto"]
-    subprocess.run(command, env=rerun_environment(), check=False)
+    subprocess.run(viewer_command(*map(log_of, folders)), env=rerun_environment(), check=False)
 
 
 def in_browser(command: list[str], shown: str) -> None:

@@ -45,6 +45,9 @@ STRIBECK_SPEED_M_S = 0.05
 STRIBECK_EXPONENT = 1.0
 """δ, not in the paper; 1 is the plain exponential."""
 
+COEFFICIENTS = {"viscous": ("b_n_s_m",), "coulomb": ("mu",), "stribeck": ("mu", "mu_s", "v_s_m_s", "delta")}
+"""Coefficients of each law in a scene."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -89,6 +92,14 @@ class Case:
     def parameters(self) -> dict[str, Any]:
         """Return all parameters on which the results depend."""
         return asdict(self)
+
+    def striker_table(self) -> dict[str, float]:
+        """Return the table `[striker]` of a scene."""
+        return {name: getattr(self, name) for name in ("mass_kg", "spring_n_m", "rest_length_m")}
+
+    def friction_table(self) -> dict[str, Any]:
+        """Return the table `[friction]` of a scene."""
+        return {"law": self.law, **{name: getattr(self, name) for name in COEFFICIENTS[self.law]}}
 
     def striker(self) -> Striker:
         """Return the striker: mass, spring and rest length."""

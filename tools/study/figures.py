@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.orbits.sections import Regime
+from tools.study.basin import Basin
+from tools.study.basin import axes as starts_of
 from tools.study.cases import Case
 from tools.study.intervals import Interval
 from tools.study.portraits import Motion, Pair
@@ -134,25 +136,17 @@ def regime_bars(diagrams: Sequence[Diagram], folder: Path, name: str) -> list[st
     return save(figure, folder, name)
 
 
-def basin(
-    case: Case,
-    ratio: float,
-    plane: str,
-    across_m: NDArray[np.float64],
-    up: NDArray[np.float64],
-    impacts: NDArray[np.float64],
-    caption: str,
-    folder: Path,
-    name: str,
-    at_once: NDArray[np.bool_] | None = None,
-) -> list[str]:
+def basin(found: Basin, caption: str, folder: Path) -> list[str]:
     """Draw a map of starts, coloured by the regime in which they end.
 
-    `at_once` outlines the starts that would end in impacts if the crank started at full speed.
+    With a soft start, the starts are outlined that would end in impacts if the crank started at full speed.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
+    case, shape = found.case, (found.size, found.size)
+    across_m, up = starts_of(case, found.plane, found.size)
+    impacts = found.table["impacts"].to_numpy().reshape(shape)
     figure, grid = new_figure(1, 1, 6.4, 5.6)
     axes = grid[0, 0]
     extent = (
@@ -171,23 +165,25 @@ def basin(
         vmin=0,
         vmax=1,
     )
-    ylabel = "v0 [m/s]" if plane == "state" else "crank angle at the start θ0 [rad]"
+    ylabel = "v0 [m/s]" if found.plane == "state" else "crank angle at the start θ0 [rad]"
     axes.set(
         xlabel="x0 − l0 [mm]",
         ylabel=ylabel,
-        title=f"{case.preset}, {_title(case)}, Ω/ω = {ratio:g}\n{caption}",
+        title=f"{case.preset}, {_title(case)}, Ω/ω = {found.ratio:g}\n{caption}",
     )
     axes.title.set_fontsize(9)
     handles = [
         Patch(color=IMPACT_COLOUR, label="ends in impact motion"),
         Patch(color=NON_IMPACT_COLOUR, label="ends without"),
     ]
-    if at_once is not None and at_once.any() and not at_once.all():
+    is_soft = found.start == "soft"
+    at_once = found.table["instant"].to_numpy(zero_copy_only=False).reshape(shape) if is_soft else impacts
+    if is_soft and at_once.any() and not at_once.all():
         axes.contourf(across_m * 1e3, up, at_once, levels=[-0.5, 0.5], hatches=["///"], colors="none")
         axes.contour(across_m * 1e3, up, at_once, levels=[0.5], colors="k", linewidths=1.0)
         handles.append(Patch(fill=False, hatch="///", label="would end without by an instant start"))
-    axes.legend(handles=handles, loc="lower left" if at_once is None else "upper left", fontsize=8)
-    return save(figure, folder, name)
+    axes.legend(handles=handles, loc="upper left" if is_soft else "lower left", fontsize=8)
+    return save(figure, folder, found.name)
 
 
 REGIME_COLOURS = {

@@ -42,14 +42,6 @@ GOLDEN_3D = 1.2207440846057596
 """Root of x⁴ = x + 1; its inverse powers are the recurrence's steps in three dimensions."""
 
 
-def second_of(over: str) -> str:
-    """Return the second parameter NAME of `r,NAME`; raises BadInputError for another text."""
-    first, _, second = over.partition(",")
-    if first != "r" or second not in SECOND:
-        raise BadInputError(f"--over is {over!r}: wanted one of {', '.join(f'r,{name}' for name in SECOND)}")
-    return second
-
-
 def changed(case: Case, second: str, value: float) -> Case:
     """Return the case with another value of the second parameter."""
     other: Case = replace(case, **{SECOND[second][0]: value})  # type: ignore[arg-type]  # all are floats
@@ -75,20 +67,15 @@ def axes(second: str, size: int) -> tuple[NDArray[np.float64], NDArray[np.float6
     return np.linspace(LOW_RATIO, HIGH_RATIO, size), np.linspace(low, high, size)
 
 
-def starts(case: Case, count: int = STARTS) -> NDArray[np.float64]:
-    """Return the start at rest with crank angle 0, then evenly distributed starts; shape (count + 1, 3)."""
+def starts(case: Case) -> NDArray[np.float64]:
+    """Return the start at rest with crank angle 0, then evenly distributed starts; shape (STARTS + 1, 3)."""
     steps = GOLDEN_3D ** -np.arange(1.0, 4.0)
-    spread = (0.5 + np.outer(np.arange(1.0, count + 1), steps)) % 1.0
+    spread = (0.5 + np.outer(np.arange(1.0, STARTS + 1), steps)) % 1.0
     reach = max(case.gap_m, 0.0)
     fastest = FASTEST_START_M_S * case.natural_rad_s / math.sqrt(70.0 / 0.8)
     low = np.array([-reach, -fastest, 0.0])
     high = np.array([reach, fastest, 2.0 * math.pi])
     return np.vstack((np.zeros(3), low + spread * (high - low)))
-
-
-def summary_spec(case: Case, second: str, size: int) -> dict[str, Any]:
-    """Return the specification of a whole map."""
-    return {"case": case.parameters(), "second": second, "size": size}
 
 
 def specs(case: Case, second: str, size: int) -> list[dict[str, Any]]:

@@ -50,24 +50,9 @@ def check(case: Case, ratio: float) -> None:
 def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str, Any]:
     """Return the bench's scene with the case's striker, friction and stop, and the state at power-up."""
     scene = read_scene(f"{PRESET}-motor-soft")
-    scene["striker"] |= {
-        "mass_kg": case.mass_kg,
-        "spring_n_m": case.spring_n_m,
-        "rest_length_m": case.rest_length_m,
-    }
+    scene["striker"] |= case.striker_table()
     scene["drive"] |= {"amplitude_m": case.amplitude_m, "phase_rad": crank_rad}
-    if case.law == "viscous":
-        scene["friction"] = {"law": "viscous", "b_n_s_m": case.b_n_s_m}
-    elif case.law == "coulomb":
-        scene["friction"] = {"law": "coulomb", "mu": case.mu}
-    else:
-        scene["friction"] = {
-            "law": "stribeck",
-            "mu": case.mu,
-            "mu_s": case.mu_s,
-            "v_s_m_s": case.v_s_m_s,
-            "delta": case.delta,
-        }
+    scene["friction"] = case.friction_table()
     scene["stop"] |= {"position_m": case.stop_m, "restitution": case.restitution}
     scene["initial"] = {"x_m": x_m, "v_m_s": v_m_s}
     return scene
@@ -76,11 +61,7 @@ def scene_of(case: Case, x_m: float, v_m_s: float, crank_rad: float) -> dict[str
 def nominal_of(case: Case) -> dict[str, Any]:
     """Return the firmware's nominal parameters: those of the case, with only μ of a dry friction law."""
     return {
-        "striker": {
-            "mass_kg": case.mass_kg,
-            "spring_n_m": case.spring_n_m,
-            "rest_length_m": case.rest_length_m,
-        },
+        "striker": case.striker_table(),
         "drive": {"amplitude_m": case.amplitude_m},
         "friction": {"b_n_s_m": case.b_n_s_m, "mu": case.mu},
         "stop": {"position_m": case.stop_m, "restitution": case.restitution},

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tools.trade import heyoka_peer, own, scipy_peer
 from tools.trade.answers import Errors, Method, errors_of
 from tools.trade.automaton import has_peers
@@ -84,10 +86,7 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
     for method in methods:
         progress(f"{case.name}: {method.name} {method.setting}")
         errors.append(errors_of(case, method.solve(), truth))
-    rows: list[list[Spent]] = [[] for _ in methods]
-    for _ in range(repeats):
-        for index, method in enumerate(methods):
-            rows[index].append(spent_us(method.solve))
+    rounds = [[spent_us(method.solve) for method in methods] for _ in range(repeats)]
     return [
         Cost(
             case,
@@ -97,7 +96,7 @@ def measure(case: Case, methods: Sequence[Method], repeats: int, progress: Progr
             statistics.median(spent.call for spent in row) / case.until_s,
             min(spent.first for spent in row) / case.until_s,
         )
-        for method, error, row in zip(methods, errors, rows, strict=True)
+        for method, error, row in zip(methods, errors, zip(*rounds, strict=True), strict=True)
     ]
 
 
@@ -120,6 +119,11 @@ def spent_us(solve: Callable[[], object]) -> Spent:
     for _ in range(calls):
         solve()
     return Spent(first, (time.thread_time_ns() - begun) * 1e-3 / calls)
+
+
+def mean(values: Any) -> float:
+    """Return the mean; nan of no values."""
+    return float(np.mean(values)) if len(values) else math.nan
 
 
 def pareto(costs: Sequence[Cost]) -> list[Cost]:

@@ -10,7 +10,7 @@ import numpy as np
 from hil.scenario.settings import apply_settings
 from plant_sim.scene import Scene, load_scene, read_scene
 from plant_sim.simulation import simulate
-from tools.trade.costs import COST_UNIT, Progress, spent_us
+from tools.trade.costs import COST_UNIT, Progress, mean, spent_us
 
 UNTIL_S = 30.0
 """Duration of a run, s; its second half is evaluated."""
@@ -55,15 +55,15 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
     for name, scene in scenes:
         progress(name)
         results.append(simulate(scene, UNTIL_S))
-    spent: list[list[float]] = [[] for _ in scenes]
-    for _ in range(repeats):
-        for index, (_, scene) in enumerate(scenes):
-            spent[index].append(spent_us(partial(simulate, scene, UNTIL_S)).call / UNTIL_S)
+    rounds = [
+        [spent_us(partial(simulate, scene, UNTIL_S)).call / UNTIL_S for _, scene in scenes]
+        for _ in range(repeats)
+    ]
     wanted = math.nan
     rows: list[dict[str, Any]] = []
-    for (name, scene), result, times in zip(scenes, results, spent, strict=True):
+    for (name, scene), result, times in zip(scenes, results, zip(*rounds, strict=True), strict=True):
         late = result.impacts.t_s > 0.5 * UNTIL_S
-        impulse_n_s = _mean(result.impacts.impulse_n_s[late])
+        impulse_n_s = mean(result.impacts.impulse_n_s[late])
         wanted = wanted if rows else impulse_n_s
         period_s = 2.0 * math.pi / (RATIO * scene.natural_rad_s)
         rows.append(
@@ -72,8 +72,8 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
                 "kind": "fidelity",
                 "error": abs(impulse_n_s / wanted - 1.0),
                 "impulse_n_s": impulse_n_s,
-                "peak_force_n": _mean(result.impacts.peak_force_n[late]),
-                "approach_m_s": _mean(result.impacts.v_m_s[late]),
+                "peak_force_n": mean(result.impacts.peak_force_n[late]),
+                "approach_m_s": mean(result.impacts.v_m_s[late]),
                 "impacts_per_period": np.count_nonzero(late) * period_s / (0.5 * UNTIL_S),
                 "method": result.method,
                 "cost": min(times),
@@ -82,7 +82,3 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
             }
         )
     return rows
-
-
-def _mean(values: Any) -> float:
-    return float(np.mean(values)) if len(values) else math.nan

@@ -36,7 +36,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     allocate,
     work_place,
 )
-from tools.trade.costs import COST_UNIT, Progress
+from tools.trade.costs import COST_UNIT, Progress, mean
 
 RATIO = 1.3
 SETTLE_PERIODS, LOOK_PERIODS = 60, 60
@@ -144,6 +144,13 @@ def carry_on(rig: Rig, ratio: float, periods: int) -> NDArray[np.void]:
     return impacts
 
 
+def settled(scene: Scene, ratio: float = RATIO) -> Rig:
+    """Return the scene's module after SETTLE_PERIODS at a speed."""
+    rig = rig_of(scene)
+    carry_on(rig, ratio, SETTLE_PERIODS)
+    return rig
+
+
 def _advance(rig: Rig, parts: Parts, torque_n_m: float, until_s: float) -> None:
     status = rig.kernel(parts, rig.probe, rig.memory, torque_n_m, 0.0, until_s, NO_GRID, NO_SAMPLES)
     if status != DONE:
@@ -185,12 +192,8 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
     for name, scene in scenes:
         progress(name)
         rows.append({"what": f"part: {name}", "kind": "part", **figures_of(scene)})
-    spent: list[list[float]] = [[] for _ in scenes]
-    for _ in range(repeats):
-        for index, (_, scene) in enumerate(scenes):
-            rig = rig_of(scene)
-            carry_on(rig, RATIO, SETTLE_PERIODS)
-            spent[index].append(spent_us_s(rig))
+    rounds = [[spent_us_s(settled(scene)) for _, scene in scenes] for _ in range(repeats)]
+    spent = list(zip(*rounds, strict=True))
     for row, times in zip(rows, spent, strict=True):
         row.update(
             cost=min(times),
@@ -204,8 +207,7 @@ def measure(quick: bool, repeats: int, progress: Progress) -> list[dict[str, Any
 
 def figures_of(scene: Scene) -> dict[str, Any]:
     """Return the figures of the orbit with these parts."""
-    rig = rig_of(scene)
-    carry_on(rig, RATIO, SETTLE_PERIODS)
+    rig = settled(scene)
     work = work_place(rig.parts)
     before_j = float(rig.memory.y[work])
     terminals_before = electrical_ledger(rig.parts, rig.memory)
@@ -217,8 +219,8 @@ def figures_of(scene: Scene) -> dict[str, Any]:
         terminal_j = (terminals.work_j - terminals_before.work_j) / LOOK_PERIODS
     felt_n = peak_felt_force_n(rig.parts, rig.memory)
     return {
-        "impulse_n_s": _mean(impacts["impulse_n_s"]),
-        "peak_force_n": _mean(impacts["peak_force_n"]),
+        "impulse_n_s": mean(impacts["impulse_n_s"]),
+        "peak_force_n": mean(impacts["peak_force_n"]),
         "peak_felt_force_n": math.nan if felt_n is None else felt_n,
         "impacts_per_period": len(impacts) / LOOK_PERIODS,
         "energy_per_cycle_j": energy_j,
@@ -229,10 +231,4 @@ def figures_of(scene: Scene) -> dict[str, Any]:
 
 def fold_from_resonance(scene: Scene) -> float:
     """Return the fold of a module that has no impacts at RATIO, starting from its impacts at resonance."""
-    rig = rig_of(scene)
-    carry_on(rig, 1.0, SETTLE_PERIODS)
-    return fold_of(rig, 1.0)
-
-
-def _mean(values: Any) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
+    return fold_of(settled(scene, 1.0), 1.0)

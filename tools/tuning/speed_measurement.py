@@ -37,8 +37,6 @@ RATIO = 0.6
 """A speed ratio without impacts: the motion is smooth and the load has few harmonics."""
 SETTLE_S = 10.0
 WINDOW_S = 20.0
-TURNS = 17
-"""Turns of the crank in about one window at r = 0.6; the sines lie midway between multiples of the turn."""
 LINES = 10
 AMPLITUDE_N_M = 0.02
 """Amplitude of each sine. Their sum is at most 0.2 N m, so that the torque is not limited."""
@@ -93,11 +91,7 @@ def lines_of(turn_hz: float, window_s: float) -> IntArray:
 
 
 def measure_loop(
-    parameters: dict[str, object],
-    seed: int = 1,
-    progress: Progress = lambda *_: None,
-    window_s: float = WINDOW_S,
-    amplitude_n_m: float = AMPLITUDE_N_M,
+    parameters: dict[str, object], progress: Progress = lambda *_: None, window_s: float = WINDOW_S
 ) -> MeasuredLoop:
     """L(jω) of the firmware with these parameters (a scenario's table `[firmware]`) on the bench's plant."""
     scene = load_scene(read_scene(SCENE))
@@ -109,11 +103,11 @@ def measure_loop(
     t_s = np.arange(pace.ticks) * pace.period_s
     # Quadratic phases (Schroeder 1970) keep the sum of the sines low.
     phases = np.pi * np.arange(len(lines)) ** 2 / len(lines)
-    push = amplitude_n_m * np.sum(np.cos(2.0 * np.pi * np.outer(t_s / window_s, lines) + phases), axis=1)
+    push = AMPLITUDE_N_M * np.sum(np.cos(2.0 * np.pi * np.outer(t_s / window_s, lines) + phases), axis=1)
     push[: first // 2] = 0.0
     bus = IdealBus()
     pushed = PushedBus(bus.join(PLANT), push)
-    plant = PlantRunner(scene, seed, pace, pushed, None)
+    plant = PlantRunner(scene, 1, pace, pushed, None)
     firmware = FirmwareRunner(parameters, pace, bus.join(FIRMWARE), None)
     operator = OperatorNode((Command(0.2, Request.RUN, RATIO),), pace.period_s)
     operator_bus = bus.join(OPERATOR)

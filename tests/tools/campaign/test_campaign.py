@@ -22,7 +22,7 @@ from tools.campaign.trial.scenarios import Plan
 from tools.campaign.trial.walk_cells import WalkCell, course_of, sampled_walk
 from tools.campaign.trial.walk_judge import ended_s
 from tools.cli import run
-from tools.commands.testing.campaign import histogram, is_kept
+from tools.commands.testing.campaign import histogram, kept_of
 from tools.output import EXIT_BAD_INPUT, BadInputError, plain
 
 ESTIMATE = CAMPAIGNS["estimate"]
@@ -135,10 +135,7 @@ def test_the_command_line_refuses_a_bad_setting(capsys: pytest.CaptureFixture[st
 def test_kept_are_failures_one_trial_or_all() -> None:
     fine, lost = Outcome(0, 0), Outcome(1, 0, why="ends in fault")
     unfit = Outcome(2, 0, eligible=False, why="no impact attractor at this speed")
-    kept = {
-        keep: [one.trial for one in (fine, lost, unfit) if is_kept(one, keep)]
-        for keep in (None, "failures", "2", "02", "all")
-    }
+    kept = {keep: kept_of([fine, lost, unfit], keep) for keep in (None, "failures", "2", "02", "all")}
     assert kept == {None: [], "failures": [1], "2": [2], "02": [2], "all": [0, 1, 2]}
 
 

@@ -118,13 +118,13 @@ def test_map_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["sweep", "--preset", "table2"], "--preset is 'table2': wanted one of table1, gait"),
-        (["sweep", "--law", "dry"], "--law is 'dry': wanted one of viscous, coulomb, stribeck"),
-        (["basin", "--size", "1"], "--size is 1: wanted 2 to"),
-        (["basin", "--ratio", "-1"], "--ratio is -1.0: wanted a positive number"),
-        (["basin", "--value", "nan"], "'--value': nan is not a finite number"),
+        (["sweep", "--preset", "table2"], "'--preset': Value error, 'table2' is not one of 'table1', 'gait'"),
+        (["sweep", "--law", "dry"], "'--law': Value error, 'dry' is not one of 'viscous', 'coulomb'"),
+        (["basin", "--size", "1"], "'--size': Input should be greater than or equal to 2"),
+        (["basin", "--ratio", "-1"], "'--ratio': Input should be greater than or equal to 0.000001"),
+        (["basin", "--value", "nan"], "'--value': Input should be greater than or equal to 0"),
         (["sweep", "--amplitude", "inf"], "'--amplitude': inf is not a finite number"),
-        (["map", "--over", "r,x"], "--over is 'r,x': wanted one of r,A"),
+        (["map", "--over", "r,x"], "'--over': Value error, 'r,x' is not one of 'r,A'"),
         (["map", "--over", "r,mu"], "that law has no mu"),
         (
             ["sweep", "--cores", "0"],

@@ -5,12 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from plant_sim.result import Impact
 from plant_sim.scene import load_scene
-from tools.output import BadInputError
-from tools.program import program
+from tools import cli
+from tools.output import EXIT_BAD_INPUT, plain
 from tools.study.feasibility import feasibility
 from tools.study.feasibility import page as feasibility_page
 from tools.study.feasibility.feasibility import (
@@ -151,13 +150,10 @@ def test_the_page_says_where_all_holds_and_where_nothing_can() -> None:
     assert "| walking | 4.8–6.0 | 0.8, 1 | 9 | 2 |" in text
 
 
-def test_an_unknown_preset_is_refused() -> None:
-    result = CliRunner().invoke(program(), ["study", "feasibility", "--preset", "table2"])
-    assert isinstance(result.exception, BadInputError)
-    assert "wanted one of table1, gait, walking" in str(result.exception)
+def test_an_unknown_preset_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["study", "feasibility", "--preset", "table2"]) == EXIT_BAD_INPUT
+    assert "'table2' is not one of 'table1', 'gait', 'walking'" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_was_not_measured_is_null_for_machines() -> None:
-    from tools.commands.design.study_output import without_nan
-
-    assert json.dumps(without_nan({"a": math.nan, "b": 1.0})) == '{"a": null, "b": 1.0}'
+    assert json.dumps(plain({"a": math.nan, "b": 1.0})) == '{"a": null, "b": 1.0}'

@@ -77,9 +77,6 @@ def test_starts_fill_their_box() -> None:
 
 
 def test_charts_over_what_a_law_has_not_are_refused() -> None:
-    assert maps.second_of("r,k") == "k"
-    with pytest.raises(BadInputError, match=r"wanted one of r,A, r,mu"):
-        maps.second_of("A,k")
     with pytest.raises(BadInputError, match=r"that law has no mu"):
         maps.check(case("table1", "viscous"), "mu")
     with pytest.raises(BadInputError, match=r"that law has no b"):

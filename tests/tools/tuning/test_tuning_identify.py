@@ -20,7 +20,7 @@ from tools.output import EXIT_BAD_INPUT, EXIT_PASSED, BadInputError
 from tools.tuning import safety
 from tools.tuning.identification.flights import contacts_of, flights_of, integrals
 from tools.tuning.identification.identify import bench_of, identify, tune_identify
-from tools.tuning.identification.impacts import contact_time_s, fit_impact, pulse, seen
+from tools.tuning.identification.impacts import contact, contact_time_s, fit_impact, seen
 from tools.tuning.identification.laws import Law
 from tools.tuning.recordings.readings import Readings, read, read_ticks, ticks_of
 from tools.tuning.result import Tuning
@@ -245,7 +245,7 @@ def test_integrals_are_those_of_a_polynomial() -> None:
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8, 0.99])
 def test_a_contact_without_pull_gives_back_its_restitution(restitution: float) -> None:
     """∫ push dt = (1 + k) v⁻ in a Hunt–Crossley contact whose damping is that of k."""
-    times, pushes = pulse(restitution, 0.0)
+    times, pushes, _ = contact(restitution, 0.0, 0.0, 0.0)
     assert np.trapezoid(pushes, times) == pytest.approx(1.0 + restitution, abs=2e-3)
 
 

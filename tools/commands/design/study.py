@@ -3,25 +3,21 @@
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 
 from tools.commands.design.study_output import (
     StudyJob,
-    amplitude_m,
     caption_of,
     chosen_case,
     figure_of,
     is_nominal,
-    one_of,
-    positive,
     show_sweep,
-    without_nan,
 )
 from tools.commands.options import Json, number, unfolded
-from tools.output import BadInputError, console, figure_table
+from tools.output import console, figure_table
 from tools.outputs import RECORDINGS, file_option, folder_option
 
 study = typer.Typer(
@@ -38,11 +34,16 @@ study = typer.Typer(
 Rrd = Annotated[
     Path | None, file_option("Write a moving picture to one .rrd file; open it with view.", RECORDINGS)
 ]
-Preset = Annotated[str, typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")]
-Law = Annotated[str, typer.Option(help="viscous, coulomb or stribeck.")]
-Value = Annotated[float | None, number("b in N s/m, or μ; by default the preset's.")]
-Amplitude = Annotated[float | None, number("Drive amplitude A in m; by default the preset's.")]
-Ratio = Annotated[float, number("Speed ratio r = Ω/ω.")]
+LARGEST_MAP = 4000
+INSTANT_SIZE, SOFT_SIZE = 200, 40
+
+Preset = Annotated[
+    Literal["table1", "gait"], typer.Option(help="table1 (as printed) or gait (retuned to 4 Hz).")
+]
+Law = Annotated[Literal["viscous", "coulomb", "stribeck"], typer.Option(help="The friction law.")]
+Value = Annotated[float | None, number("b in N s/m, or μ; by default the preset's.", low=0.0)]
+Amplitude = Annotated[float | None, number("Drive amplitude A in m; by default the preset's.", low=0.0)]
+Ratio = Annotated[float, number("Speed ratio r = Ω/ω.", low=1e-6)]
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,11 @@ def register(app: typer.Typer) -> None:
 @study.command()
 @unfolded
 def sweep(
-    preset: Annotated[str, typer.Option(help="table1, gait or both.")] = "both",
-    law: Annotated[str, typer.Option(help="viscous, coulomb, stribeck or all.")] = "all",
+    preset: Annotated[Literal["table1", "gait", "both"], typer.Option(help="table1, gait or both.")] = "both",
+    law: Annotated[
+        Literal["viscous", "coulomb", "stribeck", "all"],
+        typer.Option(help="viscous, coulomb, stribeck or all."),
+    ] = "all",
     amplitude: Amplitude = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="One friction parameter per law instead of Table 1's ranges.")
@@ -89,13 +93,13 @@ def sweep(
     from tools.study import cases, figures, recordings
     from tools.study.sweep import diagrams
 
-    presets = cases.PRESETS if preset == "both" else (one_of("--preset", preset, cases.PRESETS),)
-    laws = cases.LAWS if law == "all" else (one_of("--law", law, cases.LAWS),)
+    presets = cases.PRESETS if preset == "both" else (preset,)
+    laws = cases.LAWS if law == "all" else (law,)
     chosen = [cases.case(p, one) for p in presets for one in laws]
     if not quick:
         chosen = cases.whole_range(presets, laws)
     if amplitude is not None:
-        chosen = [replace(case, amplitude_m=amplitude_m(amplitude)) for case in chosen]
+        chosen = [replace(case, amplitude_m=amplitude) for case in chosen]
     job = common.job()
     if common.scheduler is None:
         job.warm(chosen)
@@ -125,15 +129,21 @@ def basin(
     value: Value = None,
     amplitude: Amplitude = None,
     ratio: Ratio = 1.3,
-    plane: Annotated[str, typer.Option(help="state: (x0, v0); phase: (x0, crank angle); both.")] = "both",
+    plane: Annotated[
+        Literal["state", "phase", "both"],
+        typer.Option(help="state: (x0, v0); phase: (x0, crank angle); both."),
+    ] = "both",
     start: Annotated[
-        str,
+        Literal["instant", "soft"],
         typer.Option(
             help="instant: the crank starts at speed; soft: the firmware starts it, in closed loop."
         ),
     ] = "instant",
     size: Annotated[
-        int | None, typer.Option(help="Cells along a side; 200, or 40 with --start soft, by default.")
+        int | None,
+        typer.Option(
+            help="Cells along a side; 200, or 40 with --start soft, by default.", min=2, max=LARGEST_MAP
+        ),
     ] = None,
     common: StudyOptions = StudyOptions(),
 ) -> None:
@@ -143,35 +153,20 @@ def basin(
     the request. Motor, sensors and soft stop are those of the bench's default scene. The result of an
     instant start of the same module stands beside it.
     """
-    import numpy as np
-
     from tools.study import basin as basins
     from tools.study import figures, soft_start
 
     case = chosen_case(preset, law, value, amplitude)
-    planes = basins.PLANES if plane == "both" else (one_of("--plane", plane, basins.PLANES),)
-    soft = one_of("--start", start, ("instant", "soft")) == "soft"
-    size = (SOFT_SIZE if soft else INSTANT_SIZE) if size is None else size
-    if not 2 <= size <= LARGEST_MAP:
-        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
+    planes = basins.PLANES if plane == "both" else (plane,)
+    soft = start == "soft"
+    size = size or (SOFT_SIZE if soft else INSTANT_SIZE)
     job = common.job()
     if not (common.scheduler or soft):
         job.warm([case])
     compute = soft_start.compute if soft else basins.compute
     with job.computing():
-        found = [compute(case, positive("--ratio", ratio), one, size, job.where) for one in planes]
-    pictures = []
-    for one in found:
-        across, up = basins.axes(case, one.plane, size)
-        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(size, size)
-        at_once = (
-            np.asarray(one.table["instant"].to_numpy(zero_copy_only=False)).reshape(size, size)
-            if soft
-            else None
-        )
-        pictures += figures.basin(
-            case, ratio, one.plane, across, up, impacts, caption_of(one), common.out, one.name, at_once
-        )
+        found = [compute(case, ratio, one, size, job.where) for one in planes]
+    pictures = [path for one in found for path in figures.basin(one, caption_of(one), common.out)]
 
     def show() -> None:
         for one in found:
@@ -185,12 +180,14 @@ def basin(
 @study.command("map")
 @unfolded
 def chart(
-    over: Annotated[str, typer.Option(help="r,A, r,mu, r,b or r,k.")] = "r,A",
+    over: Annotated[
+        Literal["r,A", "r,mu", "r,b", "r,k"], typer.Option(help="The axes: r and a second parameter.")
+    ] = "r,A",
     preset: Preset = "table1",
     law: Law = "viscous",
     value: Value = None,
     amplitude: Amplitude = None,
-    size: Annotated[int, typer.Option(help="Cells along a side.")] = 60,
+    size: Annotated[int, typer.Option(help="Cells along a side.", min=2, max=LARGEST_MAP)] = 60,
     common: StudyOptions = StudyOptions(),
 ) -> None:
     """Maps over two parameters: the regime, and the share of starts that end in impacts."""
@@ -200,10 +197,8 @@ def chart(
     from tools.study import figures, maps, store, work
 
     case = chosen_case(preset, law, value, amplitude)
-    second = maps.second_of(over)
+    second = over.removeprefix("r,")
     maps.check(case, second)
-    if not 2 <= size <= LARGEST_MAP:
-        raise BadInputError(f"--size is {size}: wanted 2 to {LARGEST_MAP} cells along a side")
     job = common.job()
     if common.scheduler is None:
         job.warm([case])
@@ -217,7 +212,8 @@ def chart(
     ratios, values = maps.axes(second, size)
     label = maps.SECOND[second][3]
     name = f"map-{preset}-{law}-r-{second}"
-    store.write(common.out / f"{name}.parquet", table, maps.summary_spec(case, second, size), {})
+    spec = {"case": case.parameters(), "second": second, "size": size}
+    store.write(common.out / f"{name}.parquet", table, spec, {})
     summary: dict[str, Any] = {
         "over": ["r", second],
         "preset": preset,
@@ -252,7 +248,6 @@ def portrait(
     from tools.study.portraits import as_table, pair
     from tools.study.sweep import diagrams
 
-    one_of("--preset", preset, cases.PRESETS)
     chosen = [cases.case(preset, law) for law in cases.LAWS]
     job = common.job()
     if common.scheduler is None:
@@ -291,9 +286,6 @@ def claims(
     """Test the paper's fourteen claims: verdict, figures and reason of each, on a page."""
     from dataclasses import replace
 
-    import numpy as np
-
-    from tools.study import basin as basins
     from tools.study import cases, figures
     from tools.study.claims import page as pages
     from tools.study.claims.claims import judge
@@ -315,13 +307,8 @@ def claims(
         )
     for law in ("viscous", "coulomb"):
         one = evidence.basin(law)
-        across, up = basins.axes(one.case, one.plane, one.size)
-        impacts = np.asarray(one.table["impacts"].to_numpy()).reshape(one.size, one.size)
         caption = f"{100 * one.statistics['impact_fraction']:.1f} % end in impacts"
-        name = f"basin-table1-{law}-r{one.ratio:g}-{one.plane}"
-        pictures += figures.basin(
-            one.case, one.ratio, one.plane, across, up, impacts, caption, common.out, name
-        )
+        pictures += figures.basin(one, caption, common.out)
     written = page or common.out / "claims.md"
     pages.write(judged, written)
 
@@ -338,7 +325,9 @@ def claims(
 @study.command()
 @unfolded
 def feasibility(
-    preset: Annotated[str, typer.Option(help="table1, gait, walking or all.")] = "all",
+    preset: Annotated[
+        Literal["table1", "gait", "walking", "all"], typer.Option(help="table1, gait, walking or all.")
+    ] = "all",
     page: Annotated[
         Path | None,
         file_option("The page to write; by default feasibility.md in the folder of results."),
@@ -352,9 +341,7 @@ def feasibility(
     from tools.study.feasibility import feasibility as table
     from tools.study.feasibility import page as feasibility_page
 
-    presets = tuple(table.MODULES)
-    if preset != "all":
-        presets = (one_of("--preset", preset, presets),)
+    presets = tuple(table.MODULES) if preset == "all" else (preset,)
     job = common.job()
     with job.computing():
         found = table.compute(job.where, presets)
@@ -379,7 +366,7 @@ def feasibility(
         console.print(shown)
 
     result = {
-        "feasibility": [without_nan(row) for row in rows],
+        "feasibility": rows,
         "verdicts": counts,
         "page": str(written),
         "figures": pictures,
@@ -390,7 +377,10 @@ def feasibility(
 @study.command()
 @unfolded
 def pulse(
-    way: Annotated[str, typer.Option(help="turn, subharmonic, gated or all.")] = "all",
+    way: Annotated[
+        Literal["turn", "subharmonic", "gated", "all"],
+        typer.Option(help="turn, subharmonic, gated or all."),
+    ] = "all",
     common: StudyOptions = StudyOptions(),
 ) -> None:
     """Compare ways to give one pulse a stride: one turn a stride, subharmonics, or a resting crank."""
@@ -400,7 +390,7 @@ def pulse(
     from tools.study.pulse.orbits import bands_of, orbits_found
     from tools.study.pulse.ways import compute
 
-    chosen = WAYS if way == "all" else (one_of("--way", way, WAYS),)
+    chosen = WAYS if way == "all" else (way,)
     job = common.job()
     with job.computing():
         orbits = orbits_found(job.where).to_pylist() if SUBHARMONIC in chosen else []
@@ -415,12 +405,8 @@ def pulse(
         console.print(figures.rows_table(rows))
 
     result = {
-        "pulse": [without_nan(row) for row in rows],
+        "pulse": rows,
         "bands": [band._asdict() for band in bands],
         "figures": figures.chart(rows, bands, common.out, name),
     }
     job.answer(result, show)
-
-
-LARGEST_MAP = 4000
-INSTANT_SIZE, SOFT_SIZE = 200, 40

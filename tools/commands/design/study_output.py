@@ -9,23 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tools.output import BadInputError, console, figure, figure_table, print_json
+from tools.output import console, figure, figure_table, print_json
 
 if TYPE_CHECKING:
     from tools.study.basin import Basin
     from tools.study.cases import Case
     from tools.study.sweep import Diagram
-
-
-class Stopwatch:
-    """Wall and processor time of this process and of its ended child processes, since the object was made."""
-
-    def __init__(self) -> None:
-        self.wall_s, self.cpu_s = time.perf_counter(), sum(os.times()[:4])
-
-    def read(self) -> dict[str, float]:
-        """Times so far in s, by their keys in the commands' JSON."""
-        return {"wall_s": time.perf_counter() - self.wall_s, "cpu_s": sum(os.times()[:4]) - self.cpu_s}
 
 
 class StudyJob:
@@ -47,10 +36,10 @@ class StudyJob:
 
     @contextmanager
     def computing(self) -> Iterator[None]:
-        """Measure the time within the context as the study's computing time."""
-        clock = Stopwatch()
+        """Measure wall and processor time within the context, with that of ended child processes, in s."""
+        wall_s, cpu_s = time.perf_counter(), sum(os.times()[:4])
         yield
-        self._cost = clock.read()
+        self._cost = {"wall_s": time.perf_counter() - wall_s, "cpu_s": sum(os.times()[:4]) - cpu_s}
 
     def answer(self, result: Mapping[str, Any], show: Callable[[], None]) -> None:
         """Print the result and its cost: one JSON object, or the output of `show` and a table."""
@@ -77,11 +66,6 @@ class StudyJob:
         console.print(figure_table("", rows))
 
 
-def without_nan(row: dict[str, Any]) -> dict[str, Any]:
-    """A row for JSON, which has no NaN: values that were not measured are null."""
-    return {name: None if value != value else value for name, value in row.items()}  # noqa: PLR0124 - NaN
-
-
 def caption_of(found: "Basin") -> str:
     """The summary of a map of starts in one line."""
     numbers = found.statistics
@@ -100,16 +84,10 @@ def caption_of(found: "Basin") -> str:
 
 
 def chosen_case(preset: str, law: str, value: float | None, amplitude: float | None) -> "Case":
-    """The module that the options describe; BadInputError if a value is unusable."""
-    from dataclasses import replace
+    """The module that the options describe."""
+    from tools.study.cases import case
 
-    from tools.study import cases
-
-    if value is not None and not 0.0 <= value < float("inf"):
-        raise BadInputError(f"--value is {value}: wanted b in N s/m, or μ, 0 or more")
-    one_of("--preset", preset, cases.PRESETS)
-    case = cases.case(preset, one_of("--law", law, cases.LAWS), value)
-    return case if amplitude is None else replace(case, amplitude_m=amplitude_m(amplitude))
+    return case(preset, law, value, **({} if amplitude is None else {"amplitude_m": amplitude}))
 
 
 def figure_of(value: Any) -> Any:
@@ -117,13 +95,6 @@ def figure_of(value: Any) -> Any:
     if isinstance(value, dict):
         return ", ".join(f"{name}: {count}" for name, count in value.items()) or "none"
     return " to ".join(figure(one) for one in value) if isinstance(value, list | tuple) else value
-
-
-def positive(option: str, given: float) -> float:
-    """Return `given`; BadInputError unless it is finite and above 0."""
-    if not 0.0 < given < float("inf"):
-        raise BadInputError(f"{option} is {given}: wanted a positive number")
-    return given
 
 
 def is_nominal(case: "Case") -> bool:
@@ -154,17 +125,3 @@ def show_sweep(found: "list[Diagram]") -> None:
 def intervals(union: list[tuple[float, float]]) -> str:
     """Intervals of Ω/ω as text."""
     return ", ".join(f"{low:.3f}–{high:.3f}" for low, high in union) or "nowhere"
-
-
-def one_of(option: str, given: str, known: tuple[str, ...]) -> str:
-    """Return `given`; BadInputError unless it is one of the known words."""
-    if given not in known:
-        raise BadInputError(f"{option} is {given!r}: wanted one of {', '.join(known)}")
-    return given
-
-
-def amplitude_m(given: float) -> float:
-    """Return a drive amplitude in m; BadInputError unless it is finite and 0 or more."""
-    if not 0.0 <= given < float("inf"):
-        raise BadInputError(f"--amplitude is {given}: wanted metres, 0 or more, e.g. 0.02")
-    return given

@@ -1,6 +1,7 @@
 """`vibrohil campaign NAME`: Monte Carlo of the closed loop over truth and starts, compiled."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -130,8 +131,7 @@ def run_campaign(
         outcomes = run_all(plan, count, lambda done, _: progress(done), workers, scheduler)
     result = result_of(chosen, plan.cells, outcomes, seed, time.perf_counter() - started_s)
     folder = RUNS / f"campaign-{name}-{seed}"
-    kept = [outcome.trial for outcome in outcomes if is_kept(outcome, keep)]
-    result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept]
+    result["kept"] = [str(keep_trial(folder, trial_of(plan, trial))) for trial in kept_of(outcomes, keep)]
     return result
 
 
@@ -141,15 +141,11 @@ def refuse_unknown_trials(keep: str | None, trials: int) -> None:
         raise BadInputError(f"--keep {keep}: wanted failures, all, or a trial's number, 0 … {trials - 1}")
 
 
-def is_kept(outcome: "Outcome", keep: str | None) -> bool:
-    """Whether a trial is to be written as a scenario."""
-    is_failure = outcome.eligible and outcome.why != ""
-    return keep == "all" or (keep == "failures" and is_failure) or is_trial(keep, outcome.trial)
-
-
-def is_trial(keep: str | None, trial: int) -> bool:
-    """Whether `--keep` is the number of this trial, with or without leading zeros."""
-    return keep is not None and keep.isdecimal() and int(keep) == trial
+def kept_of(outcomes: "Sequence[Outcome]", keep: str | None) -> list[int]:
+    """The numbers of the trials to be written as scenarios."""
+    if keep in ("failures", "all"):
+        return [one.trial for one in outcomes if keep == "all" or (one.eligible and one.why)]
+    return [] if keep is None else [int(keep)]
 
 
 def keep_trial(folder: Path, trial: "Trial") -> Path:

@@ -6,17 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from tools.study.cases import PRESETS
-from tools.study.claims.evidence import (
-    Evidence,
-)
+from tools.study.claims.evidence import Evidence
 from tools.study.sweep import Diagram
 
 REPRODUCED = "reproduced"
-
-
 CONTRADICTED = "contradicted"
-
-
 DAMPED_RATIOS = (1.05, 1.1, 1.2)
 
 
@@ -44,8 +38,3 @@ def per_law(found: Sequence[Diagram], figure: Callable[[Diagram], Any]) -> dict[
 def nominal(evidence: Evidence) -> list[Diagram]:
     """Return the diagrams of all presets with their nominal parameters."""
     return [diagram for preset in PRESETS for diagram in evidence.nominal(preset)]
-
-
-def or_none(value: float) -> float | None:
-    """Return the value, or None if it is not finite, because JSON has no other notation."""
-    return value if math.isfinite(value) else None

@@ -19,7 +19,6 @@ from tools.study.claims.claim import (
     Claim,
     in_hz,
     nominal,
-    or_none,
     per_law,
 )
 from tools.study.claims.evidence import (
@@ -248,7 +247,7 @@ def peak_force(evidence: Evidence) -> Claim:
     """Judge C7: the peak force of impacts."""
     peaks = {
         f"{preset}, {1e3 * contact_s:g} ms": {
-            f"r = {ratio:g}": or_none(evidence.peak_n(preset, contact_s, ratio)) for ratio in SOFT_RATIOS
+            f"r = {ratio:g}": evidence.peak_n(preset, contact_s, ratio) for ratio in SOFT_RATIOS
         }
         for preset in PRESETS
         for contact_s in CONTACTS_S
@@ -261,7 +260,7 @@ def peak_force(evidence: Evidence) -> Claim:
         f"{name}, {ratio}"
         for name, row in peaks.items()
         for ratio, peak in row.items()
-        if peak is not None and FORCE_LOW_N <= peak <= FORCE_HIGH_N
+        if FORCE_LOW_N <= peak <= FORCE_HIGH_N
     ]
     return Claim(
         "C7",

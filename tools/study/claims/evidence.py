@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from plant_sim.orbits import exact as exact_orbits
 from plant_sim.orbits.sections import CLASSIFY, PAPER, Outcome
 from tools.study import basin, store, work
-from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case
+from tools.study.cases import DRY_RANGE, LAWS, PRESETS, VISCOUS_RANGE_N_S_M, Case, case, whole_range
 from tools.study.orbits import AT_REST, State, classify, follow
 from tools.study.portraits import sample
 from tools.study.sweep import RATIOS, Diagram, diagrams, end_state
@@ -53,11 +53,9 @@ class Evidence:
         One more diagram has viscous friction with the amplitude of the dry laws.
         """
         cases = [
-            case(preset, law, value)
-            for preset in PRESETS
-            for law in LAWS
-            for value in (VISCOUS_RANGE_N_S_M if law == "viscous" else DRY_RANGE)
-            if not (preset == "gait" and law == "stribeck" and value != DRY_RANGE[0])
+            one
+            for one in whole_range(PRESETS, LAWS)
+            if (one.preset, one.law) != ("gait", "stribeck") or one.mu == DRY_RANGE[0]
         ]
         same_amplitude = replace(case("table1", "viscous"), amplitude_m=0.03)
         return diagrams([*cases, same_amplitude], self.where, self.ratios)

@@ -14,7 +14,6 @@ from tools.study.claims.claim import (
     Claim,
     in_hz,
     nominal,
-    or_none,
     per_law,
 )
 from tools.study.claims.evidence import (
@@ -118,9 +117,7 @@ def damping(evidence: Evidence) -> Claim:
     """Judge C13: the effect of damping on peak acceleration and variability."""
     rows = {
         f"{preset}, r = {ratio:g}": {
-            f"b = {b:g}": {
-                "peak_m_s2": or_none(evidence.peak_n(preset, CONTACTS_S[1], ratio, b) / 0.8),
-            }
+            f"b = {b:g}": {"peak_m_s2": evidence.peak_n(preset, CONTACTS_S[1], ratio, b) / 0.8}
             for b in VISCOUS_RANGE_N_S_M
         }
         for preset in PRESETS

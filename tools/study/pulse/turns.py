@@ -65,18 +65,14 @@ WEARER = {"plate_kg": 1.0, "ankle_n_m": 2000.0, "ankle_n_s_m": 40.0}
 def scene(module: Case, axis: str, stride_hz: float, start: State, ground: Ground = WALK) -> Scene:
     """Return the scene of a module on a leg, with an ideal crank, from the state `start`."""
     tables: dict[str, Any] = {
-        "striker": {
-            "mass_kg": module.mass_kg,
-            "spring_n_m": module.spring_n_m,
-            "rest_length_m": module.rest_length_m,
-        },
+        "striker": module.striker_table(),
         "drive": {
             "model": "ideal",
             "amplitude_m": module.amplitude_m,
             "speed_rad_s": 0.0,
             "phase_rad": start.crank_rad,
         },
-        "friction": {"law": "viscous", "b_n_s_m": module.b_n_s_m},
+        "friction": module.friction_table(),
         "stop": {
             "law": "hunt-crossley",
             "position_m": module.stop_m,

@@ -54,12 +54,6 @@ class Friction(NamedTuple):
 NO_FRICTION = Friction(0.0, 0.0)
 
 
-def pulse(restitution: float, pull: float) -> tuple[FloatArray, FloatArray]:
-    """Times and contact forces without friction, both dimensionless, until the force has vanished."""
-    times, pushes, _ = contact(restitution, pull, 0.0, 0.0)
-    return times, pushes
-
-
 def contact(
     restitution: float, pull: float, damping: float, dry: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

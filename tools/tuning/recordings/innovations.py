@@ -58,11 +58,11 @@ def worth(series: FloatArray) -> float:
     return float(n / (1.0 + 2.0 * np.sum(rho[:last])))
 
 
-def whiteness(series: FloatArray, lags: int = LAGS) -> float:
+def whiteness(series: FloatArray) -> float:
     """The p-value of Ljung & Box (1978): small if the series is not white, NaN if it is too short."""
     n = len(series)
-    if n < 3 * lags:
+    if n < 3 * LAGS:
         return float("nan")
-    rho = correlation(series - np.mean(series), lags)
-    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(chi2.sf(q, lags))
+    rho = correlation(series - np.mean(series), LAGS)
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
+    return float(chi2.sf(q, LAGS))

@@ -14,11 +14,10 @@ from tools.tuning.recordings.readings import Ticks
 
 
 class Truth(NamedTuple):
-    """Position and velocity of the striker at t_k, shape (n,), and the times of its touch-downs."""
+    """Position and velocity of the striker at t_k, shape (n,)."""
 
     x_m: FloatArray
     v_m_s: FloatArray
-    impacts_s: FloatArray
 
 
 RECEIVED = (
@@ -37,4 +36,4 @@ def record(cell: Cell, sampled: Sampled, duration_s: float) -> tuple[Ticks, Trut
     )
     done = run(scenario, scenario.seed, RECEIVED)
     ticks = Ticks(scenario.period_s, *(done.firmware[name].copy() for name in RECEIVED))
-    return ticks, Truth(done.true("x_m"), done.true("v_m_s"), done.impacts["t_s"])
+    return ticks, Truth(done.true("x_m"), done.true("v_m_s"))
