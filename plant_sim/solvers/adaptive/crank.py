@@ -196,9 +196,10 @@ def crank_net_n_m(parts: Parts, torque_n_m: float, angle_rad: float, y: Vector) 
 @subroutine
 def crank_limit_n_m(parts: Parts, dry_n_m: float, torque_n_m: float, angle_rad: float, y: Vector) -> float:
     """Largest net torque, N m, at which the dry loss holds a crank at rest: the loss plus a rounding of the
-    net torque."""
+    net torque, to which the motor adds at most what its drive permits."""
+    motor = motor_torque_n_m(parts.drive, torque_n_m, 0.0)
     load = crank_load_n_m(parts, angle_rad, from_stop_m(parts.wearer, parts.drive, y))
-    return dry_n_m + ROUNDING * (abs(torque_n_m) + abs(load) + dry_n_m)
+    return dry_n_m + ROUNDING * (abs(motor) + abs(load) + dry_n_m)
 
 
 @by_part

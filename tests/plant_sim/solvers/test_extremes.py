@@ -139,6 +139,17 @@ def test_a_sagging_supply_limits_speed(supply_v: float) -> None:
     assert final.omega_rad_s == pytest.approx(kt * supply_v / (kt * kt + r * b), rel=1e-6)
 
 
+@pytest.mark.parametrize("scene", [MOTOR, "table1-dq-motor"])
+@pytest.mark.parametrize("torque_n_m", [1e20, -1e300])
+def test_a_torque_beyond_every_limit_is_the_largest_that_the_drive_gives(
+    scene: str, torque_n_m: float
+) -> None:
+    """A rounding of the commanded torque would be larger than the dry loss, and would hold the crank."""
+    most = run(scene, {}, 0.2, torque_n_m=math.copysign(1e3, torque_n_m)).final
+    assert abs(most.omega_rad_s) > 10.0
+    assert run(scene, {}, 0.2, torque_n_m=torque_n_m).final == most
+
+
 @pytest.mark.parametrize("inertia_kg_m2", [1e-5, 1e-7])
 def test_a_motor_almost_without_inertia(inertia_kg_m2: float) -> None:
     changes = {"motor.inertia_kg_m2": inertia_kg_m2, "stop": {"law": "none"}}
