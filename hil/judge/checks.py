@@ -108,14 +108,26 @@ class CheckResult:
     requirement: str | None = None
 
 
-def within(check: Check, value: Any) -> bool:
-    """Whether `value` meets the check; a missing value or one that is not finite does not."""
+def margin(check: Check, value: Any) -> float:
+    """Distance of a figure inside its limits, in its unit; negative outside, −inf if missing or unequal.
+
+    >>> margin(Check(name="peak_force_n", low=90.0, high=180.0), 175.0)
+    5.0
+    >>> margin(Check(name="regime", equals="impact"), "lost")
+    -inf
+    """
     if check.equals is not None:
         alike = isinstance(value, bool) == isinstance(check.equals, bool)
-        return alike and bool(value == check.equals)
+        return 0.0 if alike and value == check.equals else -math.inf
     if value is None or isinstance(value, bool | str) or not math.isfinite(value):
-        return False
-    return (check.low is None or value >= check.low) and (check.high is None or value <= check.high)
+        return -math.inf
+    below = math.inf if check.high is None else check.high - value
+    return float(min(below, math.inf if check.low is None else value - check.low))
+
+
+def within(check: Check, value: Any) -> bool:
+    """Whether `value` meets the check; a missing value or one that is not finite does not."""
+    return margin(check, value) >= 0.0
 
 
 def own_value(check: Check, traces: RunTraces) -> float | None:

@@ -110,7 +110,7 @@ def tenths_of(bus: BusLog) -> IntArray:
     return np.floor((bus.t_s + TIME_RESOLUTION_S) / TENTH_S).astype(np.int64)
 
 
-def counted(pieces: Iterable[BusLog], lines: int = 0, read_bytes: int = 0) -> BusCounts:
+def counted(pieces: Iterable[BusLog]) -> BusCounts:
     """Count the frames of all pieces."""
     found: dict[int, tuple[int, int]] = {}
     for bus in pieces:
@@ -121,7 +121,7 @@ def counted(pieces: Iterable[BusLog], lines: int = 0, read_bytes: int = 0) -> Bu
             before = found.get(tenth, (0, 0))
             found[tenth] = (before[0] + more[0], before[1] + more[1])
     rows = np.array([(tenth, *found[tenth]) for tenth in sorted(found)], np.int64).reshape(-1, 3)
-    return BusCounts(rows[:, 0], rows[:, 1], rows[:, 2], lines, read_bytes)
+    return BusCounts(*rows.T)
 
 
 NO_BUS = BusLog(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), b"")

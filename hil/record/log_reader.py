@@ -18,7 +18,7 @@ from hil.record.frame_tables import a_row_a_frame, contiguous, decoded, one_each
 from hil.record.rates import slow_entity
 from hil.record.run_traces import NO_RECORDS, LogLoss, RunTraces
 from hil.record.traces.precision import NS_PER_S, TIME
-from hil.record.traces.stored_trace import Records, Selected, StoredColumns
+from hil.record.traces.stored_trace import ByColumn, Records, StoredColumns
 
 TIMELINES = ("sim_time", "wall_time")
 MEASURED = frozenset({"deadline_ns", "work_us", "wake_latency_us", "overruns"})
@@ -224,15 +224,10 @@ class LoggedTrace(StoredColumns):
         for block in blocks(path, entity):
             columns = columns_of(block)
             times.append(columns[TIME])
-        self._kind = np.dtype([(name, values.dtype) for name, values in columns.items()])
+        self.dtype = np.dtype([(name, values.dtype) for name, values in columns.items()])
         t_s = np.concatenate(times)
         self._rows = len(t_s)
         self._order = None if rises(t_s) else np.argsort(t_s, kind="stable")
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """The columns."""
-        return self._kind
 
     def __len__(self) -> int:
         return self._rows
@@ -247,23 +242,23 @@ class LoggedTrace(StoredColumns):
         return values if self._order is None else values[self._order]
 
 
-class WithSlow:
+class WithSlow(ByColumn):
     """The records of a trace, with each slow signal's last logged value."""
 
-    def __init__(self, fast: Records, slow: Records) -> None:
+    def __init__(self, fast: ByColumn, slow: ByColumn) -> None:
         self._fast = fast
         self._slow = slow
         self._newest = newest(fast[TIME], slow[TIME])
-        kinds = {name: one.dtype[name] for one in (slow, fast) for name in one.dtype.names}
+        kinds = {name: one.dtype[name] for one in (slow, fast) for name in one.dtype.names or ()}
         self.dtype = np.dtype([*kinds.items()])
 
     def __len__(self) -> int:
         return len(self._fast)
 
-    def __getitem__(self, key: Any) -> Any:
-        if not isinstance(key, str):
-            return Selected(self, np.arange(len(self))[key])
-        return self._fast[key] if key in self._fast.dtype.names else self._slow[key][self._newest]
+    def _column(self, name: str) -> NDArray[Any]:
+        is_fast = name in (self._fast.dtype.names or ())
+        values: NDArray[Any] = self._fast[name] if is_fast else self._slow[name][self._newest]
+        return values
 
 
 class LoggedBus(Bus):

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hil.judge.checks import Check
+from hil.judge.checks import Check, margin
 from hil.scenario.scenario import Scenario, check_scenario
-
-BEYOND = -math.inf
 
 AS_WRITTEN = 1
 """The seed with which faults begin at the scenario's own times."""
@@ -41,24 +39,6 @@ def at_other_times(scenario: Scenario, seed: int) -> Scenario:
         if line is script or line[key] >= first_s:
             line[key] = round(line[key] + by_ticks * scenario.period_s, 6)
     return check_scenario(document, scenario.name, scenario.changes)
-
-
-def margin(check: Check, value: Any) -> float:
-    """Distance of a figure inside its limits, in its unit; negative outside, −inf if missing or unequal.
-
-    >>> margin(Check(name="peak_force_n", low=90.0, high=180.0), 175.0)
-    5.0
-    >>> margin(Check(name="regime", equals="impact"), "lost")
-    -inf
-    """
-    if check.equals is not None:
-        alike = isinstance(value, bool) == isinstance(check.equals, bool)
-        return 0.0 if alike and value == check.equals else BEYOND
-    if value is None or isinstance(value, bool | str) or not math.isfinite(value):
-        return BEYOND
-    sides = [math.inf if check.high is None else check.high - value]
-    sides.append(math.inf if check.low is None else value - check.low)
-    return float(min(sides))
 
 
 def worst_of(check: Check, results: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:

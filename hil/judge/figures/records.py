@@ -1,4 +1,4 @@
-"""The figures of a finished run, each with its unit and meaning.
+"""The figures of a finished run, each annotated with its unit (empty for names and shares) and its meaning.
 
 A figure that a run does not have (no impact, no hold, no soft stop) is None, and a check on it fails. Checks,
 report and tables take units and meanings from here. Times are simulated seconds from the start of the run
@@ -8,18 +8,14 @@ unless a name says otherwise.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 from hil.record.run_traces import LogLoss
 
-
-class Quantity(NamedTuple):
-    """A figure's unit (empty for names and dimensionless numbers) and its meaning."""
-
-    unit: str
-    meaning: str
-    from_log: bool = False
-    """Whether the figure is computed from can.log, and thus incomplete if frames are missing there."""
+Number: TypeAlias = float | None
+"""A figure that some runs do not have."""
+FROM_LOG = True
+"""Marks a figure that is computed from can.log, and is thus incomplete if frames are missing there."""
 
 
 def plain(value: Any) -> Any:
@@ -35,39 +31,39 @@ def plain(value: Any) -> Any:
 class Spread:
     """Two quantiles and the largest value of a sample."""
 
-    p50: Annotated[float | None, Quantity("µs", "median")]
-    p99: Annotated[float | None, Quantity("µs", "99th percentile")]
-    max: Annotated[float | None, Quantity("µs", "largest")]
+    p50: Annotated[Number, "µs", "median"]
+    p99: Annotated[Number, "µs", "99th percentile"]
+    max: Annotated[Number, "µs", "largest"]
 
 
 @dataclass(frozen=True, slots=True)
 class Latency:
     """Time from a touch-down to the tick that reports it."""
 
-    p50: Annotated[float | None, Quantity("ms", "median latency of a detection")]
-    p95: Annotated[float | None, Quantity("ms", "95th percentile of the detections' latency")]
+    p50: Annotated[Number, "ms", "median latency of a detection"]
+    p95: Annotated[Number, "ms", "95th percentile of the detections' latency"]
 
 
 @dataclass(frozen=True, slots=True)
 class LoopTiming:
     """Timing of one loop."""
 
-    ticks: Annotated[int, Quantity("", "ticks run")]
-    overruns: Annotated[int, Quantity("", "ticks skipped because the next deadline had passed")]
-    late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late")]
-    long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick")]
-    longest_hold_ms: Annotated[float | None, Quantity("ms", "the loop's longest stall between two ticks")]
-    longest_hold_at_s: Annotated[float | None, Quantity("s", "the beginning of this stall")]
-    work_us: Annotated[Spread, Quantity("", "work in a tick")]
-    wake_us: Annotated[Spread, Quantity("", "wake-up latency")]
+    ticks: Annotated[int, "", "ticks run"]
+    overruns: Annotated[int, "", "ticks skipped because the next deadline had passed"]
+    late_wakeups: Annotated[int, "", "wake-ups more than half a tick late"]
+    long_work: Annotated[int, "", "ticks whose work took more than half a tick"]
+    longest_hold_ms: Annotated[Number, "ms", "the loop's longest stall between two ticks"]
+    longest_hold_at_s: Annotated[Number, "s", "the beginning of this stall"]
+    work_us: Annotated[Spread, "", "work in a tick"]
+    wake_us: Annotated[Spread, "", "wake-up latency"]
 
 
 @dataclass(frozen=True, slots=True)
 class Loops:
     """The two loops of the bench."""
 
-    plant: Annotated[LoopTiming, Quantity("", "the plant's loop")]
-    firmware: Annotated[LoopTiming, Quantity("", "the firmware's loop")]
+    plant: Annotated[LoopTiming, "", "the plant's loop"]
+    firmware: Annotated[LoopTiming, "", "the firmware's loop"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,24 +78,19 @@ class TrueImpact:
 class MemoryFigures:
     """Growth of memory after the processes have settled; None in short runs."""
 
-    nodes_growth_mb: Annotated[
-        float | None, Quantity("MB", "largest growth of a process, without the recorder")
-    ]
-    recorder_growth_mb_min: Annotated[
-        float | None, Quantity("MB/min", "the recorder's growth; it keeps the log's index")
-    ]
+    nodes_growth_mb: Annotated[Number, "MB", "largest growth of a process, without the recorder"]
+    recorder_growth_mb_min: Annotated[Number, "MB/min", "the recorder's growth; it keeps the log's index"]
 
 
 @dataclass(frozen=True, slots=True)
 class EstimateFigures:
     """The firmware's estimate against the truth of the same tick, over the hold."""
 
-    x_rmse_m: Annotated[float | None, Quantity("m", "RMS error of the striker's position")]
-    v_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the striker's velocity")]
-    x_worst_m: Annotated[float | None, Quantity("m", "largest error of the striker's position")]
+    x_rmse_m: Annotated[Number, "m", "RMS error of the striker's position"]
+    v_rmse_m_s: Annotated[Number, "m/s", "RMS error of the striker's velocity"]
+    x_worst_m: Annotated[Number, "m", "largest error of the striker's position"]
     nis_mean: Annotated[
-        float | None,
-        Quantity("", "mean normalised innovation squared; 1 if the filter's covariance is right"),
+        Number, "", "mean normalised innovation squared; 1 if the filter's covariance is right"
     ]
 
 
@@ -107,15 +98,12 @@ class EstimateFigures:
 class DetectorFigures:
     """The firmware's detections against the true touch-downs of at least 0.05 m/s, over the whole run."""
 
-    precision: Annotated[float | None, Quantity("", "share of the detections that belong to an impact")]
-    recall: Annotated[float | None, Quantity("", "share of the detectable impacts that were detected")]
-    latency_ms: Annotated[Latency, Quantity("", "from touch-down to the tick that reports it")]
-    speed_rmse_m_s: Annotated[float | None, Quantity("m/s", "RMS error of the reported approach speed")]
+    precision: Annotated[Number, "", "share of the detections that belong to an impact"]
+    recall: Annotated[Number, "", "share of the detectable impacts that were detected"]
+    latency_ms: Annotated[Latency, "", "from touch-down to the tick that reports it"]
+    speed_rmse_m_s: Annotated[Number, "m/s", "RMS error of the reported approach speed"]
     slept_through: Annotated[
-        int,
-        Quantity(
-            "", "impacts missed because the firmware stalled for 5 ms from touch-down; not in the recall"
-        ),
+        int, "", "impacts missed because the firmware stalled for 5 ms from touch-down; not in the recall"
     ]
 
 
@@ -123,22 +111,20 @@ class DetectorFigures:
 class SpeedFigures:
     """The crank's true speed over the second half of the hold."""
 
-    mean_rad_s: Annotated[float | None, Quantity("rad/s", "mean crank speed")]
-    error: Annotated[float | None, Quantity("", "mean crank speed divided by its mean target, minus one")]
-    ripple: Annotated[float | None, Quantity("", "half of the peak-to-peak crank speed, divided by its mean")]
+    mean_rad_s: Annotated[Number, "rad/s", "mean crank speed"]
+    error: Annotated[Number, "", "mean crank speed divided by its mean target, minus one"]
+    ripple: Annotated[Number, "", "half of the peak-to-peak crank speed, divided by its mean"]
 
 
 @dataclass(frozen=True, slots=True)
 class LatchedFigures:
     """Stalls of the loops before the firmware latched its first fault; a stall looks like a silent sensor."""
 
-    at_s: Annotated[float | None, Quantity("s", "time at which the first fault was latched")]
+    at_s: Annotated[Number, "s", "time at which the first fault was latched"]
     firmware_held_ms: Annotated[
-        float | None, Quantity("ms", "longest stall of the firmware's loop in the 0.2 s before the fault")
+        Number, "ms", "longest stall of the firmware's loop in the 0.2 s before the fault"
     ]
-    plant_held_ms: Annotated[
-        float | None, Quantity("ms", "longest stall of the plant's loop in the same time")
-    ]
+    plant_held_ms: Annotated[Number, "ms", "longest stall of the plant's loop in the same time"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,19 +133,14 @@ class SafeStateFigures:
 
     cause: Annotated[
         str | None,
-        Quantity(
-            "", "cause: stop, fault, e-stop, firmware-silent or plant-silent; none if the drive stayed on"
-        ),
+        "",
+        "cause: stop, fault, e-stop, firmware-silent or plant-silent; none if the drive stayed on",
     ]
-    at_s: Annotated[float | None, Quantity("s", "time from which the drive must be off")]
-    torque_zero_after_s: Annotated[
-        float | None, Quantity("s", "time until the motor's torque was finally zero")
-    ]
-    command_zero_after_s: Annotated[
-        float | None, Quantity("s", "time until the firmware's torque command was finally zero")
-    ]
+    at_s: Annotated[Number, "s", "time from which the drive must be off"]
+    torque_zero_after_s: Annotated[Number, "s", "time until the motor's torque was finally zero"]
+    command_zero_after_s: Annotated[Number, "s", "time until the firmware's torque command was finally zero"]
     impacts_after: Annotated[
-        int | None, Quantity("", "impacts after the drive must be off; some may follow at zero torque")
+        int | None, "", "impacts after the drive must be off; some may follow at zero torque"
     ]
 
 
@@ -168,42 +149,32 @@ class FaultFigures:
     """True torque, speed and impacts after the first fault of the script; None without a fault."""
 
     torque_zero_after_s: Annotated[
-        float | None, Quantity("s", "from the fault's beginning until the motor's torque was finally zero")
+        Number, "s", "from the fault's beginning until the motor's torque was finally zero"
     ]
-    impacts_after_zero: Annotated[int | None, Quantity("", "impacts after the torque was finally zero")]
-    largest_torque_n_m: Annotated[
-        float | None, Quantity("N m", "largest motor torque from the fault's beginning on")
-    ]
+    impacts_after_zero: Annotated[int | None, "", "impacts after the torque was finally zero"]
+    largest_torque_n_m: Annotated[Number, "N m", "largest motor torque from the fault's beginning on"]
     largest_speed_rad_s: Annotated[
-        float | None,
-        Quantity("rad/s", "largest crank speed from the fault's beginning on, in either direction"),
+        Number, "rad/s", "largest crank speed from the fault's beginning on, in either direction"
     ]
     peak_force_n: Annotated[
-        float | None,
-        Quantity(
-            "N", "largest force of impacts on the stop from the fault's beginning on; 0 without impacts"
-        ),
+        Number, "N", "largest force of impacts on the stop from the fault's beginning on; 0 without impacts"
     ]
     impacts_again_after_s: Annotated[
-        float | None,
-        Quantity("s", "from the fault's end until every drive period of the hold had an impact again"),
+        Number, "s", "from the fault's end until every drive period of the hold had an impact again"
     ]
-    turning_at_end_rad_s: Annotated[
-        float | None, Quantity("rad/s", "mean crank speed over the run's last half second")
-    ]
+    turning_at_end_rad_s: Annotated[Number, "rad/s", "mean crank speed over the run's last half second"]
 
 
 @dataclass(frozen=True, slots=True)
 class FeltFigures:
     """The force of ankle spring and damper on the wearer, at the ticks; None without a wearer."""
 
-    peak_n: Annotated[float | None, Quantity("N", "largest force on the wearer, in either direction")]
+    peak_n: Annotated[Number, "N", "largest force on the wearer, in either direction"]
     settled_low_n: Annotated[
-        float | None,
-        Quantity("N", "smallest peak force of a crank turn in the second half of the hold"),
+        Number, "N", "smallest peak force of a crank turn in the second half of the hold"
     ]
     settled_high_n: Annotated[
-        float | None, Quantity("N", "largest peak force of a crank turn in the second half of the hold")
+        Number, "N", "largest peak force of a crank turn in the second half of the hold"
     ]
 
 
@@ -212,31 +183,25 @@ class GaitFigures:
     """Figures of a walk over the hold; strides count from the fifth whole one to a stop or a stumble."""
 
     phase_rmse_percent: Annotated[
-        float | None, Quantity("%", "RMS error of the estimated gait phase, as a share of the cycle")
+        Number, "%", "RMS error of the estimated gait phase, as a share of the cycle"
     ]
-    phase_worst_percent: Annotated[float | None, Quantity("%", "largest error of the estimated gait phase")]
-    strides: Annotated[int | None, Quantity("", "number of whole strides that count")]
-    in_window: Annotated[
-        float | None, Quantity("", "share of the strides with a pulse in the firmware's window")
-    ]
-    pulses_per_stride: Annotated[float | None, Quantity("", "mean number of pulses in a stride")]
-    outside_per_stride: Annotated[
-        float | None, Quantity("", "mean number of pulses outside of the window in a stride")
-    ]
-    end: Annotated[str | None, Quantity("", "the end of the steady walk: stop or stumble")]
-    end_s: Annotated[float | None, Quantity("s", "time at which the leg stood still or the foot tripped")]
+    phase_worst_percent: Annotated[Number, "%", "largest error of the estimated gait phase"]
+    strides: Annotated[int | None, "", "number of whole strides that count"]
+    in_window: Annotated[Number, "", "share of the strides with a pulse in the firmware's window"]
+    pulses_per_stride: Annotated[Number, "", "mean number of pulses in a stride"]
+    outside_per_stride: Annotated[Number, "", "mean number of pulses outside of the window in a stride"]
+    end: Annotated[str | None, "", "the end of the steady walk: stop or stumble"]
+    end_s: Annotated[Number, "s", "time at which the leg stood still or the foot tripped"]
     last_pulse_after_s: Annotated[
-        float | None,
-        Quantity("s", "from the end of the walk to the last pulse; 0 without a pulse"),
+        Number, "s", "from the end of the walk to the last pulse; 0 without a pulse"
     ]
     hardest_after: Annotated[
-        float | None,
-        Quantity(
-            "", "largest approach speed after the end of the walk, divided by the largest in the steady half"
-        ),
+        Number,
+        "",
+        "largest approach speed after the end of the walk, divided by the largest in the steady half",
     ]
     undriven: Annotated[
-        int | None, Quantity("", "pulses with the crank off for 2 s or more, caused by the leg's motion")
+        int | None, "", "pulses with the crank off for 2 s or more, caused by the leg's motion"
     ]
 
 
@@ -245,81 +210,64 @@ class LogFigures:
     """Whether the log holds every frame that was on the bus."""
 
     frames_lost: Annotated[
-        int | None, Quantity("", "frames that the recorder lost; none if the bus does not count them")
+        int | None, "", "frames that the recorder lost; none if the bus does not count them"
     ]
-    lost_s: Annotated[float | None, Quantity("s", "total time around the lost frames")]
+    lost_s: Annotated[Number, "s", "total time around the lost frames"]
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
     """All figures of a run."""
 
-    scenario: Annotated[str, Quantity("", "the scenario's name")]
-    clock: Annotated[str, Quantity("", "real, patient or lockstep")]
-    bus: Annotated[str, Quantity("", "the bus of the run")]
-    kernel_can: Annotated[bool, Quantity("", "whether frames went through the kernel's CAN stack")]
-    real_time: Annotated[
-        bool | None, Quantity("", "whether a real-time run met its timing; none with other clocks")
-    ]
-    duration_s: Annotated[float, Quantity("s", "simulated duration")]
-    ticks: Annotated[int, Quantity("", "ticks that the firmware ran")]
-    overruns: Annotated[int, Quantity("", "ticks skipped, both loops")]
-    baseline_overruns: Annotated[
-        int | None, Quantity("", "ticks that a bare sleep loop beside the run skipped")
-    ]
-    late_wakeups: Annotated[int, Quantity("", "wake-ups more than half a tick late, both loops")]
-    long_work: Annotated[int, Quantity("", "ticks whose work took more than half a tick, both loops")]
-    tick_us: Annotated[Spread, Quantity("", "work in a firmware tick")]
-    wake_us: Annotated[Spread, Quantity("", "wake-up latency of the firmware's loop")]
-    loops: Annotated[Loops, Quantity("", "timing of each loop")]
-    bus_load: Annotated[
-        float | None,
-        Quantity("", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", from_log=True),
-    ]
-    realtime_factor: Annotated[float | None, Quantity("", "simulated time divided by elapsed time")]
-    memory: Annotated[MemoryFigures, Quantity("", "growth of the processes' own memory")]
-    log: Annotated[LogFigures, Quantity("", "frames missing in can.log")]
-    losses: Annotated[tuple[LogLoss, ...], Quantity("", "intervals in which the recorder lost frames")]
-    impacts: Annotated[tuple[TrueImpact, ...], Quantity("", "the true touch-downs")]
-    impact_count: Annotated[int, Quantity("", "true touch-downs of the run")]
-    regime: Annotated[str, Quantity("", "the striker's true regime during the hold")]
-    regime_estimated: Annotated[
-        str, Quantity("", "the regime that the firmware reported at the end of the hold")
-    ]
-    hold_start_s: Annotated[float | None, Quantity("s", "end of the run-up")]
-    hold_end_s: Annotated[float | None, Quantity("s", "end of the hold")]
-    impacts_per_period: Annotated[float | None, Quantity("", "impacts per turn of the crank during the hold")]
-    capture_s: Annotated[
-        float | None, Quantity("s", "first impact after which every drive period of the hold has an impact")
-    ]
-    largest_v_m_s: Annotated[float | None, Quantity("m/s", "largest approach speed of the run")]
-    largest_v_on_the_way_m_s: Annotated[
-        float | None, Quantity("m/s", "largest approach speed before the hold")
-    ]
-    impact_v_m_s: Annotated[
-        float | None, Quantity("m/s", "median approach speed over the second half of the hold")
-    ]
+    scenario: Annotated[str, "", "the scenario's name"]
+    clock: Annotated[str, "", "real, patient or lockstep"]
+    bus: Annotated[str, "", "the bus of the run"]
+    kernel_can: Annotated[bool, "", "whether frames went through the kernel's CAN stack"]
+    real_time: Annotated[bool | None, "", "whether a real-time run met its timing; none with other clocks"]
+    duration_s: Annotated[float, "s", "simulated duration"]
+    ticks: Annotated[int, "", "ticks that the firmware ran"]
+    overruns: Annotated[int, "", "ticks skipped, both loops"]
+    baseline_overruns: Annotated[int | None, "", "ticks that a bare sleep loop beside the run skipped"]
+    late_wakeups: Annotated[int, "", "wake-ups more than half a tick late, both loops"]
+    long_work: Annotated[int, "", "ticks whose work took more than half a tick, both loops"]
+    tick_us: Annotated[Spread, "", "work in a firmware tick"]
+    wake_us: Annotated[Spread, "", "wake-up latency of the firmware's loop"]
+    loops: Annotated[Loops, "", "timing of each loop"]
+    bus_load: Annotated[Number, "", "mean load of the bus at 1 Mbit/s, worst-case bit stuffing", FROM_LOG]
+    realtime_factor: Annotated[Number, "", "simulated time divided by elapsed time"]
+    memory: Annotated[MemoryFigures, "", "growth of the processes' own memory"]
+    log: Annotated[LogFigures, "", "frames missing in can.log"]
+    losses: Annotated[tuple[LogLoss, ...], "", "intervals in which the recorder lost frames"]
+    impacts: Annotated[tuple[TrueImpact, ...], "", "the true touch-downs"]
+    impact_count: Annotated[int, "", "true touch-downs of the run"]
+    regime: Annotated[str, "", "the striker's true regime during the hold"]
+    regime_estimated: Annotated[str, "", "the regime that the firmware reported at the end of the hold"]
+    hold_start_s: Annotated[Number, "s", "end of the run-up"]
+    hold_end_s: Annotated[Number, "s", "end of the hold"]
+    impacts_per_period: Annotated[Number, "", "impacts per turn of the crank during the hold"]
+    capture_s: Annotated[Number, "s", "first impact after which every drive period of the hold has an impact"]
+    largest_v_m_s: Annotated[Number, "m/s", "largest approach speed of the run"]
+    largest_v_on_the_way_m_s: Annotated[Number, "m/s", "largest approach speed before the hold"]
+    impact_v_m_s: Annotated[Number, "m/s", "median approach speed over the second half of the hold"]
     impact_impulse_n_s: Annotated[
-        float | None, Quantity("N s", "median impulse of an impact over the second half of the hold")
+        Number, "N s", "median impulse of an impact over the second half of the hold"
     ]
-    peak_force_n: Annotated[float | None, Quantity("N", "largest force on the stop; none with a rigid stop")]
-    felt: Annotated[FeltFigures, Quantity("", "the force on the wearer")]
-    gait: Annotated[GaitFigures, Quantity("", "the walk: phase, pulses in the window, its end")]
-    estimate: Annotated[EstimateFigures, Quantity("", "the firmware's estimate against the truth")]
-    detector: Annotated[DetectorFigures, Quantity("", "the firmware's impact detector against the truth")]
-    speed: Annotated[SpeedFigures, Quantity("", "the crank's speed")]
-    fault: Annotated[str, Quantity("", "the first fault that the firmware latched, or none")]
-    latched: Annotated[LatchedFigures, Quantity("", "stalls of the loops before that fault")]
-    final_mode: Annotated[str, Quantity("", "the firmware's mode at the end")]
+    peak_force_n: Annotated[Number, "N", "largest force on the stop; none with a rigid stop"]
+    felt: Annotated[FeltFigures, "", "the force on the wearer"]
+    gait: Annotated[GaitFigures, "", "the walk: phase, pulses in the window, its end"]
+    estimate: Annotated[EstimateFigures, "", "the firmware's estimate against the truth"]
+    detector: Annotated[DetectorFigures, "", "the firmware's impact detector against the truth"]
+    speed: Annotated[SpeedFigures, "", "the crank's speed"]
+    fault: Annotated[str, "", "the first fault that the firmware latched, or none"]
+    latched: Annotated[LatchedFigures, "", "stalls of the loops before that fault"]
+    final_mode: Annotated[str, "", "the firmware's mode at the end"]
     motor_torque_after_stop_n_m: Annotated[
-        float | None, Quantity("N m", "largest motor torque from 0.1 s after the drive must be off")
+        Number, "N m", "largest motor torque from 0.1 s after the drive must be off"
     ]
-    safe_state: Annotated[SafeStateFigures, Quantity("", "torque and impacts after the drive must be off")]
-    after_fault: Annotated[
-        FaultFigures, Quantity("", "torque, speed and impacts after the first fault of the script")
-    ]
+    safe_state: Annotated[SafeStateFigures, "", "torque and impacts after the drive must be off"]
+    after_fault: Annotated[FaultFigures, "", "torque, speed and impacts after the first fault of the script"]
     energy_residual: Annotated[
-        float | None, Quantity("", "unbalanced energy of the plant, as a share of the exchanged energy")
+        Number, "", "unbalanced energy of the plant, as a share of the exchanged energy"
     ]
 
     def as_json(self) -> dict[str, Any]:
@@ -334,13 +282,13 @@ class FigureSpec(NamedTuple):
     name: str
     unit: str
     meaning: str
-    from_log: bool
+    from_log: bool = False
 
 
 def walk(record: type, prefix: str = "") -> Iterator[FigureSpec]:
     """The leaf figures below a record, by dotted name."""
     for name, hint in get_type_hints(record, include_extras=True).items():
-        kind, quantity = get_args(hint)
+        kind, *quantity = get_args(hint)
         if isinstance(kind, type) and is_dataclass(kind):
             yield from walk(kind, f"{prefix}{name}.")
         elif get_origin(kind) is not tuple:

@@ -45,23 +45,53 @@ class Records(Protocol):
         """A column by its name, or a selection of rows."""
 
 
-class Columns:
+class ByColumn(ABC):
+    """Records of which one column is read at a time; rows are selected by their numbers."""
+
+    dtype: np.dtype[np.void]
+    """The columns' names and types."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of records."""
+
+    @abstractmethod
+    def _column(self, name: str) -> NDArray[Any]:
+        """One column."""
+
+    def __getitem__(self, key: Any) -> Any:
+        return self._column(key) if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
+
+
+class Columns(ByColumn):
     """Records in memory as separate columns, so that a selection of columns needs no second copy."""
 
     def __init__(self, columns: Mapping[str, NDArray[Any]], rows: int) -> None:
+        self.dtype = np.dtype([(name, values.dtype) for name, values in columns.items()])
         self._columns = columns
         self._rows = rows
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """The columns' names and types."""
-        return np.dtype([(name, values.dtype) for name, values in self._columns.items()])
 
     def __len__(self) -> int:
         return self._rows
 
-    def __getitem__(self, key: Any) -> Any:
-        return self._columns[key] if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
+    def _column(self, name: str) -> NDArray[Any]:
+        return self._columns[name]
+
+
+class Selected(ByColumn):
+    """A selection of rows of records, by their numbers."""
+
+    def __init__(self, records: ByColumn, rows: NDArray[np.int64]) -> None:
+        self.dtype = records.dtype
+        self._records = records
+        self._rows = rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def _column(self, name: str) -> NDArray[Any]:
+        values: NDArray[Any] = self._records[name]
+        return values[self._rows]
 
 
 def is_read_often(name: str) -> bool:
@@ -69,7 +99,7 @@ def is_read_often(name: str) -> bool:
     return not name.startswith(SELDOM_READ) or name in OF_FIGURES | OF_THE_LAYOUT
 
 
-class StoredColumns(ABC):
+class StoredColumns(ByColumn):
     """Records in a file; columns are copied to a temporary store at first use and read from there."""
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -80,21 +110,9 @@ class StoredColumns(ABC):
         )
         weakref.finalize(self, self._store.close)
 
-    @property
-    @abstractmethod
-    def dtype(self) -> np.dtype[np.void]:
-        """The columns."""
-
-    @abstractmethod
-    def __len__(self) -> int:
-        """Number of records."""
-
     @abstractmethod
     def _pieces(self, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
         """Yield the columns `names` of all records in pieces."""
-
-    def __getitem__(self, key: Any) -> Any:
-        return self._column(key) if isinstance(key, str) else Selected(self, np.arange(len(self))[key])
 
     def _column(self, name: str) -> NDArray[Any]:
         """One column, copied to the store at its first use."""
@@ -128,16 +146,11 @@ class StoredTrace(StoredColumns):
         super().__init__(path.parent)
         self._path = path
         self._exact = exact
-        self._layout = trace.layout_of(path)
-        self._kind = self._layout.dtype if exact else kept_type(self._layout.dtype)
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """The columns."""
-        return self._kind
+        own_type, _, self._rows = trace.layout_of(path)
+        self.dtype = own_type if exact else kept_type(own_type)
 
     def __len__(self) -> int:
-        return self._layout.records
+        return self._rows
 
     def __getitem__(self, key: Any) -> Any:
         if not isinstance(key, slice):
@@ -150,25 +163,3 @@ class StoredTrace(StoredColumns):
         for start in range(0, len(self), PIECE_RECORDS):
             piece = trace.read(self._path, start, min(start + PIECE_RECORDS, len(self)))
             yield [piece[name] if self._exact else kept_column(name, piece[name]) for name in names]
-
-
-class Selected:
-    """A selection of rows of records on disk, by their numbers."""
-
-    def __init__(self, records: Records, rows: NDArray[np.int64]) -> None:
-        self._records = records
-        self._rows = rows
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """The columns."""
-        kind: np.dtype[np.void] = self._records.dtype
-        return kind
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __getitem__(self, key: Any) -> Any:
-        if isinstance(key, str):
-            return self._records[key][self._rows]
-        return Selected(self._records, self._rows[key])
