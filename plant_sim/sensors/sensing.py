@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import by_part, law, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive
-from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2, is_level
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
 from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
@@ -156,13 +156,17 @@ def _(probe: Sensing, parts: Parts, dense: Vector, h_s: float, used_s: float, be
     for i in range(PULSES):
         if probe.pulses[i, JUMP] != 0.0:
             _sense_pulse(probe, probe.pulses[i], used_s)
-    if not is_level(parts.housing):
-        _sense_housing(parts.housing, probe, used_s, begin_s)
+    _sense_housing(parts.housing, probe, used_s, begin_s)
 
 
-@subroutine
+@by_part
 def _sense_housing(housing: Housing, probe: Sensing, used_s: float, begin_s: float) -> None:
     """Add the response of the accelerometers to a_b over a step."""
+    return
+
+
+@law(_sense_housing, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking, probe: Sensing, used_s: float, begin_s: float) -> None:
     power, moments, states = probe.power, probe.moments, probe.states
     values, through = probe.shaken[0], probe.shaken[1]
     for i in range(DEGREE + 1):

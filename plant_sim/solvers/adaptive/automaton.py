@@ -145,7 +145,7 @@ def apply(parts: Parts, probe: Probe, memory: Memory, torque_n_m: float, event: 
     elif event in (CRANK_HALT, CRANK_BREAK):
         halt_or_break_crank(parts.drive, parts, memory, torque_n_m, event)
     elif event in (LIMIT, UNLIMIT):
-        limit_voltage(memory, event)
+        limit_voltage(parts.winding, memory, event)
 
 
 @subroutine

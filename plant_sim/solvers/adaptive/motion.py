@@ -3,13 +3,14 @@
 m_B (x'' + a_b) = c (x_A + l0 − x) + F_f − F_stop, and those of crank, windings and foot plate.
 """
 
-from plant_sim.kernels import subroutine
+from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.parts.friction import friction_force_n
-from plant_sim.parts.housing import housing_m_s2, is_level
+from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.linkage import crank_torque_n_m, piston_m
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_energy_j, elastic_force_n, is_soft, origin_m, stop_force_n
 from plant_sim.parts.striker import spring_energy_j
+from plant_sim.parts.walking import Walking
 from plant_sim.parts.winding import cogging, wave_energy, wave_sum
 from plant_sim.solvers.adaptive.crank import (
     coupling_n,
@@ -38,7 +39,7 @@ from plant_sim.solvers.adaptive.wearer import (
     plate_energy_j,
     plate_momentum_n_s,
 )
-from plant_sim.solvers.adaptive.winding import turning_torque_n_m, winding_derivative
+from plant_sim.solvers.adaptive.winding import is_voltage_limited, turning_torque_n_m, winding_derivative
 
 
 @subroutine
@@ -54,7 +55,7 @@ def flow_now(parts: Parts, memory: Memory, torque_n_m: float, time_s: float) -> 
         float(mode.crank_direction),
         mode.crank_stuck == 1,
         time_s,
-        mode.voltage_limited == 1,
+        is_voltage_limited(parts.winding, memory),
     )
 
 
@@ -91,10 +92,19 @@ def derivative(parts: Parts, flow: Flow, tau_s: float, y: Vector, out: Vector) -
         out[1] = 0.0
         out[work + 1] = crank_loss
     plate_derivative(parts.wearer, parts, push, a_b, y, out)
-    if not is_level(parts.housing):
-        momentum = striker.mass_kg * v + plate_momentum_n_s(parts.wearer, drive, y)
-        out[housing_place(parts)] = -a_b * momentum
+    _housing_derivative(parts.housing, parts, a_b, y, out)
     winding_derivative(parts.winding, drive, parts, flow, crank, y, out)
+
+
+@by_part
+def _housing_derivative(housing: Housing, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    return
+
+
+@law(_housing_derivative, Tilted, Moving, Walking)
+def _(housing: Tilted | Moving | Walking, parts: Parts, a_b: float, y: Vector, out: Vector) -> None:
+    momentum = parts.striker.mass_kg * y[1] + plate_momentum_n_s(parts.wearer, parts.drive, y)
+    out[housing_place(parts)] = -a_b * momentum
 
 
 @subroutine

@@ -14,7 +14,7 @@ from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import elastic_force_n, is_rigid, is_soft, origin_m
 from plant_sim.parts.striker import spring_force_n, spring_stretch_m
 from plant_sim.parts.walking import Walking
-from plant_sim.parts.wearer import is_worn
+from plant_sim.parts.wearer import Ankle, Wearer
 from plant_sim.solvers.adaptive.crank import angle_at, angle_event, coupling_n, crank_now
 from plant_sim.solvers.adaptive.event_location import Step, root
 from plant_sim.solvers.adaptive.state_layout import (
@@ -141,9 +141,7 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     """Set the phase of a striker at v = 0: stick, rest on a rigid stop, or motion in the direction of the
     force."""
     y, mode = memory.y, memory.mode[0]
-    net = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, y, time_s)
-    if is_worn(parts.wearer) and y[0] == 0.0:  # at a plate at rest: the housing moves plate and striker alike
-        net += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    net = _set_off_force_n(parts.wearer, parts, memory, time_s)
     dry = dry_limit_n(parts)
     rounding = held_limit_n(parts, y, time_s) - dry
     growth, near = _pull_growth(parts.housing, parts, memory, time_s)
@@ -158,6 +156,20 @@ def from_rest(parts: Parts, memory: Memory, time_s: float) -> None:
     if breaks_forward == breaks_back:  # free, and without a pull
         forward = growth > 0.0 or (growth == 0.0 and net >= 0.0)
     _set_off(parts, memory, time_s, forward, 1 if abs(net) > dry + near else 2)
+
+
+@by_part
+def _set_off_force_n(wearer: Wearer, parts: Parts, memory: Memory, time_s: float) -> float:
+    """Force, N, whose sign is the direction in which a striker at rest sets off."""
+    return held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+
+
+@law(_set_off_force_n, Ankle)
+def _(wearer: Ankle, parts: Parts, memory: Memory, time_s: float) -> float:
+    force_n = held_force_n(parts, crank_now(parts.drive, memory).angle_rad, memory.y, time_s)
+    if memory.y[0] == 0.0:  # at a plate at rest, which the housing moves along as it does the striker
+        force_n += parts.striker.mass_kg * housing_m_s2(parts.housing, time_s)
+    return force_n
 
 
 @by_part

@@ -48,8 +48,15 @@ def stop_events(stop: Stop, parts: Parts, step: Step, found: Found) -> Found:
     return found
 
 
-@law(stop_events, RigidStop, HuntCrossley)
-def _(stop: RigidStop | HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
+@law(stop_events, RigidStop)
+def _(stop: RigidStop, parts: Parts, step: Step, found: Found) -> Found:
+    if step.flow.phase != FLIGHT:
+        return found
+    return earlier(found, TOUCH, root(step.dense[DEPTH], 1.0, 0.0, step.zeros.depth, step.scratch))
+
+
+@law(stop_events, HuntCrossley)
+def _(stop: HuntCrossley, parts: Parts, step: Step, found: Found) -> Found:
     depth, zeros = step.dense[DEPTH], step.zeros.depth
     if step.flow.phase == FLIGHT:
         return earlier(found, TOUCH, root(depth, 1.0, 0.0, zeros, step.scratch))

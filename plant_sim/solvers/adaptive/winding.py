@@ -259,11 +259,41 @@ def _(winding: DqWinding, drive: MotorDrive, parts: Parts, memory: Memory, torqu
     memory.mode[0].zero_voltage = 0
 
 
-@subroutine
-def limit_voltage(memory: Memory, event: int) -> None:
+@by_part
+def limit_voltage(winding: Winding, memory: Memory, event: int) -> None:
     """Begin or end the voltage limit of the current loop."""
+    return
+
+
+@law(limit_voltage, DqWinding)
+def _(winding: DqWinding, memory: Memory, event: int) -> None:
     memory.mode[0].voltage_limited = 1 if event == LIMIT else 0
     memory.mode[0].zero_voltage = 1
+
+
+@by_part
+def is_voltage_limited(winding: Winding, memory: Memory) -> bool:
+    """Whether the bus limits a current loop now."""
+    return False
+
+
+@law(is_voltage_limited, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> bool:
+    limited: bool = memory.mode[0].voltage_limited == 1
+    return limited
+
+
+@by_part
+def voltage_zeros(winding: Winding, memory: Memory) -> int:
+    """Number of leading zero derivatives of the voltage's excess at the step's start; reset to 0."""
+    return 0
+
+
+@law(voltage_zeros, DqWinding)
+def _(winding: DqWinding, memory: Memory) -> int:
+    zeros: int = memory.mode[0].zero_voltage
+    memory.mode[0].zero_voltage = 0
+    return zeros
 
 
 @by_part
