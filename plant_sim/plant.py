@@ -17,7 +17,7 @@ from plant_sim.scene import Scene, require_scene
 from plant_sim.sensors.gait import GaitReading, GaitSensors, GaitTruth, gait_at, gaits_at
 from plant_sim.sensors.readings import Noise, Readers, SensorReading, Sensors
 from plant_sim.sensors.sampled import SAMPLED
-from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump
+from plant_sim.sensors.sensing import NoSensing, Probe, Sensing, allocate_sensing, sense_jump, series_order
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import (
     BUFFER_FULL,
@@ -76,13 +76,14 @@ class Plant:
         self.scene = require_scene(scene)
         self.parts = parts or scene.parts(seed)
         initial = initial or initial_state(scene, self.parts)
-        self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL)
         self._sensors: Sensors | None = None
         self._probe: Probe = NoSensing()
         if scene.sensors is not None:
             sensing = allocate_sensing(scene.sensors, initial.omega_rad_s, self.parts.housing)
             self._probe = sensing
             self._sensors = Sensors(scene.sensors, sensing, np.random.default_rng(seed))
+        order = series_order(self._probe)
+        self._memory = allocate(self.parts, initial, scene.solver.accuracy, IMPACTS_A_CALL, order)
         self.sampled = () if scene.sensors is None else scene.sensors.sampled()
         """The sensors that are sampled on periods of their own."""
         streams = (SAMPLED_STREAM + SAMPLED.index(type(sensor)) for sensor in self.sampled)

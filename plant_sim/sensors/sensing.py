@@ -24,7 +24,7 @@ from plant_sim.parts.housing import Housing, Moving, Tilted, housing_m_s2
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.walking import Walking
 from plant_sim.solvers.adaptive.state_layout import SPEED, VELOCITY, Vector
-from plant_sim.solvers.bernstein import DEGREE, NODES, interpolate
+from plant_sim.solvers.bernstein import DEGREE, NODES, ORDER, interpolate
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 Complex = NDArray[np.complex128]
@@ -113,6 +113,11 @@ def _(probe: Sensing) -> None:
 
 is_sensing = one_of(Sensing)
 """Whether there are sensors, which need the motion within steps."""
+
+
+def series_order(probe: Probe) -> int:
+    """Order of a step's Taylor series: the filters are driven by polynomials of degree DEGREE."""
+    return DEGREE if isinstance(probe, Sensing) else ORDER
 
 
 @by_part

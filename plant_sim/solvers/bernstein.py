@@ -78,13 +78,14 @@ def at(b: Coefficients, s: float) -> float:
 
 @subroutine
 def from_powers(powers: Coefficients, h: float, b: Coefficients) -> None:
-    """Coefficients of Σ c_k (h s)ᵏ, of degree ORDER, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
+    """Coefficients of Σ c_k (h s)ᵏ, of degree n, into `b`: b_i = Σ C(i, k) / C(n, k) c_k hᵏ."""
+    degree = b.size - 1
     scale = 1.0
-    for k in range(ORDER + 1):
-        b[k] = powers[k] * scale / _BINOMIALS[ORDER, k]
+    for k in range(degree + 1):
+        b[k] = powers[k] * scale / _BINOMIALS[degree, k]
         scale *= h
-    for j in range(1, ORDER + 1):
-        for i in range(ORDER, j - 1, -1):
+    for j in range(1, degree + 1):
+        for i in range(degree, j - 1, -1):
             b[i] += b[i - 1]
 
 

@@ -20,7 +20,7 @@ from plant_sim.kernels import entry_point
 from plant_sim.parts.drive import IdealDrive
 from plant_sim.parts.parts import Parts
 from plant_sim.scene import Scene, load_scene, read_scene
-from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing
+from plant_sim.sensors.sensing import NoSensing, Probe, allocate_sensing, series_order
 from plant_sim.simulation import initial_state
 from plant_sim.solvers.adaptive.adaptive import (
     DONE,
@@ -116,10 +116,10 @@ def rig_of(scene: Scene) -> Rig:
     parts = scene.parts()
     speed_rad_s = RATIO * scene.natural_rad_s
     start = replace(initial_state(scene), omega_rad_s=speed_rad_s)
-    memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE)
     probe: Probe = NoSensing()
     if scene.sensors is not None:
         probe = allocate_sensing(scene.sensors, speed_rad_s, parts.housing)
+    memory = allocate(parts, start, scene.solver.accuracy, IMPACTS_AT_ONCE, series_order(probe))
     kernel = entry_point(advance, parts, probe, memory, 0.0, 0.0, 0.0, NO_GRID, NO_SAMPLES)
     return Rig(parts, probe, memory, scene.natural_rad_s, np.array([LOOP_START_N_M]), kernel)
 

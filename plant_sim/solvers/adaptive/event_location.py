@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 from plant_sim.kernels import by_part, law, subroutine
 from plant_sim.solvers.adaptive.state_layout import Flow, Scratch, Vector
-from plant_sim.solvers.bernstein import ORDER, at, first_rise, without_root_at_start
+from plant_sim.solvers.bernstein import at, first_rise, without_root_at_start
 
 NONE, TOUCH, LEAVE, CLEAR, PRESS, HALT, RELEASE, CRANK_HALT, CRANK_BREAK, LIMIT, UNLIMIT = range(11)
 """Events: touch-down; end of contact; clearing a stop that released early, or pressing it again; halt;
@@ -84,7 +84,7 @@ class Stages(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Taylor coefficients of a step, shape (at least motion, ORDER + 1), and its length."""
+    """Taylor coefficients of a step, shape (at least motion, order + 1), and its length."""
 
     coefficients: Vector
     h_s: float
@@ -112,6 +112,6 @@ def _(course: Stages, place: int) -> float:
 def _(course: Series, place: int) -> float:
     """Σ k |c_k| hᵏ⁻¹."""
     total = 0.0
-    for k in range(ORDER, 0, -1):
+    for k in range(course.coefficients.shape[1] - 1, 0, -1):
         total = total * course.h_s + k * abs(course.coefficients[place, k])
     return total

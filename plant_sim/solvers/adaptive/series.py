@@ -1,9 +1,10 @@
 """A step by a Taylor series, whose coefficients follow by recurrence from the parts' own equations.
 
 The length of a step follows from the last two coefficients, as in Jorba & Zou, Experimental Mathematics 14,
-2005. There are recurrences for an endless rod, a housing at rest, a stop on it that is rigid or a linear
-spring, and a motor's ideal current below the limit of its supply. All other steps are steps of DOP853; so are
-those of scenes with sensors, whose readings leave no time for a longer step.
+2005. There are recurrences for an endless rod, a housing at rest, a stop on it that is rigid, a linear spring
+or not in touch, and a motor's ideal current below the limit of its supply. All other steps are steps of
+DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and a step
+that needs more of them is one of DOP853.
 """
 
 import math
@@ -18,7 +19,7 @@ from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, Stop, origin_m
 from plant_sim.parts.striker import spring_force_n
 from plant_sim.parts.wearer import NoWearer
 from plant_sim.parts.winding import IdealCurrent
-from plant_sim.sensors.sensing import NoSensing, Probe
+from plant_sim.sensors.sensing import Probe, Sensing
 from plant_sim.solvers.adaptive.crank import crank_in_stage
 from plant_sim.solvers.adaptive.state_layout import (
     ANGLE,
@@ -41,7 +42,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     work_place,
 )
 from plant_sim.solvers.adaptive.stop import in_touch
-from plant_sim.solvers.bernstein import ORDER, from_powers
+from plant_sim.solvers.bernstein import from_powers
 
 UNSEEN = 40.0
 """e^−40 is below rounding."""
@@ -53,6 +54,7 @@ _is_endless = one_of(Sine)
 _is_at_rest = one_of(Level, Tilted)
 _is_fixed = one_of(NoWearer)
 _is_ideal = one_of(IdealCurrent)
+_is_linear = one_of(NoStop, RigidStop, KelvinVoigt)
 
 
 @by_part
@@ -60,28 +62,18 @@ def series_step_s(
     probe: Probe, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float
 ) -> float:
     """Expand the motion into `memory.series`; return the length of a step, s, or 0 if there is no series."""
-    return 0.0
+    return _step_s(parts, flow, memory, scale, longest_s)
 
 
-@law(series_step_s, NoSensing)
-def _(probe: NoSensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
-    return _step_s(parts.stop, parts, flow, memory, scale, longest_s)
+@law(series_step_s, Sensing)
+def _(probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
+    """A series as short as the sensors need is worth its time only if it covers the whole step."""
+    h_s = _step_s(parts, flow, memory, scale, longest_s)
+    return h_s if h_s == longest_s else 0.0
 
 
-@by_part
-def _step_s(stop: Stop, parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
-    return 0.0
-
-
-@law(_step_s, NoStop, RigidStop, KelvinVoigt)
-def _(
-    stop: NoStop | RigidStop | KelvinVoigt,
-    parts: Parts,
-    flow: Flow,
-    memory: Memory,
-    scale: Vector,
-    longest_s: float,
-) -> float:
+@subroutine
+def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
     if not (
         _is_endless(parts.linkage)
         and _is_at_rest(parts.housing)
@@ -89,6 +81,8 @@ def _(
         and _is_ideal(parts.winding)
         and _has_recurrence(parts.friction)
     ):
+        return 0.0
+    if in_touch(flow.phase, memory.y[DEPTH]) and not _is_linear(parts.stop):
         return 0.0
     series = memory.series
     expand(parts, flow, memory.y, series)
@@ -118,8 +112,8 @@ def _(friction: Stribeck) -> bool:
 @subroutine
 def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
     """Taylor coefficients of the motion from the state `y` on, into `series`, shape (state + BESIDE,
-    ORDER + 1)."""
-    n, work, striker = state_size(parts), work_place(parts), parts.striker
+    order + 1)."""
+    n, work, striker, order = state_size(parts), work_place(parts), parts.striker, series.shape[1] - 1
     depth, velocity, loss = series[DEPTH], series[VELOCITY], series[work + 1]
     sine, spring, drag = series[n + SINE], series[n + SPRING], series[n + DRAG]
     crank = crank_in_stage(parts.drive, flow, 0.0, y)
@@ -131,10 +125,10 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
     is_pressed = in_touch(flow.phase, y[DEPTH])
     for i in range(n):
         series[i, 0] = y[i]
-        for k in range(1, ORDER + 1):
+        for k in range(1, order + 1):
             series[i, k] = 0.0
     sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
-    for k in range(ORDER):
+    for k in range(order):
         per = 1.0 / (k + 1)
         stretch_m = parts.drive.amplitude_m * sine[k] - depth[k] + _at_start(reach_m, k)
         spring[k] = spring_force_n(striker, stretch_m)
@@ -268,12 +262,13 @@ def _(friction: Stribeck, normal_n: float, direction: float, k: int, n: int, ser
 @subroutine
 def _accurate_s(series: Vector, scale: Vector) -> float:
     """The length of a step, s, over which the last two terms are within the tolerances in the mean."""
+    order = series.shape[1] - 1
     last = before = 0.0
     for i in range(scale.size):
-        last += (series[i, ORDER] / scale[i]) ** 2
-        before += (series[i, ORDER - 1] / scale[i]) ** 2
-    per_s: float = math.sqrt(last / scale.size) ** (1.0 / ORDER)
-    per_s = max(per_s, math.sqrt(before / scale.size) ** (1.0 / (ORDER - 1)))
+        last += (series[i, order] / scale[i]) ** 2
+        before += (series[i, order - 1] / scale[i]) ** 2
+    per_s: float = math.sqrt(last / scale.size) ** (1.0 / order)
+    per_s = max(per_s, math.sqrt(before / scale.size) ** (1.0 / (order - 1)))
     return 1.0 / max(per_s, LEAST)
 
 
@@ -285,8 +280,8 @@ def _seen_s(friction: Friction, power: Vector, h_s: float) -> float:
 
 @law(_seen_s, Stribeck)
 def _(friction: Stribeck, power: Vector, h_s: float) -> float:
-    """While p is large, all terms of e^−p are small; they show a fall of p by as much as ORDER."""
-    most = max(power[0] - UNSEEN, float(ORDER))
+    """While p is large, all terms of e^−p are small; they show a fall of p by as much as their order."""
+    most = max(power[0] - UNSEEN, float(power.size - 1))
     while largest_change(power, h_s) > most:
         h_s *= 0.5
     return h_s
@@ -311,7 +306,7 @@ def _(drive: MotorDrive, flow: Flow, series: Vector, h_s: float) -> bool:
 def largest_change(c: Vector, h_s: float) -> float:
     """A bound of a series' change within a step: Σ |c_k| hᵏ from k = 1 on."""
     total = 0.0
-    for k in range(ORDER, 0, -1):
+    for k in range(c.size - 1, 0, -1):
         total = (total + abs(c[k])) * h_s
     return total
 
@@ -319,15 +314,16 @@ def largest_change(c: Vector, h_s: float) -> float:
 @subroutine
 def state_after(series: Vector, h_s: float, out: Vector) -> None:
     """The state after `h_s` of a series, into `out`, shape (state,)."""
+    order = series.shape[1] - 1
     for i in range(out.size):
-        total = series[i, ORDER]
-        for k in range(ORDER - 1, -1, -1):
+        total = series[i, order]
+        for k in range(order - 1, -1, -1):
             total = total * h_s + series[i, k]
         out[i] = total
 
 
 @subroutine
 def motion_within(series: Vector, h_s: float, dense: Vector) -> None:
-    """Bernstein coefficients of the motion over a step, into `dense`, shape (motion, ORDER + 1)."""
+    """Bernstein coefficients of the motion over a step, into `dense`, shape (motion, order + 1)."""
     for i in range(dense.shape[0]):
         from_powers(series[i], h_s, dense[i])

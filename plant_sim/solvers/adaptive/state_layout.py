@@ -262,14 +262,19 @@ class Memory(NamedTuple):
     dense: Vector
     """Bernstein coefficients of the motion within a step of DOP853, shape (motion, DEGREE + 1)."""
     series: Vector
-    """Taylor coefficients of a step, shape (state + BESIDE, ORDER + 1)."""
+    """Taylor coefficients of a step, shape (state + BESIDE, order + 1)."""
     long_dense: Vector
-    """Bernstein coefficients of the motion within it, shape (motion, ORDER + 1)."""
+    """Bernstein coefficients of the motion within it, shape (motion, order + 1)."""
     scratch: Scratch
 
 
-def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) -> Memory:
-    """Memory of a module at `initial`, with the arrays that these parts need and room for `impacts`."""
+def allocate(
+    parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER
+) -> Memory:
+    """Memory of a module at `initial`, with the arrays that these parts need and room for `impacts`.
+
+    `order` of a step's Taylor series: with sensors DEGREE, otherwise ORDER.
+    """
     striker, stop = parts.striker, parts.stop
     motion, size = work_place(parts), state_size(parts)
     natural = math.sqrt(striker.spring_n_m / striker.mass_kg)
@@ -288,8 +293,8 @@ def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int) 
         trial=np.zeros(size),
         new=np.zeros(size),
         dense=np.zeros((motion, DEGREE + 1)),
-        series=np.zeros((size + BESIDE, ORDER + 1)),
-        long_dense=np.zeros((motion, ORDER + 1)),
+        series=np.zeros((size + BESIDE, order + 1)),
+        long_dense=np.zeros((motion, order + 1)),
         scratch=Scratch(
             poly=np.zeros(ORDER + 1),
             press=np.zeros(ORDER + 1),
