@@ -10,7 +10,8 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic import Field
 
-from plant_sim.kernels import by_part, law, one_of
+from plant_sim.arrays import FloatArray
+from plant_sim.kernels import by_part, law, one_of, subroutine
 from plant_sim.parts.walking import Walking, felt_m_s2, felt_m_s3, unbroken_s
 from plant_sim.tables.table import Table
 
@@ -90,6 +91,35 @@ def _(housing: Moving, t_s: float) -> float:
 @law(housing_m_s3, Walking)
 def _(housing: Walking, t_s: float) -> float:
     return felt_m_s3(housing, t_s)
+
+
+@by_part
+def expand_housing(housing: Housing, t_s: float, series: FloatArray) -> None:
+    """Taylor coefficients of a_b at `t_s`, into `series`, shape (order + 1,)."""
+    series[:] = 0.0
+    series[0] = housing_m_s2(housing, t_s)
+
+
+@law(expand_housing, Moving)
+def _(housing: Moving, t_s: float, series: FloatArray) -> None:
+    series[:] = 0.0
+    series[0] = housing.along_m_s2
+    rate = housing.harmonic_rad_s
+    _add_sine(housing.harmonic_m_s2, rate, rate * t_s + housing.harmonic_phase_rad, series)
+    into_s = t_s - housing.shock_start_s
+    if -SAME_INSTANT_S <= into_s < housing.shock_s - SAME_INSTANT_S:
+        rate = math.pi / housing.shock_s
+        _add_sine(housing.shock_m_s2, rate, rate * into_s, series)
+
+
+@subroutine
+def _add_sine(amplitude: float, rate_rad_s: float, phase_rad: float, series: FloatArray) -> None:
+    """Add the Taylor coefficients of a sine wave."""
+    sine, cosine = amplitude * math.sin(phase_rad), amplitude * math.cos(phase_rad)
+    for k in range(series.size):
+        series[k] += sine
+        turn = rate_rad_s / (k + 1)
+        sine, cosine = turn * cosine, -turn * sine
 
 
 @by_part

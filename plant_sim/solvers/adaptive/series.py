@@ -1,9 +1,9 @@
 """A step by a Taylor series, whose coefficients follow by recurrence from the parts' own equations.
 
 The length of a step follows from the last two coefficients, as in Jorba & Zou, Experimental Mathematics 14,
-2005. There are recurrences for an endless rod, a housing at rest, a stop on it that is rigid, a linear spring
-or not in touch, and a motor's ideal current below the limit of its supply. All other steps are steps of
-DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and a step
+2005. There are recurrences for an endless rod, a housing that no leg carries, a stop on it that is rigid, a
+linear spring or not in touch, and a motor's ideal current below the limit of its supply. All other steps are
+steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and a step
 that needs more of them is one of DOP853.
 """
 
@@ -12,7 +12,7 @@ import math
 from plant_sim.kernels import by_part, law, one_of, subroutine
 from plant_sim.parts.drive import Drive, IdealDrive, MotorDrive, motor_torque_n_m
 from plant_sim.parts.friction import Coulomb, Friction, NoFriction, Stribeck, Viscous
-from plant_sim.parts.housing import Level, Tilted, housing_m_s2, is_level
+from plant_sim.parts.housing import Level, Moving, Tilted, expand_housing, is_level
 from plant_sim.parts.linkage import Sine
 from plant_sim.parts.parts import Parts
 from plant_sim.parts.stop import KelvinVoigt, NoStop, RigidStop, Stop, origin_m
@@ -30,6 +30,7 @@ from plant_sim.solvers.adaptive.state_layout import (
     FALL,
     FLIGHT,
     POWER,
+    SHAKE,
     SINE,
     SPEED,
     SPRING,
@@ -51,7 +52,7 @@ LEAST = 1e-300
 """Keeps the length of a step finite if nothing moves."""
 
 _is_endless = one_of(Sine)
-_is_at_rest = one_of(Level, Tilted)
+_is_regular = one_of(Level, Tilted, Moving)
 _is_fixed = one_of(NoWearer)
 _is_ideal = one_of(IdealCurrent)
 _is_linear = one_of(NoStop, RigidStop, KelvinVoigt)
@@ -76,7 +77,7 @@ def _(probe: Sensing, parts: Parts, flow: Flow, memory: Memory, scale: Vector, l
 def _step_s(parts: Parts, flow: Flow, memory: Memory, scale: Vector, longest_s: float) -> float:
     if not (
         _is_endless(parts.linkage)
-        and _is_at_rest(parts.housing)
+        and _is_regular(parts.housing)
         and _is_fixed(parts.wearer)
         and _is_ideal(parts.winding)
         and _has_recurrence(parts.friction)
@@ -116,17 +117,18 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
     n, work, striker, order = state_size(parts), work_place(parts), parts.striker, series.shape[1] - 1
     depth, velocity, loss = series[DEPTH], series[VELOCITY], series[work + 1]
     sine, spring, drag = series[n + SINE], series[n + SPRING], series[n + DRAG]
+    housing_m_s2 = series[n + SHAKE]
     crank = crank_in_stage(parts.drive, flow, 0.0, y)
     torque_n_m = motor_torque_n_m(parts.drive, flow.torque_n_m, crank.speed_rad_s)
     reach_m = striker.rest_length_m - origin_m(parts.stop, striker)
     normal_n = striker.mass_kg * striker.gravity_m_s2
-    inertia_n = striker.mass_kg * housing_m_s2(parts.housing, flow.time_s)
     slides = flow.phase in (FLIGHT, CONTACT)
     is_pressed = in_touch(flow.phase, y[DEPTH])
     for i in range(n):
         series[i, 0] = y[i]
         for k in range(1, order + 1):
             series[i, k] = 0.0
+    expand_housing(parts.housing, flow.time_s, housing_m_s2)
     sine[0], series[n + COSINE, 0] = math.sin(crank.angle_rad), math.cos(crank.angle_rad)
     for k in range(order):
         per = 1.0 / (k + 1)
@@ -141,11 +143,14 @@ def expand(parts: Parts, flow: Flow, y: Vector, series: Vector) -> None:
             for j in range(k + 1):
                 lost_w -= drag[j] * velocity[k - j]
             depth[k + 1] = per * velocity[k]
-            force_n = spring[k] - push_n + drag[k] - _at_start(inertia_n, k)
-            velocity[k + 1] = per * force_n * (1.0 / striker.mass_kg)
+            force_n = spring[k] - push_n + drag[k]
+            velocity[k + 1] = per * (force_n * (1.0 / striker.mass_kg) - housing_m_s2[k])
         loss[k + 1] = per * lost_w
         if not is_level(parts.housing):
-            series[housing_place(parts), k + 1] = -per * inertia_n * velocity[k]
+            power = 0.0
+            for j in range(k + 1):
+                power -= housing_m_s2[j] * velocity[k - j]
+            series[housing_place(parts), k + 1] = per * striker.mass_kg * power
 
 
 @subroutine

@@ -38,9 +38,9 @@ STAGES = 16
 DEPTH, VELOCITY, ANGLE, SPEED = range(4)
 """Places of the motion in the state; the integrals of the ledger follow from `work_place` on."""
 
-SINE, COSINE, SPRING, DRAG, POWER, FALL, BESIDE = range(7)
+SINE, COSINE, SPRING, DRAG, POWER, FALL, SHAKE, BESIDE = range(8)
 """Rows of a Taylor series behind those of the state: sin θ, cos θ, force of the coupling spring, friction,
-exponent and exponential of Stribeck's law."""
+exponent and exponential of Stribeck's law, a_b of the housing."""
 
 
 @by_part

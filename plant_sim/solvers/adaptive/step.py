@@ -60,7 +60,8 @@ def take_step(
     scale = memory.contact_scale if flow.phase == CONTACT else memory.scale
     remaining = (duration_s - held.elapsed_s) - held.elapsed_low_s
     longest = _longest_s(parts, memory, begin_s)
-    h = series_step_s(probe, parts, flow, memory, scale, min(LONGEST_SERIES * longest, remaining))
+    longest_series = min(LONGEST_SERIES * longest, smooth_for_s(parts.housing, begin_s), remaining)
+    h = series_step_s(probe, parts, flow, memory, scale, longest_series)
     is_series, attempts = h > 0.0, 1.0
     if is_series:
         state_after(memory.series, h, new)
