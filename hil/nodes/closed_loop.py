@@ -27,15 +27,9 @@ from hil.nodes.compiled import kernel
 from hil.nodes.sampled import COUNTER, NOISE, TICK, WHICH, sampled_frame
 from plant_sim.kernels import shared
 from plant_sim.parts.parts import Parts
-from plant_sim.sensors.readings import (
-    Readers,
-    SensorReading,
-    read_accelerometer,
-    read_position_rev,
-    read_velocity_rev_s,
-)
+from plant_sim.sensors.readings import Readers, SensorReading, read_sensors
 from plant_sim.sensors.sampled import SAMPLED, SampledSensor
-from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Probe, Sensing
+from plant_sim.sensors.sensing import Probe, Sensing
 from plant_sim.solvers.adaptive.adaptive import BUFFER_FULL, DONE, advance
 from plant_sim.solvers.adaptive.state_layout import (
     OBSERVED,
@@ -332,13 +326,7 @@ def run(  # noqa: PLR0915 - one tick, in the order that time gives the nodes
 
         # The plant at t_k: sensors and drive report.
         omega_rad_s = observed[OBSERVED.omega_rad_s]
-        reading = SensorReading(
-            read_accelerometer(readers.striker_low, readings[LOW], noise[row, 0]),
-            read_accelerometer(readers.striker_high, readings[HIGH], noise[row, 1]),
-            read_accelerometer(readers.housing, readings[HOUSING], noise[row, 2]),
-            read_position_rev(readers, observed[OBSERVED.crank_rad]),
-            read_velocity_rev_s(readers, readings[SPEED_ESTIMATE], noise[row, 3]),
-        )
+        reading = read_sensors(readers, readings, observed[OBSERVED.crank_rad], noise[row])
         counter += 1
         count = received(firmware, buffers, 0, now_us, accelerometer_frame(reading, counter))
         count = received(firmware, buffers, count, now_us, encoder_frame(drive, reading))

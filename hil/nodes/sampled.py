@@ -90,7 +90,7 @@ class SampledFrames:
     def rows(self, tick: int, ticks: int) -> Vector:
         """The samples in `ticks` from `tick` on for `sampled_frame`, one row each."""
         rows = []
-        for number in range(tick, tick + ticks):
+        for number in range(tick, tick + ticks) if self._codecs else ():
             for which, counter, noise in self._samples(number):
                 rows.append([number, which, counter, *noise, *[0.0] * (MOST_SIGNALS - len(noise))])
         return np.array(rows, dtype=np.float64).reshape(-1, NOISE + MOST_SIGNALS)

@@ -4,16 +4,19 @@ The readers are pure and run interpreted and compiled; the noise is passed in.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.kernels import shared
-from plant_sim.sensors.sensing import Sensing
+from plant_sim.sensors.sensing import HIGH, HOUSING, LOW, SPEED_ESTIMATE, Sensing
 from plant_sim.tables.sensor_tables import AccelerometerTable, SensorsTable
 
 TURN_RAD = 2.0 * math.pi
+Numbers: TypeAlias = Sequence[float] | NDArray[np.float64]
+
 NOISE_AT_ONCE = 256
 """Number of samples whose noise is generated together; the sequence is the same as sample by sample."""
 
@@ -91,6 +94,18 @@ def read_velocity_rev_s(readers: Readers, filtered_rad_s: float, noise: float) -
     return (filtered_rad_s + readers.encoder_noise_rad_s * noise) / TURN_RAD
 
 
+@shared
+def read_sensors(readers: Readers, filtered: Numbers, crank_rad: float, noise: Numbers) -> SensorReading:
+    """Read every sensor once: `filtered` as `Sensing.readings`, `noise` four standard normals."""
+    return SensorReading(
+        read_accelerometer(readers.striker_low, filtered[LOW], noise[0]),
+        read_accelerometer(readers.striker_high, filtered[HIGH], noise[1]),
+        read_accelerometer(readers.housing, filtered[HOUSING], noise[2]),
+        read_position_rev(readers, crank_rad),
+        read_velocity_rev_s(readers, filtered[SPEED_ESTIMATE], noise[3]),
+    )
+
+
 class Sensors:
     """All sensors of a module, read together."""
 
@@ -101,16 +116,7 @@ class Sensors:
 
     def read(self, crank_rad: float) -> SensorReading:
         """Read every sensor once, with new noise."""
-        low, high, speed_rad_s, housing = self._readings.tolist()
-        low_noise, high_noise, housing_noise, speed_noise = self.noise.next()
-        readers = self.readers
-        return SensorReading(
-            read_accelerometer(readers.striker_low, low, low_noise),
-            read_accelerometer(readers.striker_high, high, high_noise),
-            read_accelerometer(readers.housing, housing, housing_noise),
-            read_position_rev(readers, crank_rad),
-            read_velocity_rev_s(readers, speed_rad_s, speed_noise),
-        )
+        return read_sensors(self.readers, self._readings.tolist(), crank_rad, self.noise.next())
 
 
 class Noise:

@@ -268,9 +268,7 @@ class Memory(NamedTuple):
     scratch: Scratch
 
 
-def allocate(
-    parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER
-) -> Memory:
+def allocate(parts: Parts, initial: MotionState, accuracy: float, impacts: int, order: int = ORDER) -> Memory:
     """Memory of a module at `initial`, with the arrays that these parts need and room for `impacts`.
 
     `order` of a step's Taylor series: with sensors DEGREE, otherwise ORDER.

@@ -39,8 +39,8 @@ def trade(
     plot: Annotated[Path | None, file_option("Draw error against cost into this file.", PICTURES)] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error and cost of solvers, peers, stop models, control rates and builds."""
-    from tools.trade import builds, control_rate, costs, fidelity, heyoka_peer, pictures
+    """Measure error and cost of solvers, peers, stop models, control rates, builds and ticks."""
+    from tools.trade import bench_tick, builds, control_rate, costs, fidelity, heyoka_peer, pictures
     from tools.trade.cases import CASES
 
     repeats = costs.QUICK_REPEATS if quick else costs.REPEATS
@@ -53,16 +53,17 @@ def trade(
     load_before = os.getloadavg()[0]
     measured: list[Cost] = []
     with shown_progress() as progress:
-        steps = len(CASES) + 3
+        steps = len(CASES) + 4
         for done, case in enumerate(CASES):
             share = done / steps
             measured += costs.measure(case, costs.methods_of(case, quick), repeats, partial(progress, share))
         of_parts = fidelity.measure(quick, repeats, partial(progress, len(CASES) / steps))
         of_rates = control_rate.measure(quick, partial(progress, (len(CASES) + 1) / steps))
         of_builds = builds.measure(repeats, partial(progress, (len(CASES) + 2) / steps))
+        of_ticks = bench_tick.measure(repeats, partial(progress, (len(CASES) + 3) / steps))
     notes = [] if heyoka_peer.is_installed() else [heyoka_peer.MISSING]
     payload: dict[str, Any] = {
-        "rows": [*(cost.row() for cost in measured), *of_parts, *of_rates, *of_builds],
+        "rows": [*(cost.row() for cost in measured), *of_parts, *of_rates, *of_builds, *of_ticks],
         "pareto": [cost.row()["what"] for cost in costs.pareto(measured)],
         "repeats": repeats,
         "load_average": {"before": load_before, "after": os.getloadavg()[0]},
@@ -132,6 +133,7 @@ def show(payload: Mapping[str, Any]) -> None:
     console.print(parts_table([row for row in rows if row["kind"] == "fidelity"]))
     console.print(rates_table([row for row in rows if row["kind"] == "control rate"]))
     console.print(builds_table([row for row in rows if row["kind"] == "firmware build"]))
+    console.print(ticks_table([row for row in rows if row["kind"] == "tick"]))
     load = payload["load_average"]
     console.print(
         "x: state at the end, velocity over ω; t, v: largest of an impact; impulse: share of all exchanged; "
@@ -223,6 +225,14 @@ def builds_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             str(row["decisions_that_differ"]),
             f"{row['cost']:.1f}",
         )
+    return table
+
+
+def ticks_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Cost of a tick of the bench in compiled code."""
+    table = _table("a tick of 1 ms in compiled code, at r = 1.3 with impacts", ("what", "µs/tick"))
+    for row in rows:
+        table.add_row(row["what"].removeprefix("tick: "), f"{row['cost']:.2f}")
     return table
 
 
