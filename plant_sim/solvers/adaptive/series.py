@@ -3,8 +3,8 @@
 The length of a step follows from the last two coefficients, as in Jorba & Zou, Experimental Mathematics 14,
 2005. There are recurrences for an endless rod, a housing that no leg carries, a stop on it that is rigid, a
 linear spring or not in touch, and a motor's ideal current below the limit of its supply. All other steps are
-steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and a step
-that needs more of them is one of DOP853.
+steps of DOP853. With sensors, whose readings leave no time for a longer step, the series has fewer terms, and
+a step that needs more of them is one of DOP853.
 """
 
 import math
