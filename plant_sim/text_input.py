@@ -1,5 +1,4 @@
-"""Reading a user's text with limits: a regular file of bounded size, TOML of bounded depth and bounded
-integers.
+"""Reading a user's text: a regular file of bounded size, TOML of bounded depth and bounded integers.
 
 The limits are checked before parsing: a parser would use gigabytes and its whole stack for a text that is
 nested 100,000 deep.

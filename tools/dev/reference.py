@@ -1,4 +1,6 @@
-"""The reference pages under docs/reference, made from the code and the DBC: `python -m tools.dev.reference`.
+"""Writes docs/reference and docs/requirements.md from the code and the DBC.
+
+    python -m tools.dev.reference
 
 A test fails if the pages are out of date.
 """

@@ -4,9 +4,8 @@ Each cell is simulated by the plant alone, with an ideal crank and a walk of 2 %
 feasible if all of these conditions hold:
 
 - There is a whole number n of crank turns a stride for which r = n f 2π/ω lies in the impact region. The
-region
-  is measured for each module, stop and wearer on a standing leg: the ratios with one impact a turn in a slow
-  run-up, from LOWEST_RATIO to TOP_SHARE of the upper end.
+  region is measured for each module, stop and wearer on a standing leg: the ratios with one impact a turn in
+  a slow run-up, from LOWEST_RATIO to TOP_SHARE of the upper end.
 - The leg alone, with the crank at rest, causes no impacts.
 - Impacts last: at most MISSED_SHARE of the judged turns have no impact.
 - The peaks of all felt pulses lie within FELT_N.
