@@ -180,7 +180,7 @@ def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: flo
 def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
     """Return the number of impacts in each whole turn since a time.
 
-    A turn begins at the rear dead centre, far from impacts.
+    A turn begins at the backward dead centre, far from impacts.
     """
     places = (run.crank_rad + 0.5 * math.pi) / (2.0 * math.pi)
     first, last = math.ceil(float(np.interp(from_s, run.t_s, places))), math.floor(places[-1])
