@@ -18,7 +18,7 @@ DEEPEST = 8
 LARGEST_INTEGER = 2**63 - 1
 """Largest magnitude of an integer that TOML requires of a reader."""
 
-# Each alternative takes all it has begun, closed or not: no text is gone over twice.
+# Each alternative consumes its whole text, closed or not, so that no text is scanned twice.
 _TEXTS_AND_COMMENTS = re.compile(
     r'"""(?:\\.?|[^\\])*?(?:"""|\Z)'
     r"|'''.*?(?:'''|\Z)"
