@@ -28,21 +28,21 @@ help: ## this list
 
 setup: $(WARM) ## the virtual environment, the locked packages, the compiled kernels
 
-hil: setup ## the default scenario in real time on the best CAN bus there is, and its verdict
+hil: setup ## the default scenario in real time on the best available CAN bus, and its verdict
 	@echo "hil: firmware and plant as two processes at 1 kHz; the run takes half a minute, as it is in real time"
 	@$(BIN)/vibrohil run soft-start-multistable --clock real --bus auto --firmware compiled
 
 view: setup ## the newest run in the Rerun viewer
 	@$(BIN)/vibrohil view
 
-test: setup $(INSTALLED_DEV) ## all tests: first on all cores, then, one by one, those that need the clock to themselves
+test: setup $(INSTALLED_DEV) ## all tests: most of them on all cores, then the real-time tests one by one
 	@echo "test: all but the real-time tests, and the examples in docstrings, on all cores"
 	@$(BIN)/python -m pytest -n auto --dist worksteal -m "not realtime and not uml" --doctest-modules tests $(PACKAGES)
 	@echo "test: the real-time tests, one by one so that none disturbs another's timing"
 	@$(BIN)/python -m pytest -m "realtime or uml"
 
-tune: setup ## every tuning command: the defaults are what they come to, within tolerances
-	@echo "tune: speed, identify, estimator, detector, start; some twenty-five minutes on two cores, goes on where it was stopped"
+tune: setup ## every tuning command, and its results compared with the firmware's defaults
+	@echo "tune: speed, identify, estimator, detector, start; some twenty-five minutes on two cores; continues after an interruption"
 	@$(BIN)/vibrohil tune check --out runs/tuned
 
 check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contracts
@@ -55,7 +55,7 @@ check: setup $(INSTALLED_DEV) ## formatter, linter, strict types, import contrac
 	@echo "check: import contracts"
 	@$(BIN)/lint-imports
 
-lock: ## the locks again, from pyproject.toml (needs uv); versions stay where they still fit
+lock: ## new locks from pyproject.toml (needs uv), with the same versions where these still fit
 	@command -v uv > /dev/null || { echo "make lock: no uv on PATH; python3 -m pip install uv" >&2; exit 1; }
 	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile $(LOCKED) --extra setup \
 	    --output-file requirements.lock pyproject.toml

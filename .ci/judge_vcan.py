@@ -1,9 +1,9 @@
-"""Did all runs on vcan cross the kernel's own CAN, and were they judged and passed? Prints their timing.
+"""Checks that all runs on vcan used the kernel's CAN, were judged and passed; prints their timing.
 
-`judge_vcan.py FOLDER STATUS COUNT`: FOLDER holds what the suite printed, suite.json, and the suite's own
-folder, suite; then its exit status, and how many scenarios it was asked to run.
+`judge_vcan.py FOLDER STATUS COUNT`: FOLDER contains the suite's output, suite.json, and the suite's folder,
+suite; STATUS is the suite's exit status, COUNT the number of scenarios that it was asked to run.
 
-Every run must pass. Of one that fails it says, too, whether the machine held it up.
+For a run that failed it also prints whether the host stalled.
 """
 
 import json

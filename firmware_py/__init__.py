@@ -1,1 +1,5 @@
-"""The controller of the vibro-impact drive, written as firmware: a pure core in a thin CAN shell."""
+"""The controller of the vibro-impact module, written as firmware: received frames in, frames to send out.
+
+`node.tick` is the whole firmware as one pure function. `core` holds its control blocks, `interface` the bus,
+`builds` the compilers, `shell` the nodes that put each build on a bus.
+"""

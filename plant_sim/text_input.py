@@ -1,5 +1,4 @@
-"""Reading a user's text with limits: a regular file of bounded size, TOML of bounded depth and bounded
-integers.
+"""Reading a user's text: a regular file of bounded size, TOML of bounded depth and bounded integers.
 
 The limits are checked before parsing: a parser would use gigabytes and its whole stack for a text that is
 nested 100,000 deep.
@@ -19,7 +18,7 @@ DEEPEST = 8
 LARGEST_INTEGER = 2**63 - 1
 """Largest magnitude of an integer that TOML requires of a reader."""
 
-# Each alternative takes all it has begun, closed or not: no text is gone over twice.
+# Each alternative consumes its whole text, closed or not, so that no text is scanned twice.
 _TEXTS_AND_COMMENTS = re.compile(
     r'"""(?:\\.?|[^\\])*?(?:"""|\Z)'
     r"|'''.*?(?:'''|\Z)"

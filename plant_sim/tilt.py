@@ -1,5 +1,4 @@
-"""Removal of a constant tilt from a scene, and its restoration in the result, so that level solvers are
-exact.
+"""Removal of a constant tilt from a scene, so that level solvers are exact, and its restoration in a result.
 
 m (x'' + g sin α) + c (x − l0 − x_A) = F is the level module's equation with l0' = l0 − m g sin α / c. Only
 the energies differ: with F0 = m g sin α the drive's work is larger by F0 Δx_A, the housing's is −F0 Δx, and

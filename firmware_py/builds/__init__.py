@@ -1,1 +1,1 @@
-"""The builds of the firmware's one source: interpreted, or compiled by numba behind one C function."""
+"""The compilers of the firmware's one source: for this machine, for a Cortex-M, in single precision."""

@@ -2,9 +2,8 @@
 
     tick(config *, state *, int64 elapsed_ticks, int64 count, frame *, tx *)
 
-`numba_subset.register` must be called before it is compiled.
-
-The structs have the layout of `flat.layout`; a frame is three 64-bit integers.
+The structs have the layout of `flat.layout`; a frame is three 64-bit integers. `numba_subset.register` must
+be called before the function is compiled.
 """
 
 from typing import Any, cast

@@ -1,7 +1,7 @@
-"""The firmware as an object file for another machine: numba's raw code, retargeted by LLVM. No C compiler.
+"""The firmware as an object file for any target: numba's unoptimised code, compiled by LLVM alone.
 
-    int vibro_tick(const vibro_config *, vibro_state *, int64_t elapsed_ticks, int64_t frame_count,
-                   const vibro_frame *, vibro_tx *)
+    int32_t vibro_tick(const vibro_config *, vibro_node_state *, int64_t elapsed_ticks, int64_t frame_count,
+                       const vibro_word_frame *, vibro_tx *)
 
 It returns 0, or another number with state and tx unchanged if the arithmetic failed. The object also holds
 the constant `vibro_initial_state`. It requires functions for operations without an instruction on its target

@@ -1,9 +1,7 @@
 """Transmitting: the torque in every tick, and at most one other frame.
 
-If a node sent all its slow frames at once, they would delay the frames of every tick on the bus, its own and
-those of other nodes. With one slow frame per tick there is no such delay, and no slow frame waits long: the
-cyclic frames need only a small share of the ticks. The drive link's frame comes first, then faults, then
-impacts; all others are sent in the order in which they fell due.
+`interface.pacing` gives the reason. The drive link's frame comes first, then faults, then impacts; all others
+are sent in the order in which they fell due.
 """
 
 from typing import NamedTuple

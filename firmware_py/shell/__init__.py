@@ -1,1 +1,1 @@
-"""The shell around the core: nodes of each build, parameters by name, and the table of faults."""
+"""The nodes that put each build of the firmware on a bus, parameters by name, and the table of faults."""

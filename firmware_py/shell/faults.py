@@ -1,7 +1,8 @@
 """The table of faults: the cause, the reaction and the deadline of each.
 
 The deadline is the largest time from the cause on the bus to torque 0 N m on the bus, with the default
-parameters. `python -m firmware_py.shell.faults` prints the table of docs/safety.md.
+parameters. `python -m firmware_py.shell.faults` prints the table of docs/safety.md, which states the reaction
+in its text.
 """
 
 from enum import Enum
@@ -135,10 +136,9 @@ FAULTS: tuple[FaultLine, ...] = (
 
 def markdown() -> str:
     """The table of docs/safety.md."""
-    lines = ["| code | fault | cause | counts | reaction | deadline |", "|---|---|---|---|---|---|"]
+    lines = ["| code | fault | cause | counts | deadline |", "|---|---|---|---|---|"]
     lines += [
-        f"| {line.fault.value} | {line.fault.name} | {line.cause} | {line.counts} | {line.reaction.value} | "
-        f"{line.deadline_s:g} s |"
+        f"| {line.fault.value} | {line.fault.name} | {line.cause} | {line.counts} | {line.deadline_s:g} s |"
         for line in FAULTS
     ]
     return "\n".join(lines)

@@ -1,6 +1,6 @@
 """Orbits of an ideal drive, followed from drive period to drive period and summarised without being stored.
 
-Periods run from one passage of the crank through its rear dead centre, θ = −π/2, to the next: the striker
+Periods run from one passage of the crank through its backward dead centre, θ = −π/2, to the next: the striker
 is then far from the stop, so that an impact never falls on the border between two of them. A row per period
 holds the quantities that studies use. A solver's `Carrier` advances the motion (`exact`: the closed form;
 `adaptive`: any scene with an ideal drive). All of this runs without the interpreter's lock.

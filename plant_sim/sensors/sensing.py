@@ -1,5 +1,4 @@
-"""The sensors' low-pass filters between two readings, driven exactly by the polynomials of the solver's
-steps.
+"""The sensors' low-pass filters between two readings, driven exactly by the solver's polynomials.
 
 An accelerometer has a second-order Butterworth filter, ω²/(s² + √2 ω s + ω²): one complex state z' = λ z + a
 with λ = ω (−1 + j)/√2 and reading 2 Re(r z), r = −j ω/√2. The encoder's speed estimate is of first order.

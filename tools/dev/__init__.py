@@ -1,1 +1,1 @@
-"""Tools for developers: mutation, generated pages, pictures, reaction times, warm-up."""
+"""Tools for developers: builds compared, mutation, coverage, precision, reaction times, generated pages."""

@@ -1,4 +1,4 @@
-"""Mutation testing of one module: does some test fail for every small change of its code?
+"""Mutation testing of one module: counts the small changes of its code that no test detects.
 
     python -m tools.dev.mutation MODULE TEST [TEST…]
 

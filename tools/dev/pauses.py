@@ -1,4 +1,4 @@
-"""Real time on a busy machine, or with stalls of the firmware: does the verdict name the machine?
+"""Real time on a busy machine, or with stalls of the firmware: the verdict must name the machine.
 
     python -m tools.dev.pauses --runs 20
 

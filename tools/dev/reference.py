@@ -1,4 +1,6 @@
-"""The reference pages under docs/reference, made from the code and the DBC: `python -m tools.dev.reference`.
+"""Writes docs/reference and docs/requirements.md from the code and the DBC.
+
+    python -m tools.dev.reference
 
 A test fails if the pages are out of date.
 """
@@ -79,8 +81,9 @@ def frames() -> str:
         sent = "on an event" if one.period_s is None else f"every {1e3 * one.period_s:g} ms"
         protection = ", protected" if one.protected else ""
         parts.append(f"## 0x{one.can_id:03X} {one.record.__name__}")
+        comment = database().get_message_by_name(one.record.__name__).comment
         parts.append(
-            f"{first_sentences(one.record)}\n\nSender: {one.sender or 'any client of the drive'}; {sent}; "
+            f"{comment}\n\nSender: {one.sender or 'any client of the drive'}; {sent}; "
             f"{one.length} bytes{protection}."
         )
         if one.signals:
@@ -197,6 +200,12 @@ def choices_of(annotation: Any) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
+def meaning_of(field: FieldInfo) -> str:
+    """The description of a key, or of the table that it names."""
+    is_table = inspect.isclass(field.annotation) and issubclass(field.annotation, BaseModel)
+    return field.description or (first_sentences(field.annotation) if is_table else "")
+
+
 def keys_of(fields: Mapping[str, FieldInfo]) -> str:
     """The keys of one table of a file."""
     rows = (
@@ -204,7 +213,7 @@ def keys_of(fields: Mapping[str, FieldInfo]) -> str:
             f"`{name}`",
             default_of(field),
             bounds_of(field) or "—",
-            (field.description or "") + choices_of(field.annotation),
+            meaning_of(field) + choices_of(field.annotation),
         )
         for name, field in fields.items()
     )

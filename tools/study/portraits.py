@@ -16,7 +16,7 @@ from tools.study.sweep import Diagram, end_state
 
 SHOWN_PERIODS = 4
 SECTIONS = 60
-"""Number of Poincaré points: passages of the crank through its rear dead centre, where a period begins."""
+"""Number of Poincaré points: passages of the crank through its backward dead centre, a period's beginning."""
 
 SAMPLES_PER_PERIOD = 400
 ACCURACY_M = 1e-9

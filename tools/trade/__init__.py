@@ -1,1 +1,1 @@
-"""Speed against accuracy, measured: solvers and peers, fidelity, control rate."""
+"""Speed against accuracy, measured: solvers and peers, stops, parts, control rates, builds, extreme cases."""

@@ -254,8 +254,7 @@ is 1e-9 m per period, and {stepping:g} for time stepping. All other parameters a
 
 The reference is the closed form. For the closed form itself, and if there is none, the reference is the
 adaptive solver at {fine:g}, or time stepping at a tenth of its step if the adaptive solver rejects the
-case. The first column therefore contains the errors of both methods. The estimator's extreme cases are on
-[its own page](explanation/estimator.md).
+case. The first column therefore contains the errors of both methods.
 
 ![error over the parameter](extremes.svg)
 

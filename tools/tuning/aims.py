@@ -1,8 +1,8 @@
 """The criteria for a start, in their order, and significant differences between candidates.
 
 All candidates run the same trials and are compared in pairs: the bootstrap (Efron 1979) resamples the same
-trials for both. A candidate is worse in an aim if the lower 95 % bound of the difference is above the aim's
-resolution. Otherwise the two count as equal in this aim, and the next aim decides.
+trials for both. A candidate is worse in a criterion (an `Aim`) if the lower 95 % bound of the difference is
+above the criterion's resolution. Otherwise the two count as equal in it, and the next criterion decides.
 """
 
 from collections.abc import Callable, Sequence

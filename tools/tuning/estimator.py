@@ -5,6 +5,7 @@ noise of the velocity (Q), the correlation time of the model's error, within whi
 (R = N σ²), and the standard deviation of the stop's position (R at a touch-down). The criterion is the
 innovation at a touch-down, where the stop measures the position independently of the accelerometer. Its
 log-likelihood is summed over logs, weighted with the effective number of touch-downs (`innovations`).
+
 The innovation in free flight is no criterion: the reading that corrects the state has also propagated it, so
 that the likelihood is largest for a filter that follows the model's errors. On sampled modules it would
 choose parameters with three times the error of velocity. The touch-downs, without the truth, choose

@@ -1,16 +1,16 @@
-"""Tuning of the soft start: ramp, capture speed and hold loop, searched by Optuna in lockstep.
+"""Tuning of the soft start: S-curves, capture speed and hold loop, searched by Optuna in lockstep.
 
-Candidates run the start-up campaign, all on the same sampled modules and starts. There are four aims, the
+Candidates run the start-up campaign, all on the same sampled modules and starts. There are four criteria, the
 most important first: the share of starts that fail, the hardest twentieth of impacts during the start
 relative to the steady ones, the time until 95 % are captured, and the energy used. Candidates without a
-significant difference in an aim count as equal in it (`aims`).
+significant difference in a criterion count as equal in it (`aims`).
 
 First the default runs with each parameter alone at both ends of its range. A parameter is free if neither end
 makes a significant difference: it keeps its default, and a warning reports it. Optuna (Akiba et al., KDD
-2019) searches the other parameters for all four aims at once; the candidates that no other candidate
+2019) searches the other parameters for all four criteria at once; the candidates that no other candidate
 dominates are the Pareto front. The first few of them and the default run on more trials, and the best is
-chosen aim by aim; then its neighbours are tried, until none is better. The winner, the default and a naive
-start are judged on seeds that had no part in the choice.
+chosen criterion by criterion; then its neighbours are tried, until none is better. The winner, the default
+and a naive start are judged on seeds that had no part in the choice.
 
 A journal beside the parameter file holds the free parameters and the finished candidates, so that a command
 that was killed can continue.

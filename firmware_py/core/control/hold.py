@@ -1,16 +1,16 @@
 """The hold after capture: a slow approach to the requested ratio or impulse, at a distance from the fold.
 
 On the branch with one impact per period, the crank angle φ at impact and the impulse J both rise with the
-speed. The branch ends at the fold, φ = 85° to 91° past the forward dead centre. After each period with
-exactly one impact, an integral law therefore changes the ratio r = Ω/ω by the smaller of two steps
+speed. The branch ends at the fold, φ = 85° to 91° past the forward dead centre. Once a
+period, if the last two periods had exactly one impact each, an integral law therefore changes the ratio
+r = Ω/ω by the smaller of two steps
 
     Δ_want  = g_J (J* − J)/J'         towards the requested impulse, or else towards the requested ratio
     Δ_guard = g_φ (φ* − φ)/φ'(φ)      φ* = 64.5°; φ' is scheduled: it rises from 1 to 7° per 0.01 of r;
                                       g_φ is 0.15 below φ* and 0.5 beyond
 
 (an override, as in Åström & Hägglund, Advanced PID Control, ch. 5). At a few degrees and less, φ hardly
-depends on r, but there Δ_guard is the larger step and is not used. The ratio stays if a period does not have
-exactly one impact.
+depends on r, but there Δ_guard is the larger step and is not used.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """A step of the adaptive solver: its length, its end at the first event, and the quantities recorded from it.
 
-It is a step by a Taylor series where there is one, otherwise one of DOP853. Bernstein coefficients of the
-motion within it locate the first of any number of events. The step is then
-repeated up to that event, so that the state there has the accuracy of a step.
+If the scene has a Taylor series, the step uses it, otherwise DOP853. Bernstein coefficients of the motion
+within the step locate the first of any number of events. The step is then repeated up to that event, so that
+the state there has the accuracy of a step.
 """
 
 import math

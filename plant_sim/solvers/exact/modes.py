@@ -2,7 +2,7 @@
 
     FLIGHT        closed-form motion; leaves by IMPACT, or with dry friction by TURN (the speed reaches zero)
     STICK         dry friction holds; leaves by RELEASE_UP or RELEASE_DOWN when the spring overcomes it
-    REST_ON_STOP  pressed on the stop; leaves by RELEASE_DOWN when the spring lets go
+    REST_ON_STOP  pressed on the stop; leaves by RELEASE_DOWN when the spring pulls it off
 
             IMPACT: rebound            TURN: |push| ≤ μ m g            RELEASE_UP on the stop
     FLIGHT ───────────────▶ FLIGHT   FLIGHT ─────────────▶ STICK   STICK ───────────────▶ REST_ON_STOP

@@ -26,7 +26,7 @@ def schedule(
     module: Annotated[
         list[str] | None,
         typer.Option(
-            help="Node numbers of a module on the bus: its drive's, its first own; repeatable.",
+            help="A module's node numbers: its drive's and the first of its own; repeatable.",
             metavar="DRIVE,OWN",
         ),
     ] = None,

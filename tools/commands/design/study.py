@@ -1,4 +1,4 @@
-"""`vibrohil study`: the paper's diagrams, basins and claims."""
+"""`vibrohil study`: the paper's diagrams, basins and claims, feasibility for a walk, one pulse a stride."""
 
 import shutil
 from dataclasses import asdict, dataclass
@@ -23,7 +23,7 @@ from tools.outputs import RECORDINGS, file_option, folder_option
 study = typer.Typer(
     name="study",
     help=(
-        "The paper's diagrams, basins and claims, over whole ranges of parameters.\n\n"
+        "The paper's diagrams, basins and claims, feasibility for a walk, and one pulse a stride.\n\n"
         "The work runs on this machine's cores, or with --scheduler on a Dask cluster. Kernels run in "
         "threads, because they release the interpreter's lock and are compiled once for all cores. Closed "
         "loops with the firmware (basin --start soft) run in processes. The results are the same."
@@ -32,7 +32,7 @@ study = typer.Typer(
 )
 
 Rrd = Annotated[
-    Path | None, file_option("Write a moving picture to one .rrd file; open it with view.", RECORDINGS)
+    Path | None, file_option("Write an animation to one .rrd file; open it with view.", RECORDINGS)
 ]
 LARGEST_MAP = 4000
 INSTANT_SIZE, SOFT_SIZE = 200, 40

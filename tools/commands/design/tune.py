@@ -311,7 +311,7 @@ def start(
     sampling: Sampling = Sampling(),
     outputs: Outputs = Outputs(Path("start.toml")),
 ) -> None:
-    """Tune start-up and hold loop for the fewest failures, then least overshoot, then time, then energy."""
+    """Tune start-up and hold loop for the fewest failures, then softest impacts, least time, least energy."""
     from tools.tuning.figures import views
     from tools.tuning.figures.start import draw_start
     from tools.tuning.start import tune_start

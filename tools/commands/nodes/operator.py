@@ -19,7 +19,7 @@ def operator(
 ) -> None:
     """Send a scenario's commands as one CAN node; Ctrl-C sends an E-stop and ends.
 
-    At the end of the script the operator sends no more commands. The firmware's watchdog then stops it.
+    At the end of the script the operator sends no more commands, and the firmware stops the module.
     """
     from hil.nodes.main import operator_main
 

@@ -4,9 +4,8 @@ Each cell is simulated by the plant alone, with an ideal crank and a walk of 2 %
 feasible if all of these conditions hold:
 
 - There is a whole number n of crank turns a stride for which r = n f 2π/ω lies in the impact region. The
-region
-  is measured for each module, stop and wearer on a standing leg: the ratios with one impact a turn in a slow
-  run-up, from LOWEST_RATIO to TOP_SHARE of the upper end.
+  region is measured for each module, stop and wearer on a standing leg: the ratios with one impact a turn in
+  a slow run-up, from LOWEST_RATIO to TOP_SHARE of the upper end.
 - The leg alone, with the crank at rest, causes no impacts.
 - Impacts last: at most MISSED_SHARE of the judged turns have no impact.
 - The peaks of all felt pulses lie within FELT_N.
@@ -181,7 +180,7 @@ def driven(which: Scene, ratios: tuple[float, float], rise_s: float, then_s: flo
 def impacts_a_turn(run: Driven, from_s: float) -> NDArray[np.int64]:
     """Return the number of impacts in each whole turn since a time.
 
-    A turn begins at the rear dead centre, far from impacts.
+    A turn begins at the backward dead centre, far from impacts.
     """
     places = (run.crank_rad + 0.5 * math.pi) / (2.0 * math.pi)
     first, last = math.ceil(float(np.interp(from_s, run.t_s, places))), math.floor(places[-1])

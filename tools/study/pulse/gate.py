@@ -6,13 +6,13 @@ piston is 90° ahead of the striker:
 
     θ = ψ + π        ω_crank = ω + g ω (ψ + π − θ)
 
-A crank that starts from the rear dead centre at ω under a striker at rest satisfies this. With τ = ω t
+A crank that starts from the backward dead centre at ω under a striker at rest satisfies this. With τ = ω t
 
     (x − l₀)/A = −cos τ − (τ/2) sin τ
 
 has maxima of 2.4 after three quarters of a turn and of 5.5 after one more turn. A module with a gap between
 2.4 A and 5.5 A therefore has its impact in the second swing. The start of pumping is adjusted by the lateness
-of the previous impacts. Between impacts the crank rests at its rear dead centre, where the spring has no
+of the previous impacts. Between impacts the crank rests at its backward dead centre, where the spring has no
 lever arm. It moves forward a little only while the striker swings back, which damps the remaining swing.
 """
 
@@ -162,7 +162,7 @@ def _pumping(gate: Gate, since_s: float, crank_rad: float, striker: tuple[float,
 def _resting(gate: Gate, crank_rad: float, striker: tuple[float, float]) -> float:
     """Return the crank's target speed at rest, rad/s.
 
-    The crank is held at the rear dead centre, and forward of it while the striker swings back.
+    The crank is held at the backward dead centre, and forward of it while the striker swings back.
     """
     nominal = gate.braking
     natural_rad_s = nominal.natural_rad_s
