@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -100,8 +101,9 @@ def firmware_main(scenario: str | None, settings: Sequence[str], process: NodePr
     warm_firmware(parameters, build)
 
     def make(pace: Pace, bus: NodeBus, first_tick: int) -> FirmwareRunner:
-        out_dir, seed = process.out_dir, process.seed
-        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node_of(build))
+        out_dir, seed, tell = process.out_dir, process.seed, partial(print, file=sys.stderr)
+        node = node_of(build)
+        return FirmwareRunner(parameters, pace, bus, out_dir, faults, seed, first_tick, walks, node, tell)
 
     process.run(FIRMWARE, make, period_s, 0.5, FIRMWARE_IDS, addresses_from(parameters), faults)
 
