@@ -22,6 +22,7 @@ import tomli_w
 
 from firmware_py.interface.enums import LATCHED, ActingLimit, AxisError, Fault, Mode, OperatorRequest, Regime
 from hil.can_model.fault_confinement import ErrorState
+from hil.judge import detection
 from hil.judge.checks import CheckResult, checks_of, evaluate
 from hil.judge.estimate_error import EstimateErrors, estimate_errors
 from hil.judge.figures.bus import bits_by_tenth, load_over_time
@@ -289,7 +290,7 @@ class RunLog:
             self.out.state_timelines(records, (LEG_ESTIMATED_TIMELINE,))
         self.drawing.estimate(records)
         self._firmware_events(records)
-        seen = records[column(records, "outputs.impact") != 0.0]
+        seen = detection.reported(records)
         if len(seen):
             touch_down_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
             speed = column(seen, "outputs.impact_speed_m_s")

@@ -174,29 +174,21 @@ def detector_figures(plant: Records, impacts: Records, firmware: Records) -> Det
         return nothing
     alive_until_s = float(column(firmware, "t_s")[-1]) - detection.LONGEST_LATENCY_S
     touch_down_s = column(impacts, "t_s")
-    seen = firmware[column(firmware, "outputs.impact") != 0.0]
-    detected_s = column(seen, "t_s")
-    pairs = detection.match(touch_down_s, detected_s)
-    found = np.zeros(len(touch_down_s), bool)
-    found[pairs.truth] = True
+    seen = detection.reported(firmware)
+    pairs = detection.match(touch_down_s, column(seen, "t_s"))
     due = detection.due(column(impacts, "v_m_s"), column(impacts, "peak_force_n"))
     due &= touch_down_s <= alive_until_s
-    slept_through = due & ~found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
+    slept_through = due & ~pairs.found & detection.slept_through(touch_down_s, column(firmware, "t_s"))
     due &= ~slept_through
-    judged = detected_s <= alive_until_s
-    true_alarms = np.zeros(len(detected_s), bool)
-    true_alarms[pairs.detection] = True
-    latency_ms = 1e3 * (detected_s[pairs.detection] - touch_down_s[pairs.truth])
+    judged = column(seen, "t_s") <= alive_until_s
     speed_error = (
         column(seen, "outputs.impact_speed_m_s")[pairs.detection] - column(impacts, "v_m_s")[pairs.truth]
     )
-    quantiles = np.percentile(latency_ms, [50.0, 95.0]) if len(latency_ms) else None
+    quantiles = np.percentile(1e3 * pairs.latency_s, [50.0, 95.0]) if len(pairs.latency_s) else None
     return DetectorFigures(
-        precision=float(np.mean(true_alarms[judged])) if judged.any() else None,
-        recall=float(np.mean(found[due])) if due.any() else None,
-        latency_ms=Latency(None, None)
-        if quantiles is None
-        else Latency(float(quantiles[0]), float(quantiles[1])),
+        precision=float(np.mean(~pairs.false[judged])) if judged.any() else None,
+        recall=float(np.mean(pairs.found[due])) if due.any() else None,
+        latency_ms=Latency(None, None) if quantiles is None else Latency(*map(float, quantiles)),
         speed_rmse_m_s=rms(speed_error),
         slept_through=int(slept_through.sum()),
     )

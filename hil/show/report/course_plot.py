@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from hil.judge import detection
 from hil.judge.checks import checks_of
 from hil.judge.figures.records import Figures
 from hil.record import state_timeline
@@ -40,7 +41,7 @@ def course(traces: RunTraces, figures: Figures) -> Plot:
     """The whole run: modes, regime and injected faults; impacts, crank speed and torque with their limits."""
     plant, firmware, impacts = traces.plant, traces.firmware, traces.impacts
     faults = injected(traces.scenario)
-    seen = firmware[column(firmware, "outputs.impact") != 0.0]
+    seen = detection.reported(firmware)
     reported_s = column(seen, "t_s") - column(seen, "outputs.impact_age_s")
     reported_m_s = column(seen, "outputs.impact_speed_m_s")
     plant_s, firmware_s = column(plant, "t_s"), column(firmware, "t_s")

@@ -117,11 +117,10 @@ def portrait(traces: RunTraces, figures: Figures) -> Plot | None:
 
 def distributions(traces: RunTraces, _: Figures) -> Plot | None:
     """Histograms of detection latency, approach speed and peak force, as available; None without any."""
-    seen = traces.firmware[column(traces.firmware, "outputs.impact") != 0.0]
-    pairs = detection.match(column(traces.impacts, "t_s"), column(seen, "t_s"))
-    latency_ms = 1e3 * (column(seen, "t_s")[pairs.detection] - column(traces.impacts, "t_s")[pairs.truth])
+    detected_s = column(detection.reported(traces.firmware), "t_s")
+    pairs = detection.match(column(traces.impacts, "t_s"), detected_s)
     samples = (
-        (latency_ms, ESTIMATE, "detection latency [ms]"),
+        (1e3 * pairs.latency_s, ESTIMATE, "detection latency [ms]"),
         (column(traces.impacts, "v_m_s"), TRUTH, "v⁻ [m/s]"),
         (column(traces.impacts, "peak_force_n"), TRUTH, "peak force [N]"),
     )

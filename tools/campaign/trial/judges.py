@@ -157,12 +157,7 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
     true_s, speeds = done.impacts["t_s"], done.impacts["v_m_s"]
     pairs = detection.match(true_s, done.detected_s)
     due, hard = true_s <= until_s, speeds >= GRAZING_M_S
-    found = np.zeros(len(true_s), bool)
-    found[pairs.truth] = True
-    alarms = np.ones(len(done.detected_s), bool)
-    alarms[pairs.detection] = False
-    latency_ms = 1e3 * (done.detected_s[pairs.detection] - true_s[pairs.truth])
-    of_hard = hard[pairs.truth]
+    found, alarms, of_hard = pairs.found, pairs.false, hard[pairs.truth]
     outcome.counts |= {
         "hits": int(np.count_nonzero(found & hard & due)),
         "misses": int(np.count_nonzero(~found & hard & due)),
@@ -179,7 +174,7 @@ def detect(trial: Trial, done: Run, outcome: Outcome) -> None:
             np.any((since_s >= 0.0) & (since_s <= AFTER_SHOCK_S))
         )
     if of_hard.any():
-        outcome.samples["latency"] = latency_ms[of_hard].tolist()
+        outcome.samples["latency"] = (1e3 * pairs.latency_s[of_hard]).tolist()
         reported_m_s = done.detections["outputs.impact_speed_m_s"][pairs.detection]
         outcome.metrics["speed_error"] = rms((reported_m_s - speeds[pairs.truth])[of_hard])
     _judge_regime(done, duration_s, outcome)
