@@ -1,5 +1,6 @@
 """The plant's faults in its node, tick by tick: the acting faults change parts, drive and readings."""
 
+import math
 from collections.abc import Sequence
 
 from firmware_py.interface import codec
@@ -7,23 +8,75 @@ from firmware_py.interface.frame import Frame
 from firmware_py.interface.generated.records import EncoderEstimates, SetInputTorque
 from hil.drive import axis
 from hil.drive.axis import DriveConfig, DriveState
-from hil.faults.physics import broken_config, broken_parts, torque_share
 from hil.faults.readings import SensorFaults
 from hil.scenario.fault_tables import (
     BrownOut,
     EncoderWrap,
     Fault,
+    FrictionChanged,
     Kick,
+    MotorStall,
     OverTemperature,
+    PhaseLoss,
     PhysicalFault,
+    StiffnessChanged,
+    StopMoved,
+    SupplySag,
     TorqueStuck,
 )
 from plant_sim.parts.drive import MotorDrive
+from plant_sim.parts.friction import times
+from plant_sim.parts.parts import Parts
+from plant_sim.parts.stop import NoStop
 from plant_sim.plant import Plant
 from plant_sim.sensors.readings import SensorReading
 
 DRIVE_IDS = frozenset(frame.can_id for frame in codec.CODECS.values() if frame.sender == "Drive")
 """Identifiers of the frames that the drive's electronics send."""
+JAM_N_M = 10.0
+"""Dry friction of a jammed crank, more than ten times the motor's torque: stops the crank within a tick."""
+
+
+def broken_parts(parts: Parts, faults: Sequence[PhysicalFault]) -> Parts:
+    """The module's parts while `faults` act."""
+    for fault in faults:
+        match fault:
+            case StiffnessChanged(factor=factor):
+                striker = parts.striker
+                parts = parts._replace(striker=striker._replace(spring_n_m=factor * striker.spring_n_m))
+            case FrictionChanged(factor=factor):
+                parts = parts._replace(friction=times(parts.friction, factor))
+            case StopMoved(by_m=by_m):
+                stop = parts.stop
+                if not isinstance(stop, NoStop):
+                    parts = parts._replace(stop=stop._replace(position_m=stop.position_m + by_m))
+            case MotorStall():
+                if isinstance(parts.drive, MotorDrive):
+                    parts = parts._replace(drive=parts.drive._replace(dry_n_m=JAM_N_M))
+            case SupplySag(supply_v=supply_v):
+                if isinstance(parts.drive, MotorDrive):
+                    parts = parts._replace(drive=parts.drive._replace(supply_v=supply_v))
+    return parts
+
+
+def broken_config(config: DriveConfig, faults: Sequence[PhysicalFault]) -> DriveConfig:
+    """The drive's configuration while `faults` act."""
+    for fault in faults:
+        if isinstance(fault, SupplySag):
+            config = config._replace(supply_v=fault.supply_v)
+    return config
+
+
+def torque_share(faults: Sequence[PhysicalFault], pole_pairs: int, crank_rad: float) -> float:
+    """Share of the requested torque that the motor produces.
+
+    With one wire disconnected, current flows along one axis u of the windings only. Of a current requested
+    along q, perpendicular to the rotor's flux, only the projection (q·u) u flows, and its component along q
+    produces torque: the share is (q·u)² = sin²(p θ).
+    """
+    if any(isinstance(fault, PhaseLoss) for fault in faults):
+        return math.sin(pole_pairs * crank_rad) ** 2
+    return 1.0
 
 
 class TurnCounter:

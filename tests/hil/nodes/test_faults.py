@@ -21,8 +21,7 @@ from hil.drive.axis import is_armed
 from hil.faults.clocks import ClockFaults, FaultyClock, in_turns
 from hil.faults.line import FaultyBus
 from hil.faults.memory import ParameterMemory
-from hil.faults.physics import torque_share
-from hil.faults.plant import TurnCounter
+from hil.faults.plant import TurnCounter, torque_share
 from hil.faults.processes import ProcessFaults
 from hil.faults.readings import SensorFaults
 from hil.judge.figures.figures import figures_of
